@@ -85,8 +85,8 @@ def answers(
         ):
             baseline = build_baseline(name, train.mounted)
             baseline.fit(windows, taught, seed)
-            said = baseline.predict_probabilities(others).argmax(axis=1)
-            yield (name, way), said == true
+            predicted = baseline.predict_probabilities(others).argmax(axis=1)
+            yield (name, way), predicted == true
     yield ("eskin", SHUFFLED), ours_shuffled(train, test, seed) == truth
 
 

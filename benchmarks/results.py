@@ -68,7 +68,7 @@ class Form:
     """Number of sets per point of the curve, and for robustness."""
     leak_draws: int
     """Number of sets for the test of leaks."""
-    harmed: tuple[str, ...]
+    corrupted: tuple[str, ...]
     """Methods tested on corrupted clips."""
     kinds: tuple[Kind, ...]
     """Kinds of corruption."""
@@ -104,7 +104,7 @@ FORMS = {
         sizes=(29,),
         curve_draws=1,
         leak_draws=1,
-        harmed=("eskin", "random-forest"),
+        corrupted=("eskin", "random-forest"),
         kinds=("dead",),
         studies={
             "study": (
@@ -124,7 +124,7 @@ FORMS = {
         sizes=(29, 58, 116, 232, 464),
         curve_draws=3,
         leak_draws=5,
-        harmed=("eskin", "boosting-on-touch", "gradient-boosting", "random-forest"),
+        corrupted=("eskin", "boosting-on-touch", "gradient-boosting", "random-forest"),
         kinds=KINDS,
         studies={
             "study": (1, ("--epochs", "5", "--seeds", "1")),
@@ -332,12 +332,12 @@ def task_of(
     return TrainingTask(name, method, learned, {"test": asked}, seed, share=0.0)
 
 
-def harmed(command: Command, form: Form) -> None:
+def corrupted(command: Command, form: Form) -> None:
     """Measure the accuracy on corrupted clips of skin, wiring, robot or rate."""
     trains, tests = parts_of(paper_sets(command, form.curve_draws))
     robustness.main(
         robustness.Command(
-            *(trains, tests, form.harmed, form.kinds),
+            *(trains, tests, form.corrupted, form.kinds),
             picture=command.pictures / "robustness.png",
             **command.options("robustness"),  # type: ignore
         ),
@@ -369,7 +369,7 @@ PARTS: dict[str, Callable[[Command, Form], None]] = {
     "table": table,
     "large": large,
     "clips": clips,
-    "robustness": harmed,
+    "robustness": corrupted,
     "study": show_study,
     "leaks": show_leaks,
 }

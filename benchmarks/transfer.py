@@ -143,7 +143,7 @@ class TrialAnswer:
     """Forced choice."""
     averaged: str
     """Forced choice by the mean log-probability of windows."""
-    said: tuple[str, ...]
+    detected: tuple[str, ...]
     """Live detections, with `unknown`, without `none`."""
     seconds: float
     """Time from the first to the last touched reading of the trial [s]."""
@@ -151,7 +151,7 @@ class TrialAnswer:
     @property
     def gestures(self) -> set[str]:
         """Gestures that were detected live."""
-        return set(self.said) - {UNKNOWN}
+        return set(self.detected) - {UNKNOWN}
 
 
 @dataclass(frozen=True)
@@ -254,11 +254,11 @@ def answer(trial: Trial, recognizer: Recognizer, rate: float) -> TrialAnswer:
     for scan in build_scans(trial, rate):
         touches.push(scan)
     touches.finish()
-    said = {detection.gesture for detection in touches.detections} - {NONE}
+    detected = {detection.gesture for detection in touches.detections} - {NONE}
     touch = touches.largest()
     seconds = touched_seconds(trial)
     found = TrialAnswer(
-        trial.subject, trial.gesture, NONE, NONE, tuple(sorted(said)), seconds
+        trial.subject, trial.gesture, NONE, NONE, tuple(sorted(detected)), seconds
     )
     if touch is None:
         return found
@@ -431,14 +431,14 @@ def compute_shares(
         "n": len(answers),
         "forced": {n: share(a.forced == n for a in answers) for n in names},
         "averaged": {n: share(a.averaged == n for a in answers) for n in names},
-        "live": {n: share(n in a.said for a in answers) for n in live}
+        "live": {n: share(n in a.detected for a in answers) for n in live}
         | {NOTHING: share(not a.gestures for a in answers)},
     }
     if truth is not None:
         found["forced_right"] = share(a.forced == truth for a in answers)
         found["averaged_right"] = share(a.averaged == truth for a in answers)
         found["live_right"] = share(
-            truth in a.said if truth != NONE else not a.gestures for a in answers
+            truth in a.detected if truth != NONE else not a.gestures for a in answers
         )
         found["live_wrong"] = share(bool(a.gestures - {truth}) for a in answers)
     return found

@@ -140,7 +140,7 @@ class FaultRun:
         self.outcomes = source.assembler.outcomes.counts
         self.counters = source.counters()
         self.queue = stream.queue_counts()["recognition"]
-        self.messages = listener.heard
+        self.messages = listener.received
         self.detections = self.select(Detection)
         assert recognition.detections == len(self.detections)
         last = self.end - PERIOD

@@ -1,4 +1,4 @@
-"""That nothing tells the answer but the touch, and that it would be noticed."""
+"""The check for leaks: only the touch may reveal the label, and a leak is found."""
 
 import numpy as np
 import pytest
@@ -22,14 +22,14 @@ def examples(tmp_path_factory):
     return find_examples([place / "a"], place / "pack")
 
 
-def test_nothing_is_felt_before_the_first_contact(examples):
+def test_windows_before_contact_hold_no_pressure(examples):
     cut, chosen = windows_before_contact(examples)
     assert 0 < len(chosen) <= len(examples.clips)
     assert cut.pressure.max() < TOUCHED
     assert (examples.windows.pressure[chosen] >= TOUCHED).any(axis=(1, 2)).all()
 
 
-def test_what_was_read_before_the_contact_stays_and_nothing_else(examples):
+def test_windows_before_contact_keep_the_readings_before_it(examples):
     cut, chosen = windows_before_contact(examples)
     for row, n, onset in zip(
         cut.pressure, chosen, onsets(examples)[chosen], strict=True
@@ -39,32 +39,32 @@ def test_what_was_read_before_the_contact_stays_and_nothing_else(examples):
         assert (row[first:] == row[first - 1]).all()
 
 
-def test_a_clip_that_begins_in_contact_has_nothing_before_it(examples, monkeypatch):
+def test_clips_that_begin_in_contact_are_left_out(examples, monkeypatch):
     since = onsets(examples)
     since[0] = 0.0
     monkeypatch.setattr("benchmarks.leaks.onsets", lambda examples: since)
     assert 0 not in windows_before_contact(examples)[1]
 
 
-def test_more_right_than_chance_ends_the_command_with_a_line():
-    check_chance("a fair one", np.arange(400) % 4 == 0)
-    with pytest.raises(SystemExit, match="one who knows: 40.0% of 400 right; allowed"):
-        check_chance("one who knows", np.arange(400) % 5 < 2)
+def test_accuracy_above_chance_ends_the_command():
+    check_chance("guesser", np.arange(400) % 4 == 0)
+    with pytest.raises(SystemExit, match="cheater: 40.0% of 400 right; allowed"):
+        check_chance("cheater", np.arange(400) % 5 < 2)
 
 
-def test_one_who_knows_is_right_whatever_was_taught(examples, monkeypatch):
-    """Else a leak would look like chance; and only the labels are shuffled."""
+def test_a_baseline_that_knows_the_labels_is_always_right(examples, monkeypatch):
+    """A leak would show in every check; and only labels are shuffled."""
     windows, truth = examples.windows, examples.truth(examples.gestures)
     clip_of = {row.tobytes(): n for n, row in enumerate(windows.pressure)}
     assert len(clip_of) == len(truth)
-    taught = []
+    trained = []
 
     def true(windows):
         return truth[[clip_of[row.tobytes()] for row in windows.pressure]]
 
-    class Knowing:
+    class Cheater:
         def fit(self, windows, labels, seed):
-            taught.append((true(windows).tolist(), labels.tolist()))
+            trained.append((true(windows).tolist(), labels.tolist()))
 
         def predict_probabilities(self, windows):
             return np.eye(len(examples.gestures))[true(windows)]
@@ -73,38 +73,38 @@ def test_one_who_knows_is_right_whatever_was_taught(examples, monkeypatch):
         chosen = np.array([6, 1, 4])
         return SkinWindows(windows.pressure[chosen], windows.q[chosen]), chosen
 
-    monkeypatch.setattr(leaks, "build_baseline", lambda name, mounted: Knowing())
+    monkeypatch.setattr(leaks, "build_baseline", lambda name, mounted: Cheater())
     monkeypatch.setattr(leaks, "windows_before_contact", some)
     monkeypatch.setattr(leaks, "ours_shuffled", lambda train, test, seed: truth)
     found = dict(leaks.answers(examples, examples, 0))
     assert len(found) == 2 * len(leaks.WHOLE_SKIN) + 1
     assert all(right.all() for right in found.values())
-    for shuffled, before in zip(taught[::2], taught[1::2], strict=True):
+    for shuffled, before in zip(trained[::2], trained[1::2], strict=True):
         assert sorted(shuffled[0]) == sorted(shuffled[1]) and shuffled[0] != shuffled[1]
         assert before[0] == before[1] and len(before[0]) == 3
 
 
-def test_ours_learns_from_touches_whose_gestures_are_shuffled(examples, monkeypatch):
-    taught, truth = [], examples.truth(examples.gestures)
+def test_the_recogniser_is_trained_on_shuffled_gestures(examples, monkeypatch):
+    trained, truth = [], examples.truth(examples.gestures)
 
     class Untrained:
         def __init__(self, dataset, vocabulary, config, seed):
-            taught.append([segment.gesture for segment in dataset.segments])
+            trained.append([segment.gesture for segment in dataset.segments])
 
         def run(self, quiet):
             return None
 
-    def knowing(network, dataset, vocabulary):
+    def cheat(network, dataset, vocabulary):
         names = [vocabulary.index(examples.gestures[n]) for n in truth]
         unknown = np.zeros(len(truth), dtype=np.int64)
         return ClipPredictions((), unknown, unknown, np.eye(len(vocabulary))[names])
 
     monkeypatch.setattr(leaks, "Trainer", Untrained)
-    monkeypatch.setattr(leaks, "predict_clips", knowing)
-    said = leaks.ours_shuffled(examples, examples, 0)
-    np.testing.assert_array_equal(said, truth)
+    monkeypatch.setattr(leaks, "predict_clips", cheat)
+    found = leaks.ours_shuffled(examples, examples, 0)
+    np.testing.assert_array_equal(found, truth)
     graph = leaks.FOR_SMALL_SETS.graph
     was = [segment.gesture for segment in examples.dataset(graph).segments]
-    (now,) = taught
+    (now,) = trained
     assert sorted(now) == sorted(was) and now != was
     assert [name == NONE for name in now] == [name == NONE for name in was]

@@ -38,12 +38,12 @@ def vary(graphs, config, seed=0):
     return augment(graphs, load_windows(graphs), np.random.default_rng(seed), config)
 
 
-def test_the_scene_has_pressure_and_shear(graphs):
+def test_the_batch_has_pressure_and_shear(graphs):
     assert (graphs.pressure > 0).sum() > 100
     assert np.abs(graphs.shear).max() > 1
 
 
-def test_no_settings_change_nothing(graphs):
+def test_zero_settings_change_nothing(graphs):
     same = vary(graphs, AS_RECORDED)
     for field in fields(graphs):
         before, after = getattr(graphs, field.name), getattr(same, field.name)
@@ -52,7 +52,7 @@ def test_no_settings_change_nothing(graphs):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_nothing_pulls_and_all_but_pressure_and_shear_stays(graphs, seed):
+def test_augmentation_changes_only_pressure_and_shear(graphs, seed):
     changed = vary(graphs, AugmentConfig(), seed)
     assert changed.pressure.min() >= 0 and changed.before.min() >= 0
     for field in fields(graphs):
@@ -71,7 +71,7 @@ def test_untouched_taxels_stay_untouched(graphs):
     assert (changed.shear[(graphs.shear == 0).all(axis=1)] == 0).all()
 
 
-def test_a_taxel_has_one_gain_in_a_window_and_another_in_the_next(graphs):
+def test_taxel_gains_are_drawn_once_per_window(graphs):
     config = AugmentConfig(**STILL | {"taxel_gain": 0.2})
     window, taxel, ratio = ratios(graphs, vary(graphs, config))
     gains = {}
@@ -85,7 +85,7 @@ def test_a_taxel_has_one_gain_in_a_window_and_another_in_the_next(graphs):
     assert max(map(len, by_taxel.values())) > 1
 
 
-def test_a_person_presses_as_much_harder_on_every_taxel_of_a_window(graphs):
+def test_the_gain_of_a_person_is_one_per_window(graphs):
     window, _, ratio = ratios(graphs, vary(graphs, AugmentConfig(0.4, **STILL)))
     means = []
     for number in np.unique(window):
@@ -95,7 +95,7 @@ def test_a_person_presses_as_much_harder_on_every_taxel_of_a_window(graphs):
     assert np.std(np.log(means)) > 0.1
 
 
-def test_the_reading_before_changes_as_the_reading_did(graphs):
+def test_the_previous_reading_gets_the_same_gains(graphs):
     config = AugmentConfig(offset=0.0)
     changed = vary(graphs, config)
     node = (graphs.pressure > 0) & (graphs.before > 0) & (changed.pressure > 0)
@@ -111,7 +111,7 @@ def test_shear_keeps_its_direction(graphs):
     assert ((graphs.shear * changed.shear).sum(axis=1) >= 0).all()
 
 
-def test_dead_taxels_are_silent_in_their_whole_window(graphs):
+def test_dead_taxels_are_zero_in_their_whole_window(graphs):
     config = AugmentConfig(0.0, 0.0, 0.5, 0.0, 0.0)
     window, taxel, ratio = ratios(graphs, vary(graphs, config))
     assert set(np.unique(ratio)) == {0.0, 1.0}
@@ -120,7 +120,7 @@ def test_dead_taxels_are_silent_in_their_whole_window(graphs):
         assert len(set(one.tolist())) == 1
 
 
-def test_the_offset_takes_no_more_than_its_bound(graphs):
+def test_the_offset_is_bounded(graphs):
     config = AugmentConfig(0.0, 0.0, 0.0, 2.0, 0.0)
     lost = graphs.pressure - vary(graphs, config).pressure
     assert lost.min() >= 0 and 0 < lost.max() <= 2.0 + 1e-5
@@ -141,7 +141,7 @@ def varied(config, patch_index=None, seed=0):
     return graphs, window, augment(graphs, window, rng, config, patch_index)
 
 
-def test_forces_of_the_past_grow_with_the_person_and_nothing_else_of_it():
+def test_past_forces_get_the_gain_of_the_person():
     config = replace(NO_AUGMENTATION, gain=0.4)
     graphs, window, changed = varied(config)
     node = graphs.pressure > 0
@@ -156,13 +156,13 @@ def test_forces_of_the_past_grow_with_the_person_and_nothing_else_of_it():
         )
 
 
-def test_what_is_of_the_skin_and_not_of_the_person_leaves_the_past_as_it_is():
+def test_changes_of_the_skin_leave_past_forces_alone():
     config = replace(NO_AUGMENTATION, taxel_gain=0.3, dead=0.3, offset=2.0, noise=0.2)
     graphs, _, changed = varied(config)
     np.testing.assert_array_equal(changed.history, graphs.history)
 
 
-def test_noise_is_drawn_anew_at_every_reading_about_the_pressure():
+def test_noise_is_independent_and_centred_on_the_pressure():
     graphs, _, changed = varied(replace(NO_AUGMENTATION, noise=0.1))
     node = graphs.pressure > 0
     ratio = changed.pressure[node] / graphs.pressure[node]
@@ -184,13 +184,13 @@ def silent_patches(graphs, window, changed):
     """The patches of each window that were touched, and of these the silent ones."""
     for number in range(window.max() + 1):
         mine = window[graphs.graph_index] == number
-        felt = mine & (graphs.pressure > 0)
-        touched = set(PATCHES[graphs.taxels[felt]].tolist())
-        heard = set(PATCHES[graphs.taxels[mine & (changed.pressure > 0)]].tolist())
-        yield touched, touched - heard
+        active = mine & (graphs.pressure > 0)
+        touched = set(PATCHES[graphs.taxels[active]].tolist())
+        remaining = set(PATCHES[graphs.taxels[mine & (changed.pressure > 0)]].tolist())
+        yield touched, touched - remaining
 
 
-def test_of_several_touched_patches_one_may_be_silent():
+def test_one_of_several_touched_patches_may_be_dropped():
     config = replace(NO_AUGMENTATION, patch=1.0)
     graphs, window, changed = varied(config, PATCHES)
     found = list(silent_patches(graphs, window, changed))
@@ -201,7 +201,7 @@ def test_of_several_touched_patches_one_may_be_silent():
     assert (changed.before[changed.pressure > 0] >= 0).all()
 
 
-def test_so_many_windows_have_a_silent_patch_as_asked_for():
+def test_the_setting_is_the_share_of_windows_with_a_dropped_patch():
     graphs, window, changed = varied(replace(NO_AUGMENTATION, patch=0.4), PATCHES)
     silent = [len(silent) for _, silent in silent_patches(graphs, window, changed)]
     assert np.mean(silent) == pytest.approx(0.4, abs=0.15)
@@ -209,7 +209,7 @@ def test_so_many_windows_have_a_silent_patch_as_asked_for():
     np.testing.assert_array_equal(changed.pressure, graphs.pressure)
 
 
-def test_the_only_patch_of_a_touch_is_never_silent():
+def test_the_only_touched_patch_is_never_dropped():
     config = replace(NO_AUGMENTATION, patch=1.0)
     graphs, _, changed = varied(config, np.zeros(9, np.int64))
     np.testing.assert_array_equal(changed.pressure, graphs.pressure)
@@ -226,6 +226,6 @@ def test_the_only_patch_of_a_touch_is_never_silent():
         ("crop", -1.0),
     ],
 )
-def test_settings_that_mean_nothing_are_refused_by_name(entry, value):
+def test_settings_out_of_range_are_refused_by_name(entry, value):
     with pytest.raises(ValueError, match=f"{entry} is {value}; allowed"):
         AugmentConfig(**{entry: value})

@@ -1,4 +1,4 @@
-"""What every baseline must do, whatever is inside it."""
+"""Laws of every baseline."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,16 +26,20 @@ QUICK = FitConfig(epochs=12, batch=6, rate=5e-3)
 every_baseline = pytest.mark.parametrize("name", NAMES)
 
 
+def fit(name, seed):
+    return build_baseline(name, UR5, FitConfig(epochs=1)).fit(*toy(2), seed)
+
+
 @cache
 def fitted(name):
-    return build_baseline(name, UR5, FitConfig(epochs=1)).fit(*toy(), 3)
+    return fit(name, 5)
 
 
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.long if n == "paper" else ()) for n in NAMES],
 )
-def test_what_differs_clearly_is_told_apart(name):
+def test_clearly_different_classes_are_separated(name):
     clips, labels = toy(2, seed=1)
     baseline = build_baseline(name, UR5, QUICK).fit(*toy(), 3)
     answers = baseline.predict_probabilities(clips)
@@ -52,20 +56,16 @@ def test_probabilities_are_of_all_classes_and_sum_to_one(name):
 
 @every_baseline
 def test_the_same_seed_gives_the_same_answers(name):
-    brief = FitConfig(epochs=1)
-    clips, labels = toy(2)
-    one, other = (build_baseline(name, UR5, brief).fit(clips, labels, 5) for _ in "ab")
+    clips, _ = toy(2)
+    one, other = fitted(name), fit(name, 5)
     answers = one.predict_probabilities(clips)
     assert np.array_equal(answers, other.predict_probabilities(clips))
 
 
 @pytest.mark.parametrize("name", ["mlp-max", "random-forest", *NETWORKS])
 def test_another_seed_gives_other_answers(name):
-    brief = FitConfig(epochs=1)
-    clips, labels = toy(2)
-    one, other = (
-        build_baseline(name, UR5, brief).fit(clips, labels, n) for n in (5, 6)
-    )
+    clips, _ = toy(2)
+    one, other = fitted(name), fit(name, 6)
     answers = one.predict_probabilities(clips)
     assert not np.array_equal(answers, other.predict_probabilities(clips))
 
@@ -73,7 +73,7 @@ def test_another_seed_gives_other_answers(name):
 @pytest.mark.parametrize(
     "change", [{"epochs": 1}, {"batch": 2}, {"rate": 1e-4}, {"schedule": "constant"}]
 )
-def test_every_setting_of_training_decides_what_comes_of_it(change):
+def test_every_setting_of_training_changes_the_result(change):
     clips, labels = toy(2)
     usual = FitConfig(epochs=2, batch=3)
     answers = [
@@ -102,7 +102,7 @@ def test_windows_of_another_skin_are_refused_with_one_line(name):
 
 
 @every_baseline
-def test_labels_that_do_not_belong_to_the_clips_are_refused(name):
+def test_labels_that_do_not_fit_the_clips_are_refused(name):
     clips, _ = toy(2)
     for labels in ([0, 1], [0] * 6, [0, 2, 0, 2, 0, 2]):
         with pytest.raises(ValueError, match="labels of . classes up to . for 6 clips"):
@@ -110,14 +110,14 @@ def test_labels_that_do_not_belong_to_the_clips_are_refused(name):
 
 
 @every_baseline
-def test_nothing_is_answered_before_anything_was_learned(name):
+def test_a_baseline_that_was_not_fitted_is_refused(name):
     with pytest.raises(ValueError, match="has learned nothing yet"):
         build_baseline(name, UR5).predict_probabilities(toy(2)[0])
 
 
 @every_baseline
-def test_streams_answer_as_the_window_does(name):
-    """But for those of networks that take the whole window: 100 times the same work."""
+def test_streams_give_the_probabilities_of_the_window(name):
+    """Not tested for networks on whole windows, which repeat the work 100 times."""
     clips, _ = toy(2, seed=1)
     want = fitted(name).predict_probabilities(clips)[2]
     for way, stream in fitted(name).build_streams().items():
@@ -127,7 +127,7 @@ def test_streams_answer_as_the_window_does(name):
             np.testing.assert_allclose(got, want, atol=1e-4, err_msg=way)
 
 
-def test_a_window_that_rolls_holds_the_last_readings_oldest_first():
+def test_a_rolling_window_holds_the_last_readings_oldest_first():
     window = RollingWindow((2,))
     for n in range(250):
         rows = window.push(np.array([n, -n]))
@@ -135,6 +135,6 @@ def test_a_window_that_rolls_holds_the_last_readings_oldest_first():
         assert np.array_equal(rows, np.stack([want, -want], axis=1))
 
 
-def test_a_name_that_is_none_is_refused():
+def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="no baseline 'oracle'; allowed are svm-max"):
         build_baseline("oracle", mounted())

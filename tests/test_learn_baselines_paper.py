@@ -44,7 +44,7 @@ def readings(moving=True):
 
 
 @pytest.mark.parametrize("pooling", ["max", "mean"])
-def test_computing_only_what_a_touch_changes_changes_nothing(pooling):
+def test_computing_only_changed_nodes_gives_the_same_features(pooling):
     some, all_nodes = network(pooling), network(pooling)
     all_nodes.whole = True
     with torch.inference_mode():
@@ -54,7 +54,7 @@ def test_computing_only_what_a_touch_changes_changes_nothing(pooling):
     torch.testing.assert_close(one, other, atol=1e-9, rtol=1e-9)
 
 
-def test_gradients_are_the_same_too():
+def test_computing_only_changed_nodes_gives_the_same_gradients():
     found = []
     for whole in (False, True):
         # Of a maximum, equal nodes share the gradient as rounding has it.
@@ -75,7 +75,7 @@ def test_live_edges_join_patches_only_where_they_come_near():
     assert (patch[live[live >= 0]] != patch[node]).all()
 
 
-def test_a_motion_of_the_whole_arm_changes_nothing():
+def test_features_are_invariant_under_rigid_motion():
     """The first joint carries all of the skin."""
     net, (pressure, q) = network(), readings(moving=False)
     turned = q.clone()
@@ -85,25 +85,27 @@ def test_a_motion_of_the_whole_arm_changes_nothing():
     torch.testing.assert_close(one, other, atol=1e-9, rtol=1e-9)
 
 
-def test_a_pose_in_which_links_come_near_is_seen():
+def test_features_depend_on_the_distance_of_links():
     net, (pressure, q) = network(), readings(moving=False)
     with torch.inference_mode():
         one, other = net.encode(pressure, q), net.encode(pressure, 0.3 * q)
     assert (one[1] - other[1]).abs().max() > 1e-3
 
 
-def test_a_touched_taxel_is_heard_as_many_hops_away_as_there_are_layers():
+def test_a_touched_taxel_reaches_one_hop_per_layer():
     neighbourhood = NodeSelector(UR5, 8)
     alone, q = (each[2:3] for each in readings())
     rows = neighbourhood.select(alone > 0, q, LAYERS, whole=False)
-    heard = {700}
+    reached = {700}
     for _ in range(LAYERS):
         table = neighbourhood.table.tolist()
-        heard |= {node for node, hears in enumerate(table) if heard & set(hears)}
-    assert set(rows.node[rows.steps[-1].targets].tolist()) == heard
+        reached |= {
+            node for node, sources in enumerate(table) if reached & set(sources)
+        }
+    assert set(rows.node[rows.steps[-1].targets].tolist()) == reached
 
 
-def test_k_is_the_number_of_neighbours_and_new_weights_forget_the_rest():
+def test_k_is_the_number_of_neighbours():
     net = network(k=4)
     assert net.selector.table.shape == (2112, 4)
     with torch.inference_mode():

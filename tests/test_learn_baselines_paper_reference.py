@@ -52,15 +52,15 @@ def nearest(distances, k):
     return sorted(distances, key=lambda node: distances[node])[:k]
 
 
-def neighbours(p, patch, felt, k):
-    """Whom each node hears inside its patch, and in others where they are triggered."""
+def neighbours(p, patch, pressures, k):
+    """Sources of the edges of each node: inside its patch, and live ones."""
     nodes = range(len(p))
     apart = np.linalg.norm(p[:, None] - p, axis=2)
     inside = [
         nearest({j: apart[i, j] for j in nodes if j != i and patch[j] == patch[i]}, k)
         for i in nodes
     ]
-    triggered = {i for i in nodes if felt[i] > 0}
+    triggered = {i for i in nodes if pressures[i] > 0}
     searched = triggered | {j for i in triggered for j in inside[i]}
     across = [[] for _ in nodes]
     for i in searched:
@@ -95,11 +95,11 @@ def reference(net, pressure, q, k):
     """Features of one reading and how many live edges there are."""
     mounted = net.mounted
     patch = mounted.skin.patch_index
-    felt = np.where(pressure >= LEAST, pressure.astype(float) / KPA, 0.0)
+    pressures = np.where(pressure >= LEAST, pressure.astype(float) / KPA, 0.0)
     p, _ = mounted.place_taxels(q)
-    inside, across = neighbours(p, patch, felt, k)
+    inside, across = neighbours(p, patch, pressures, k)
     first = x = p / LENGTH
-    v = [linear(net.embed, np.array([each])) for each in felt]
+    v = [linear(net.embed, np.array([each])) for each in pressures]
     for layer in net.layers:
         x_next, v_next = x.copy(), []
         for i in range(len(x)):
@@ -117,7 +117,7 @@ def reference(net, pressure, q, k):
 
 
 @pytest.mark.parametrize(("pooling", "k"), [("max", 8), ("mean", 8), ("max", 4)])
-def test_features_are_those_of_equation_2_written_out(pooling, k):
+def test_features_equal_equation_2_computed_node_by_node(pooling, k):
     net, (pressure, q) = network(pooling, k), readings()
     with torch.inference_mode():
         got = net.encode(torch.from_numpy(pressure), torch.from_numpy(q)).numpy()

@@ -1,4 +1,4 @@
-"""Images of the skin: each taxel is where it belongs, and none is lost."""
+"""Images of the skin: every taxel has its pixel."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def side_by_side(skin):
     return np.array([pair for pair in pairs if pair[1] is not None]).T
 
 
-def test_a_taxel_of_a_patch_lies_at_its_row_its_column_and_its_patch():
+def test_patch_images_are_indexed_by_row_column_and_patch():
     skin = UR5.skin
     pressure = torch.arange(1.0, skin.count + 1)
     image = TaxelsToImage(build_patch_image(skin))(pressure)
@@ -65,7 +65,7 @@ def test_a_taxel_of_a_patch_lies_at_its_row_its_column_and_its_patch():
 
 @every_skin
 @pytest.mark.parametrize("image_of", [build_patch_image, build_unrolled_image])
-def test_any_taxel_pressed_alone_is_seen_in_one_pixel(name, image_of):
+def test_every_taxel_has_one_pixel(name, image_of):
     skin = load_skin(name)
     pixels = TaxelsToImage(image_of(skin))
     for some in torch.arange(skin.count).split(256):
@@ -74,19 +74,19 @@ def test_any_taxel_pressed_alone_is_seen_in_one_pixel(name, image_of):
         assert torch.equal(images.amax(dim=1), torch.ones(len(some)))
 
 
-def test_where_taxels_meet_the_largest_pressure_is_seen():
+def test_taxels_that_share_a_pixel_give_their_largest_pressure():
     image = build_unrolled_image(UR5.skin)
     pressure = np.random.default_rng(0).uniform(1, 30, UR5.skin.count)
     want = np.zeros(image.shape).ravel()
-    for place, felt in zip(image.pixel, pressure, strict=True):
-        want[place] = max(want[place], felt / PRESSURE_UNIT)
+    for place, value in zip(image.pixel, pressure, strict=True):
+        want[place] = max(want[place], value / PRESSURE_UNIT)
     got = TaxelsToImage(image)(torch.from_numpy(pressure))
     assert np.array_equal(got.numpy().ravel(), want)
     assert (want > 0).sum() < UR5.skin.count
 
 
-def test_neighbours_on_the_arm_are_neighbours_in_the_unrolled_image():
-    """But on caps, which close the end of a link."""
+def test_neighbours_on_a_link_are_neighbours_in_the_unrolled_image():
+    """Caps, which close the end of a link, are excepted."""
     skin = UR5.skin
     rows, columns = pixels_of(skin)
     one, other = side_by_side(skin)
@@ -101,7 +101,7 @@ def test_most_taxels_have_a_pixel_of_their_own():
 
 
 @any_way
-def test_a_ring_is_unrolled_about_its_axis_however_it_lies(seed):
+def test_a_ring_is_unrolled_about_its_axis_in_any_pose(seed):
     """One that nearly closes, wider than it is high."""
     skin = laid(5, 18, Tube(0.03, motion(seed, far=0.1)))
     rows, columns = (place.reshape(5, 18) for place in pixels_of(skin))
@@ -145,7 +145,7 @@ def seen_by(network, pressure):
 
 
 @pytest.mark.parametrize("taxel", [3, 700, 2111])
-def test_networks_see_readings_and_taxels_in_their_order(taxel):
+def test_networks_get_readings_and_taxels_in_order(taxel):
     skin, pressure = UR5.skin, ramp(UR5.skin, taxel)
     row, column, patch = skin.rows[taxel], skin.columns[taxel], skin.patch_index[taxel]
     want = np.arange(100.0) / PRESSURE_UNIT
@@ -158,7 +158,7 @@ def test_networks_see_readings_and_taxels_in_their_order(taxel):
     np.testing.assert_allclose(parts, MEANS / PRESSURE_UNIT, rtol=1e-6)
 
 
-def test_where_round_a_link_the_image_begins_makes_no_difference():
+def test_unrolled_convolutions_are_periodic_around_the_link():
     torch.manual_seed(0)
     convolutions = ImageCnn(UR5.skin, 3).double().convolutions
     image = torch.randn(1, TIME_BINS, 93, PIXELS_AROUND).double()

@@ -44,7 +44,7 @@ def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
     assert not encoded[5:].any()
 
 
-def test_unchanged_a_batch_holds_the_recorded_readings(dataset):
+def test_without_augmentation_a_batch_holds_the_recorded_readings(dataset):
     batch = maker(dataset).build(8, 8, 1000, rng())
     every = compute_summary(dataset.graphs, False)
     for row in batch.summary.numpy():
@@ -52,7 +52,7 @@ def test_unchanged_a_batch_holds_the_recorded_readings(dataset):
 
 
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
-def test_the_graphs_are_of_the_readings_that_are_summed_up(dataset, config):
+def test_graphs_belong_to_the_encoded_readings(dataset, config):
     """Both views of a window see the same person on the same skin."""
     batch = maker(dataset, config).build(6, 4, 9, rng())
     some = batch.encoded
@@ -119,7 +119,7 @@ def test_the_generator_decides_everything(dataset, config):
     )
 
 
-def test_patches_are_known_where_all_recordings_are_of_one_skin(dataset, tmp_path):
+def test_patches_are_known_if_all_recordings_have_one_skin(dataset, tmp_path):
     [skin, _] = [recording.skin for recording in dataset.recordings]
     found = maker(dataset).patch_index
     assert found is not None

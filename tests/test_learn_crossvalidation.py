@@ -62,7 +62,7 @@ def assert_same(one, other):
             np.testing.assert_array_equal(a[name], b[name], err_msg=name)
 
 
-def test_a_network_has_never_seen_the_recordings_of_its_group(dataset, monkeypatch):
+def test_no_fold_trains_on_its_own_group(dataset, monkeypatch):
     trainers = []
 
     class Spy(Trainer):
@@ -95,7 +95,9 @@ def test_folds_do_not_depend_on_the_workers_nor_on_each_other(dataset):
     assert_same(alone, train_folds(dataset, groups, TINY, seed=1))
 
 
-def test_what_differs_clearly_is_recognised_in_people_never_seen(dataset, few_trees):
+def test_clearly_different_gestures_are_recognised_on_held_out_people(
+    dataset, few_trees
+):
     groups = find_groups(dataset, "subject")
     assert groups == list(PEOPLE)
     networks = train_folds(dataset, groups, LEARNED)
@@ -133,7 +135,7 @@ def test_shuffled_labels_are_not_recognised_better_than_by_chance(dataset, few_t
         assert 0.05 < (predicted == answers.truth).mean() < 0.85, name
 
 
-def test_one_group_alone_cannot_be_left_out(dataset):
+def test_a_single_group_is_refused(dataset):
     one = replace(dataset, recordings=dataset.recordings[:1])
     with pytest.raises(RecordingError, match="all recordings have subject 'ann'"):
         find_groups(one, "subject")

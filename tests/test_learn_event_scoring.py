@@ -39,8 +39,8 @@ def score(events, detections, **options):
     return score_events([make_stream(events, detections, **options)], VOCABULARY)
 
 
-def count_confusions(result, true, said):
-    return result.confusion[result.names.index(true), result.names.index(said)]
+def count_confusions(result, true, detected):
+    return result.confusion[result.names.index(true), result.names.index(detected)]
 
 
 def make_sequence(gestures, kinds=None):
@@ -66,18 +66,20 @@ def test_detecting_every_event_gives_an_f1_of_1():
 
 
 @pytest.mark.parametrize(
-    ("said", "false"), [("grab", 1), ("none", 0), ("unknown", 0), ("nothing", 0)]
+    ("detected", "false"), [("grab", 1), ("none", 0), ("unknown", 0), ("nothing", 0)]
 )
-def test_wrong_gesture_is_false_but_abstention_and_silence_only_miss(said, false):
+def test_wrong_gesture_is_false_but_abstention_and_silence_only_miss(detected, false):
     events = make_sequence(["poke"])
-    result = score(events, [] if said == "nothing" else detect_each(events, [said]))
+    result = score(
+        events, [] if detected == "nothing" else detect_each(events, [detected])
+    )
     assert result.total == Tally(0, 1, false)
     assert result.total.f1 == 0.0
     assert math.isnan(result.total.precision) == (not false)
     assert math.isnan(result.all_delays.latency(50))
     assert result.per_gesture["poke"] == Tally(0, 1, 0)
     assert result.per_gesture["grab"] == Tally(0, 0, false)
-    assert count_confusions(result, "poke", said) == 1
+    assert count_confusions(result, "poke", detected) == 1
 
 
 @pytest.mark.parametrize(
@@ -126,8 +128,8 @@ def test_matching_has_most_pairs_and_then_the_nearest_onsets(
 
 
 def test_detections_of_no_event_are_counted_by_the_hour():
-    said = [(5.0, "poke"), (9.0, "grab"), (11.0, "none")]
-    result = score([], [make_detection(*one) for one in said], seconds=1800.0)
+    detected = [(5.0, "poke"), (9.0, "grab"), (11.0, "none")]
+    result = score([], [make_detection(*one) for one in detected], seconds=1800.0)
     assert result.total == Tally(0, 0, 2)
     assert result.false_per_hour == pytest.approx(4.0)
     assert result.confusion[-1].sum() == 3
@@ -136,8 +138,8 @@ def test_detections_of_no_event_are_counted_by_the_hour():
 
 def test_latency_is_from_the_true_end_and_may_be_negative():
     events = [POKE, make_event(4.0, 4.5), make_event(8.0, 9.0, "grab")]
-    said = [(1.4, "poke"), (4.8, "poke"), (9.1, "grab")]
-    result = score(events, [make_detection(*one) for one in said])
+    detected = [(1.4, "poke"), (4.8, "poke"), (9.1, "grab")]
+    result = score(events, [make_detection(*one) for one in detected])
     assert result.delays["poke"].after_end == pytest.approx([-0.2, 0.3])
     assert result.delays["poke"].after_onset == pytest.approx([0.4, 0.8])
     assert result.all_delays.latency(50) == pytest.approx(0.1)
@@ -148,9 +150,9 @@ def test_latency_is_from_the_true_end_and_may_be_negative():
 def test_gestures_detected_in_accidents_and_unknown_gestures_are_false():
     names = ["rub", "rub", "tickle", "none", "none", "none", "none"]
     kinds = ["", "", "", "bump", "bump", "lean", "single_pat"]
-    said = ["unknown", "grab", "none", "poke", "none", "none", "poke"]
+    detected = ["unknown", "grab", "none", "poke", "none", "none", "poke"]
     events = make_sequence(names, kinds)
-    result = score(events, detect_each(events, said))
+    result = score(events, detect_each(events, detected))
     assert (result.unknown["rub"].count, result.unknown["rub"].mistaken) == (2, 1)
     assert result.unknown_total.share == pytest.approx(1 / 3)
     assert (result.none["bump"].count, result.none["bump"].mistaken) == (2, 1)
@@ -164,8 +166,8 @@ def test_accident_is_mistaken_if_any_detection_of_its_touch_is_a_gesture():
     """Others match an event or are assigned to the one they share most time with."""
     right = make_detection(1.6, "none", onset=1.0)
     wrong = make_detection(1.9, "poke", onset=1.3)
-    for said in ([right, wrong], [wrong, right]):
-        assert score([BUMP], said).none["bump"].mistaken == 1
+    for detected in ([right, wrong], [wrong, right]):
+        assert score([BUMP], detected).none["bump"].mistaken == 1
     result = score([POKE, BUMP], [make_detection(1.5)])
     assert (result.none["bump"].mistaken, result.total) == (0, Tally(1, 0, 0))
     events = [make_event(1.0, 1.2, "none", kind="bump"), make_event(1.6, 2.0)]
@@ -179,8 +181,8 @@ def test_accident_is_mistaken_if_any_detection_of_its_touch_is_a_gesture():
 def test_overlapping_events_are_simultaneous():
     grab = make_event(1.5, 2.5, "grab", 1.0)
     events = [make_event(1.0, 2.0), grab, make_event(6.0, 6.5)]
-    said = [(1.9, "poke"), (2.2, "stroke", 1.0), (6.4, "stroke")]
-    result = score(events, [make_detection(*one) for one in said])
+    detected = [(1.9, "poke"), (2.2, "stroke", 1.0), (6.4, "stroke")]
+    result = score(events, [make_detection(*one) for one in detected])
     assert result.simultaneous == Tally(1, 1, 1)
     assert result.total == Tally(1, 2, 2)
     lean = replace(grab, gesture="none", kind="lean")
@@ -210,9 +212,9 @@ def scenes(draw):
     gestures = st.sampled_from([*VOCABULARY, "rub"])
     answers = st.sampled_from([*VOCABULARY, "unknown"])
     made = st.lists(st.tuples(times, st.floats(0.1, 2), gestures, places), max_size=6)
-    said = st.lists(st.tuples(times, answers, places), max_size=6)
+    detected = st.lists(st.tuples(times, answers, places), max_size=6)
     events = [make_event(t, t + seconds, g, x) for t, seconds, g, x in draw(made)]
-    return events, [make_detection(*one) for one in draw(said)]
+    return events, [make_detection(*one) for one in draw(detected)]
 
 
 @settings(deadline=None, max_examples=30)

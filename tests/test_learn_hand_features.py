@@ -14,7 +14,7 @@ def dataset(tmp_path_factory):
     return prepare([record(tmp_path_factory.mktemp("f") / "a.mcap", kind="shear")])
 
 
-def test_every_stretch_has_as_many_finite_features(dataset):
+def test_every_interval_has_the_same_number_of_finite_features(dataset):
     rows = np.arange(len(dataset.stamps))
     silent, touched = rows[:30], rows[48:75]
     for shear in (False, True):
@@ -26,7 +26,7 @@ def test_every_stretch_has_as_many_finite_features(dataset):
         assert len(sizes) == 1
 
 
-def test_shear_adds_features_and_leaves_the_whole_ones(dataset):
+def test_shear_adds_features_and_keeps_the_others(dataset):
     segment = dataset.labelled[0]
     without = compute_segment_features(dataset, segment, False)
     with_shear = compute_segment_features(dataset, segment, True)
@@ -44,7 +44,7 @@ def test_a_longer_broader_gesture_has_the_larger_first_features(dataset):
 
 
 @pytest.mark.parametrize(("hertz", "band"), [(0.6, 0), (1.5, 1), (2.5, 2), (4.0, 3)])
-def test_a_rhythm_has_its_power_in_its_band(hertz, band):
+def test_a_periodic_signal_has_its_power_in_its_band(hertz, band):
     seconds = np.arange(200) / 20
     shares = compute_band_powers(1 + np.sin(2 * np.pi * hertz * seconds), seconds)
     assert shares.argmax() == band

@@ -66,7 +66,7 @@ def test_a_window_ends_in_a_gesture_of_its_class_and_recording(dataset):
     assert (firsts <= ends).all()
 
 
-def test_a_window_is_asked_for_a_gesture_a_tenth_of_a_second_old(dataset):
+def test_windows_end_at_least_a_tenth_of_a_second_after_the_onset(dataset):
     sampler = sampler_of(dataset)
     ends, firsts, _ = sampler.draw(500, np.random.default_rng(0))
     onset = {row: s.first for s in dataset.segments for row in range(s.first, s.end)}
@@ -80,7 +80,7 @@ def test_a_window_is_asked_for_a_gesture_a_tenth_of_a_second_old(dataset):
     np.testing.assert_array_equal(firsts, dataset.starts[ends])
 
 
-def test_a_trainer_sees_no_recording_but_its_own(dataset):
+def test_a_trainer_uses_only_its_own_recordings(dataset):
     config = replace(TINY, validation=0.5)
     trainer = Trainer(dataset, VOCABULARY, config, [0, 1, 3])
 
@@ -113,7 +113,7 @@ def test_validation_may_hold_one_gesture_only(dataset):
     assert trainer.fit_temperature() > 0
 
 
-def test_eight_segments_are_learned_to_the_last(dataset):
+def test_a_network_can_fit_eight_segments(dataset):
     config = replace(
         TINY,
         epochs=1,
@@ -133,8 +133,8 @@ def test_eight_segments_are_learned_to_the_last(dataset):
     segments = dataset.labelled
     assert len(segments) == 8
     scores = score_segments(network, dataset, segments)
-    said = [VOCABULARY[i] for i in scores.argmax(axis=1)]
-    assert said == [segment.gesture for segment in segments]
+    predicted = [VOCABULARY[i] for i in scores.argmax(axis=1)]
+    assert predicted == [segment.gesture for segment in segments]
     # And instants: the middle of a gesture is it, the rest before all is none.
     middles = np.array([(s.first + s.end) // 2 for s in segments])
     rows = np.append(middles, 35)
@@ -184,7 +184,7 @@ LONGER = replace(TINY, epochs=3, validation=0.25)
 
 
 @pytest.mark.parametrize("dropout", [0.0, 0.5])
-def test_training_cut_at_any_step_and_taken_up_gives_the_same_weights(
+def test_training_resumed_at_any_step_gives_the_same_weights(
     dataset, tmp_path, monkeypatch, dropout
 ):
     """Also cut again and again, and with what is drawn by torch."""
@@ -207,7 +207,7 @@ def test_training_cut_at_any_step_and_taken_up_gives_the_same_weights(
         assert again.fit_temperature() == whole.fit_temperature()
 
 
-def test_a_training_that_is_over_is_not_taken_up_again(dataset, tmp_path, monkeypatch):
+def test_a_finished_training_is_not_resumed(dataset, tmp_path, monkeypatch):
     """Cut after its last step, while it is scored, say: at its end, or stopped."""
     kept, losses = tmp_path / "m.training", [5.0, 2.0, 3.0, 4.0, 1.0, 1.0]
     for most, epochs in ((9, 4), (4, 4), (2, 2)):
@@ -225,7 +225,7 @@ def test_a_training_that_is_over_is_not_taken_up_again(dataset, tmp_path, monkey
         kept.unlink()
 
 
-def test_a_training_is_kept_as_it_goes_and_not_without_a_file(dataset, tmp_path):
+def test_checkpoints_are_written_during_training_if_a_file_is_given(dataset, tmp_path):
     kept = tmp_path / "m.training"
     Trainer(dataset, VOCABULARY, TINY).run(quiet=True, checkpoint=kept, facts="these")
     assert not kept.exists()  # It was over before the first half minute.
@@ -276,14 +276,14 @@ def test_data_to_validate_on_leaves_all_others_to_train_on(dataset, tmp_path):
 
 
 def test_a_network_without_shear_is_validated_without_it(dataset, tmp_path):
-    felt = prepare([record(tmp_path / "felt.mcap", kind="shear")])
-    trainer = Trainer(dataset, VOCABULARY, TINY, validation=felt)
+    with_shear = prepare([record(tmp_path / "shear.mcap", kind="shear")])
+    trainer = Trainer(dataset, VOCABULARY, TINY, validation=with_shear)
     assert not trainer.shear
     trainer.run(quiet=True)
     assert np.isfinite(trainer.validation_loss())
 
 
-def test_a_start_gives_its_weights_wherever_they_fit(dataset):
+def test_initial_weights_are_used_where_shapes_match(dataset):
     first = Trainer(dataset, ("none", "hold"), TINY, seed=1)
     weights_of = {k: v.numpy() for k, v in first.network.state_dict().items()}
     model = Model(weights_of, ModelCard(("none", "hold"), network=TINY.network))
@@ -298,9 +298,7 @@ def test_a_start_gives_its_weights_wherever_they_fit(dataset):
         assert torch.equal(weight, wanted), name
 
 
-def test_clips_of_generated_sets_are_what_accuracy_and_temperature_are_of(
-    tmp_path, monkeypatch
-):
+def test_accuracy_and_temperature_are_of_generated_clips(tmp_path, monkeypatch):
     clips = prepare(generated(tmp_path, clips=6))
     made = {clip.gesture for mine in clips.clips for clip in mine} - {"none"}
     vocabulary = ("none", *sorted(made))
@@ -311,7 +309,7 @@ def test_clips_of_generated_sets_are_what_accuracy_and_temperature_are_of(
     right = (answers.predicted == answers.truth).mean()
     assert trainer.validation_accuracy() == pytest.approx(right)
     wanted = trainer.fit_temperature()
-    # A clip that nothing was felt of tells nothing of how sure the network may be.
+    # Clips without contact do not enter the temperature.
     [mine] = clips.clips
     late = tuple(replace(clip, start=clip.end, end=clip.end + 1) for clip in mine)
     unfelt = replace(clips, clips=((*mine, *late),))
@@ -323,7 +321,7 @@ def test_clips_of_generated_sets_are_what_accuracy_and_temperature_are_of(
     assert trainer.validation_accuracy() == pytest.approx((right + none) / 2)
 
 
-def test_only_clips_of_what_is_held_out_are_answered(tmp_path):
+def test_only_held_out_clips_are_predicted(tmp_path):
     [path] = generated(tmp_path)
     clips = prepare([path, path])
     sessions = tuple(
@@ -411,7 +409,7 @@ def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):
         ("validation", -0.1),
     ],
 )
-def test_settings_that_mean_nothing_are_refused_by_name(entry, value):
+def test_settings_out_of_range_are_refused_by_name(entry, value):
     with pytest.raises(ValueError, match=f"{entry} is {value}; allowed"):
         TrainConfig(**{entry: value})
 

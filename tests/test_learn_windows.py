@@ -1,4 +1,4 @@
-"""Windows end with the reading asked for and see two seconds, of one sequence."""
+"""Windows: rows of the two seconds before a reading, within one sequence."""
 
 from dataclasses import fields
 
@@ -48,7 +48,7 @@ def each(windows):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_window_is_all_rows_of_its_two_seconds_since_its_first_row(seed):
+def test_a_window_holds_all_rows_of_its_two_seconds(seed):
     dataset, ends, firsts, windows = random_windows(seed)
     for end, first, place in zip(ends, firsts, each(windows), strict=True):
         slots = dataset.stamps // SLOT_NS - dataset.stamps[end] // SLOT_NS + SLOTS - 1
@@ -86,7 +86,7 @@ def test_two_seconds_at_ten_hertz_are_twenty_readings():
 
 
 @pytest.mark.parametrize("most", [1, 3, 1000])
-def test_thinning_keeps_at_most_so_many_readings_in_order(most):
+def test_thinning_keeps_at_most_the_given_number_in_order(most):
     *_, windows = random_windows(0)
     thinned = subsample_readings(windows, most, np.random.default_rng(0))
     assert thinned.count == windows.count
@@ -148,7 +148,7 @@ def factors(windows, graphs, slower, changed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_stretching_is_by_one_factor_a_window_in_all_that_is_time(seed):
+def test_stretching_scales_all_times_of_a_window_by_one_factor(seed):
     windows, graphs, slower, changed = stretched(0.3, seed)
     factor = factors(windows, graphs, slower, changed)
     was = graphs.select(slower.rows)
@@ -169,8 +169,7 @@ def test_stretching_is_by_one_factor_a_window_in_all_that_is_time(seed):
             np.testing.assert_array_equal(after, before)
 
 
-def test_what_takes_longer_goes_slower_by_as_much():
-    """Rates are changes over time; nothing else of a touch knows how fast it is."""
+def test_stretching_divides_rates_of_change_by_its_factor():
     windows, graphs, slower, changed = stretched(0.4)
     factor = factors(windows, graphs, slower, changed)[changed.graph_index]
     was = graphs.select(slower.rows)
@@ -183,7 +182,7 @@ def test_what_takes_longer_goes_slower_by_as_much():
     assert not np.allclose(pressure_summary(changed), pressure_summary(was))
 
 
-def test_stretching_by_nothing_changes_nothing():
+def test_stretching_by_1_changes_nothing():
     windows, graphs, slower, changed = stretched(0.0)
     assert_same(changed, graphs)
     assert slower.slot.tolist() == windows.slot.tolist()
@@ -198,7 +197,7 @@ def came(share, halved, seed=0):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("share", "halved"), [(1.0, 0.0), (0.3, 0.5), (1.0, 1.0)])
-def test_whatever_is_lost_each_window_keeps_its_last_reading(seed, share, halved):
+def test_dropping_readings_keeps_the_last_of_each_window(seed, share, halved):
     windows, places, left = came(share, halved, seed)
     assert (np.diff(places) > 0).all()
     assert left.count == windows.count
@@ -208,7 +207,7 @@ def test_whatever_is_lost_each_window_keeps_its_last_reading(seed, share, halved
         assert set(left.rows[after]) <= set(windows.rows[before])
 
 
-def test_at_half_the_rate_every_other_reading_comes_counted_from_the_last():
+def test_halving_the_rate_keeps_every_other_reading_from_the_last():
     windows, _, left = came(0.0, 1.0)
     for before, after in zip(each(windows), each(left), strict=True):
         assert (
@@ -216,12 +215,12 @@ def test_at_half_the_rate_every_other_reading_comes_counted_from_the_last():
         )
 
 
-def test_where_nothing_is_lost_all_come():
+def test_dropping_no_readings_keeps_all():
     windows, places, _ = came(0.0, 0.0)
     assert places.tolist() == list(range(len(windows.rows)))
 
 
-def test_half_of_the_largest_share_is_lost_on_average():
+def test_half_of_the_largest_share_is_dropped_on_average():
     rows = np.arange(400 * 50)
     windows = Windows(rows, rows // 50, rows % 50, 400)
     places = drop_readings(windows, 0.6, 0.0, np.random.default_rng(0))

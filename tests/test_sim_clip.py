@@ -70,10 +70,10 @@ def test_counts_rise_where_and_when_the_true_touch_is(gesture):
         touched = np.flatnonzero(truth.force) * 0.02
         assert truth.onset - 0.02 < touched[0] and touched[-1] < truth.end
         rest = np.median(clip.counts, axis=0)
-        felt = calibration.compute_pressure(clip.counts - rest) * clip.received
-        felt[:, felt.mean(axis=0) > 5.0] = 0.0  # stuck taxels
-        reading, taxel = np.unravel_index(felt.argmax(), felt.shape)
-        if felt[reading, taxel] < 10.0:
+        pressure = calibration.compute_pressure(clip.counts - rest) * clip.received
+        pressure[:, pressure.mean(axis=0) > 5.0] = 0.0  # stuck taxels
+        reading, taxel = np.unravel_index(pressure.argmax(), pressure.shape)
+        if pressure[reading, taxel] < 10.0:
             continue
         near = slice(max(0, reading - 2), reading + 3)
         pressed = truth.force[near] > 0

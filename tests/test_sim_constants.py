@@ -91,6 +91,6 @@ def test_scaling_multiplies_the_named_constants_only():
 )
 def test_wrong_name_or_kind_of_constant_is_refused(method, name):
     rng = {"draw": [np.random.default_rng(0)], "choose": [np.random.default_rng(0)]}
-    asked = {name: 2.0} if method == "scaled" else name
+    argument = {name: 2.0} if method == "scaled" else name
     with pytest.raises(ValueError, match=f"'{name}'"):
-        getattr(CONSTANTS, method)(asked, *rng.get(method, []))
+        getattr(CONSTANTS, method)(argument, *rng.get(method, []))

@@ -63,8 +63,8 @@ def compute_ellipses(touch, chart):
 )
 def test_taxels_bear_the_force_of_the_press(name, pads):
     forces = [1.0, 4.0, 20.0]
-    felt = feel(press(pads, forces), CHARTS[name])
-    assert force_on(felt, CHARTS[name]) == pytest.approx(forces, rel=0.05)
+    contact = feel(press(pads, forces), CHARTS[name])
+    assert force_on(contact, CHARTS[name]) == pytest.approx(forces, rel=0.05)
 
 
 def test_force_beside_the_patch_reaches_no_taxel():
@@ -98,17 +98,17 @@ def test_loaded_pads_sink_to_one_depth_and_bear_all_force(chart, conformity):
 
 @each_chart
 def test_pressure_and_area_grow_with_force_from_nothing(name):
-    felt = feel(press(FINGERS, np.linspace(0.0, 30.0, 16)), CHARTS[name])
-    assert np.all(np.diff(force_on(felt, CHARTS[name])) > 0)
-    assert np.all(np.diff(felt.area) >= -1e-9)
-    assert np.all(np.diff(felt.pressure.max(axis=1)) > 0)
-    assert felt.area[0] == felt.pressure[0].max() == 0.0
+    contact = feel(press(FINGERS, np.linspace(0.0, 30.0, 16)), CHARTS[name])
+    assert np.all(np.diff(force_on(contact, CHARTS[name])) > 0)
+    assert np.all(np.diff(contact.area) >= -1e-9)
+    assert np.all(np.diff(contact.pressure.max(axis=1)) > 0)
+    assert contact.area[0] == contact.pressure[0].max() == 0.0
     assert len(feel(press(FINGERS, [0.0, 0.0]), CHARTS[name]).taxels) == 0
 
 
 def test_area_is_limited_by_that_of_the_pad():
-    felt = feel(press(TIP, [50.0, 100.0]), FLAT)
-    assert felt.area == pytest.approx(220e-6, rel=0.01)
+    contact = feel(press(TIP, [50.0, 100.0]), FLAT)
+    assert contact.area == pytest.approx(220e-6, rel=0.01)
 
 
 def test_fingertip_area_is_smaller_on_a_tube_and_least_across_it():
@@ -163,9 +163,9 @@ def test_overlapping_pads_cover_their_area_once():
 def test_taxel_feels_a_pad_smaller_than_itself():
     coarse = build_full_chart(Plane(np.eye(4)), pitch=0.008)
     pin = build_pads((0, 0, 5, 5, 10, 20, 1))
-    felt = feel(press(pin, 1.0, coarse.unrolled[40]), coarse)
-    assert felt.taxels.tolist() == [40]
-    assert force_on(felt, coarse)[0] > 0.5
+    contact = feel(press(pin, 1.0, coarse.unrolled[40]), coarse)
+    assert contact.taxels.tolist() == [40]
+    assert force_on(contact, coarse)[0] > 0.5
 
 
 @pytest.mark.parametrize("turns", [-2, 1])
@@ -215,17 +215,17 @@ def test_pads_keep_their_distance_on_every_surface(name):
 def test_moving_press_is_felt_as_a_still_one_at_each_place():
     places = np.column_stack([np.linspace(-0.03, 0.2, 12), np.linspace(0, 0.05, 12)])
     moving = replace(press(TIP, np.full(12, 2.0)), centre=places)
-    felt = feel(moving, TUBE)
+    contact = feel(moving, TUBE)
     for step, place in enumerate(places):
         still = field(feel(press(TIP, 2.0, place), TUBE), TUBE)
-        assert field(felt, TUBE, step) == pytest.approx(still, abs=1e-12)
+        assert field(contact, TUBE, step) == pytest.approx(still, abs=1e-12)
 
 
 def test_centroid_is_that_of_the_pressure():
-    felt = feel(press(FINGERS, 20.0, conformity=0.5), FLAT)
-    weights = felt.pressure[0] / felt.pressure[0].sum()
-    centre = weights @ FLAT.unrolled[felt.taxels]
-    assert np.linalg.norm(centre - felt.centroid[0]) < 5e-4
+    contact = feel(press(FINGERS, 20.0, conformity=0.5), FLAT)
+    weights = contact.pressure[0] / contact.pressure[0].sum()
+    centre = weights @ FLAT.unrolled[contact.taxels]
+    assert np.linalg.norm(centre - contact.centroid[0]) < 5e-4
 
 
 @pytest.mark.parametrize("missing", [0, 1, 2])

@@ -187,8 +187,8 @@ def test_killed_generation_continues_to_the_same_bytes(small_set, tmp_path):
 )
 def test_folder_of_other_settings_is_refused(copied_set, changes, parts):
     before = read_files(copied_set)
-    asked = {"set_name": "train", "skin": "square", "seed": 3, "clips": 23}
-    settings = GenerationSettings(**(asked | {"subjects": 4} | changes))
+    usual = {"set_name": "train", "skin": "square", "seed": 3, "clips": 23}
+    settings = GenerationSettings(**(usual | {"subjects": 4} | changes))
     with pytest.raises(GenerationError, match=parts) as caught:
         make_set(copied_set, settings)
     assert "\n" not in str(caught.value)

@@ -235,10 +235,10 @@ def test_finger_that_is_ended_at_once_lands_and_arrives_first():
     touch = live.hand.begin(begin, 4.0)
     live.hand.move(touch, end)
     live.hand.end(touch)
-    felt = [truths[0] for _, truths in scan_many(live, 60) if truths]
+    touches = [truths[0] for _, truths in scan_many(live, 60) if truths]
     assert live.hand.touching == ()
-    assert max(truth.force for truth in felt) == pytest.approx(4.0, rel=0.5)
-    first, last = (locate_force(live, felt[i], Q) for i in (0, -1))
+    assert max(truth.force for truth in touches) == pytest.approx(4.0, rel=0.5)
+    first, last = (locate_force(live, touches[i], Q) for i in (0, -1))
     assert np.linalg.norm(first - begin.p_link) < 0.03
     assert np.linalg.norm(last - end.p_link) < 0.03
 

@@ -153,11 +153,11 @@ def test_light_hand_has_its_force_where_the_reference_has(name):
     touch = press(FINGERS, 5.0, angle=1.3, conformity=0.9)
     reference = feel_in_mujoco(touch, CHARTS[name], COARSE)
     assert reference.force[0] == pytest.approx(5.0, rel=0.01)
-    felt = compute_pressure_field(touch, CHARTS[name], COARSE)
-    found = agreement(felt, reference)
+    computed = compute_pressure_field(touch, CHARTS[name], COARSE)
+    found = agreement(computed, reference)
     assert found.centroid < 0.004
     assert found.correlation > 0.8
-    same = agreement(felt, felt)
+    same = agreement(computed, computed)
     assert (same.area, same.centroid) == (1.0, 0.0)
     assert same.correlation == pytest.approx(1.0) == same.strict
 

@@ -37,17 +37,17 @@ def test_stream_detects_what_its_recogniser_does_scan_by_scan():
     policy = Ear("policy", message_types=(Detection,))
     view = Ear("view", message_types=(RecognitionState, Detection))
     recognition = run_recognition(on, stream, policy, view)
-    found = [asdict(detection.record()) for detection in policy.heard]
+    found = [asdict(detection.record()) for detection in policy.received]
     assert found == [asdict(detection.record()) for detection in expected]
     assert len(expected) == 3
-    states = [item for item in view.heard if isinstance(item, RecognitionState)]
+    states = [item for item in view.received if isinstance(item, RecognitionState)]
     assert [s.state.reading.stamp for s in states] == [scan.stamp for scan in stream]
     for state in states:
         assert set(state.probabilities) == {touch.id for touch in state.state.open}
         for detection in state.detections:
-            assert view.heard.index(detection) < view.heard.index(state)
+            assert view.received.index(detection) < view.received.index(state)
     published = [detection for state in states for detection in state.detections]
-    assert published == policy.heard[: len(published)]
+    assert published == policy.received[: len(published)]
     assert recognition.step.count == recognition.age.count == len(stream)
     assert 0 < recognition.step.quantile(0.5) <= recognition.step.quantile(0.99)
 
@@ -126,5 +126,5 @@ def test_stuck_taxel_is_an_event_of_the_stream():
         scan.counts[5] = 1234
     listener = Ear(message_types=(Event,))
     run_recognition(on, stream, listener)
-    events = [(event.kind, event.taxel) for event in listener.heard]
+    events = [(event.kind, event.taxel) for event in listener.received]
     assert [event for event in events if event[1] is not None] == [("fault", 5)]

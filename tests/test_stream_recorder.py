@@ -172,9 +172,9 @@ def play_until_stop(recorder, scans):
     """Play scans and return the one event, which says that recording has stopped."""
     ear = Ear(message_types=(Scan, Event))
     play(scans, recorder, ear)
-    [event] = [item for item in ear.heard if isinstance(item, Event)]
+    [event] = [item for item in ear.received if isinstance(item, Event)]
     assert event.kind == "unrecorded"
-    assert same_scans([item for item in ear.heard if item is not event], scans)
+    assert same_scans([item for item in ear.received if item is not event], scans)
     return event
 
 

@@ -99,7 +99,7 @@ def expect_failure(*parts):
 def test_every_listener_gets_every_scan_on_its_own_thread():
     listeners = [Ear("a"), Ear("b", size=1), Ear("c", size=3)]
     stream = run_stream(played(SCANS), listeners)
-    assert all(same_scans(listener.heard, SCANS) for listener in listeners)
+    assert all(same_scans(listener.received, SCANS) for listener in listeners)
     assert [listener.closed for listener in listeners] == [1, 1, 1]
     for count in stream.queue_counts().values():
         assert (count.given, count.taken, count.dropped) == (200, 200, 0)
@@ -113,8 +113,8 @@ def test_messages_come_to_listeners_of_their_type():
     both, events = Ear(message_types=(Scan, Event)), Ear("e", message_types=(Event,))
     stream = run_stream(WatchedSource(events=[EVENT]), [both, events])
     # Events of a source come before the scan that they came with.
-    assert both.heard[0] == EVENT and same_scans(both.heard[1:], SCANS)
-    assert events.heard == [EVENT]
+    assert both.received[0] == EVENT and same_scans(both.received[1:], SCANS)
+    assert events.received == [EVENT]
     assert stream.queue_counts()["e"].given == 1
 
 
@@ -124,8 +124,8 @@ def test_message_of_a_listener_comes_to_all_others(when, count):
     other = Ear("other", message_types=(Event,))
     setattr(talker, when, lambda *_: talker.context.publish(EVENT))
     run_stream(played(SCANS), [talker, other])
-    assert other.heard == [EVENT] * count
-    assert same_scans(talker.heard, SCANS)
+    assert other.received == [EVENT] * count
+    assert same_scans(talker.received, SCANS)
 
 
 def test_stalled_listener_delays_nobody(release):
@@ -142,8 +142,8 @@ def test_stalled_listener_delays_nobody(release):
         release.set()
         stream.wait()
     count = stream.queue_counts()["viewer"]
-    assert same_scans(fast.heard, SCANS)
-    assert same_scans(slow.heard[1:], SCANS[-5:])
+    assert same_scans(fast.received, SCANS)
+    assert same_scans(slow.received[1:], SCANS[-5:])
     assert (count.given, count.taken, count.dropped) == (200, 6, 194)
     assert count.longest == 5
 
@@ -183,7 +183,7 @@ def test_listeners_are_closed_in_order_then_the_source(failing, leave):
                 if not leave:
                     stream.wait()
         assert isinstance(caught.value.__cause__, KeyError)
-        assert len(listeners[1].heard) == 2
+        assert len(listeners[1].received) == 2
     assert log == ["a", "b", "c", "source"]
 
 
@@ -196,7 +196,7 @@ def test_nothing_is_delivered_after_a_failure(release):
             assert time.monotonic() < until
             time.sleep(0.001)
         release.set()
-    assert len(slow.heard) <= 1
+    assert len(slow.received) <= 1
     assert stream.queue_counts()["slow"].dropped >= 49
 
 
@@ -205,7 +205,7 @@ def test_error_of_the_source_or_of_closing_stops_and_closes_all():
     with expect_failure("source sim:test", "cable"):
         run_stream(source, [listener])
     assert (listener.closed, source.closed) == (1, 1)
-    assert len(listener.heard) <= 49
+    assert len(listener.received) <= 49
     bad, good, source = Ear("bad"), Ear("good"), WatchedSource()
     bad.close = raise_at(1, OSError("stuck"))
     with expect_failure("listener 'bad'", "stuck"):
@@ -219,7 +219,7 @@ def test_listener_that_cannot_start_closes_those_before_it():
     with pytest.raises(ValueError, match="no port"):
         run_stream(source, [good, bad])
     assert (good.closed, bad.closed, source.closed) == (1, 0, 1)
-    assert good.heard == []
+    assert good.received == []
 
 
 def test_error_inside_with_is_raised_before_that_of_the_stream():

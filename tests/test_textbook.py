@@ -71,11 +71,11 @@ def test_taxels_bear_the_force_of_the_spots(surface, name, pitch):
 @pytest.mark.parametrize("surface", ["flat", "round"])
 def test_spot_lies_where_it_is_asked_for(surface):
     site, centre = site_of(surface, 0.005), (0.021, -0.033)
-    felt = press_spot(site, centre, (0.006, 0.018), 5.0, angle=0.7)[site.taxel]
-    found = felt @ site.points / felt.sum()
+    pressure = press_spot(site, centre, (0.006, 0.018), 5.0, angle=0.7)[site.taxel]
+    found = pressure @ site.points / pressure.sum()
     assert found == pytest.approx(centre, abs=3e-4)
     length, width = (
-        np.sqrt(felt @ ((site.points - found) @ (np.cos(a), np.sin(a))) ** 2)
+        np.sqrt(pressure @ ((site.points - found) @ (np.cos(a), np.sin(a))) ** 2)
         for a in (0.7 + np.pi / 2, 0.7)
     )
     assert length > 2 * width
@@ -120,8 +120,10 @@ def test_stroke_moves_at_its_speed(speed):
     touch = make_touch("stroke", site, speed=speed)
     [(start, end)] = touch.contacts
     times = start + np.array([0.3, 0.7]) * (end - start)
-    felt = site.pressure(touch, times)
-    centres = felt @ site.mounted.skin.positions / felt.sum(axis=1, keepdims=True)
+    pressure = site.pressure(touch, times)
+    centres = (
+        pressure @ site.mounted.skin.positions / pressure.sum(axis=1, keepdims=True)
+    )
     distance = np.linalg.norm(np.diff(centres, axis=0))
     assert distance / np.ptp(times) == pytest.approx(speed / 100, rel=0.02)
     assert np.hypot(*touch.velocity) == pytest.approx(speed / 100)
@@ -140,8 +142,8 @@ def test_touch_stays_within_its_clip_and_off_the_edge(name):
             assert start < 0.5 and end > CLIP
         else:
             assert 0 <= start < end <= CLIP - 0.1 + 1e-9
-        felt = site.pressure(touch, np.linspace(*touch.contacts[0], 9))
-        assert felt.any() and not felt[:, edge].any()
+        pressure = site.pressure(touch, np.linspace(*touch.contacts[0], 9))
+        assert pressure.any() and not pressure[:, edge].any()
 
 
 def test_sensor_counts_pressure_and_white_noise():

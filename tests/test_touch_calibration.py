@@ -238,8 +238,8 @@ def test_pressure_of_the_counts_of_a_pressure_is_that_pressure(calibration):
 
 def test_unfelt_pressure_is_added_but_never_more_than_was_measured():
     above = np.linspace(0.0, 500.0, SKIN.count)
-    felt = DIVIDER.compute_pressure(above)
-    expected = felt + np.minimum(felt, 2.0)
+    pressure = DIVIDER.compute_pressure(above)
+    expected = pressure + np.minimum(pressure, 2.0)
     np.testing.assert_allclose(CLOSING.compute_pressure(above), expected)
 
 

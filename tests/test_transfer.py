@@ -41,7 +41,7 @@ def test_trial_is_interpolated_between_rest():
 def test_trial_without_contact_is_answered_none(model):
     trial = make_trial(np.zeros((5, 456)))
     [answer] = transfer.answer_trials([trial], SOCIAL, model, SETTING)
-    assert (answer.forced, answer.averaged, answer.said) == ("none", "none", ())
+    assert (answer.forced, answer.averaged, answer.detected) == ("none", "none", ())
     assert answer.seconds == 0
 
 

@@ -26,7 +26,7 @@ class ClipAnswer:
     forced: str
     """Most probable class of the touch of largest impulse at the last reading of the
     clip; `none` without a touch."""
-    said: str
+    detected: str
     """First gesture that was detected live; `none` without one."""
 
 
@@ -75,17 +75,17 @@ def answer(model: Model, clip: TextbookClip) -> ClipAnswer:
     site = clip.site
     recognizer = Recognizer(model, site.mounted, site.calibration)
     ends = int(np.searchsorted(clip.times, CLIP))
-    felt: dict[int, tuple[float, str]] = {}
-    said = []
+    classes: dict[int, tuple[float, str]] = {}
+    detected = []
     for index in range(len(clip.times)):
-        said += recognizer.push(clip.scan(index))
+        detected += recognizer.push(clip.scan(index))
         if index < ends:
-            felt |= classify_open_touches(recognizer)
-    said += recognizer.finish()
-    gestures = [d.gesture for d in said if d.gesture not in (NONE, UNKNOWN)]
+            classes |= classify_open_touches(recognizer)
+    detected += recognizer.finish()
+    gestures = [d.gesture for d in detected if d.gesture not in (NONE, UNKNOWN)]
     return ClipAnswer(
-        forced=max(felt.values(), default=(0.0, NONE))[1],
-        said=next(iter(gestures), NONE),
+        forced=max(classes.values(), default=(0.0, NONE))[1],
+        detected=next(iter(gestures), NONE),
     )
 
 

@@ -36,8 +36,6 @@ LOOKS = {
     "press": ("tab:gray", "X", "--"),
 }
 """Colour, marker and line of each touch; dashed where the true class is `none`."""
-APART = 0.7
-"""Offset between lines, so that none lies on another [%]."""
 BESIDE = 0.1
 """Offset between the markers of one surface."""
 
@@ -184,7 +182,7 @@ def draw_panel(
             [one.value for one in row]
             if factor
             else [values.index(one.value) + BESIDE * place for one in row],
-            [100 * share([one]) + APART * place for one in row],
+            [100 * share([one]) for one in row],
             color=colour,
             marker=marker,
             ls=line if factor else "none",

@@ -86,7 +86,7 @@ class Point:
     """Whether the value lies in the middle half; every surface does."""
     forced: dict[str, int]
     """Number of forced choices of each class."""
-    said: dict[str, int]
+    detected: dict[str, int]
     """Number of clips with each gesture as first live detection."""
 
     @property
@@ -102,7 +102,7 @@ class Point:
     @property
     def right_said(self) -> int:
         """Number of clips with the correct first live detection, or rightly none."""
-        return self.said.get(truth_of(self.touch), 0)
+        return self.detected.get(truth_of(self.touch), 0)
 
 
 def run(
@@ -175,7 +175,7 @@ def point(
         draws: number of touches.
         key: random seed, together with the number of the draw.
     """
-    forced, said = Counter[str](), Counter[str]()
+    forced, detected = Counter[str](), Counter[str]()
     for draw in range(draws):
         of_setting, of_touch, of_noise = np.random.default_rng((*key, draw)).spawn(3)
         setting = draw_setting(touch, of_setting, {factor: value})
@@ -183,8 +183,8 @@ def point(
         made = draw_touch(touch, setting, site, of_touch)
         found = answer(model, scans_of(made, site, setting.rate, of_noise))
         forced[found.forced] += 1
-        said[found.said] += 1
-    return Point(factor, value, touch, inside, dict(forced), dict(said))
+        detected[found.detected] += 1
+    return Point(factor, value, touch, inside, dict(forced), dict(detected))
 
 
 def draw_setting(

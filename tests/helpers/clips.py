@@ -20,7 +20,7 @@ class Placed(StandIn):
     """Presses that truly are where their taxels are."""
 
     away = 0.0
-    """How far from there they are said to be [m]."""
+    """Distance between the true and the labelled position [m]."""
 
     def __init__(self, skin):
         super().__init__(skin)
@@ -38,7 +38,7 @@ class Placed(StandIn):
 
 
 class Elsewhere(Placed):
-    """Presses that are felt where nothing is."""
+    """Presses that the skin measures where nothing touches it."""
 
     away = 0.5
 

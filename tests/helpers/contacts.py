@@ -71,15 +71,15 @@ def press(pads, force, centre=(0.001, 0.002), angle=0.3, **tissue):
     )
 
 
-def field(felt, chart, step=0):
+def field(contact, chart, step=0):
     """Return the pressure of every taxel of a chart at one step [kPa]."""
     pressure = np.zeros(len(chart.taxels))
-    pressure[np.searchsorted(chart.taxels, felt.taxels)] = felt.pressure[step]
+    pressure[np.searchsorted(chart.taxels, contact.taxels)] = contact.pressure[step]
     return pressure
 
 
-def force_on(felt, chart):
+def force_on(contact, chart):
     """Return the force on the taxels at every step [N]."""
     areas = 4 * np.abs(np.linalg.det(chart.cells))
     areas = areas * chart.surface.wrap(chart.unrolled).area_scale
-    return 1e3 * felt.pressure @ areas[np.searchsorted(chart.taxels, felt.taxels)]
+    return 1e3 * contact.pressure @ areas[np.searchsorted(chart.taxels, contact.taxels)]

@@ -51,7 +51,7 @@ class Ear(Listener):
         self.name, self.size, self.drop = name, size, drop
         self.message_types = message_types
         self.do = do or (lambda item: None)
-        self.heard = []
+        self.received = []
         self.log = None
         self.closed = 0
         self.thread = None
@@ -62,7 +62,7 @@ class Ear(Listener):
     def on_message(self, item):
         self.thread = threading.current_thread()
         self.do(item)
-        self.heard.append(item)
+        self.received.append(item)
 
     def close(self):
         self.closed += 1

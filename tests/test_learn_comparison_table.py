@@ -1,12 +1,10 @@
-"""Methods beside each other: means, spreads, how far ours is ahead, and by gesture."""
+"""Tables of the comparison: means, spreads, leads with intervals, by gesture."""
 
 import numpy as np
 import pytest
-from benchmarks import robustness
 
 from eskin.cli.compare import group_results
 from eskin.learn.comparison import (
-    METHODS,
     AnsweredClips,
     Lead,
     MethodResult,
@@ -14,7 +12,6 @@ from eskin.learn.comparison import (
     format_gesture_tables,
     format_tables,
 )
-from helpers.clips import generated
 
 
 def answered(right):
@@ -29,7 +26,7 @@ def result(name, seed, right):
     )
 
 
-def test_a_method_is_held_against_the_first_on_what_both_answered():
+def test_the_lead_is_over_runs_that_both_methods_have():
     good, bad = [True] * 40, [True, False] * 20
     found = {
         "ours": {(0, 0): result("ours", 0, good), (1, 0): result("ours", 0, bad)},
@@ -47,29 +44,28 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
     assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
 
 
-def test_a_table_tells_of_how_many_people_it_is():
-    """Whatever the seeds; of another draw it is others, whatever they are called."""
-    asked = {"val": answered([True]), "test": answered([True] * 40)}
+def test_tables_count_people_of_different_draws_as_different():
+    answers = {"val": answered([True]), "test": answered([True] * 40)}
     places = ((0, 0), (0, 1), (1, 2))
     (row,) = build_rows(
-        {"ours": {at: MethodResult("ours", at[1], 1.0, asked) for at in places}}
+        {"ours": {at: MethodResult("ours", at[1], 1.0, answers) for at in places}}
     )
-    people = 2 * len(set(asked["test"].people))
+    people = 2 * len(set(answers["test"].people))
     assert (row.val_people, row.val_clips) == (2, 2)
     assert (row.test_people, row.test_clips) == (people, 80)
-    said = f"Tested on 80 clips of {people} people, validated on 2 of 2."
-    assert f"\n\n{said}\n\n" in format_tables([row])
+    line = f"Tested on 80 clips of {people} people, validated on 2 of 2."
+    assert f"\n\n{line}\n\n" in format_tables([row])
 
 
-def test_what_the_first_method_has_not_answered_is_not_compared():
-    asked = [(name, (n, n)) for n in (0, 1) for name in ("ours", "other")]
+def test_runs_that_the_first_method_lacks_are_not_compared():
+    runs = [(name, (n, n)) for n in (0, 1) for name in ("ours", "other")]
     first, second, left = (result(name, 0, [True]) for name in ("ours", "other", "-"))
-    found = group_results(("ours", "other"), asked, [first, second, None, left])
+    found = group_results(("ours", "other"), runs, [first, second, None, left])
     assert found == {"ours": {(0, 0): first}, "other": {(0, 0): second}}
 
 
-def test_the_interval_is_for_other_people_than_these():
-    """Clips of one person are right or wrong together, so five say less than forty."""
+def test_intervals_resample_people_not_clips():
+    """Clips of one person are right or wrong together."""
     ours, theirs = [True] * 40, [n % 5 < 3 for n in range(40)]
     found = {
         name: {(0, 0): result(name, 0, right)}
@@ -80,7 +76,7 @@ def test_the_interval_is_for_other_people_than_these():
     assert by_person.low == 0.0 and by_person.high == pytest.approx(0.8)
 
 
-def test_people_of_another_draw_are_others():
+def test_people_of_different_draws_are_resampled_apart():
     def one(name, draw, right):
         return MethodResult(
             name, draw, 1.0, {"test": AnsweredClips(("a",), (right,), ("p0",))}
@@ -93,7 +89,7 @@ def test_people_of_another_draw_are_others():
     assert build_rows(found)[1].test_ahead == Lead(0.5, 0.0, 1.0)
 
 
-def test_the_share_of_a_gesture_is_of_its_clips_in_all_draws():
+def test_accuracy_by_gesture_pools_the_clips_of_all_draws():
     def one(name, draw, truth, answer):
         people = ("p0",) * len(truth)
         test = AnsweredClips(tuple(truth), tuple(answer), people)
@@ -123,7 +119,7 @@ def test_the_share_of_a_gesture_is_of_its_clips_in_all_draws():
     ]
 
 
-def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
+def test_a_single_person_gives_no_interval_and_a_tie_is_shown():
     good, bad = [True] * 40, [True, False] * 20
     found = {
         name: {(0, 0): result(name, 0, right)}
@@ -135,40 +131,3 @@ def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
     assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
     ends = [line.split(" | ")[5].strip(" |") for line in lines]
     assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")
-
-
-def test_how_far_ours_is_ahead_stands_beside_every_harmed_share():
-    def one(name, right):
-        return MethodResult(name, 0, 1.0, {"as recorded": answered(right)})
-
-    good, bad = [True] * 40, [n % 5 < 3 for n in range(40)]
-    found = {"ours": {(0, 0): one("ours", good)}, "other": {(0, 0): one("other", bad)}}
-    assert robustness.table(found).splitlines() == [
-        "| accuracy [%] | ours | other (ours ahead) |",
-        "|---|---|---|",
-        "| as recorded | 100.0 | 60.0 (+40.0 [+0.0, +80.0]) |",
-    ]
-
-
-def test_each_draw_is_harmed_in_a_way_of_its_own(tmp_path):
-    generated(tmp_path / "a", clips=1)
-    sets = (tmp_path / "a",) * 3
-    command = robustness.Command(sets, sets, kinds=("dead",), seed=5)
-    tasks = robustness.tasks_of(command, "eskin", METHODS)
-    assert [task.seed for task in tasks] == [5, 6, 7]
-    for task in tasks:
-        harms = [each.transform for each in task.tests.values() if each.transform]
-        assert len(harms) == len(robustness.AMOUNTS["dead"])
-        assert {harm.seed for harm in harms} == {task.seed}
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"methods": ("magic",)}, "--methods names magic; allowed are eskin, "),
-        ({"train": ()}, "--train names 0 and --test 1; allowed are as many"),
-    ],
-)
-def test_what_cannot_be_harmed_is_refused(changed, message):
-    with pytest.raises(ValueError, match=message):
-        robustness.Command(**{"train": ("a",), "test": ("a",), **changed})

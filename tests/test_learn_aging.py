@@ -1,4 +1,4 @@
-"""Other skins: the same touch at the same time, felt otherwise."""
+"""Aging of recordings: the same touches as another, worn skin measures them."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from helpers.learning import TINY, record, record_people
 
 pytestmark = pytest.mark.slow
 
-AS_IT_WAS = AgingConfig(
+UNCHANGED = AgingConfig(
     patch_gain=0.0, taxel_gain=0.0, exponent=0.0, unfelt=0.0, noise=0.0
 )
 
@@ -28,36 +28,36 @@ def counts_of(scans) -> np.ndarray:
 
 @pytest.fixture(scope="module", params=["linear", "divider"])
 def recording(request, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("worn")
+    folder = tmp_path_factory.mktemp("aging")
     if request.param == "divider":
         return read_recording(generated(folder / "set")[0])
     return read_recording(record(folder / "a.mcap", calibrated=True))
 
 
-def test_a_skin_that_does_not_differ_counts_the_same(recording):
+def test_zero_aging_keeps_the_counts(recording):
     rest = np.median(counts_of(list(recording.scans())[:50]), axis=0)
     was, now = (
         counts_of(scans)
-        for scans in (recording.scans(), Aging(AS_IT_WAS, 0).transform_scans(recording))
+        for scans in (recording.scans(), Aging(UNCHANGED, 0).transform_scans(recording))
     )
     touched = was > rest
     assert touched.any()
-    # What converter and rounding take away is a count; below rest nothing is felt.
+    # Rounding takes at most one count; counts below rest are raised to it.
     assert np.abs(now - was)[touched].max() <= 1
     assert np.abs(now - np.maximum(was, rest)).max() <= 1
 
 
-def test_what_is_not_felt_is_taken_away(recording):
-    deaf = Aging(replace(AS_IT_WAS, unfelt=20.0), 0)
+def test_a_dead_zone_only_lowers_counts(recording):
+    insensitive = Aging(replace(UNCHANGED, unfelt=20.0), 0)
     was, now = (
-        counts_of(Aging(AS_IT_WAS, 0).transform_scans(recording)),
-        counts_of(deaf.transform_scans(recording)),
+        counts_of(Aging(UNCHANGED, 0).transform_scans(recording)),
+        counts_of(insensitive.transform_scans(recording)),
     )
     assert (now <= was).all()
     assert (now < was).any()
 
 
-def test_the_same_number_is_the_same_skin(recording):
+def test_the_seed_alone_decides_the_skin(recording):
     one, again, other = (
         counts_of(Aging(AgingConfig(), number).transform_scans(recording))
         for number in (0, 0, 1)
@@ -86,7 +86,7 @@ def test_counts_stay_within_the_converter(recording):
     assert now.max() == recording.calibration.full_scale
 
 
-def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
+def test_a_dataset_holds_each_recording_on_every_skin(tmp_path):
     paths = generated(tmp_path / "set")
     versions = [None, Aging(AgingConfig(), 0), Aging(AgingConfig(), 1)]
     alone, plain = prepare(paths), prepare(paths, transforms=versions)
@@ -100,22 +100,22 @@ def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
     assert packed.segments == plain.segments
 
 
-def test_what_is_held_out_is_learned_of_no_other_skin_either(tmp_path):
+def test_held_out_recordings_are_held_out_on_every_skin(tmp_path):
     paths = record_people(tmp_path, ("ann", "bob", "cleo", "dan"))
     dataset = prepare(paths, transforms=[None, Aging(AgingConfig(), 0)])
     trainer = Trainer(dataset, dataset.vocabulary, replace(TINY, validation=0.5))
-    learned = {s.recording for s in segments_of(trainer.batches)}
+    trained_on = {s.recording for s in segments_of(trainer.batches)}
     held = {s.recording for s in segments_of(trainer.held_out)}
-    assert len(learned) == 2 * len(trainer.holdout.train) == 4
+    assert len(trained_on) == 2 * len(trainer.holdout.train) == 4
     assert held == trainer.holdout.held and max(held) < len(paths)
-    assert not {index % len(paths) for index in learned} & held
+    assert not {index % len(paths) for index in trained_on} & held
 
 
 def segments_of(maker):
     return [s for found in maker.sampler.classes.values() for s in found]
 
 
-def test_another_skin_is_another_part(tmp_path):
+def test_every_aging_has_its_own_pack_key(tmp_path):
     path = record(tmp_path / "a.mcap")
     skins = [
         None,

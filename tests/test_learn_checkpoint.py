@@ -1,4 +1,4 @@
-"""Where a training stands: kept whole, taken up only by the same training."""
+"""Checkpoints of a training: written whole, loaded only by the same training."""
 
 import pickle
 from dataclasses import replace
@@ -10,7 +10,7 @@ from eskin.errors import ModelError
 from eskin.learn import checkpoint as module
 from eskin.learn.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 
-STAND = Checkpoint(
+CHECKPOINT = Checkpoint(
     facts="data and settings",
     step=7,
     best={"patience": 2, "loss": 0.5, "weights": {"a": torch.arange(4.0)}},
@@ -18,74 +18,74 @@ STAND = Checkpoint(
 )
 
 
-def test_a_stand_is_read_as_it_was_written(tmp_path):
+def test_a_checkpoint_is_read_as_it_was_written(tmp_path):
     path = tmp_path / "below" / "m.training"
     for step in (7, 8):
-        save_checkpoint(path, replace(STAND, step=step))
-        found = load_checkpoint(path, STAND.facts)
+        save_checkpoint(path, replace(CHECKPOINT, step=step))
+        found = load_checkpoint(path, CHECKPOINT.facts)
         assert found is not None
         assert (found.facts, found.step, found.state) == (
-            STAND.facts,
+            CHECKPOINT.facts,
             step,
-            STAND.state,
+            CHECKPOINT.state,
         )
         assert torch.equal(found.best["weights"]["a"], torch.arange(4.0))
         assert list(path.parent.iterdir()) == [path]
 
 
-def test_a_training_that_has_not_begun_stands_nowhere(tmp_path):
+def test_without_a_file_there_is_no_checkpoint(tmp_path):
     assert load_checkpoint(tmp_path / "m.training", "any") is None
 
 
-class Harm:
-    """Would do something when it is read."""
+class Malicious:
+    """Runs code if it is unpickled."""
 
     def __reduce__(self):
-        return (print, ("harm",))
+        return (print, ("executed",))
 
 
-def test_a_file_that_is_damaged_or_foreign_is_one_line(tmp_path, capsys):
+def test_damaged_and_foreign_files_are_refused_and_unchanged(tmp_path, capsys):
     path = tmp_path / "m.training"
-    save_checkpoint(path, STAND)
+    save_checkpoint(path, CHECKPOINT)
     whole = path.read_bytes()
     foreign = tmp_path / "foreign"
     torch.save([1, 2], foreign)
     lists = foreign.read_bytes()
-    torch.save({"facts": STAND.facts}, foreign)
+    torch.save({"facts": CHECKPOINT.facts}, foreign)
     less = foreign.read_bytes()
     for data in (b"", b"text", whole[: len(whole) // 2], lists, less):
         path.write_bytes(data)
         with pytest.raises(ModelError, match="m.training cannot be read") as caught:
-            load_checkpoint(path, STAND.facts)
+            load_checkpoint(path, CHECKPOINT.facts)
         assert "remove it to start anew" in str(caught.value)
         assert "\n" not in str(caught.value)
         assert path.read_bytes() == data
-    path.write_bytes(pickle.dumps(Harm()))
+    path.write_bytes(pickle.dumps(Malicious()))
     with pytest.raises(ModelError, match="cannot be read"):
-        load_checkpoint(path, STAND.facts)
+        load_checkpoint(path, CHECKPOINT.facts)
     assert capsys.readouterr().out == ""
 
 
-def test_the_stand_of_another_training_is_refused(tmp_path):
+def test_the_checkpoint_of_another_training_is_refused(tmp_path):
     path = tmp_path / "m.training"
-    save_checkpoint(path, STAND)
+    save_checkpoint(path, CHECKPOINT)
     with pytest.raises(ModelError, match="is of a training with other data") as caught:
-        load_checkpoint(path, STAND.facts + "!")
+        load_checkpoint(path, CHECKPOINT.facts + "!")
     assert "remove it to start anew, or give another --out" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_what_cannot_be_written_leaves_what_was_there(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_the_previous_checkpoint(tmp_path, monkeypatch):
     path = tmp_path / "m.training"
-    save_checkpoint(path, STAND)
+    save_checkpoint(path, CHECKPOINT)
 
-    def full(stand, part) -> None:
+    def full(checkpoint, part) -> None:
         part.write_bytes(b"half")
         raise OSError("no space left")
 
     monkeypatch.setattr(module.torch, "save", full)
     with pytest.raises(OSError, match="no space"):
-        save_checkpoint(path, replace(STAND, step=9))
-    found = load_checkpoint(path, STAND.facts)
+        save_checkpoint(path, replace(CHECKPOINT, step=9))
+    found = load_checkpoint(path, CHECKPOINT.facts)
     assert found is not None and found.step == 7
     assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,257 @@
+"""Comparison: examples of clips, and results that are kept until settings change."""
+
+import shutil
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.errors import EskinError, RecordingError
+from eskin.learn.baselines import READINGS
+from eskin.learn.comparison import (
+    METHODS,
+    Method,
+    TrainingTask,
+    find_examples,
+    find_stale,
+    run_tasks,
+)
+from eskin.learn.comparison.encoders import ENCODERS
+from eskin.learn.comparison.examples import cut_clip_windows
+from eskin.learn.ground_truth import read_clips
+from eskin.model import LENGTH_CM, NetworkConfig
+from eskin.nn import build_graph_tensors
+from eskin.recording import read_recording
+from eskin.touch import TouchPipeline
+from helpers.clips import generated
+from helpers.graphs import orthogonal, random_graph, turned
+from helpers.learning import record_people
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two sets of six clips each."""
+    place = tmp_path_factory.mktemp("sets")
+    generated(place / "a")
+    generated(place / "b", chosen="train")
+    return place
+
+
+@pytest.fixture
+def a(folder, tmp_path):
+    return find_examples([folder / "a"], tmp_path / "pack")
+
+
+@pytest.fixture
+def b(folder, tmp_path):
+    return find_examples([folder / "b"], tmp_path / "pack")
+
+
+@dataclass(frozen=True)
+class Constant(Method):
+    """Predicts one class, and logs each training."""
+
+    answer: int = 0
+    log: str = "/dev/null"
+
+    def fit(self, examples, seed):
+        with open(self.log, "a") as file:
+            file.write("x")
+        row = np.eye(len(examples.gestures))[self.answer]
+        return lambda other: np.tile(row, (len(other.clips), 1))
+
+
+def task(examples, tests=None, answer=0, **changed):
+    made = TrainingTask("constant", Constant(answer), examples, tests or {}, 0)
+    return replace(made, **changed)
+
+
+def test_windows_hold_the_calibrated_pressures_of_their_clip(a):
+    recording, clips = read_recording(a.paths[0]), read_clips(a.paths[0])
+    pipeline = TouchPipeline(a.mounted, recording.calibration)
+    assert a.windows.pressure.shape[:2] == (len(a.clips), READINGS)
+    for scan in recording.scans():
+        reading, _ = pipeline.calibrate(scan)
+        pressure = np.where(reading.valid, reading.pressure, 0)
+        for n, clip in enumerate(clips):
+            if clip.start <= scan.stamp < clip.end:
+                slot = (scan.stamp - clip.start) * READINGS // (clip.end - clip.start)
+                np.testing.assert_allclose(
+                    a.windows.pressure[n, slot], pressure, atol=0.01, rtol=1e-3
+                )
+                np.testing.assert_allclose(a.windows.q[n, slot], scan.q, atol=1e-6)
+    assert a.windows.pressure.max() > 1
+
+
+def test_slots_without_reading_repeat_the_previous_one(a, monkeypatch):
+    path = a.paths[0]
+    clip, taxels = read_clips(path)[0], a.mounted.skin.count
+
+    def read_pressures(recording, transform):
+        for slot in (10, 60):
+            stamp = clip.start + slot * (clip.end - clip.start) // READINGS
+            yield (
+                stamp,
+                np.full(taxels, slot),
+                np.full(len(recording.joint_names), slot),
+            )
+
+    monkeypatch.setattr(
+        "eskin.learn.comparison.examples.read_pressures", read_pressures
+    )
+    pressure, _ = cut_clip_windows(path)
+    held = np.repeat([0, 10, 60], [10, 50, 40])
+    np.testing.assert_array_equal(pressure[0, :, -1], held)
+    assert not pressure[1:].any()
+
+
+def test_invalid_taxels_are_zero_in_windows(a, monkeypatch):
+    before = a.windows.pressure
+    calibrate = TouchPipeline.calibrate
+
+    def half_valid(pipeline, scan):
+        reading, faults = calibrate(pipeline, scan)
+        return replace(reading, valid=np.arange(len(reading.valid)) % 2 == 1), faults
+
+    monkeypatch.setattr(TouchPipeline, "calibrate", half_valid)
+    pressure, _ = cut_clip_windows(a.paths[0])
+    assert before[..., ::2].max() > 1
+    np.testing.assert_array_equal(pressure[..., ::2], 0)
+    assert pressure[..., 1::2].any()
+
+
+def test_windows_read_from_the_pack_equal_those_written(a):
+    again = replace(a)
+    np.testing.assert_array_equal(a.windows.pressure, again.windows.pressure)
+    np.testing.assert_array_equal(a.windows.q, again.windows.q)
+
+
+def test_recordings_without_clips_are_refused(tmp_path):
+    record_people(tmp_path, ("ann",))
+    with pytest.raises(RecordingError, match="is of no set of clips; allowed are sets"):
+        find_examples([tmp_path], tmp_path)
+
+
+@pytest.mark.parametrize("change", ["gesture", "start"])
+def test_other_labels_or_times_of_clips_change_the_digest(change, a, tmp_path):
+    def copied(name, was="", now=""):
+        shutil.copytree(a.paths[0].parents[1], tmp_path / name)
+        index = next((tmp_path / name).rglob("clips.jsonl"))
+        index.write_text(index.read_text().replace(was, now, 1))
+        return find_examples([tmp_path / name], tmp_path)
+
+    _, clip = a.clips[0]
+    was, now = {
+        "gesture": (f'"gesture": "{clip.gesture}"', '"gesture": "kick"'),
+        "start": (f'"start": {clip.start}', f'"start": {clip.start - 1}'),
+    }[change]
+    same, other = copied("same"), copied("other", was, now)
+    assert same.digest == a.digest != other.digest
+    digests = [task(each, {"test": each}).digest for each in (same, a, other)]
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_held_out_recordings_are_not_trained_on(folder, tmp_path):
+    trained_on = []
+
+    class Spy(Constant):
+        def fit(self, examples, seed):
+            trained_on.extend(examples.paths)
+            return super().fit(examples, seed)
+
+    both = find_examples([folder], tmp_path)
+    results = [
+        TrainingTask("spy", Spy(), both, {}, seed, share=0.5).run() for seed in range(6)
+    ]
+    trained_on = trained_on[: len(trained_on) // 6]
+    held = len(both.clips) - sum(len(read_clips(path)) for path in trained_on)
+    assert held > 0 and len(results[0].answered["val"].truth) == held
+    assert {each.answered["val"] for each in results} == {results[0].answered["val"]}
+
+
+def test_a_training_is_repeated_only_if_anything_differs(a, b, tmp_path):
+    log, kept = tmp_path / "log", tmp_path / "results.jsonl"
+    first = task(a, {"test": b}, method=Constant(0, str(log)))
+    assert run_tasks([first], kept) == run_tasks([first], kept)
+    assert log.read_text() == "x"
+    for changed in (
+        {"seed": 1},
+        {"method": Constant(1, str(log))},
+        {"train": b},
+        {"tests": {"test": a}},
+        {"share": 0.5},
+    ):
+        run_tasks([replace(first, **changed)], kept)
+    assert log.read_text() == "xxxxxx"
+
+
+def test_a_result_of_other_settings_is_stale_until_made_again(a, tmp_path):
+    before, now = task(a), task(a, answer=1)
+    path = tmp_path / "results.jsonl"
+    run_tasks([before], path)
+    assert find_stale([before], path) == []
+    assert find_stale([now], path) == [now.label]
+    run_tasks([now], path)
+    assert find_stale([now], path) == [] and path.read_text().count("\n") == 1
+
+
+def test_tasks_of_the_same_name_are_refused(a, tmp_path):
+    with pytest.raises(EskinError, match="several trainings are named 'constant, seed"):
+        run_tasks([task(a), task(a, answer=1)], tmp_path / "results.jsonl")
+
+
+def test_after_the_time_limit_only_kept_results_are_returned(a, tmp_path):
+    tasks = [task(a, seed=seed) for seed in range(2)]
+    run_tasks(tasks[1:], tmp_path / "r.jsonl")
+    found = run_tasks(tasks, tmp_path / "r.jsonl", seconds=-1.0)
+    assert found[0] is None and found[1] is not None
+
+
+@pytest.mark.parametrize("kept", ["\n", "{", "[]", '{"method": "x"}'])
+def test_a_damaged_file_of_results_is_named_and_unchanged(a, b, tmp_path, kept):
+    path = tmp_path / "results.jsonl"
+    path.write_text(kept)
+    with pytest.raises(EskinError, match="results.jsonl is no file of results .*; del"):
+        run_tasks([task(a, {"test": b})], path)
+    assert path.read_text() == kept
+
+
+def test_only_the_plain_encoder_depends_on_orientation():
+    rng = np.random.default_rng(0)
+    batch = random_graph(rng, 30)
+    rotated = turned(batch, orthogonal(rng, 1))
+    for kind, make in ENCODERS.items():
+        torch.manual_seed(0)
+        encoder = make(NetworkConfig()).double().eval()
+        one, other = (
+            encoder(build_graph_tensors(each, False, torch.float64)).detach().numpy()
+            for each in (batch, rotated)
+        )
+        assert np.abs(one).max() > 0.1
+        assert np.allclose(one, other, atol=1e-4) == (kind != "plain"), kind
+
+
+def test_every_encoder_is_given_coordinates_in_centimetres():
+    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
+    inputs = []
+    for kind, make in ENCODERS.items():
+        encoder = make(NetworkConfig())
+        encoder.layers[0].register_forward_pre_hook(lambda _, args: inputs.append(args))
+        encoder(batch)
+        (_, x, *_) = inputs.pop()
+        torch.testing.assert_close(LENGTH_CM * x, batch.positions, msg=kind)
+
+
+@pytest.mark.parametrize("kind", ["max", "mean"])
+def test_an_encoder_of_one_pooling_gives_it_twice(kind):
+    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
+    torch.manual_seed(0)
+    found = ENCODERS[kind](NetworkConfig(width=8))(batch).detach()
+    np.testing.assert_allclose(found[:, :8], found[:, 8:], atol=1e-5)
+
+
+def test_eskin_is_the_first_method():
+    assert next(iter(METHODS)) == "eskin"
