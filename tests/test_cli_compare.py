@@ -121,7 +121,7 @@ def test_study_has_a_row_per_variant_and_a_picture(
 ):
     def build(variant, epochs):
         neighbours = NearestNeighbours(k=variant.k - 3)
-        make = partial(FlatBaseline, estimator=neighbours, features="max")
+        make = partial(FlatBaseline, estimator=neighbours, features="maxima")
         return BaselineMethod(make)
 
     monkeypatch.setattr(Variant, "build_method", build)

@@ -138,7 +138,7 @@ def test_recordings_without_clips_are_refused(tmp_path):
 @pytest.mark.parametrize("change", ["gesture", "start"])
 def test_other_labels_or_times_of_clips_change_the_digest(change, a, tmp_path):
     def copied(name, was="", now=""):
-        shutil.copytree(a.paths[0].parents[1], tmp_path / name)
+        shutil.copytree(a.paths[0].parent, tmp_path / name / "a")
         index = next((tmp_path / name).rglob("clips.jsonl"))
         index.write_text(index.read_text().replace(was, now, 1))
         return find_examples([tmp_path / name], tmp_path)
