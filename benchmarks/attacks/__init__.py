@@ -1,0 +1,1 @@
+"""This package attacks eskin with faults, forgeries, delays and hostile files."""

@@ -1,0 +1,269 @@
+"""Attack a simulated arm with faults of its skin, which nobody touches.
+
+    python -m benchmarks.attacks faults --minutes 30 --seeds 3
+    python -m benchmarks.attacks faults --recall
+
+An arm works in its skin, and every fault is simulated in turn. The table has what an
+hour of it does: touches that open, detections, and commands that are accepted, which
+nobody gave. An operator releases every hold after one second, and lets a paused arm go
+on after five, so that neither hides what would follow; `--no-release` leaves the arm as
+it is. `--recall` performs gestures on the same faulty skins and counts the recognised.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+import tyro
+
+from benchmarks.attacks.skin_faults import FAULTS, FaultySkin, build_target
+from benchmarks.live_touches import GESTURES, Run, stand_still
+from benchmarks.tables import format_head, format_row
+from eskin.command import Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.demo.headless import SynchronousStream
+from eskin.demo.live_source import LiveSource
+from eskin.drivers import ManualClock
+from eskin.learn.events.event_scoring import score_events
+from eskin.live import Detection, Recognizer
+from eskin.model import Model, load_model
+from eskin.sim.interactive import InteractiveSkin
+from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
+from eskin.stream import (
+    CommandEvent,
+    Context,
+    Listener,
+    Message,
+    Recognition,
+    RecognitionState,
+)
+from eskin.units import NS_PER_S
+
+HOLD_SECONDS = 1.0
+"""Time after which the operator releases a hold [s]."""
+PAUSE_SECONDS = 5.0
+"""Time after which the operator lets a paused arm go on [s]."""
+ACTIONS = ("pause", "resume", "slow", "normal", "next_waypoint", "gripper")
+"""Columns of the table for commands."""
+RECALL_PAUSE = (1.5, 3.0)
+"""Range of the time between two gestures [s]."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Simulate faults of a skin that nobody touches, or gestures on a faulty skin."""
+
+    minutes: float = 30.0
+    """Simulated time of each row and seed [min]."""
+    seeds: int = 3
+    """Number of seeds of each row."""
+    first_seed: int = 0
+    """First seed; the others follow."""
+    build_minutes: float = 10.0
+    """Time after which another build of the skin, with another fault, is taken [min]."""
+    only: tuple[str, ...] = ()
+    """Rows to simulate; all unless given."""
+    release: bool = True
+    """Whether an operator releases holds and lets a paused arm go on."""
+    recall: bool = False
+    """Whether gestures are performed instead, and the recognised ones counted."""
+    gestures: int = 99
+    """Number of gestures of each row of `--recall`."""
+
+
+@dataclass
+class Tally:
+    """Counts what happened in a row of the table."""
+
+    seconds: float = 0.0
+    """Simulated time [s]."""
+    touches: int = 0
+    """Number of touches that opened."""
+    detections: int = 0
+    """Number of detections, of any word."""
+    stopped: float = 0.0
+    """Time in which the arm was held or paused [s]."""
+    holds: Counter[str] = field(default_factory=Counter)
+    """Reasons of holds, without their figures."""
+    commands: Counter[str] = field(default_factory=Counter)
+    """Accepted commands of touches."""
+
+    def rate(self, count: float) -> float:
+        """Return a count as so many an hour."""
+        return count * 3600.0 / self.seconds
+
+
+@final
+class TallyListener(Listener):
+    """Counts touches, detections and commands."""
+
+    name = "tally"
+    message_types = (Detection, RecognitionState, CommandEvent)
+    size = 1
+    drop = "never"
+
+    def __init__(self, tally: Tally) -> None:
+        """Store the tally to add to."""
+        self.tally = tally
+        self.newest = 0
+
+    def start(self, context: Context) -> None:
+        """Do nothing."""
+
+    def on_message(self, item: Message) -> None:
+        """Count a message."""
+        if isinstance(item, RecognitionState):
+            for row in item.state.rows:
+                if row.id > self.newest:
+                    self.newest = row.id
+                    self.tally.touches += 1
+        elif isinstance(item, Detection):
+            self.tally.detections += 1
+        elif isinstance(item, CommandEvent) and item.accepted:
+            if item.touch is None:
+                self.tally.holds[item.reason.split("'")[0].split(":")[0]] += 1
+            else:
+                action = "gripper" if "gripper" in item.action else item.action
+                self.tally.commands[action] += 1
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+@final
+class Operator:
+    """An operator releases a held arm after a time, and lets a paused arm go on."""
+
+    def __init__(self, arm: SimulatedArm, tally: Tally, release: bool) -> None:
+        """Start with an arm that works."""
+        self.arm, self.tally, self.release = arm, tally, release
+        self.held_since: int | None = None
+        self.paused_since: int | None = None
+        self.last: int | None = None
+
+    def update(self, now: int) -> None:
+        """Look at the arm at a time [ns]."""
+        state = self.arm.state()
+        held, paused = state.hold_reason is not None, state.paused
+        if self.last is not None and (held or paused):
+            self.tally.stopped += (now - self.last) / NS_PER_S
+        self.last = now
+        self.held_since = (self.held_since or now) if held else None
+        self.paused_since = (self.paused_since or now) if paused else None
+        if not self.release:
+            return
+        if self.held_since and now - self.held_since >= HOLD_SECONDS * NS_PER_S:
+            self.arm.release()
+        if self.paused_since and now - self.paused_since >= PAUSE_SECONDS * NS_PER_S:
+            self.arm.resume()
+
+
+def attack(fault: str, seconds: float, seed: int, release: bool, tally: Tally) -> None:
+    """Simulate a fault on one build of the skin of a working arm."""
+    clock = ManualClock(NS_PER_S)
+    arm = SimulatedArm(clock=clock)
+    skin = InteractiveSkin("ur5", seed, loses=False)
+    model = load_model("ur5")
+    vocabulary = model.card.vocabulary
+    commands = load_commands(None, vocabulary, skin.mounted.skin)
+    operator = Operator(arm, tally, release)
+    source = LiveSource(skin, arm, clock, before_scan=operator.update)
+    target = build_target(skin.mounted.skin, skin.calibration, seed)
+    faulty = FaultySkin(fault, target)
+    recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
+    policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
+    stream = SynchronousStream(source, [TallyListener(tally), recognition, policy])
+    end = clock.now() + round(seconds * NS_PER_S)
+    while source.due <= end:
+        scan = source.read()
+        assert scan is not None
+        stream.publish(faulty.corrupt(scan))
+    stream.close()
+    tally.seconds += seconds
+
+
+def attack_row(fault: str, command: Command) -> Tally:
+    """Simulate a row of the table."""
+    tally = Tally()
+    for number in range(command.seeds):
+        left, build = 60.0 * command.minutes, 0
+        while left > 0:
+            part = min(left, 60.0 * command.build_minutes)
+            seed = 1000 * (command.first_seed + number) + build
+            attack(fault, part, seed, command.release, tally)
+            left, build = left - part, build + 1
+    return tally
+
+
+def print_attacks(command: Command, names: list[str]) -> None:
+    """Print the table of what faults do to an arm that nobody touches."""
+    hours = command.minutes * command.seeds / 60.0
+    print(f"{hours:.2f} hours a row, counts an hour")
+    print(format_head(["fault", "touches", "detections", *ACTIONS, "holds", "works"]))
+    for name in names:
+        tally = attack_row(name, command)
+        assert set(tally.commands) <= set(ACTIONS), tally.commands
+        rates = [tally.touches, tally.detections]
+        rates += [tally.commands[action] for action in ACTIONS]
+        rates.append(sum(tally.holds.values()))
+        cells = [f"{tally.rate(count):,.0f}" for count in rates]
+        works = 100.0 * (1.0 - tally.stopped / tally.seconds)
+        print(format_row([name, *cells, f"{works:.1f} %"]), flush=True)
+        for reason, count in tally.holds.most_common(3):
+            print(f"<!-- held {count} times: {reason} -->")
+
+
+@final
+class FaultyRun(Run):
+    """A run performs gestures on a faulty skin."""
+
+    def __init__(self, live: InteractiveSkin, model: Model, fault: str, seed: int):
+        """Wait until the skin is tared."""
+        target = build_target(live.mounted.skin, live.calibration, seed)
+        self.faulty = FaultySkin(fault, target)
+        scan = live.scan
+        live.scan = lambda stamp, q: self.faulty.corrupt(scan(stamp, q))  # type: ignore[method-assign]
+        q = draw_pose(live.env, POSE_GROUPS, np.random.default_rng((seed, 25)))
+        super().__init__(live, model, stand_still(q, live))
+
+
+def measure_recall(fault: str, command: Command, model: Model) -> tuple[int, int, int]:
+    """Return gestures recognised, performed, and detections of what nobody did."""
+    skins = 9
+    each = command.gestures // skins
+    streams = []
+    for number in range(skins):
+        seed = 5000 + 100 * command.first_seed + number
+        rng = np.random.default_rng((seed, 26))
+        run = FaultyRun(InteractiveSkin("ur5", seed), model, fault, seed)
+        for k in range(each):
+            run.live.hand.perform(GESTURES[(number + k) % len(GESTURES)])
+            run.finish()
+            run.wait(rng.uniform(*RECALL_PAUSE))
+        streams.append(run.take())
+    total = score_events(streams, model.card.vocabulary).total
+    return total.matched, total.matched + total.missed, total.false
+
+
+def print_recall(command: Command, names: list[str]) -> None:
+    """Print the table of gestures that are recognised on a faulty skin."""
+    model = load_model("ur5")
+    print(format_head(["fault", "recognised", "false detections"]))
+    for name in names:
+        matched, performed, false = measure_recall(name, command, model)
+        cells = [name, f"{matched} of {performed}", str(false)]
+        print(format_row(cells), flush=True)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Print a table of the faults."""
+    command = tyro.cli(Command, args=args)
+    names = [name for name in FAULTS if not command.only or name in command.only]
+    if command.recall:
+        print_recall(command, names)
+    else:
+        print_attacks(command, names)
+
+
+if __name__ == "__main__":
+    main()
