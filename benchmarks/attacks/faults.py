@@ -121,7 +121,7 @@ class TallyListener(Listener):
             self.tally.detections += 1
         elif isinstance(item, CommandEvent) and item.accepted:
             if item.touch is None:
-                self.tally.holds[item.reason.split("'")[0].split(":")[0]] += 1
+                self.tally.holds[item.why.split("'")[0].split(":")[0]] += 1
             else:
                 action = "gripper" if "gripper" in item.action else item.action
                 self.tally.commands[action] += 1

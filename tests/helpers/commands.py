@@ -54,6 +54,22 @@ DIRECTION = np.array([0.6, 0.0, 0.8])
 """Direction of strokes: a unit vector in the world."""
 
 
+def find_block(patch, rows, columns):
+    """Return taxels of a patch in some rows and columns, near its middle."""
+    members = SKIN.find_taxels(patch.id)
+    row = int(np.median(SKIN.rows[members]))
+    column = int(np.median(SKIN.columns[members]))
+    inside = (SKIN.rows[members] - row >= 0) & (SKIN.rows[members] - row < rows)
+    beside = SKIN.columns[members] - column
+    block = members[inside & (beside >= 0) & (beside < columns)]
+    assert len(block) == rows * columns
+    return block
+
+
+FINGERTIP = find_block(PATCH, 2, 2)
+"""Taxels that a fingertip touches."""
+
+
 def make_map(**actions):
     """Return a command map of one rule a gesture."""
     rules = [Rule(gesture=gesture, action=done) for gesture, done in actions.items()]
@@ -156,6 +172,8 @@ class SceneTouch:
     confidence: float
     force: float
     pressed: bool = True
+    taxels: np.ndarray = field(default_factory=lambda: FINGERTIP)
+    pressure: float = 20.0
     direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def probabilities(self):
@@ -173,6 +191,7 @@ class Scene:
         touches: open touches by their id.
         faulty_patches: ids of patches that are reported as faulty.
         silent_patches: ids of patches without valid taxels.
+        doubtful: which taxels show signs of a fault.
     """
 
     def __init__(self, commands=DEFAULT, **config):
@@ -185,6 +204,7 @@ class Scene:
         self.touches = {}
         self.count = 0
         self.faulty_patches = self.silent_patches = ()
+        self.doubtful = np.zeros(SKIN.count, bool)
 
     @property
     def accepted(self):
@@ -201,10 +221,18 @@ class Scene:
         self.clock.sleep(PERIOD / SECOND)
         now = self.clock.now()
         rows = np.zeros(len(self.touches), TOUCH)
-        for row, (number, touch) in zip(rows, self.touches.items(), strict=True):
+        contacts = np.zeros(len(self.touches), NO_TOUCHES.contacts.dtype)
+        pressure = np.zeros(SKIN.count, np.float32)
+        loads = []
+        for k, (number, touch) in enumerate(self.touches.items()):
+            row, begin = rows[k], len(loads)
             touch.last = now if touch.pressed else touch.last
             row["id"], row["onset"], row["last"] = number, touch.onset, touch.last
-            row["force"] = touch.force
+            row["force"], row["contact"] = touch.force, k
+            if touch.pressed:
+                pressure[touch.taxels] = touch.pressure
+            loads += [(taxel, touch.pressure, touch.onset) for taxel in touch.taxels]
+            contacts[k]["loads"] = begin, len(loads)
         going = tuple(self.status(number) for number in self.touches)
         faults = tuple(
             Fault("patch", patch, None, None, None, now)
@@ -212,10 +240,14 @@ class Scene:
         )
         names = np.array([patch.id for patch in SKIN.patches])
         valid = ~np.isin(names, self.silent_patches)[np.asarray(SKIN.patch_index)]
-        reading = Reading(now, np.zeros(SKIN.count, np.float32), valid, Q)
-        packed = pack(NO_TOUCHES._replace(touches=rows))
-        tracking = TrackingResult(packed, going, closed)
-        state = TouchState(reading, faults, tracking, MOUNTED)
+        reading = Reading(now, pressure, valid, Q)
+        records = NO_TOUCHES._replace(
+            touches=rows,
+            contacts=contacts,
+            loads=np.array(loads, NO_TOUCHES.loads.dtype),
+        )
+        tracking = TrackingResult(pack(records), going, closed)
+        state = TouchState(reading, faults, self.doubtful, tracking, MOUNTED)
         probabilities = {n: touch.probabilities() for n, touch in self.touches.items()}
         self.policy.on_message(RecognitionState(state, probabilities, ()))
 

@@ -19,6 +19,7 @@ from eskin.command.actions import (
 )
 from eskin.command.arm import Arm
 from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
+from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
 from eskin.command.pending import CommandedTouches, PendingCommand, StopTimes
 from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
@@ -28,6 +29,7 @@ from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
 ALREADY_COMMANDED = "its touch has commanded already"
+UNSOUND = "too few sound taxels felt it: it may be a fault of the skin"
 logger = logging.getLogger(__name__)
 
 
@@ -37,6 +39,9 @@ class PolicyConfig:
 
     monitor: SkinMonitorConfig = field(default_factory=SkinMonitorConfig)
     """Limits beyond which the arm is held because of its skin."""
+
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+    """How much of a touch must be sound for more than a stop."""
 
     min_pause: float = 1.0
     """Least duration of a pause [s]."""
@@ -122,6 +127,7 @@ class Policy(Listener):
         self.context = context
         now = context.clock.now()
         self.monitor = SkinMonitor(context.info.skin, self.config.monitor, now)
+        self.evidence = EvidenceMonitor(context.info.skin, self.config.evidence)
         if self.config.check_period is not None:
             self.thread = Thread(target=self.run, name="eskin watch", daemon=True)
             self.thread.start()
@@ -142,6 +148,7 @@ class Policy(Listener):
                 self.decide_unknown(item)
         elif isinstance(item, RecognitionState):
             self.monitor.update(item)
+            self.evidence.update(item)
             self.check_skin()
             self.hold_if_unrecognised(item)
             self.pause_if_touched()
@@ -313,13 +320,14 @@ class Policy(Listener):
         ended = untouched >= self.config.min_release * NS_PER_S
         ended = ended and self.monitor.has_data(detection.patch)
         late = self.context.age(detection.stamp) > self.config.max_delay
+        sound = action in HALTING_ACTIONS or self.evidence.suffices(pending.touch)
         if refusal is None and action in STARTING_ACTIONS and not ended:
             if late:
                 self.complete_pending(pending, "touching went on")
-        elif refusal is not None or pending.confident:
+        elif refusal is not None or (pending.confident and sound):
             self.complete_pending(pending, refusal)
         elif late or pending.closed:
-            self.complete_pending(pending, pending.doubt)
+            self.complete_pending(pending, pending.doubt if sound else UNSOUND)
 
     def complete_pending(self, pending: PendingCommand, refusal: str | None) -> None:
         """Remove a pending command; execute it unless it is refused."""

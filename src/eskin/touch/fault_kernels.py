@@ -7,9 +7,23 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
 
-MAX_REVERSAL_GAP, MAX_REVERSAL_SCANS = 0.15, 5
-"""Largest time between two reversals of a noisy taxel: in seconds, and in scans where
-the rate is low; the larger one counts."""
+LEVEL_SECONDS = 0.3
+"""Time constant of the mean counts above rest of a taxel [s]."""
+DEVIATION_SPEED = 0.8
+"""Largest change of the running median of deviations [1/s], in units of itself or of
+the counts at which contact begins, whichever is larger: the few scans in which a touch
+begins and ends change it by less than what is noisy."""
+DEVIATION_STEP = 0.016
+"""Largest change from one scan to the next, in the same units: at low rates the median
+needs as many scans."""
+MAX_GAP = 0.15
+"""Largest time between two scans whose counts are compared [s]."""
+STEP_FACTOR = 4.0
+"""Smallest step, in units of the running median of the deviations."""
+FLAT = 0.25
+"""Largest change of the counts before and after a step, in units of the step."""
+FOLLOWS = 0.2
+"""Smallest change of a neighbour that takes part in a step, in units of the step."""
 
 
 class CountHistory(NamedTuple):
@@ -38,12 +52,17 @@ class CountHistory(NamedTuple):
     """Time at which none of the neighbours was last pressed."""
     unanswered: np.ndarray
     """Time without response while the neighbours were pressed."""
-    jump: np.ndarray
-    """Latest change of the counts that was a jump."""
-    last_reversal: np.ndarray
-    """Time at which a jump last reversed the one before."""
-    reversing_since: np.ndarray
-    """Time since which jumps have been reversed without a pause."""
+    earlier: np.ndarray
+    """Counts (3, taxel) of the three scans before the last; NaN where they do not
+    count, because they lie too far back."""
+    deviation: np.ndarray
+    """Running median of the deviation of the counts from a straight course."""
+    level: np.ndarray
+    """Mean counts above rest of the latest scans."""
+    last_straight: np.ndarray
+    """Time at which the deviation was last below what is noisy."""
+    steps: np.ndarray
+    """Number of lone steps, each of which counts for less as it becomes older."""
 
 
 @compiled
@@ -55,7 +74,6 @@ def update_history(
     full_scale: int,
     silence: float,
     longest: float,
-    min_jump: Float[np.ndarray, "taxel"],
     history: CountHistory,
     mask: Bool[np.ndarray, "taxel"],
 ) -> None:
@@ -68,7 +86,6 @@ def update_history(
         full_scale: counts at which the converter saturates.
         silence: time without data after which the history restarts [s].
         longest: time above zero after which `least` is measured again [s].
-        min_jump: smallest change from one scan to the next that is a jump [counts].
         history: updated.
         mask: faulty taxels; those with negative counts are added.
     """
@@ -80,12 +97,8 @@ def update_history(
         count = counts[i]
         if now - last_received[i] > silence:
             reset_taxel(i, count, now, history)
-        elapsed = now - last_received[i]
         last_received[i] = now
-        change = count - history.counts[i]
-        if change != 0:
-            if abs(change) >= min_jump[i]:
-                record_jump(i, change, now, elapsed, history)
+        if count != history.counts[i]:
             history.counts[i] = count
             history.last_changed[i] = now
             history.unanswered[i] = 0.0
@@ -108,20 +121,6 @@ def update_history(
 
 @compiled
 @no_type_check
-def record_jump(
-    i: int, jump: int, now: float, elapsed: float, history: CountHistory
-) -> None:
-    """Record a jump; one of opposite sign to the last is a reversal."""
-    if history.jump[i] * jump < 0:
-        gap = max(MAX_REVERSAL_GAP, MAX_REVERSAL_SCANS * elapsed)
-        if now - history.last_reversal[i] > gap:
-            history.reversing_since[i] = now
-        history.last_reversal[i] = now
-    history.jump[i] = jump
-
-
-@compiled
-@no_type_check
 def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     """Reset the history of a taxel at its first data or the first after a silence."""
     history.first_received[i] = now
@@ -133,9 +132,104 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.least[i] = np.inf
     history.last_unpressed[i] = -np.inf
     history.unanswered[i] = 0.0
-    history.jump[i] = 0.0
-    history.last_reversal[i] = -np.inf
-    history.reversing_since[i] = now
+    history.earlier[:, i] = np.nan
+    history.deviation[i] = 0.0
+    history.level[i] = 0.0
+    history.last_straight[i] = now
+    history.steps[i] = 0.0
+
+
+class NoiseLimits(NamedTuple):
+    """Limits tell what is noisy; see `FaultConfig`."""
+
+    contact: np.ndarray
+    """Counts above rest (taxel) at which contact begins."""
+    deviation: np.ndarray
+    """Deviation (taxel) from a straight course that makes a taxel noisy [counts]."""
+    step_seconds: float
+    """Time constant with which a lone step counts for less [s]."""
+
+
+@compiled(error_model="numpy")
+@no_type_check
+def update_noise(
+    counts: Int[np.ndarray, "taxel"],
+    received: Bool[np.ndarray, "taxel"],
+    rest: Float[np.ndarray, "taxel"],
+    now: float,
+    elapsed: float,
+    limits: NoiseLimits,
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
+    history: CountHistory,
+) -> None:
+    """Follow how far the counts of each taxel deviate from a straight course.
+
+    The deviation of three scans is the second difference of their counts. Half of the
+    deviations of a taxel lie above its running median, which moves by the same amount
+    towards each of them, so that a single one, however large, moves it little.
+
+    Args:
+        counts: counts of the scan.
+        received: which counts are new.
+        rest: counts of each taxel at rest.
+        now: time of the scan [s].
+        elapsed: time since the last scan [s].
+        limits: what is noisy.
+        starts: first neighbour of each taxel, as in `Adjacency`.
+        neighbours: neighbouring taxels, as in `Adjacency`.
+        history: updated.
+    """
+    first, second = history.earlier[0], history.earlier[1]
+    third = history.earlier[2]
+    deviation, level = history.deviation, history.level
+    speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
+    keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
+    forget = np.exp(-elapsed / limits.step_seconds)
+    is_gap = elapsed > MAX_GAP
+    for i in range(len(counts)):
+        if not received[i]:
+            continue
+        if is_gap:
+            first[i] = np.nan
+        count, contact = float(counts[i]), limits.contact[i]
+        bend = abs(count - 2.0 * first[i] + second[i])
+        change = speed * max(contact, deviation[i])
+        if bend > deviation[i]:
+            deviation[i] = min(deviation[i] + change, bend)
+        elif bend < deviation[i]:
+            deviation[i] = max(deviation[i] - change, bend)
+        level[i] = keep * level[i] + (1.0 - keep) * max(count - rest[i], 0.0)
+        if deviation[i] < limits.deviation[i]:
+            history.last_straight[i] = now
+        history.steps[i] *= forget
+        step = abs(first[i] - second[i])
+        least = max(contact, STEP_FACTOR * deviation[i])
+        if step >= least and abs(second[i] - third[i]) <= FLAT * step:
+            stays = min(abs(count - first[i]), abs(count - second[i]))
+            if stays <= FLAT * step and is_alone(i, step, starts, neighbours, history):
+                history.steps[i] += 1.0
+    third[:] = second
+    second[:] = first
+    first[:] = np.where(received, counts, np.nan)
+
+
+@compiled
+@no_type_check
+def is_alone(
+    i: int,
+    step: float,
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
+    history: CountHistory,
+) -> bool:
+    """Return whether no neighbour took part in a step of a taxel one scan ago."""
+    first, second = history.earlier[0], history.earlier[1]
+    for k in range(starts[i], starts[i + 1]):
+        j = neighbours[k]
+        if abs(first[j] - second[j]) >= FOLLOWS * step:
+            return False
+    return True
 
 
 @compiled
@@ -167,3 +261,52 @@ def update_unanswered(
         elif known >= 3 and count >= pressed_share * known:
             if history.last_changed[i] <= history.last_unpressed[i]:
                 history.unanswered[i] += elapsed
+
+
+@compiled
+@no_type_check
+def withhold_spikes(
+    pressure: Float[np.ndarray, "taxel"],
+    on: float,
+    off: float,
+    slow: bool,
+    patch_index: Int[np.ndarray, "taxel"],
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
+    withheld: Bool[np.ndarray, "taxel"],
+    touched: Bool[np.ndarray, "patch"],
+) -> int:
+    """Set pressure that rises alone to zero, and return on how many taxels it was.
+
+    Args:
+        pressure: pressure of the reading [kPa]; updated.
+        on: pressure at which contact begins [kPa].
+        off: pressure at which it ends [kPa].
+        slow: whether too much time has passed since the last reading for a spike.
+        patch_index: patch of each taxel.
+        starts: first neighbour of each taxel, as in `Adjacency`.
+        neighbours: neighbouring taxels, as in `Adjacency`.
+        withheld: taxels whose pressure was withheld in the last reading; updated.
+        touched: patches that were touched in the last reading; updated.
+    """
+    count = 0
+    for i in range(len(pressure)):
+        confirmed = withheld[i]
+        withheld[i] = False
+        if pressure[i] < on or confirmed or slow or touched[patch_index[i]]:
+            continue
+        alone = True
+        for k in range(starts[i], starts[i + 1]):
+            j = neighbours[k]
+            if pressure[j] >= off or withheld[j]:
+                alone = False
+                break
+        withheld[i] = alone
+    touched[:] = False
+    for i in range(len(pressure)):
+        if withheld[i]:
+            pressure[i] = 0.0
+            count += 1
+        elif pressure[i] >= off:
+            touched[patch_index[i]] = True
+    return count

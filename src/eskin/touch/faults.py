@@ -1,6 +1,6 @@
 """This module detects taxels, rows, columns and patches with invalid data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, final
 
 import numpy as np
@@ -10,12 +10,14 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
-    MAX_REVERSAL_GAP,
     CountHistory,
+    NoiseLimits,
     update_history,
+    update_noise,
     update_unanswered,
+    withhold_spikes,
 )
-from eskin.touch.reading import Scan, check_order
+from eskin.touch.reading import Reading, Scan, check_order
 from eskin.units import NS_PER_S
 
 FaultKind = Literal[
@@ -28,11 +30,16 @@ MIN_LINE = 3
 """Number of taxels from which a row or column can be faulty as a whole."""
 MAX_ELAPSED = 0.2
 """Largest time between two checks that is added to the evidence [s]."""
-MAX_NOISY_SHARE = 0.3
-"""Share of jumping neighbours from which a jump counts as a touch: at the corner of a
-palm it is three of eight."""
-MIN_JUMP = 4
-"""Smallest jump in counts: converters have a noise of one or two."""
+MIN_DEVIATION = 4.0
+"""Smallest deviation from a straight course that is noisy [counts]: converters have a
+noise of one or two."""
+NOISIER = 2.0
+"""Ratio of a taxel's deviation to the median of its neighbours, and to that of its
+patch, from which it is the taxel that is noisy, and not all of them under a hand."""
+SAME_SECONDS = 0.5
+"""Time without a change of the counts in which a still taxel remains a fault [s]."""
+MAX_SPIKE_INTERVAL = 0.03
+"""Largest time between two readings at which a spike is withheld [s]."""
 NEVER = -1e9
 """Time before all others [s]."""
 
@@ -44,8 +51,8 @@ class Fault:
     kind: FaultKind
     """Kind of the fault. `stuck`: constant above zero; `dead`: constant at zero;
     `negative`: counts below zero, by which a converter signals invalid data;
-    `saturated`: at full scale for longer than a touch; `noisy`: jumps up and down while
-    its neighbours do not; `row`, `column`, `patch`: faulty as a whole, or silent."""
+    `saturated`: at full scale for longer than a touch; `noisy`: jumps up and down more
+    than its neighbours; `row`, `column`, `patch`: faulty as a whole, or silent."""
     patch: str
     row: int | None
     """Row, unless the fault is of a column or patch."""
@@ -118,7 +125,7 @@ class FaultConfig:
     stuck_factor: float = 20.0
     """Smallest ratio of that time to the third quartile of its patch."""
     offset: float = 0.01
-    """Part of full scale, but at least 8 counts, from which rest differs from zero. A
+    """Part of full scale from which rest differs from zero. A
     taxel with such an offset must not read zero; one that rests about zero may."""
     offset_share: float = 0.7
     """Share of a patch with such an offset from which a taxel that was always at zero
@@ -133,17 +140,79 @@ class FaultConfig:
     """Time at full scale, from the start on, that is no fault."""
     saturated_seconds: float = 60.0
     """Time at full scale, later on, that is no fault."""
-    noisy: float = 2.0
-    """Change from one scan to the next that no hand makes and reverses [kPa]."""
-    noisy_seconds: float = 3.0
-    """Time of such jumps without jumps of the neighbours that makes a taxel noisy."""
+    noisy: float = 0.35
+    """Running median of the deviation of three scans from a straight course that makes
+    a taxel noisy, in units of the counts at which contact begins."""
+    noisy_level: float = 0.25
+    """The same, in units of the mean counts above rest: a taxel that is touched may
+    deviate more."""
+    lone_steps: float = 1.5
+    """Number of steps within one scan, in which no neighbour takes part, that makes a
+    taxel noisy."""
+    step_seconds: float = 10.0
+    """Time constant with which such a step counts for less."""
+    doubtful: float = 0.5
+    """Share of these limits from which a taxel is doubtful: it may stop an arm, and
+    nothing else."""
+    swing_share: float = 0.25
+    """Share of a patch that is above rest, and soon after below it, as no hand does."""
+    swings: float = 1.5
+    """Number of such changes of sign that makes all taxels of the patch noisy."""
     line_seconds: float = 0.5
     """Time at zero from which a row or column with an offset is dead, and time without
     data from which a patch is silent."""
     silence_seconds: float = 10.0
     """Time without data after which the history restarts: the patch may be new."""
-    recover_seconds: float = 1.0
-    """Time without evidence after which a taxel is valid again."""
+    recover_seconds: float = 30.0
+    """Time without evidence after which a taxel is valid again, or no longer
+    doubtful."""
+    offset_seconds: float = 1.0
+    """Time above zero after which an offset of a taxel is known."""
+
+
+@final
+class SwingDetector:
+    """A detector finds patches that swing about rest as a whole, as mains hum does.
+
+    Attributes:
+        found: taxels of the patches that swing at present.
+    """
+
+    def __init__(
+        self,
+        groups: TaxelGroups,
+        contact: Float[np.ndarray, "taxel"],
+        config: FaultConfig,
+    ) -> None:
+        """Start with patches at rest; `contact` are the counts where contact begins."""
+        self.groups = groups
+        self.half = contact / 2.0
+        self.config = config
+        self.found = np.zeros(len(contact), bool)
+        self.sign = np.zeros(len(groups.sizes), np.int64)
+        self.swings = np.zeros(len(groups.sizes))
+        self.last = 0.0
+
+    def update(
+        self,
+        above: Float[np.ndarray, "taxel"],
+        received: Bool[np.ndarray, "taxel"],
+        now: float,
+    ) -> None:
+        """Update by the counts above rest of a scan at a time [s]."""
+        share, groups = self.config.swing_share, self.groups
+        low = received & (above < -self.half)
+        if not low.any() and not self.swings.any():
+            return
+        self.swings *= np.exp(-(now - self.last) / self.config.step_seconds)
+        self.last = now
+        high = received & (above > self.half)
+        sign = np.where(groups.flagged_share(high) >= share, 1, 0)
+        sign = np.where(groups.flagged_share(low) >= share, -1, sign)
+        turned = (sign != 0) & (sign != self.sign)
+        self.swings += turned & (self.sign != 0)
+        self.sign = np.where(turned, sign, self.sign)
+        self.found = (self.swings >= self.config.swings)[groups.group_index]
 
 
 @final
@@ -155,21 +224,40 @@ class FaultDetector:
     """
 
     def __init__(
-        self, skin: Skin, calibration: Calibration, config: FaultConfig | None = None
+        self,
+        skin: Skin,
+        calibration: Calibration,
+        config: FaultConfig | None = None,
+        contact: float = 0.7,
     ) -> None:
-        """Start without faults."""
+        """Start without faults.
+
+        Args:
+            skin: the skin.
+            calibration: constants of its electronics.
+            config: thresholds of the evidence.
+            contact: pressure at which contact begins [kPa].
+        """
         self.skin = skin
         self.config = config or FaultConfig()
         self.full_scale = calibration.full_scale
-        self.jump = np.maximum(calibration.compute_counts(self.config.noisy), MIN_JUMP)
+        counts = calibration.compute_counts(contact)
+        self.limits = NoiseLimits(
+            contact=counts,
+            deviation=np.maximum(self.config.noisy * counts, MIN_DEVIATION),
+            step_seconds=self.config.step_seconds,
+        )
         self.adjacency = Adjacency.build(skin)
         self.grouper = FaultGrouper(skin)
         index = np.asarray(skin.patch_index)
+        self.swings = SwingDetector(self.grouper.patches, counts, self.config)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.history = build_count_history(skin.count)
         self.code = np.full(skin.count, -1)
         self.since = np.zeros(skin.count)
         self.last_found = np.full(skin.count, NEVER)
+        self.last_doubted = np.full(skin.count, NEVER)
+        self.doubtful = np.zeros(skin.count, bool)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
         self.first: int | None = None
@@ -177,9 +265,12 @@ class FaultDetector:
         self.last_check = NEVER
 
     def push(
-        self, scan: Scan, pressure: Float[np.ndarray, "taxel"]
+        self,
+        scan: Scan,
+        pressure: Float[np.ndarray, "taxel"],
+        rest: Float[np.ndarray, "taxel"],
     ) -> tuple[Bool[np.ndarray, "taxel"], tuple[Fault, ...]]:
-        """Check the next scan and its calibrated pressure [kPa].
+        """Check the next scan, its calibrated pressure [kPa], and the counts at rest.
 
         Returns:
             Which taxels are faulty; and the faults, with a whole row, column or patch
@@ -187,6 +278,7 @@ class FaultDetector:
         """
         check_order(self.last, scan.stamp)
         self.first = scan.stamp if self.first is None else self.first
+        elapsed = 0.0 if self.last is None else (scan.stamp - self.last) / NS_PER_S
         self.last = scan.stamp
         now = (scan.stamp - self.first) / NS_PER_S
         self.mask = self.mask.copy()
@@ -197,10 +289,21 @@ class FaultDetector:
             self.full_scale,
             self.config.silence_seconds,
             self.config.saturated_seconds,
-            self.jump,
             self.history,
             self.mask,
         )
+        update_noise(
+            scan.counts,
+            scan.received,
+            rest,
+            now,
+            elapsed,
+            self.limits,
+            self.adjacency.starts,
+            self.adjacency.neighbours,
+            self.history,
+        )
+        self.swings.update(scan.counts - rest, scan.received, now)
         if now - self.last_check >= self.config.check_seconds - 1e-6:
             self.check(scan, pressure, now)
         return self.mask, self.faults
@@ -245,7 +348,7 @@ class FaultDetector:
             DEAD: ((still & zero) | lost, history.last_changed),
             NEGATIVE: (history.last_negative > self.last_check, history.last_negative),
             SATURATED: (self.find_saturated(), history.last_below_full),
-            NOISY: (self.find_noisy(), history.reversing_since),
+            NOISY: (self.find_noisy(1.0), history.last_straight),
         }
         for code, (flags, begun) in evidence.items():
             found = flags & (history.last_received > NEVER)
@@ -253,7 +356,10 @@ class FaultDetector:
             self.since[new] = np.maximum(begun, history.first_received)[new]
             self.code[found] = code
             self.last_found[found] = now
-        self.code[now - self.last_found > self.config.recover_seconds] = -1
+        latch = self.config.recover_seconds
+        self.code[now - self.last_found > latch] = -1
+        self.last_doubted[self.find_noisy(self.config.doubtful)] = now
+        self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
 
     def find_still(self) -> Bool[np.ndarray, "taxel"]:
         """Find taxels with constant counts, zero included, that should have changed."""
@@ -274,7 +380,7 @@ class FaultDetector:
         possible = inside & ((counts > 0) | offset[patches.group_index])
         ignored = inside & (history.unanswered >= config.ignored_seconds)
         was_still = (self.code == STUCK) | (self.code == DEAD)
-        remains = was_still & inside & (age > config.recover_seconds / 2)
+        remains = was_still & inside & (age > SAME_SECONDS)
         return (possible & (age > limit)) | ignored | remains
 
     def has_offset(self) -> Bool[np.ndarray, "taxel"]:
@@ -282,7 +388,7 @@ class FaultDetector:
         history, least = self.history, self.history.least
         seconds = history.last_nonzero - history.first_received
         return (
-            (seconds >= self.config.recover_seconds)
+            (seconds >= self.config.offset_seconds)
             & (least >= self.config.offset * self.full_scale)
             & np.isfinite(least)
         )
@@ -314,15 +420,69 @@ class FaultDetector:
         long = history.last_received - begun >= limit
         return full & (long | (self.code == SATURATED))
 
-    def find_noisy(self) -> Bool[np.ndarray, "taxel"]:
-        """Find taxels that jump up and down while their neighbours do not."""
-        history, starts = self.history, self.adjacency.starts
-        reversing = history.last_received - history.last_reversal <= MAX_REVERSAL_GAP
-        counts = np.append(0, np.cumsum(reversing[self.adjacency.neighbours]))
-        share = np.diff(counts[starts]) / np.maximum(np.diff(starts), 1)
-        seconds = history.last_reversal - history.reversing_since
-        alone = (share < MAX_NOISY_SHARE) | (self.code == NOISY)
-        return reversing & (seconds >= self.config.noisy_seconds) & alone
+    def find_noisy(self, share: float) -> Bool[np.ndarray, "taxel"]:
+        """Find taxels that jump by a share of what makes them noisy, or more."""
+        history, config = self.history, self.config
+        level = config.noisy_level * history.level
+        limit = share * np.maximum(self.limits.deviation, level)
+        result = (history.steps >= share * config.lone_steps) | self.swings.found
+        for i in np.flatnonzero(history.deviation >= limit).tolist():
+            around = self.adjacency.neighbours[slice(*self.adjacency.starts[i : i + 2])]
+            patch = self.members[self.skin.patch_index[i]]
+            usual = max(
+                median_positive(history.deviation[near]) for near in (around, patch)
+            )
+            result[i] |= history.deviation[i] >= NOISIER * usual
+        return result
+
+
+def median_positive(values: Float[np.ndarray, "value"]) -> float:
+    """Return the median of the positive values; 0 where there are none."""
+    positive = values[values > 0]
+    return float(np.median(positive)) if len(positive) else 0.0
+
+
+@final
+class SpikeFilter:
+    """A filter withholds pressure that rises alone, until the next reading confirms it.
+
+    A spike of one scan rises on one taxel, while nothing touches its neighbours or its
+    patch. A finger that presses one taxel is felt one reading later. At a low rate
+    nothing is withheld, since a short poke may last for one reading.
+    """
+
+    def __init__(self, skin: Skin, on: float, off: float) -> None:
+        """Start with an untouched skin; contact begins at `on`, ends at `off` [kPa]."""
+        self.on, self.off = on, off
+        self.adjacency = Adjacency.build(skin)
+        self.patch_index = np.asarray(skin.patch_index)
+        self.withheld = np.zeros(skin.count, bool)
+        self.touched = np.zeros(len(skin.patches), bool)
+        self.last: int | None = None
+
+    def push(self, reading: Reading) -> Reading:
+        """Return the next reading without the pressure that is withheld."""
+        last, self.last = self.last, reading.stamp
+        pressure = reading.pressure
+        risen = pressure >= self.on
+        if not risen.any():
+            self.withheld[:] = False
+            self.touched[:] = False
+            return reading
+        slow = last is None or reading.stamp - last > MAX_SPIKE_INTERVAL * NS_PER_S
+        pressure = pressure.copy()
+        count = withhold_spikes(
+            pressure,
+            self.on,
+            self.off,
+            slow,
+            self.patch_index,
+            self.adjacency.starts,
+            self.adjacency.neighbours,
+            self.withheld,
+            self.touched,
+        )
+        return replace(reading, pressure=pressure) if count else reading
 
 
 def build_count_history(count: int) -> CountHistory:
@@ -332,5 +492,7 @@ def build_count_history(count: int) -> CountHistory:
     history["first_received"] = np.full(count, np.inf)
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
-    history["jump"] = np.zeros(count)
+    history["earlier"] = np.full((3, count), np.nan)
+    for name in ("deviation", "level", "steps"):
+        history[name] = np.zeros(count)
     return CountHistory(**history)

@@ -14,7 +14,7 @@ from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import find_candidates
-from eskin.touch.faults import Fault, FaultConfig, FaultDetector
+from eskin.touch.faults import Fault, FaultConfig, FaultDetector, SpikeFilter
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
     HELD,
@@ -172,12 +172,14 @@ class TouchTracker:
 
 @dataclass(frozen=True)
 class PipelineConfig:
-    """A configuration combines those of all stages from counts to touches."""
+    """A configuration combines those of the stages that a model depends on.
+
+    It is stored with the weights. What counts as a fault does not depend on a model:
+    no file may make the skin believe more.
+    """
 
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     """Settings of baselines."""
-    faults: FaultConfig = field(default_factory=FaultConfig)
-    """Thresholds of faults."""
     contacts: ContactConfig = field(default_factory=ContactConfig)
     """Thresholds of contacts."""
     tracks: TrackConfig = field(default_factory=TrackConfig)
@@ -211,11 +213,15 @@ class TouchPipeline:
         self.config = config or PipelineConfig()
         self.mounted = mounted
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
-        self.faults = FaultDetector(mounted.skin, calibration, self.config.faults)
+        contacts = self.config.contacts.with_floor(calibration.floor)
+        self.faults = FaultDetector(
+            mounted.skin, calibration, FaultConfig(), contacts.on
+        )
         self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
+        self.spikes = SpikeFilter(mounted.skin, contacts.on, contacts.off)
         self.tracker = TouchTracker(
             mounted,
-            self.config.contacts.with_floor(calibration.floor),
+            contacts,
             self.config.tracks,
             self.config.touches,
             poses or LinkPoseCache(mounted),
@@ -242,10 +248,11 @@ class TouchPipeline:
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
         reading = self.calibrator.push(scan, self.faults.mask | (scan.counts < 0))
-        mask, faults = self.faults.push(scan, reading.pressure)
+        rest = self.calibrator.state.baseline
+        mask, faults = self.faults.push(scan, reading.pressure, rest)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
-        return self.crosstalk.compensate(reading), faults
+        return self.spikes.push(self.crosstalk.compensate(reading)), faults
 
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()
@@ -274,4 +281,5 @@ class TouchPipeline:
     ) -> TouchState:
         """Build the state at a reading."""
         posed = self.tracker.poses.posed
-        return TouchState(reading, faults, result, self.mounted, posed)
+        doubtful = self.faults.doubtful
+        return TouchState(reading, faults, doubtful, result, self.mounted, posed)

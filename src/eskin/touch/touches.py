@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.skin import MountedSkin
 from eskin.structref_kernels import unpack
@@ -168,6 +168,8 @@ class TouchState:
     reading: Reading
     """Calibrated reading; faulty taxels are not valid in it."""
     faults: tuple[Fault, ...]
+    doubtful: Bool[np.ndarray, "taxel"]
+    """Which taxels are faulty, or show signs of a fault."""
     tracking: TrackingResult
     """Contacts, tracks and touches as the kernels returned them."""
     mounted: MountedSkin

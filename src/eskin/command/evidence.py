@@ -1,0 +1,173 @@
+"""This module judges whether a touch can be a fault of the skin."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.skin import Skin
+from eskin.stream import RecognitionState
+from eskin.touch import Adjacency, Fault, TouchRecord, TouchState
+from eskin.units import NS_PER_S
+
+
+@dataclass(frozen=True)
+class EvidenceConfig:
+    """Limits define how much of a touch must be sound, so that no fault explains it."""
+
+    strong: float = 1.4
+    """Pressure on two neighbouring taxels that a touch needs [kPa]; twice the pressure
+    at which contact begins."""
+
+    weak: float = 0.5
+    """Pressure from which a taxel shows that the touch is wider than one row or column
+    [kPa]."""
+
+    readings: int = 2
+    """Number of readings in which it needs both."""
+
+    patch_share: float = 0.8
+    """Share of a patch that must not be active at once: hum of a patch is."""
+
+    min_patch: int = 12
+    """Number of taxels of a patch from which that share counts."""
+
+    keep_seconds: float = 3.0
+    """How long after its last contact the evidence of a touch is kept [s]."""
+
+
+@dataclass
+class Evidence:
+    """Evidence counts the readings in which a touch was sound."""
+
+    onset: int
+    """Onset of the touch [ns since the epoch]."""
+    readings: int
+    """Number of sound readings since the latest doubt."""
+    taxels: set[int]
+    """Taxels that the touch has covered."""
+    last: int
+    """Stamp of the latest contact [ns since the epoch]."""
+
+
+@final
+class EvidenceMonitor:
+    """A monitor collects the evidence of every touch from its readings.
+
+    In a sound reading, two neighbouring taxels are strongly pressed, and the taxels
+    that are pressed do not lie in one row or column. Taxels that are doubtful, of a
+    faulty row, column or patch, or of a patch that is active as a whole, do not count.
+    A touch starts anew when a taxel that it has covered becomes doubtful.
+    """
+
+    def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
+        """Start without touches."""
+        self.skin = skin
+        self.config = config
+        self.adjacency = Adjacency.build(skin)
+        self.patch_index = np.asarray(skin.patch_index)
+        self.rows, self.columns = np.asarray(skin.rows), np.asarray(skin.columns)
+        self.patch_ids = tuple(patch.id for patch in skin.patches)
+        self.doubtful = np.zeros(skin.count, bool)
+        self.touches: dict[int, Evidence] = {}
+
+    def update(self, recognition: RecognitionState) -> None:
+        """Update the evidence by the next recognition state."""
+        state = recognition.state
+        stamp = state.reading.stamp
+        if state.doubtful is not self.doubtful:
+            self.reset_doubted(np.flatnonzero(state.doubtful & ~self.doubtful))
+            self.doubtful = state.doubtful
+        if not state.open and not self.touches:
+            return
+        for touch in state.closed:
+            heir = self.touches.get(touch.merged_into)
+            if heir is not None and touch.id in self.touches:
+                heir.taxels |= self.touches[touch.id].taxels
+        pressed = [row for row in state.rows if row.last == stamp and not row.closed]
+        if pressed:
+            sound = self.find_sound(state)
+            for row in pressed:
+                self.update_touch(row, state, sound)
+        limit = stamp - self.config.keep_seconds * NS_PER_S
+        self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
+
+    def suffices(self, touch: int) -> bool:
+        """Return whether a touch is no fault."""
+        evidence = self.touches.get(touch)
+        return evidence is not None and evidence.readings >= self.config.readings
+
+    def reset_doubted(self, taxels: Int[np.ndarray, "doubted"]) -> None:
+        """Start the touches anew that have covered one of some taxels."""
+        doubted = set(taxels.tolist())
+        for evidence in self.touches.values():
+            if evidence.taxels & doubted:
+                evidence.readings = 0
+
+    def update_touch(
+        self, row: TouchRecord, state: TouchState, sound: Bool[np.ndarray, "taxel"]
+    ) -> None:
+        """Update the evidence of a touch that is in contact."""
+        loads = state.records.contacts[row.contact]["loads"]
+        taxels = state.records.loads["taxel"][slice(*loads)]
+        evidence = self.touches.get(row.id)
+        if evidence is None or evidence.onset != row.onset:
+            known = set() if evidence is None else evidence.taxels
+            readings = 0 if evidence is None else evidence.readings
+            evidence = Evidence(row.onset, readings, known, row.last)
+            self.touches[row.id] = evidence
+        evidence.last = row.last
+        evidence.taxels.update(taxels.tolist())
+        pressure = state.reading.pressure[taxels]
+        evidence.readings += self.is_sound(
+            taxels[sound[taxels]], pressure[sound[taxels]]
+        )
+
+    def is_sound(
+        self, taxels: Int[np.ndarray, "touched"], pressure: Float[np.ndarray, "touched"]
+    ) -> bool:
+        """Return whether the sound taxels of a touch can be no fault."""
+        strong = set(taxels[pressure >= self.config.strong].tolist())
+        return self.has_neighbours(strong) and self.is_wide(
+            taxels[pressure >= self.config.weak]
+        )
+
+    def has_neighbours(self, taxels: set[int]) -> bool:
+        """Return whether two taxels of a set are neighbours."""
+        starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
+        return any(
+            not taxels.isdisjoint(neighbours[starts[i] : starts[i + 1]].tolist())
+            for i in taxels
+        )
+
+    def is_wide(self, taxels: Int[np.ndarray, "touched"]) -> bool:
+        """Return whether taxels lie in more than one row and more than one column."""
+        patches = self.patch_index[taxels]
+        if (patches != patches[0]).any():
+            return True
+        rows, columns = self.rows[taxels], self.columns[taxels]
+        return bool((rows != rows[0]).any() and (columns != columns[0]).any())
+
+    def find_sound(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
+        """Find the taxels whose pressure can be believed."""
+        reading, config = state.reading, self.config
+        sound = reading.valid & ~state.doubtful
+        for fault in state.faults:
+            if fault.taxel is None:
+                sound &= ~self.find_members(fault)
+        count = len(self.patch_ids)
+        active = reading.pressure >= config.weak
+        sizes = np.bincount(self.patch_index[reading.valid], minlength=count)
+        shares = np.bincount(self.patch_index[active], minlength=count)
+        whole = (sizes >= config.min_patch) & (shares >= config.patch_share * sizes)
+        return sound & ~whole[self.patch_index]
+
+    def find_members(self, fault: Fault) -> Bool[np.ndarray, "taxel"]:
+        """Find the taxels of a faulty row, column or patch."""
+        members = self.patch_index == self.patch_ids.index(fault.patch)
+        if fault.row is not None:
+            members &= self.rows == fault.row
+        if fault.column is not None:
+            members &= self.columns == fault.column
+        return members
