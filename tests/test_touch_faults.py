@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.touch import Calibrator, FaultDetector
+from eskin.touch import Calibrator, FaultDetector, Reading, SpikeFilter
 from helpers.touch import SECOND, START, build_grid_skin, calibration_of, scan_at
 
 SKIN = build_grid_skin(patches=2)
@@ -55,6 +55,21 @@ def add_counts(taxels, signal, start=3.0):
 NO_CHANGE = add_counts(TAXEL, lambda t: 0)
 
 
+def tap(t):
+    """Return the counts of a finger that taps one taxel twice a second."""
+    return 300 * np.clip(1.5 * np.sin(4 * np.pi * t), 0, 1)
+
+
+def toggle(t):
+    """Return the counts of a taxel that steps up and down every second."""
+    return 40 * (t % 2 < 1)
+
+
+def hum(t):
+    """Return the counts of mains hum that beats with the scans twice a second."""
+    return 30 * np.sin(4 * np.pi * t)
+
+
 def describe(found):
     """Return kind and place of the last faults."""
     return [(f.kind, f.patch, f.row, f.column, f.taxel) for f in found[-1][2]]
@@ -82,10 +97,11 @@ def first_time(found):
         (add_counts(SKIN.columns < 3, lambda t: 300), {"noise": 0.0, "rest": 5}),
         (add_counts(PALM, lambda t: 300 + 80 * np.sin(18 * np.pi * t)), {}),
         (add_counts(TAXEL, lambda t: 150 + 150 * np.sin(6 * np.pi * t)), {}),
+        (add_counts(TAXEL, tap), {}),
     ],
     ids=[
         *("noise", "quiet", "quiet near zero", "clipped at zero", "long saturation"),
-        *("steady press", "shaking palm", "rubbing finger"),
+        *("steady press", "shaking palm", "rubbing finger", "taps"),
     ],
 )
 def test_sound_skin_has_no_faults(change, options):
@@ -137,13 +153,89 @@ def test_taxel_that_jumps_alone_is_noisy_until_it_stops():
         if 3.0 <= t < 12.0:
             counts[TAXEL] += round(80 * rng.standard_normal())
 
-    found = find_faults(change, seconds=46.0)
+    found = find_faults(change, seconds=52.0)
     [fault] = next(faults for t, _, faults in found if t >= 11.9)
     assert (fault.kind, fault.taxel) == ("noisy", TAXEL)
     assert 0 <= fault.since - (START + 3 * SECOND) < 2 * SECOND
     assert 3.2 < first_time(found) < 6.0
     assert all(mask[TAXEL] for t, mask, _ in found if 12.0 < t < 42.0)
     assert not found[-1][2]
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0, 3.0])
+def test_noise_near_the_contact_threshold_is_found_at_a_taxel(share):
+    rng, contact = np.random.default_rng(6), 7.0
+
+    def change(t, counts, received):
+        counts[TAXEL] += round(share * contact * rng.standard_normal())
+
+    found = find_faults(change, noise=0.5, seconds=6.0)
+    assert describe(found) == [("noisy", *PLACE)]
+
+
+def test_taxel_that_steps_alone_is_noisy():
+    found = find_faults(add_counts(TAXEL, toggle), noise=0.5, seconds=6.0)
+    assert describe(found) == [("noisy", *PLACE)]
+
+
+def test_patch_that_swings_about_rest_is_one_fault():
+    found = find_faults(add_counts(np.arange(36, 72), hum), noise=0.5, seconds=6.0)
+    assert describe(found) == [("patch", "p1", None, None, None)]
+
+
+def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
+    calibration = calibration_of(SKIN)
+    calibrator, detector = (
+        Calibrator(SKIN, calibration),
+        FaultDetector(SKIN, calibration),
+    )
+    rng, doubted, masked = np.random.default_rng(7), [], []
+    for t in np.arange(400) / 50:
+        counts = np.full(SKIN.count, 200)
+        counts[TAXEL] += round(5 * rng.standard_normal())
+        scan = scan_at(t, counts)
+        rest = calibrator.state.baseline
+        detector.push(scan, calibrator.push(scan).pressure, rest)
+        doubted.append(bool(detector.doubtful[TAXEL]))
+        masked.append(bool(detector.mask[TAXEL]))
+    assert doubted.index(True) < masked.index(True)
+    assert all(d >= m for d, m in zip(doubted, masked, strict=True))
+
+
+def filter_spikes(pressures, period=0.02):
+    """Return the pressure on all taxels after the filter, reading by reading."""
+    spikes = SpikeFilter(SKIN, 0.7, 0.5)
+    stamps = START + np.arange(len(pressures)) * round(period * SECOND)
+    valid, result = np.ones(SKIN.count, bool), []
+    for stamp, pressure in zip(stamps, pressures, strict=True):
+        full = np.zeros(SKIN.count, np.float32)
+        for taxel, value in pressure.items():
+            full[taxel] = value
+        result.append(spikes.push(Reading(int(stamp), full, valid, np.zeros(0))))
+    return [reading.pressure for reading in result]
+
+
+def test_spike_of_one_reading_is_withheld():
+    found = filter_spikes([{}, {TAXEL: 30.0}, {}, {TAXEL: 30.0}, {}])
+    assert not np.any(found)
+
+
+def test_press_of_one_taxel_is_felt_one_reading_later():
+    found = filter_spikes([{}, {TAXEL: 30.0}, {TAXEL: 40.0}, {TAXEL: 50.0}])
+    assert [pressure[TAXEL] for pressure in found] == [0.0, 0.0, 40.0, 50.0]
+
+
+@pytest.mark.parametrize(
+    ("pressures", "period"),
+    [
+        ([{}, {TAXEL: 30.0, TAXEL + 1: 5.0}], 0.02),
+        ([{TAXEL + 10: 9.0}, {TAXEL + 10: 9.0}, {TAXEL + 10: 9.0, TAXEL: 30.0}], 0.02),
+        ([{}, {TAXEL: 30.0}], 0.08),
+    ],
+    ids=["neighbour rises too", "patch is touched", "low rate"],
+)
+def test_pressure_is_not_withheld_where_it_may_be_a_touch(pressures, period):
+    assert filter_spikes(pressures, period)[-1][TAXEL] == 30.0
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ class Command:
     first_seed: int = 0
     """First seed; the others follow."""
     build_minutes: float = 10.0
-    """Time after which another build of the skin, with another fault, is taken [min]."""
+    """Time after which another build of the skin with its fault is taken [min]."""
     only: tuple[str, ...] = ()
     """Rows to simulate; all unless given."""
     release: bool = True
@@ -217,7 +217,9 @@ def print_attacks(command: Command, names: list[str]) -> None:
 class FaultyRun(Run):
     """A run performs gestures on a faulty skin."""
 
-    def __init__(self, live: InteractiveSkin, model: Model, fault: str, seed: int):
+    def __init__(
+        self, live: InteractiveSkin, model: Model, fault: str, seed: int
+    ) -> None:
         """Wait until the skin is tared."""
         target = build_target(live.mounted.skin, live.calibration, seed)
         self.faulty = FaultySkin(fault, target)

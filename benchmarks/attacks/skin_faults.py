@@ -1,4 +1,4 @@
-"""This module simulates faults of a skin that nobody touches, on the counts of its scans.
+"""This module simulates faults of a skin that nobody touches, on the counts of scans.
 
 Amplitudes are in counts of a converter of 1023 on which contact begins at 22 counts
 above rest; they are scaled to the skin that is attacked.

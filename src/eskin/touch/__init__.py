@@ -3,7 +3,7 @@
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
-from eskin.touch.faults import Fault, FaultConfig, FaultDetector
+from eskin.touch.faults import Fault, FaultConfig, FaultDetector, SpikeFilter
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
 from eskin.touch.records import (
@@ -43,6 +43,7 @@ __all__ = [
     "PressDetector",
     "Reading",
     "Scan",
+    "SpikeFilter",
     "Touch",
     "TouchConfig",
     "TouchPipeline",

@@ -191,6 +191,7 @@ class SwingDetector:
         self.found = np.zeros(len(contact), bool)
         self.sign = np.zeros(len(groups.sizes), np.int64)
         self.swings = np.zeros(len(groups.sizes))
+        self.turned_at = np.full(len(groups.sizes), NEVER)
         self.last = 0.0
 
     def update(
@@ -202,7 +203,7 @@ class SwingDetector:
         """Update by the counts above rest of a scan at a time [s]."""
         share, groups = self.config.swing_share, self.groups
         low = received & (above < -self.half)
-        if not low.any() and not self.swings.any():
+        if not low.any() and not self.sign.any():
             return
         self.swings *= np.exp(-(now - self.last) / self.config.step_seconds)
         self.last = now
@@ -212,6 +213,8 @@ class SwingDetector:
         turned = (sign != 0) & (sign != self.sign)
         self.swings += turned & (self.sign != 0)
         self.sign = np.where(turned, sign, self.sign)
+        self.turned_at[turned] = now
+        self.sign[now - self.turned_at > self.config.step_seconds] = 0
         self.found = (self.swings >= self.config.swings)[groups.group_index]
 
 
@@ -427,19 +430,14 @@ class FaultDetector:
         limit = share * np.maximum(self.limits.deviation, level)
         result = (history.steps >= share * config.lone_steps) | self.swings.found
         for i in np.flatnonzero(history.deviation >= limit).tolist():
-            around = self.adjacency.neighbours[slice(*self.adjacency.starts[i : i + 2])]
+            near = self.adjacency.neighbours[slice(*self.adjacency.starts[i : i + 2])]
             patch = self.members[self.skin.patch_index[i]]
             usual = max(
-                median_positive(history.deviation[near]) for near in (around, patch)
+                float(np.median(history.deviation[others])) if len(others) else 0.0
+                for others in (near, patch)
             )
             result[i] |= history.deviation[i] >= NOISIER * usual
         return result
-
-
-def median_positive(values: Float[np.ndarray, "value"]) -> float:
-    """Return the median of the positive values; 0 where there are none."""
-    positive = values[values > 0]
-    return float(np.median(positive)) if len(positive) else 0.0
 
 
 @final
@@ -487,7 +485,9 @@ class SpikeFilter:
 
 def build_count_history(count: int) -> CountHistory:
     """Build the history of a skin before its first scan."""
-    history = {name: np.full(count, NEVER) for name in CountHistory._fields}
+    history: dict[str, np.ndarray] = {
+        name: np.full(count, NEVER) for name in CountHistory._fields
+    }
     history["counts"] = np.zeros(count, np.int64)
     history["first_received"] = np.full(count, np.inf)
     history["least"] = np.full(count, np.inf)

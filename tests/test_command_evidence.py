@@ -1,0 +1,93 @@
+"""Tests of evidence: a touch that a fault can imitate may stop, and nothing else."""
+
+import numpy as np
+import pytest
+
+from eskin.touch import Fault
+from helpers.commands import (
+    FINGERTIP,
+    PATCH,
+    SKIN,
+    Scene,
+    find_block,
+    make_map,
+    make_paused_scene,
+)
+
+ROW = find_block(PATCH, 1, 4)
+WHOLE = SKIN.find_taxels(PATCH.id)
+
+
+def command(scene, gesture, **changes):
+    """Make a touch with some attributes changed; return the accepted actions."""
+    before = len(scene.accepted)
+    number = scene.begin(gesture)
+    for name, value in changes.items():
+        setattr(scene.touches[number], name, value)
+    scene.wait(0.3)
+    scene.detect(number)
+    scene.wait(0.1)
+    scene.lift(number)
+    scene.wait(0.5)
+    scene.close(number)
+    return scene.accepted[before:]
+
+
+FAULTY = [
+    {"taxels": FINGERTIP[:1], "pressure": 200.0},
+    {"taxels": ROW, "pressure": 200.0},
+    {"taxels": WHOLE},
+    {"taxels": FINGERTIP[[0, -1]], "pressure": 1.0},
+]
+FAULTY_NAMES = ["one taxel", "one row", "a whole patch", "weak"]
+
+
+@pytest.mark.parametrize("changes", FAULTY, ids=FAULTY_NAMES)
+@pytest.mark.parametrize("gesture", ["double_pat", "grab", "stroke"])
+def test_touch_that_may_be_a_fault_commands_no_more_than_a_stop(changes, gesture):
+    scene = Scene()
+    assert command(scene, gesture, **changes) == []
+    assert "fault of the skin" in scene.last_reason
+    assert command(scene, "poke", **changes) == ["pause"]
+
+
+@pytest.mark.parametrize("changes", FAULTY, ids=FAULTY_NAMES)
+def test_touch_that_may_be_a_fault_does_not_resume(changes):
+    scene = make_paused_scene()
+    assert command(scene, "poke", **changes) == []
+    assert command(scene, "poke") == ["resume"]
+
+
+def test_fingertip_commands():
+    assert command(Scene(), "double_pat") == ["next_waypoint"]
+
+
+def test_doubtful_taxels_are_no_evidence():
+    scene = Scene()
+    scene.doubtful = np.isin(np.arange(SKIN.count), FINGERTIP[:3])
+    assert command(scene, "double_pat") == []
+
+
+def test_taxels_of_a_faulty_row_are_no_evidence(monkeypatch):
+    scene = Scene(make_map(double_pat="slow"))
+    wide = find_block(PATCH, 2, 3)
+    update = scene.policy.evidence.find_sound
+    row = int(SKIN.rows[wide[0]])
+
+    def find_sound(state):
+        fault = Fault("row", PATCH.id, row, None, None, 0)
+        object.__setattr__(state, "faults", (fault,))
+        return update(state)
+
+    monkeypatch.setattr(scene.policy.evidence, "find_sound", find_sound)
+    assert command(scene, "double_pat", taxels=wide) == []
+
+
+def test_touch_whose_taxel_becomes_doubtful_starts_anew():
+    scene = Scene()
+    number = scene.begin("double_pat")
+    scene.wait(0.3)
+    assert scene.policy.evidence.suffices(number)
+    scene.doubtful = np.isin(np.arange(SKIN.count), FINGERTIP[:1])
+    scene.step()
+    assert not scene.policy.evidence.suffices(number)
