@@ -18,6 +18,8 @@ DEVIATION_STEP = 0.016
 needs as many scans."""
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
+MAX_STEPS = 3.0
+"""Largest number of lone steps that is remembered."""
 STEP_FACTOR = 4.0
 """Smallest step, in units of the running median of the deviations."""
 FLAT = 0.25
@@ -208,7 +210,7 @@ def update_noise(
         if step >= least and abs(second[i] - third[i]) <= FLAT * step:
             stays = min(abs(count - first[i]), abs(count - second[i]))
             if stays <= FLAT * step and is_alone(i, step, starts, neighbours, history):
-                history.steps[i] += 1.0
+                history.steps[i] = min(history.steps[i] + 1.0, MAX_STEPS)
     third[:] = second
     second[:] = first
     first[:] = np.where(received, counts, np.nan)

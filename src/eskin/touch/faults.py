@@ -166,6 +166,8 @@ class FaultConfig:
     recover_seconds: float = 30.0
     """Time without evidence after which a taxel is valid again, or no longer
     doubtful."""
+    negative_seconds: float = 1.0
+    """The same after negative counts, which are invalid one by one."""
     offset_seconds: float = 1.0
     """Time above zero after which an offset of a taxel is known."""
 
@@ -360,7 +362,9 @@ class FaultDetector:
             self.code[found] = code
             self.last_found[found] = now
         latch = self.config.recover_seconds
-        self.code[now - self.last_found > latch] = -1
+        negative = self.code == NEGATIVE
+        recover = np.where(negative, self.config.negative_seconds, latch)
+        self.code[now - self.last_found > recover] = -1
         self.last_doubted[self.find_noisy(self.config.doubtful)] = now
         self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
 
