@@ -6,7 +6,7 @@ SOCIALTOUCH ?= ../shared/data/socialtouch
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo touches test test-fast check format docs bench results validate soak fuzz clean
+.PHONY: demo touches test test-fast check format docs bench results validate soak fuzz attack clean
 
 demo: $(READY)
 	$(BIN)/eskin demo
@@ -72,6 +72,15 @@ fuzz: $(READY)
 	$(BIN)/python -m benchmarks.fuzz skin --inputs 4000
 	$(BIN)/python -m benchmarks.fuzz recording --inputs 5000
 	$(BIN)/python -m benchmarks.fuzz commands --inputs 4000
+
+# Faults, forgeries, delays and hostile files: an hour on two cores; docs/threats.md.
+attack: $(READY)
+	$(BIN)/python -m benchmarks.attacks faults
+	$(BIN)/python -m benchmarks.attacks faults --recall
+	$(BIN)/python -m benchmarks.attacks delay
+	$(BIN)/python -m benchmarks.attacks hold
+	$(BIN)/python -m benchmarks.attacks forgery
+	$(BIN)/python -m benchmarks.attacks files
 
 # Long tests, and what docs/reliability.md says of long runs and of what breaks in them.
 soak: $(READY)
