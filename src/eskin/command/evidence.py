@@ -17,15 +17,18 @@ class EvidenceConfig:
     """Limits define how much of a touch must be sound, so that no fault explains it."""
 
     strong: float = 1.4
-    """Pressure on two neighbouring taxels that a touch needs [kPa]; twice the pressure
-    at which contact begins."""
+    """Pressure on one taxel that a touch needs [kPa]; twice the pressure at which
+    contact begins."""
 
-    weak: float = 0.5
-    """Pressure from which a taxel shows that the touch is wider than one row or column
-    [kPa]."""
+    weak: float = 0.7
+    """Pressure on a taxel beside it that it needs too [kPa]."""
+
+    line_share: float = 0.4
+    """Share of a row or column that a touch may cover that lies in it alone; two taxels
+    may always."""
 
     readings: int = 2
-    """Number of readings in which it needs both."""
+    """Number of readings in which it needs all this."""
 
     patch_share: float = 0.8
     """Share of a patch that must not be active at once: hum of a patch is."""
@@ -55,10 +58,11 @@ class Evidence:
 class EvidenceMonitor:
     """A monitor collects the evidence of every touch from its readings.
 
-    In a sound reading, two neighbouring taxels are strongly pressed, and the taxels
-    that are pressed do not lie in one row or column. Taxels that are doubtful, of a
-    faulty row, column or patch, or of a patch that is active as a whole, do not count.
-    A touch starts anew when a taxel that it has covered becomes doubtful.
+    In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
+    too. If all of the touch lies in one row or column, it covers a small part of it,
+    and the rest is not pressed. Taxels that are doubtful, of a faulty row, column or
+    patch, or of a patch that is active as a whole, do not count. A touch starts anew
+    when a taxel that it has covered becomes doubtful.
     """
 
     def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
@@ -119,35 +123,41 @@ class EvidenceMonitor:
             self.touches[row.id] = evidence
         evidence.last = row.last
         evidence.taxels.update(taxels.tolist())
-        pressure = state.reading.pressure[taxels]
-        evidence.readings += self.is_sound(
-            taxels[sound[taxels]], pressure[sound[taxels]]
-        )
+        pressure = state.reading.pressure
+        evidence.readings += self.is_sound(taxels[sound[taxels]], pressure)
 
     def is_sound(
-        self, taxels: Int[np.ndarray, "touched"], pressure: Float[np.ndarray, "touched"]
+        self, taxels: Int[np.ndarray, "touched"], pressure: Float[np.ndarray, "taxel"]
     ) -> bool:
         """Return whether the sound taxels of a touch can be no fault."""
-        strong = set(taxels[pressure >= self.config.strong].tolist())
-        return self.has_neighbours(strong) and self.is_wide(
-            taxels[pressure >= self.config.weak]
-        )
+        pressed = taxels[pressure[taxels] >= self.config.weak]
+        strong = pressed[pressure[pressed] >= self.config.strong]
+        return self.has_support(strong, pressed) and not self.is_line(pressed, pressure)
 
-    def has_neighbours(self, taxels: set[int]) -> bool:
-        """Return whether two taxels of a set are neighbours."""
+    def has_support(
+        self, strong: Int[np.ndarray, "strong"], pressed: Int[np.ndarray, "pressed"]
+    ) -> bool:
+        """Return whether a pressed taxel lies beside a strongly pressed one."""
         starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
+        support = set(pressed.tolist())
         return any(
-            not taxels.isdisjoint(neighbours[starts[i] : starts[i + 1]].tolist())
-            for i in taxels
+            not support.isdisjoint(neighbours[starts[i] : starts[i + 1]].tolist())
+            for i in strong
         )
 
-    def is_wide(self, taxels: Int[np.ndarray, "touched"]) -> bool:
-        """Return whether taxels lie in more than one row and more than one column."""
-        patches = self.patch_index[taxels]
-        if (patches != patches[0]).any():
-            return True
-        rows, columns = self.rows[taxels], self.columns[taxels]
-        return bool((rows != rows[0]).any() and (columns != columns[0]).any())
+    def is_line(
+        self, pressed: Int[np.ndarray, "pressed"], pressure: Float[np.ndarray, "taxel"]
+    ) -> bool:
+        """Return whether a touch may be a row or column that is faulty as a whole."""
+        first = pressed[0]
+        members = self.patch_index == self.patch_index[first]
+        for numbers in (self.rows, self.columns):
+            line = members & (numbers == numbers[first])
+            if line[pressed].all():
+                most = max(2.0, self.config.line_share * np.count_nonzero(line))
+                active = np.count_nonzero(pressure[line] >= self.config.weak)
+                return bool(active > len(pressed) or active > most)
+        return False
 
     def find_sound(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
         """Find the taxels whose pressure can be believed."""

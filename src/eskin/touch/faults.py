@@ -151,7 +151,7 @@ class FaultConfig:
     taxel noisy."""
     step_seconds: float = 10.0
     """Time constant with which such a step counts for less."""
-    doubtful: float = 0.5
+    doubtful: float = 0.8
     """Share of these limits from which a taxel is doubtful: it may stop an arm, and
     nothing else."""
     swing_share: float = 0.25
