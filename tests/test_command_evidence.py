@@ -71,7 +71,7 @@ def test_doubtful_taxels_are_no_evidence():
 
 def test_taxels_of_a_faulty_row_are_no_evidence(monkeypatch):
     scene = Scene(make_map(double_pat="slow"))
-    wide = find_block(PATCH, 2, 3)
+    wide = find_block(PATCH, 1, 2)
     update = scene.policy.evidence.find_sound
     row = int(SKIN.rows[wide[0]])
 
