@@ -72,7 +72,7 @@ class Command:
 
 
 @dataclass
-class Tally:
+class FaultTally:
     """Counts what happened in a row of the table."""
 
     seconds: float = 0.0
@@ -94,7 +94,7 @@ class Tally:
 
 
 @final
-class TallyListener(Listener):
+class FaultTallyListener(Listener):
     """Counts touches, detections and commands."""
 
     name = "tally"
@@ -102,7 +102,7 @@ class TallyListener(Listener):
     size = 1
     drop = "never"
 
-    def __init__(self, tally: Tally) -> None:
+    def __init__(self, tally: FaultTally) -> None:
         """Store the tally to add to."""
         self.tally = tally
         self.newest = 0
@@ -134,7 +134,7 @@ class TallyListener(Listener):
 class Operator:
     """An operator releases a held arm after a time, and lets a paused arm go on."""
 
-    def __init__(self, arm: SimulatedArm, tally: Tally, release: bool) -> None:
+    def __init__(self, arm: SimulatedArm, tally: FaultTally, release: bool) -> None:
         """Start with an arm that works."""
         self.arm, self.tally, self.release = arm, tally, release
         self.held_since: int | None = None
@@ -158,7 +158,7 @@ class Operator:
             self.arm.resume()
 
 
-def attack(fault: str, seconds: float, seed: int, release: bool, tally: Tally) -> None:
+def attack(fault: str, seconds: float, seed: int, release: bool, tally: FaultTally) -> None:
     """Simulate a fault on one build of the skin of a working arm."""
     clock = ManualClock(NS_PER_S)
     arm = SimulatedArm(clock=clock)
@@ -172,7 +172,7 @@ def attack(fault: str, seconds: float, seed: int, release: bool, tally: Tally) -
     faulty = FaultySkin(fault, target)
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
-    stream = SynchronousStream(source, [TallyListener(tally), recognition, policy])
+    stream = SynchronousStream(source, [FaultTallyListener(tally), recognition, policy])
     end = clock.now() + round(seconds * NS_PER_S)
     while source.due <= end:
         scan = source.read()
@@ -182,9 +182,9 @@ def attack(fault: str, seconds: float, seed: int, release: bool, tally: Tally) -
     tally.seconds += seconds
 
 
-def attack_row(fault: str, command: Command) -> Tally:
+def attack_row(fault: str, command: Command) -> FaultTally:
     """Simulate a row of the table."""
-    tally = Tally()
+    tally = FaultTally()
     for number in range(command.seeds):
         left, build = 60.0 * command.minutes, 0
         while left > 0:
