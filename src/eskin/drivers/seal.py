@@ -15,7 +15,6 @@ from typing import final
 from eskin.drivers.packet import (
     CHALLENGE_BYTES,
     CRC,
-    HEADER,
     MAX_PACKET_BYTES,
     SEAL,
     SEALED,
@@ -75,10 +74,8 @@ class SessionSeal:
                 "length",
             )
         number = self.session | counter << SESSION_BITS
-        kind = packet[1] | SEALED
-        content = (
-            bytes((packet[0], kind)) + packet[2:TAG_END] + number.to_bytes(8, "little")
-        )
+        start = bytes((packet[0], packet[1] | SEALED))
+        content = start + packet[2:TAG_END] + number.to_bytes(8, "little")
         content += self.compute_tag(content)
         return content + CRC.pack(zlib.crc32(content))
 

@@ -146,9 +146,9 @@ class VirtualPatch:
         return packet if self.session is None else self.session.close(packet)
 
     def answer(self, request: Request, data: bytes, at: int) -> list[bytes]:
-        """Return the answer to a request, given also as bytes, and a hello if it is new.
+        """Return the answer to a request, and a hello where it opens a session.
 
-        A request that is not authentic or not new is not answered.
+        A request that is not authentic or not new is not answered. `data` is its bytes.
         """
         time, session = self.device_time(at), self.session
         if self.version != VERSION_2:
