@@ -1,4 +1,4 @@
-"""This module authenticates packets of version 2 with a pre-shared key.
+"""This module seals packets of version 2 with a pre-shared key, and checks seals.
 
 A seal stands between the body of a packet and its CRC: the session, a counter, and a
 tag, which is the keyed BLAKE2s (RFC 7693) of the session's challenge and all bytes of

@@ -153,6 +153,8 @@ class VirtualPatch:
         time, session = self.device_time(at), self.session
         if self.version != VERSION_2:
             return []
+        if session is not None:
+            session.expire(time)
         opens = session is not None and not session.is_open
         if session is not None and not session.admit(request, data, time):
             return []

@@ -50,8 +50,10 @@ class PatchSession:
         return sealed
 
     def admit(self, request: Request, data: bytes, device_time: int) -> bool:
-        """Return whether a request is authentic and new; let it open a session."""
-        self.expire(device_time)
+        """Return whether a request is authentic and new; let it open a session.
+
+        `expire` was called with the same device time.
+        """
         if not is_sealed(data):
             return False
         seal = self.seal
