@@ -287,7 +287,7 @@ static int admit(const eskin_patch *patch, const uint8_t *packet) {
     uint8_t tag[TAG], differs = 0;
     int same = session->open && memcmp(challenge, session->challenge, CHALLENGE) == 0;
     if (!same && (session->open || number != 0)) return 0;
-    if (same && number > 0 && number <= session->number) return 0;
+    if (same && session->number > 0 && number <= session->number) return 0;
     if (get(at, 2) != get(challenge, 2) || get(at, 2) == 0) return 0;
     make_tag(patch, challenge, packet, (size_t)(at + 8 - packet), tag);
     for (int i = 0; i < TAG; i++) differs |= (uint8_t)(tag[i] ^ at[8 + i]);
@@ -304,8 +304,7 @@ void eskin_receive(eskin_patch *patch, const uint8_t *packet, size_t length) {
     if (get(packet + length - CRC, 4) != eskin_crc32(packet, length - CRC)) return;
     int opens = !may_send(patch, time);
     if (patch->key && !admit(patch, packet)) return;
-    uint32_t number = get(packet + 10, 4);
-    if (opens || !patch->key || number > session->number) session->number = number;
+    session->number = get(packet + 10, 4);
     memcpy(session->challenge, packet + 14, CHALLENGE);
     session->open = 1;
     session->heard = time;

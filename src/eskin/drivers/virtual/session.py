@@ -64,10 +64,9 @@ class PatchSession:
             seal = SessionSeal(self.key, request.challenge)
         if not seal.is_valid(data) or seal.session == self.unopened.session:
             return False
-        if not is_another and 0 < request.number <= self.number:
+        if not is_another and 0 < self.number >= request.number:
             return False
-        self.seal, self.is_open = seal, True
-        self.number = request.number if is_another else max(self.number, request.number)
+        self.seal, self.is_open, self.number = seal, True, request.number
         self.heard_at = device_time
         return True
 
