@@ -1,4 +1,4 @@
-"""Tests of `benchmarks.attacks.forgery`: nothing forged is accepted, and it would show."""
+"""Tests of `benchmarks.attacks.forgery`: nothing forged is accepted."""
 
 import pytest
 from benchmarks.attacks.forgery import (

@@ -35,7 +35,7 @@ from eskin.errors import PacketError
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/data"
 PAGE = (ROOT / "docs/protocol.md").read_text("utf-8")
-EXAMPLES = re.findall(r"Example `(\w+)`(, framed)?:\n\n```\n(.*?)```", PAGE, re.S)
+EXAMPLES = re.findall(r"Example `([a-z ]+)`(, framed)?:\n\n```\n(.*?)```", PAGE, re.S)
 VECTORS = json.loads((FOLDER / "protocol_v1.json").read_text("utf-8"))["vectors"]
 SECOND_VECTORS = json.loads((FOLDER / "protocol_v2.json").read_text("utf-8"))["vectors"]
 MIN_BYTES, MAX_BYTES, MAX_FRAME, MAX_COUNTS = 14, 1400, 1406, 691
@@ -289,7 +289,8 @@ def test_a_vector_ends_in_a_run_that_fills_its_block():
 def test_page_states_the_limits_and_has_an_example_of_every_kind():
     names = [(name, bool(framed)) for name, framed, _ in EXAMPLES]
     kinds = [("hello", False), ("data", False), ("data", True), ("status", False)]
-    assert names == kinds
+    kinds += [("request", False), ("echo", False)]
+    assert names == [*kinds, ("sealed hello", False), ("sealed data", False)]
     assert f"{MIN_BYTES} to {MAX_BYTES:,} bytes" in PAGE
     assert f"{MAX_FRAME:,} bytes and the zero" in PAGE
     assert f"0 to {MAX_COUNTS}" in PAGE
@@ -297,7 +298,7 @@ def test_page_states_the_limits_and_has_an_example_of_every_kind():
 
 @pytest.mark.parametrize(("name", "framed", "block"), EXAMPLES)
 def test_example_of_the_page_is_the_vector_of_its_name(name, framed, block):
-    (vector,) = (v for v in VECTORS if v["name"] == name)
+    vector = next(v for v in [*VECTORS, *SECOND_VECTORS] if v["name"] == name)
     # Words follow the hex of every line.
     lines = re.findall(r"^(?:[0-9a-f]{2}\s+)+", block, re.M)
     expected = bytes.fromhex(vector["framed" if framed else "packet"])
