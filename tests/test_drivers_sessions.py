@@ -36,8 +36,8 @@ from helpers.devices import (
     scans_of,
     small_skin,
 )
-from helpers.modules import MS, SKIN, TAXELS, Module
-from helpers.touch import SECOND
+from helpers.modules import MS, SKIN, TAXELS, AssemblerRun, Module
+from helpers.touch import SECOND, START
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 COUNTS = np.arange(TAXELS).astype(np.int32)
@@ -338,3 +338,24 @@ def test_sealed_packets_are_assembled_over_a_transport(over):
             counters = source.counters()
     assert counters["used"] > 30 and counters["echo"] >= 6
     assert counters["unauthenticated"] == counters["foreign"] == 0
+
+
+@pytest.mark.parametrize(
+    ("port", "sent", "held", "outcome", "is_noted"),
+    [
+        ("a", 5 * MS, 1000, "echo", True),
+        ("b", 5 * MS, 1000, "foreign", False),
+        ("a", None, 1000, "echo", False),
+        # No patch holds a request for longer than its answer took.
+        ("a", 5 * MS, 5001, "echo", False),
+    ],
+)
+def test_echo_bounds_the_clock_of_its_patch(port, sent, held, outcome, is_noted):
+    run, noted = AssemblerRun().play(Module(serial=1).stream(0, 1), 1), []
+    run.assembler.streams[0].clock.push_echo = lambda *times: noted.append(times)
+    arrived = START + 2 * SECOND
+    echo = Echo(0, 1, 123_456, 1, CHALLENGE, held)
+    sent = None if sent is None else arrived - sent
+    run.assembler.push(echo, arrived, port, sent)
+    assert run.counts[outcome] == 1
+    assert noted == ([(123_456, sent, arrived - MS)] if is_noted else [])

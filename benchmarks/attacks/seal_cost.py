@@ -21,7 +21,7 @@ VARIANTS: dict[str, tuple[int, bytes | None]] = {
     "version 2 with key": (2, KEY),
 }
 """Version and key of each kind of line."""
-PATCHES = 17
+PATCHES = 9
 SCANS = 25
 """Number of scans of one round."""
 ROUNDS = 21
