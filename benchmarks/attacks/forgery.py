@@ -1,6 +1,6 @@
 """Forge packets of a patch that has a key, and count those that are accepted.
 
-    python -m benchmarks.attacks forgery --packets 1000000
+    python -m benchmarks.attacks forgery [--packets 1000000]
     python -m benchmarks.attacks forgery --throughput
 
 The attacker sees and sends everything on the line, and has every packet of an earlier
@@ -39,7 +39,7 @@ SEAL_START = -SEAL.size - CRC.size
 class Command:
     """Attack the seals of protocol version 2, or measure what they cost."""
 
-    packets: int = 20_000
+    packets: int = 1_000_000
     """Number of forged packets; a tenth as many forged requests follow."""
     seed: int = 0
     """Seed of the attack."""
