@@ -6,13 +6,19 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import eskin.app
 from eskin.cli.main import run
-from eskin.cli.run import RunCommand, build_listeners, check_options
+from eskin.cli.run import (
+    RunCommand,
+    build_listeners,
+    check_options,
+    describe_doubt,
+)
 from eskin.command import SimulatedArm
 from eskin.drivers import HostClock, ManualClock, PlayedSource
 from eskin.errors import DeviceError
@@ -140,6 +146,11 @@ def test_failing_stream_is_one_line_and_exit_code_1(recording, capsys, monkeypat
         ("--source sim:ur5 --port 8081", ("--port", "--view")),
         ("--source sim:ur5 --robot sim:ur5 --q 0 0 0 0 0 0", ("--q", "--robot")),
         ("--source udp://0.0.0.0:9 --robot ur://127.0.0.1", ("remote",)),
+        ("--source udp://127.0.0.1:9 --robot ur://a", ("--key", "unauthenticated")),
+        ("--source sim:ur5 --robot ur://a", ("--allow-simulated-touch",)),
+        ("--source replay:a.mcap --robot ur://a", ("--allow-simulated-touch",)),
+        ("--source sim:ur5 --key none", ("--key", "leave it out")),
+        ("--source udp://127.0.0.1:9 --skin ur5 --key none", ("key none",)),
         ("", ("--source",)),
     ],
 )
@@ -156,11 +167,25 @@ def test_recording_that_cannot_be_written_is_refused(recording, capsys, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("source", "allowed"), [("udp://0.0.0.0:9750", True), ("udp://127.0.0.1:9", False)]
+    ("source", "options", "shown"),
+    [
+        ("serial:/dev/ttyACM0", {}, ""),
+        ("udp://0.0.0.0:9", {"key": Path("a")}, ""),
+        ("udp://127.0.0.1:9", {"allow_unauthenticated": True}, "unauthenticated"),
+        (
+            "udp://0.0.0.0:9",
+            {"allow_unauthenticated": True, "allow_remote": True},
+            "unauthenticated",
+        ),
+        ("sim:ur5", {"allow_simulated_touch": True}, "simulated"),
+        ("replay:a.mcap", {"allow_simulated_touch": True}, "simulated"),
+    ],
 )
-def test_remote_senders_move_robot_only_where_allowed(source, allowed):
-    robot = "ur://127.0.0.1"
-    check_options(RunCommand((source,), robot=robot, allow_remote=allowed, skin="ur5"))
+def test_source_that_may_move_a_robot_shows_its_doubt(source, options, shown):
+    command = RunCommand((source,), robot="ur://127.0.0.1", skin="ur5", **options)
+    check_options(command)
+    doubt = describe_doubt(command)
+    assert doubt.startswith(shown) and bool(doubt) == bool(shown)
 
 
 @pytest.fixture
@@ -199,9 +224,10 @@ def test_pokes_of_recording_pause_arm(pokes, tmp_path, monkeypatch, capsys):
 
 def test_page_of_run_shows_its_arm_and_takes_no_touches():
     recognition = Recognition(Recognizer.load("ur5"))
-    command = RunCommand(("sim:ur5",), view=True, port=0)
+    command = RunCommand(("udp://127.0.0.1:9",), view=True, port=0)
     for arm in (SimulatedArm(clock=ManualClock()), None):
         viewer = build_listeners(command, None, recognition, arm)[-1]
         assert isinstance(viewer, Viewer) and viewer.arm is arm
         scene = viewer.describe_scene()
         assert scene.is_arm == (arm is not None) and not scene.touchable
+        assert scene.warning.startswith("unauthenticated")

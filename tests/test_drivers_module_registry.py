@@ -54,6 +54,24 @@ def test_hellos_decide_which_module_has_an_address(hellos, kinds, port, serial):
     assert (slot.port, slot.module.serial_number) == (port, serial)
 
 
+@pytest.mark.parametrize(
+    ("ports", "held"),
+    [
+        (("udp://a:1", "udp://b:1"), True),
+        (("/dev/a", "/dev/b"), False),
+        (("/dev/a", "udp://b:1"), True),
+        (("key:1", "key:1"), False),
+    ],
+)
+def test_serial_number_at_another_network_address_is_held_like_another(ports, held):
+    before = Module(serial=1).stream(0, 2, ports[0])
+    after = Module(serial=1).stream(4, 15, ports[1])
+    run = AssemblerRun().play(before + after, 15)
+    # It was used until 2.0, and all that is held for 10.5 s is tared again.
+    assert run.received(0, 4.5, 12.4) == (0.0 if held else pytest.approx(1.0, abs=0.02))
+    assert run.received(0, 12.7, 14.5) == pytest.approx(1.0, abs=0.02)
+
+
 def test_silence_and_return_are_reported_once_each():
     module = Module()
     run = AssemblerRun().play(module.stream(0, 2) + module.stream(4, 5), 5)

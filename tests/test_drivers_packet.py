@@ -1,4 +1,4 @@
-"""Tests of device protocol version 1: packets, frames, and docs/protocol.md."""
+"""Tests of the device protocol: packets, frames, and docs/protocol.md."""
 
 import dataclasses
 import importlib.util
@@ -7,6 +7,7 @@ import random
 import re
 import struct
 import zlib
+from hashlib import blake2s
 from pathlib import Path
 
 import numpy as np
@@ -18,20 +19,25 @@ from hypothesis.extra import numpy as hnp
 from eskin.drivers import (
     Data,
     Deframer,
+    Echo,
     Hello,
+    Request,
+    SessionSeal,
     Status,
     decode_packet,
     encode_frame,
     encode_packet,
 )
 from eskin.drivers.packet import encode_counts
+from eskin.drivers.seal import is_sealed, read_seal
 from eskin.errors import PacketError
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/data"
 PAGE = (ROOT / "docs/protocol.md").read_text("utf-8")
-EXAMPLES = re.findall(r"Example `(\w+)`(, framed)?:\n\n```\n(.*?)```", PAGE, re.S)
+EXAMPLES = re.findall(r"Example `([a-z ]+)`(, framed)?:\n\n```\n(.*?)```", PAGE, re.S)
 VECTORS = json.loads((FOLDER / "protocol_v1.json").read_text("utf-8"))["vectors"]
+SECOND_VECTORS = json.loads((FOLDER / "protocol_v2.json").read_text("utf-8"))["vectors"]
 MIN_BYTES, MAX_BYTES, MAX_FRAME, MAX_COUNTS = 14, 1400, 1406, 691
 
 U16, U32 = st.integers(0, 2**16 - 1), st.integers(0, 2**32 - 1)
@@ -42,6 +48,12 @@ PACKETS = st.one_of(
     st.builds(Hello, U16, U16, U32, U16, U16, U16, U16, U64, TEXT),
     st.builds(Data, U16, U16, U32, U16, COUNTS),
     st.builds(Status, U16, U16, U32, U32, U32, I16),
+)
+CHALLENGES = st.binary(min_size=16, max_size=16)
+SECOND_PACKETS = st.one_of(
+    PACKETS,
+    st.builds(Request, U16, U32, CHALLENGES),
+    st.builds(Echo, U16, U16, U32, U32, CHALLENGES, U32),
 )
 BYTES = st.lists(st.binary(min_size=1, max_size=MAX_BYTES), max_size=6)
 HELLO = Hello(4, 7, 1_000_000, 3, 4, 10, 50, 99, "demo 1.0")
@@ -79,17 +91,34 @@ def test_encoded_packet_is_decoded(packet):
     assert are_equal(decode_packet(data), packet)
 
 
+@settings(max_examples=50)
+@given(SECOND_PACKETS, st.binary(min_size=32, max_size=32), CHALLENGES, U32)
+def test_packet_of_version_2_is_decoded_with_and_without_seal(
+    packet, key, challenge, counter
+):
+    data, seal = encode_packet(packet, 2), SessionSeal(key, challenge)
+    assert are_equal(decode_packet(data), packet) and not is_sealed(data)
+    if len(data) > MAX_BYTES - 24:
+        assert refusal(lambda data: seal.close(data, counter), data) == "length"
+        return
+    sealed = seal.close(data, counter)
+    assert len(sealed) == len(data) + 24 and is_sealed(sealed)
+    assert are_equal(decode_packet(sealed), packet)
+    assert read_seal(sealed) == (int.from_bytes(challenge[:2], "little"), counter)
+    assert seal.is_valid(sealed)
+
+
 @pytest.mark.slow
 @settings(max_examples=200)
-@given(st.integers(0, 3), st.binary(max_size=40))
-def test_decoded_packet_is_encoded_to_the_same_bytes(kind, rest):
-    data = seal(bytes([1, kind]) + rest)
+@given(st.integers(1, 2), st.integers(0, 6), st.binary(max_size=50))
+def test_decoded_packet_is_encoded_to_the_same_bytes(version, kind, rest):
+    data = seal(bytes([version, kind]) + rest)
     try:
         packet = decode_packet(data)
     except PacketError as error:
         assert error.reason in ("length", "kind", "content")
     else:
-        assert encode_packet(packet) == data
+        assert encode_packet(packet, version) == data
 
 
 @each_kind
@@ -113,7 +142,12 @@ def test_flipped_bits_and_other_lengths_are_refused(packet):
         (bytes(MIN_BYTES - 1), "length"),
         (bytes(MIN_BYTES), "crc"),
         (bytes(MAX_BYTES + 1), "length"),
-        (seal(b"\x02\x09" + bytes(12)), "version"),
+        (seal(b"\x03\x01" + bytes(12)), "version"),
+        (seal(b"\x02\x09" + bytes(12)), "kind"),
+        (seal(b"\x01\x04" + bytes(12)), "kind"),
+        (seal(b"\x01\x81" + bytes(40)), "kind"),
+        (seal(b"\x02\x81" + bytes(8)), "content"),
+        (seal(b"\x02\x83" + bytes(20)), "content"),
         (seal(b"\x01\x00" + bytes(12)), "kind"),
         (seal(b"\x01\x04" + bytes(12)), "kind"),
         (seal(b"\x01\x02" + encode_packet(STATUS)[2:-4]), "content"),
@@ -170,13 +204,24 @@ def test_any_kind_of_bytes_is_decoded_and_copied(packet, kind):
     assert packet is not DATA or not decoded.counts.flags.writeable
 
 
+CLASSES = {
+    "hello": Hello,
+    "data": Data,
+    "status": Status,
+    "request": Request,
+    "echo": Echo,
+}
+
+
 def make_packet(vector):
     fields = dict(vector["fields"])
     if vector["kind"] == "data":
         fields["counts"] = np.array(fields["counts"], np.uint16)
     if vector["kind"] == "hello":
         fields["serial_number"] = int(fields["serial_number"], 16)
-    return {"hello": Hello, "data": Data, "status": Status}[vector["kind"]](**fields)
+    if "challenge" in fields:
+        fields["challenge"] = bytes.fromhex(fields["challenge"])
+    return CLASSES[vector["kind"]](**fields)
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["name"])
@@ -192,13 +237,51 @@ def test_codec_agrees_with_the_vectors(vector):
     assert Deframer().push(framed) == [data]
 
 
-def test_vectors_are_what_their_program_makes():
-    path = FOLDER / "make_protocol_v1.py"
-    spec = importlib.util.spec_from_file_location("make_protocol_v1", path)
+@pytest.mark.parametrize(
+    "vector", SECOND_VECTORS, ids=lambda vector: f"2: {vector['name']}"
+)
+def test_codec_agrees_with_the_vectors_of_version_2(vector):
+    packet, data = make_packet(vector), bytes.fromhex(vector["packet"])
+    made, seal = encode_packet(packet, 2), vector["seal"]
+    if seal is not None:
+        key, challenge = bytes.fromhex(seal["key"]), bytes.fromhex(seal["challenge"])
+        made = SessionSeal(key, challenge).close(made, seal["counter"])
+        tag = blake2s(challenge + data[:-20], key=key, digest_size=16).digest()
+        assert data[-20:-4] == tag
+    assert made == data and are_equal(decode_packet(data), packet)
+    assert Deframer().push(bytes.fromhex(vector["framed"])) == [data]
+
+
+@pytest.mark.parametrize(
+    ("packet", "version"),
+    [
+        (Request(1, 0, bytes(16)), 1),
+        (Echo(1, 2, 3, 4, bytes(16), 5), 1),
+        (HELLO, 3),
+        (Request(1, 0, bytes(15)), 2),
+        (Echo(1, 2, 3, 4, bytes(17), 5), 2),
+        (Request(1, 2**32, bytes(16)), 2),
+    ],
+)
+def test_packet_that_a_version_does_not_have_is_refused(packet, version):
+    assert refusal(lambda packet: encode_packet(packet, version), packet) == "content"
+
+
+def test_request_has_neither_scan_number_nor_device_time():
+    data = bytearray(encode_packet(Request(1, 2, bytes(16)), 2)[:-4])
+    data[5] = 1
+    assert refusal(decode_packet, seal(bytes(data))) == "content"
+
+
+@pytest.mark.parametrize("name", ["make_protocol_v1", "make_protocol_v2"])
+def test_vectors_are_what_their_program_makes(name):
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
     program = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(program)
     assert program.FILE.read_text("utf-8") == program.text()
-    # One of them ends in a run that fills its COBS block.
+
+
+def test_a_vector_ends_in_a_run_that_fills_its_block():
     ends = [bytes.fromhex(vector["packet"]).rpartition(b"\0")[2] for vector in VECTORS]
     assert 254 in map(len, ends)
 
@@ -206,7 +289,8 @@ def test_vectors_are_what_their_program_makes():
 def test_page_states_the_limits_and_has_an_example_of_every_kind():
     names = [(name, bool(framed)) for name, framed, _ in EXAMPLES]
     kinds = [("hello", False), ("data", False), ("data", True), ("status", False)]
-    assert names == kinds
+    kinds += [("request", False), ("echo", False)]
+    assert names == [*kinds, ("sealed hello", False), ("sealed data", False)]
     assert f"{MIN_BYTES} to {MAX_BYTES:,} bytes" in PAGE
     assert f"{MAX_FRAME:,} bytes and the zero" in PAGE
     assert f"0 to {MAX_COUNTS}" in PAGE
@@ -214,7 +298,7 @@ def test_page_states_the_limits_and_has_an_example_of_every_kind():
 
 @pytest.mark.parametrize(("name", "framed", "block"), EXAMPLES)
 def test_example_of_the_page_is_the_vector_of_its_name(name, framed, block):
-    (vector,) = (v for v in VECTORS if v["name"] == name)
+    vector = next(v for v in [*VECTORS, *SECOND_VECTORS] if v["name"] == name)
     # Words follow the hex of every line.
     lines = re.findall(r"^(?:[0-9a-f]{2}\s+)+", block, re.M)
     expected = bytes.fromhex(vector["framed" if framed else "packet"])

@@ -124,7 +124,7 @@ def test_scans_of_a_stalled_transport_are_empty_and_never_old():
 
 
 def test_packets_of_another_version_are_counted_and_reported():
-    body = b"\x02" + encode_packet(Module(0).hello(START))[1:-4]
+    body = b"\x03" + encode_packet(Module(0).hello(START))[1:-4]
     data = body + zlib.crc32(body).to_bytes(4, "little")
     with open_scripted([(START + n * MS, "a", data) for n in range(50)]) as source:
         read_until(source, 2.0)

@@ -4,16 +4,39 @@ import json
 import random
 import shutil
 import subprocess
+import zlib
+from hashlib import blake2s
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.drivers import Data, Deframer, Hello, Status, decode_packet
+from eskin.drivers import (
+    Data,
+    Deframer,
+    Echo,
+    Hello,
+    HostSessions,
+    ManualClock,
+    Status,
+    decode_packet,
+    encode_frame,
+)
+from eskin.drivers.framing import END
+from helpers.touch import SECOND
 
 ROOT = Path(__file__).parents[1]
 FIRMWARE = ROOT / "firmware"
 VECTORS = json.loads((ROOT / "tests/data/protocol_v1.json").read_text("utf-8"))
+SEALED = json.loads((ROOT / "tests/data/protocol_v2.json").read_text("utf-8"))
+KEY = bytes(range(32))
+ABC = "508c5e8c327c14e2e1a72ba34eeb452f37458b209ed63a294d999b4c86675982"
+"""BLAKE2s-256 of `abc`, RFC 7693, appendix B."""
+KEYED = {
+    0: "48a8997da407876b3d79c0d92325ad3b89cbb754d86ab71aee047ad345fd2c49",
+    1: "40d15fee7c328830166ac3f918650f807e7e01e177258cdc0a39b11f598066f1",
+}
+"""The first of the reference vectors: key 0 to 31, that many bytes 0, 1, ..."""
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 STRICT = "-std=c99 -Wall -Wextra -Werror -pedantic".split()
 SANITIZERS = "-g -fsanitize=address,undefined -fno-sanitize-recover=all".split()
@@ -70,8 +93,22 @@ def send(compile_program):
 
 
 def format_vector(vector):
-    """Return a packet as the program reads it."""
+    """Return a packet as the program reads it, in one or two lines."""
     fields = dict(vector["fields"])
+    if "seal" in vector:
+        return f"{format_session(vector['seal'])} {format_fields(vector, fields)}"
+    return format_fields(vector, fields)
+
+
+def format_session(seal):
+    """Return version, counter, key and challenge as the program reads them."""
+    if seal is None:
+        return "v 2 0 - -"
+    challenge = seal["challenge"] if seal["challenge"].strip("0") else "-"
+    return f"v 2 {seal['counter']} {seal['key']} {challenge}"
+
+
+def format_fields(vector, fields):
     counts = fields.pop("counts", None)
     if counts is not None:
         fields["count"] = len(counts)
@@ -84,6 +121,109 @@ def test_sender_makes_the_vectors(send):
     vectors = VECTORS["vectors"]
     for vector, made in zip(vectors, send(map(format_vector, vectors)), strict=True):
         assert [data.hex() for data in made] == [vector["packet"], vector["framed"]]
+
+
+def test_sender_makes_the_vectors_of_version_2(send):
+    # Requests are made by the host alone.
+    vectors = [v for v in SEALED["vectors"] if v["kind"] != "request"]
+    for vector, made in zip(vectors, send(map(format_vector, vectors)), strict=True):
+        assert [data.hex() for data in made] == [vector["packet"], vector["framed"]]
+
+
+def test_blake2s_agrees_with_the_vectors_of_its_authors(send):
+    content = [bytes(n % 256 for n in range(length)) for length in (*range(256), 511)]
+    lines = [f"b {KEY.hex()} {part.hex() or '-'}" for part in content]
+    found = [digest.hex() for (digest,) in send(["b - 616263", *lines])]
+    assert found[0] == ABC
+    assert {length: found[1 + length] for length in KEYED} == KEYED
+    assert found[1:] == [blake2s(part, key=KEY).hexdigest() for part in content]
+
+
+class Patch:
+    """The sender in a process of its own, on a line to a host with a key."""
+
+    def __init__(self, program, *words):
+        pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
+        self.process = subprocess.Popen([program, *words], **pipes, text=True)
+        self.deframer = Deframer()
+
+    def call(self, line):
+        """Give the program a line; return the packets that it sends."""
+        print(line, file=self.process.stdin, flush=True)
+        framed = bytes.fromhex(self.process.stdout.readline())
+        return self.deframer.push(framed)
+
+    def receive(self, packet):
+        return self.call(f"r {(END + encode_frame(packet)).hex()}")
+
+
+@pytest.fixture
+def start_patch(compile_program):
+    """Return a function that starts a patch, with a key or without."""
+    program, started = compile_program(ROOT / "tests/data/session_main.c"), []
+
+    def start(*words):
+        started.append(Patch(program, *words))
+        return started[-1]
+
+    yield start
+    for patch in started:
+        patch.process.stdin.close()
+        patch.process.stdout.close()
+        assert patch.process.wait(10) == 0
+
+
+def judge_all(host, packets, now):
+    """Return what a host thinks of packets, and the requests that it then sends."""
+    verdicts = [
+        host.judge(decode_packet(data), data, now, "line").refused for data in packets
+    ]
+    return verdicts, [packet for _, packet in host.take_requests(now)]
+
+
+def test_patch_with_key_opens_a_session_and_ends_it_without_requests(start_patch):
+    patch, clock = start_patch("key"), ManualClock(SECOND)
+    host = HostSessions([0], clock, KEY)
+    assert patch.call("s") == []
+    verdicts, (opening,) = judge_all(host, patch.call("h"), SECOND)
+    assert verdicts == ["held"]
+    forged = bytearray(opening)
+    forged[-5] ^= 1
+    assert patch.receive(reseal(forged)) == []
+    hello, echo = patch.receive(opening)
+    assert isinstance(decode_packet(echo), Echo)
+    assert judge_all(host, [hello, echo], SECOND) == ([None, None], [])
+    patch.call("t 400000")
+    _, (ping,) = judge_all(host, patch.call("s"), 2 * SECOND)
+    (echo,) = patch.receive(ping)
+    assert decode_packet(echo).device_time == 400_000
+    assert host.judge(decode_packet(echo), echo, 0, "line").sent == clock.now()
+    # A recorded request is not answered; a session ends 2 s after the last one.
+    assert patch.receive(ping) == []
+    patch.call("t 2400000")
+    assert len(patch.call("s")) == 1
+    patch.call("t 2400001")
+    assert patch.call("s") == []
+    (hello,) = patch.call("h")
+    # The host does not know yet that its session is over, and goes on with it.
+    verdicts, (ping, opening) = judge_all(host, [hello], 3 * SECOND)
+    assert verdicts == ["held"] and patch.receive(ping) == []
+    assert len(patch.receive(opening)) == 2
+
+
+def test_patch_without_key_answers_with_its_clock(start_patch):
+    patch, host = start_patch(), HostSessions([0], ManualClock(SECOND))
+    verdicts, (opening,) = judge_all(host, patch.call("h"), SECOND)
+    assert verdicts == [None] and len(patch.call("s")) == 1
+    (echo,) = patch.receive(opening)
+    assert judge_all(host, [echo], SECOND)[0] == [None]
+    packet = decode_packet(echo)
+    assert packet == Echo(0, 1, 0, 0, host.sessions[0][0].challenge, 0)
+
+
+def reseal(packet):
+    """Return a packet with the CRC of what it holds now."""
+    return bytes(packet[:-4]) + zlib.crc32(packet[:-4]).to_bytes(4, "little")
 
 
 def test_any_counts_are_sent(send):

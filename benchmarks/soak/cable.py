@@ -59,6 +59,7 @@ class Cable(Transport):
         if wait <= timeout and not self.over.is_set():
             scan = next(self.scans, None)
         self.clock.sleep(min(wait, timeout) if scan is not None else timeout)
+        self.device.answer(self.clock.now() - self.start)
         if scan is not None:
             self.device.send(scan)
             self.sent += 1
@@ -81,6 +82,10 @@ class Cable(Transport):
         """Return the number of bytes that were sent and neither read nor given up."""
         sent = sum(port.bytes for port in self.device.ports)
         return sent - self.inner.counters()["bytes"] - self.gone
+
+    def send(self, port: str, packet: bytes) -> None:
+        """Send a request to the device by the real transport."""
+        self.inner.send(port, packet)
 
     def take_events(self, now: int) -> list[Event]:
         """Return those of the real transport."""

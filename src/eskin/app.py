@@ -24,6 +24,7 @@ from eskin.drivers import (
     SourceInfo,
     Transport,
     UdpTransport,
+    read_key,
     replay_source,
 )
 from eskin.errors import ArmError, DeviceError, RecordingError
@@ -77,6 +78,10 @@ class SourceConfig:
     allow_remote: bool = False
     """Whether UDP packets from other computers are accepted: they do not tell their
     sender."""
+
+    key: Path | bytes | None = None
+    """Key of the patches, or its file: packets without a valid seal are refused. None
+    accepts packets that are not authenticated."""
 
 
 def open_source(
@@ -165,11 +170,19 @@ def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sour
     mounted = mount_skin(config.skin, config.robot)
     calibration = load_calibration(config, mounted.skin)
     joints = config.joints or FixedJoints(fixed_positions(config, mounted))
+    key = read_key(config.key) if isinstance(config.key, Path) else config.key
     with ExitStack() as stack:
         transport = open_transport(uris, config, clock)
         stack.callback(transport.close)
         source = DeviceSource(
-            transport, mounted, calibration, joints, clock, " ".join(uris), config.rate
+            transport,
+            mounted,
+            calibration,
+            joints,
+            clock,
+            " ".join(uris),
+            config.rate,
+            key=key,
         )
         stack.pop_all()
     return source
@@ -183,7 +196,8 @@ def open_transport(
         paths = [uri.removeprefix("serial:") for uri in uris]
         return SerialTransport(clock, paths, config.baud)
     host, port = parse_udp_address(uris[0])
-    return UdpTransport(clock, host, port, config.allow_remote)
+    has_key = config.key is not None
+    return UdpTransport(clock, host, port, config.allow_remote, has_key)
 
 
 def parse_udp_address(uri: str) -> tuple[str, int]:

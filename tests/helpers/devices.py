@@ -78,6 +78,7 @@ class MemoryPort(VirtualPort):
         super().__init__()
         self.framed = framed
         self.sent = []
+        self.requests = []
 
     @property
     def uri(self):
@@ -86,6 +87,10 @@ class MemoryPort(VirtualPort):
     def send(self, chunks):
         self.sent += chunks
         self.bytes += sum(len(chunk) for chunk in chunks)
+
+    def receive(self):
+        taken, self.requests = self.requests, []
+        return taken
 
     def flush(self):
         pass

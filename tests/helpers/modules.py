@@ -191,6 +191,7 @@ class ScriptedTransport(Transport):
         self.clock = clock
         self.coming = deque(sorted(arrivals, key=lambda item: item[0]))
         self.closed = 0
+        self.sent = []
 
     def read(self, timeout: float) -> list[ReceivedPacket]:
         end = self.clock.now() + round(timeout * SECOND)
@@ -203,6 +204,9 @@ class ScriptedTransport(Transport):
             _, port, data = self.coming.popleft()
             packets.append(ReceivedPacket(port, now, data))
         return packets
+
+    def send(self, port: str, packet: bytes) -> None:
+        self.sent.append((port, packet))
 
     def take_events(self, now: int) -> list:
         return []

@@ -7,7 +7,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
 
 import tyro
@@ -67,15 +67,23 @@ class DeviceCommand:
     seed: int = 0
     """Random seed."""
 
+    protocol: Literal[1, 2] = 2
+    """Version of the device protocol: patches of version 2 also answer the host's
+    requests."""
+
+    key: Path | None = None
+    """Key file with which packets are sealed, for eskin run --key."""
+
 
 def run(command: DeviceCommand) -> dict[str, object]:
     """Send until the end or until stopped; return the counts of what was sent."""
-    from eskin.drivers import HostClock
+    from eskin.drivers import HostClock, read_key
     from eskin.drivers.virtual import VirtualSkin, parse_fault, resample_scans
     from eskin.skin import load_skin
     from eskin.stream import stop_on_signals
 
     check_options(command)
+    key = None if command.key is None else read_key(command.key)
     skin = load_skin(command.skin)
     faults = [
         parse_fault(text, skin, command.seed + number)
@@ -85,7 +93,9 @@ def run(command: DeviceCommand) -> dict[str, object]:
     rate = command.rate or own_rate
     with ExitStack() as stack:
         ports = open_ports(command, len(skin.patches), stack)
-        device = VirtualSkin(skin, ports, rate, faults, command.seed)
+        device = VirtualSkin(
+            skin, ports, rate, faults, command.seed, command.protocol, key
+        )
         if command.calibration is not None:
             command.calibration.parent.mkdir(parents=True, exist_ok=True)
             command.calibration.write_bytes(calibration.to_bytes())
@@ -111,6 +121,11 @@ def check_options(command: DeviceCommand) -> None:
         raise ValueError(
             "--udp is given together with --pty or --link; allowed is one transport; "
             "leave out the other"
+        )
+    if command.key is not None and command.protocol == 1:
+        raise ValueError(
+            "--key is given with --protocol 1, which has no seals; allowed is a key "
+            "with version 2; leave out --protocol"
         )
     for name, value in (("rate", command.rate), ("seconds", command.seconds)):
         if value is not None and not 0 < value < float("inf"):

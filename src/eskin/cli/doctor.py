@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import chain
+from pathlib import Path
 
 from numba.core import event
 
@@ -45,6 +46,9 @@ class DoctorCommand:
 
     robot_urdf: str | None = None
     """Robot that this skin is mounted on; preset skins have their own."""
+
+    key: Path | None = None
+    """Key file of the patches; packets without a valid seal are refused."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
     """Check rate and age of the scans of the patches that were asked about."""
     if not command.source:
         return
-    config = SourceConfig(command.skin, command.robot_urdf)
+    config = SourceConfig(command.skin, command.robot_urdf, key=command.key)
     with open_source(*command.source, config=config) as source:
         if not isinstance(source, DeviceSource):
             raise DeviceError(

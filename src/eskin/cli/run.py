@@ -85,7 +85,18 @@ class RunCommand:
 
     allow_remote: bool = False
     """Accept UDP packets from other computers, although UDP does not authenticate the
-    sender."""
+    sender. With --key they are accepted anyway."""
+
+    key: Path | None = None
+    """Key file of the patches: 64 hexadecimal digits that only you may read. Packets
+    without a valid seal are refused."""
+
+    allow_unauthenticated: bool = False
+    """Let a udp:// source without --key command a real robot, although any program that
+    can send to its port can fake touches."""
+
+    allow_simulated_touch: bool = False
+    """Let touches of a recording or a simulated person command a real robot."""
 
     view: bool = False
     """Show the skin in the browser; nothing can be touched or commanded there."""
@@ -121,6 +132,7 @@ def run(command: RunCommand) -> dict[str, object]:
         seed=command.seed,
         baud=command.baud,
         allow_remote=command.allow_remote,
+        key=command.key,
     )
     with ExitStack() as stack:
         # Devices send at any time, so code is compiled before they are opened.
@@ -144,7 +156,7 @@ def run(command: RunCommand) -> dict[str, object]:
         policies = [] if arm is None else [build_policy(command, arm, model, source)]
         others = [*policies, *build_listeners(command, source, recognition, arm)]
         stream = Stream(source, [recognition, *others])
-        print_source(source)
+        print_source(source, describe_doubt(command))
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
             stream.wait(command.seconds)
     commands = sum(policy.accepted for policy in policies)
@@ -190,22 +202,54 @@ def check_options(command: RunCommand) -> None:
             "--q is given with --robot; allowed is one of them; the robot tells where "
             "its joints are"
         )
+    kinds = {uri.partition(":")[0] for uri in command.source}
+    if command.key is not None and kinds & {"replay", "sim"}:
+        raise DeviceError(
+            f"--key is given with {' '.join(command.source)}; allowed is a key with "
+            "serial: or udp: sources, whose packets it checks; leave it out"
+        )
     if (command.robot or "").startswith("ur:"):
-        check_senders(command)
+        check_touches(command)
 
 
-def check_senders(command: RunCommand) -> None:
-    """Raise if other computers could move a real robot, unless that is allowed.
+def check_touches(command: RunCommand) -> None:
+    """Raise if others than who touches the skin could move a real robot.
 
     Raises:
-        DeviceError: when a source accepts packets from other computers.
+        DeviceError: when touches are simulated, or packets could be forged, and the
+            option that allows this is not given.
     """
     from eskin.app import parse_udp_address
     from eskin.drivers import check_udp_host
 
     for uri in command.source:
-        if uri.startswith("udp:"):
+        kind = uri.partition(":")[0]
+        if kind in ("sim", "replay") and not command.allow_simulated_touch:
+            raise DeviceError(
+                f"--robot {command.robot} is real and {uri} has touches that nobody "
+                "makes; allowed are serial: and udp: sources; use --robot sim:ur5, or "
+                "--allow-simulated-touch with nobody near the robot"
+            )
+        if kind == "udp" and command.key is None:
             check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
+            if not command.allow_unauthenticated:
+                raise DeviceError(
+                    f"--robot {command.robot} is real and packets of {uri} are "
+                    "unauthenticated; allowed is a network source with --key; give "
+                    "the key of the patches, or --allow-unauthenticated"
+                )
+
+
+def describe_doubt(command: RunCommand) -> str:
+    """Describe why touches may not be those of a person; empty where there is no doubt.
+
+    On loopback any program of this computer can send, so it is a network too.
+    """
+    if command.key is None and any(uri.startswith("udp:") for uri in command.source):
+        return "unauthenticated: who can send to this port can fake touches"
+    if command.robot is not None and command.allow_simulated_touch:
+        return "simulated: touches are not those of a person"
+    return ""
 
 
 def open_command_arm(command: RunCommand, clock: "Clock") -> "Arm | None":
@@ -249,19 +293,22 @@ def build_listeners(
         from eskin.viewer import Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
-        listeners.append(Viewer(recognition, ViewerConfig(port), arm=arm))
+        config = ViewerConfig(port, warning=describe_doubt(command))
+        listeners.append(Viewer(recognition, config, arm=arm))
         print(f"see http://127.0.0.1:{port}", flush=True)
     return listeners
 
 
-def print_source(source: "Source") -> None:
-    """Print the source, its skin and its rate."""
+def print_source(source: "Source", doubt: str) -> None:
+    """Print the source, its skin and its rate, and a doubt about its touches."""
     info = source.info
     print(
         f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels on "
         f"'{info.robot_name}', {info.rate:g} scans a second; Ctrl-C ends it",
         flush=True,
     )
+    if doubt:
+        print(doubt, flush=True)
 
 
 def summarise(

@@ -7,19 +7,23 @@ from eskin.drivers.events import Event, EventLog
 from eskin.drivers.framing import Deframer, encode_frame
 from eskin.drivers.packet import (
     Data,
+    Echo,
     Hello,
     Packet,
+    Request,
     Status,
     decode_packet,
     encode_packet,
 )
 from eskin.drivers.patch_stream import ScanRateMeter
 from eskin.drivers.played_source import STEPPED, PlayedSource, replay_source
+from eskin.drivers.seal import SessionSeal, read_key
 from eskin.drivers.serial_transport import (
     SerialPortInfo,
     SerialTransport,
     list_serial_ports,
 )
+from eskin.drivers.sessions import HostSessions
 from eskin.drivers.source import FixedJoints, JointSource, Source, SourceInfo
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.drivers.udp_transport import UdpTransport, check_udp_host
@@ -31,19 +35,23 @@ __all__ = [
     "Data",
     "Deframer",
     "DeviceSource",
+    "Echo",
     "Event",
     "EventLog",
     "FixedJoints",
     "Hello",
     "HostClock",
+    "HostSessions",
     "JointSource",
     "ManualClock",
     "Packet",
     "PlayedSource",
     "ReceivedPacket",
+    "Request",
     "ScanRateMeter",
     "SerialPortInfo",
     "SerialTransport",
+    "SessionSeal",
     "Source",
     "SourceInfo",
     "Status",
@@ -54,5 +62,6 @@ __all__ = [
     "encode_frame",
     "encode_packet",
     "list_serial_ports",
+    "read_key",
     "replay_source",
 ]

@@ -14,13 +14,15 @@ from eskin.drivers.module_registry import (
     PacketCounts,
     PacketOutcome,
 )
-from eskin.drivers.packet import Data, Hello, Packet, Status
+from eskin.drivers.packet import Data, Echo, Hello, Packet, Status
 from eskin.drivers.patch_stream import PatchStream, RateChange
 from eskin.drivers.source import JointSource
 from eskin.drivers.timeline import PeriodGrid, PeriodScans, ScanTimeline
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
+
+NS_PER_US = 1000
 
 CHECK_INTERVAL = NS_PER_S // 50
 """How often silence and losses are checked [ns]."""
@@ -69,14 +71,27 @@ class Assembler:
         grid = PeriodGrid(now, rate, grace)
         self.timeline = ScanTimeline(grid, self.skin.count, self.streams, self.outcomes)
 
-    def push(self, packet: Packet, arrived: int, port: str) -> None:
-        """Process a packet that arrived at a time [ns] from a port or address."""
+    def push(
+        self, packet: Packet, arrived: int, port: str, sent: int | None = None
+    ) -> None:
+        """Process a packet that arrived from a port or address.
+
+        Args:
+            packet: the packet; a request, which no patch sends, is foreign.
+            arrived: when it arrived [ns].
+            port: port or network address that it came from.
+            sent: when the request was sent that an echo answers [ns], if it is known.
+        """
         if isinstance(packet, Data):
             outcome = self.handle_data(packet, arrived, port)
         elif isinstance(packet, Hello):
             outcome = self.handle_hello(packet, arrived, port)
-        else:
+        elif isinstance(packet, Status):
             outcome = self.handle_status(packet, port)
+        elif isinstance(packet, Echo):
+            outcome = self.handle_echo(packet, arrived, port, sent)
+        else:
+            outcome = "foreign"
         self.outcomes.add(outcome)
 
     def handle_hello(self, hello: Hello, arrived: int, port: str) -> PacketOutcome:
@@ -99,6 +114,22 @@ class Assembler:
         text = "were skipped by the patch; lower its rate or use a faster line"
         self.count_lost(stream, stream.update_skipped(status.skipped), "scans", text)
         return "status"
+
+    def handle_echo(
+        self, echo: Echo, arrived: int, port: str, sent: int | None
+    ) -> PacketOutcome:
+        """Process an echo; return its outcome.
+
+        The patch's clock showed `device_time` after the request was sent and before the
+        echo arrived, less the time for which the patch held it.
+        """
+        stream = self.streams.get(echo.address)
+        if stream is None or stream.slot.port != port:
+            return "foreign"
+        received = arrived - echo.held * NS_PER_US
+        if sent is not None and sent <= received:
+            stream.clock.push_echo(echo.device_time, sent, received)
+        return "echo"
 
     def restart_stream(self, slot: AddressSlot) -> None:
         """Restart the stream of an address that has another module."""

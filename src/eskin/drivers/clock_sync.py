@@ -274,6 +274,15 @@ class DeviceClock:
         self.update_candidate(device_time, scan, arrived)
         return None
 
+    def push_echo(self, device_time: int, sent: int, received: int) -> None:
+        """Note that the device's clock showed a time between two times of the host.
+
+        Args:
+            device_time: device time [us], modulo 2**32.
+            sent: before it, by the host's clock [ns].
+            received: after it, by the host's clock [ns].
+        """
+
     def update_candidate(self, device_time: int, scan: int, arrived: int) -> None:
         """Let a packet that does not fit the clock start or continue another one."""
         other = self.candidate

@@ -8,6 +8,7 @@ from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.packet import decode_packet
+from eskin.drivers.sessions import HostSessions
 from eskin.drivers.source import JointSource, Source, SourceInfo
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError, SkinMismatchError
@@ -19,6 +20,8 @@ DEFAULT_RATE = 50.0
 """Scan rate of a skin whose patches do not specify theirs [1/s]."""
 HELLO_TIMEOUT = 1.2
 """Longest wait for hellos, which modules send once a second [s]."""
+MAX_SESSION_WAIT = 2.0
+"""Longest time until a patch gives up the session of an earlier host [s]."""
 MAX_WAIT = 0.1
 """Longest time between two checks for silent patches [s]."""
 
@@ -41,6 +44,7 @@ class DeviceSource(Source):
         uri: str,
         rate: float | None = None,
         grace: float | None = None,
+        key: bytes | None = None,
     ) -> None:
         """Listen to a transport, which is closed with the source.
 
@@ -55,6 +59,8 @@ class DeviceSource(Source):
                 nominal rate, or 50 without any.
             grace: wait for late packets after the end of a period [s]; None waits half
                 a period, at least 20 ms.
+            key: key of 32 bytes that packets must be sealed with; None accepts packets
+                that are not authenticated.
 
         Raises:
             SkinError: two patches have the same address.
@@ -76,6 +82,7 @@ class DeviceSource(Source):
         self.transport = transport
         self.log = EventLog()
         self.assembler = Assembler(skin, joints, self.log)
+        self.sessions = HostSessions(self.assembler.streams, clock, key)
         self.ready: deque[Scan] = deque()
         self.closed, self.left_unread = False, 0
         rate = self.receive_hellos() if rate is None else rate
@@ -92,10 +99,14 @@ class DeviceSource(Source):
     def receive_hellos(self) -> float:
         """Wait for the hellos of all patches; return their nominal rate [1/s]."""
         registry = self.assembler.registry
-        end = self.clock.now() + round(HELLO_TIMEOUT * NS_PER_S)
+        timeout = HELLO_TIMEOUT
+        if self.sessions.key is not None:
+            timeout += MAX_SESSION_WAIT
+        end = self.clock.now() + round(timeout * NS_PER_S)
         while (now := self.clock.now()) < end:
             wait = min(MAX_WAIT, (end - now) / NS_PER_S)
             self.push_packets(self.transport.read(wait))
+            self.send_requests()
             if all(slot.module for slot in registry.slots.values()):
                 break
         return float(registry.highest_rate or DEFAULT_RATE)
@@ -121,18 +132,33 @@ class DeviceSource(Source):
         until = max(now, min(time for time in times if time is not None))
         packets = self.transport.read((until - now) / NS_PER_S)
         self.push_packets(packets)
+        self.send_requests()
         arrived = packets[0].arrived if packets else until
         self.ready += self.assembler.poll(min(arrived, self.clock.now()))
 
     def push_packets(self, packets: list[ReceivedPacket]) -> None:
-        """Decode packets and assemble them; invalid ones are only counted."""
+        """Decode packets and assemble them; others are only counted.
+
+        These are invalid, or not authentic where there is a key.
+        """
         for port, arrived, data in packets:
             try:
                 packet = decode_packet(data)
             except PacketError as error:
                 self.count_invalid(error, port)
-            else:
-                self.assembler.push(packet, arrived, port)
+                continue
+            verdict = self.sessions.judge(packet, data, arrived, port)
+            if verdict.refused is None:
+                self.assembler.push(packet, arrived, verdict.port, verdict.sent)
+                continue
+            self.assembler.outcomes.add(verdict.refused)
+            if verdict.reason:
+                self.log.count("unauthenticated", verdict.reason)
+
+    def send_requests(self) -> None:
+        """Send the requests that are due to patches of protocol version 2."""
+        for port, packet in self.sessions.take_requests(self.clock.now()):
+            self.transport.send(port, packet)
 
     def count_invalid(self, error: PacketError, port: str) -> None:
         """Count bytes that are not a packet of this version."""

@@ -29,6 +29,7 @@ EventKind = Literal[
     "fault",
     "mended",
     "unrecorded",
+    "unauthenticated",
 ]
 
 
@@ -46,7 +47,8 @@ class Event:
     an address; `slow`: fewer scans arrive than its nominal rate; `on_rate`: no longer
     slow; `damaged`: packets arrive broken; `lost`: scans do not arrive; `fault`: a
     taxel, line or patch is faulty; `mended`: no longer; `unrecorded`: recording has
-    stopped, the rest goes on."""
+    stopped, the rest goes on; `unauthenticated`: packets were refused for their seal,
+    or are used without one."""
     text: str
     """The same as a sentence, with the remedy where there is one."""
     patch: str | None = None

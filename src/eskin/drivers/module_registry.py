@@ -33,6 +33,10 @@ HOLD_TIME = round((CalibrationConfig().silence_seconds + 0.5) * NS_PER_S)
 without data of its taxels, the calibrator tares them again."""
 MAX_CLAIMS = 8
 """Largest number of modules that are tracked at one address."""
+NETWORK_PORT = "udp://"
+"""Start of the names of network addresses, which anybody may claim to send from."""
+AUTHENTICATED_PORT = "key:"
+"""Start of the port names of modules that are known by their key."""
 
 PacketOutcome = Literal[
     "used",
@@ -43,9 +47,11 @@ PacketOutcome = Literal[
     "damaged",
     "unknown",
     "foreign",
+    "unauthenticated",
     "held",
     "hello",
     "status",
+    "echo",
     "waiting",
 ]
 Report = Callable[[int, EventKind, str, str | None], None]
@@ -61,9 +67,11 @@ class PacketCounts:
             period has another scan of the patch; `incomplete`: other packets of its
             scan did not arrive; `damaged`: wrong CRC, length or content; `unknown`:
             another version or kind; `foreign`: of an unknown address, a module of
-            another shape, a conflict or another port; `held`: its module, clock or rate
-            was not yet known, or it waits to be tared; `hello`; `status`; `waiting`:
-            its scan is not yet complete or not yet emitted.
+            another shape, a conflict or another port; `unauthenticated`: without a
+            valid seal where there is a key, or of no open session; `held`: its module,
+            clock, rate or session was not yet known, or it waits to be tared; `hello`;
+            `status`; `echo`; `waiting`: its scan is not yet complete or not yet
+            emitted.
     """
 
     def __init__(self) -> None:
@@ -105,7 +113,25 @@ class ModuleClaim:
     @property
     def name(self) -> str:
         """The module as messages name it."""
+        if self.port.startswith(AUTHENTICATED_PORT):
+            return f"module {self.serial_number:016x}, known by its key,"
         return f"module {self.serial_number:016x} at {self.port}"
+
+
+def name_authenticated_port(serial_number: int) -> str:
+    """Return the port name of a module that is known by its key, wherever it is."""
+    return f"{AUTHENTICATED_PORT}{serial_number:016x}"
+
+
+def is_another(claim: ModuleClaim, serial_number: int, port: str) -> bool:
+    """Return whether a module may be another than the one with a serial number.
+
+    A network does not tell who sends, and a serial number is no secret: at another
+    network address it proves nothing. At another cable the module was moved.
+    """
+    if claim.serial_number != serial_number:
+        return True
+    return claim.port != port and claim.port.startswith(NETWORK_PORT)
 
 
 @final
@@ -133,7 +159,7 @@ class AddressSlot:
         self.conflict_reported = False
         self.silent = False
         self.data_at = 0
-        self.known_serial: int | None = None
+        self.known: tuple[int, str] | None = None
         self.used_at = 0
 
     def report(self, stamp: int, kind: EventKind, text: str) -> None:
@@ -208,8 +234,9 @@ class AddressSlot:
         self.disputed = self.conflict_reported = self.silent = False
         self.data_at = arrived
         self.port = claim.port if claim.fits else None
-        is_replacement = self.known_serial not in (None, claim.serial_number)
-        self.hold_until = self.used_at + HOLD_TIME if is_replacement else 0
+        self.hold_until = 0
+        if self.known is not None and is_another(claim, *self.known):
+            self.hold_until = self.used_at + HOLD_TIME
         changed = old is None or old.serial_number != claim.serial_number
         if not claim.fits:
             return changed
@@ -220,7 +247,11 @@ class AddressSlot:
             text = f"{claim.name} has taken the place of {old.name}"
             self.report(arrived, "replaced", f"{text}; it is used in {wait:.1f} s")
         elif old.port != claim.port:
-            self.report(arrived, "moved", f"{claim.name} was at {old.port} before")
+            text = f"{claim.name} was at {old.port} before"
+            wait = max(0, self.hold_until - arrived) / NS_PER_S
+            if wait:
+                text += f", and it may be another; it is used in {wait:.1f} s"
+            self.report(arrived, "moved", text)
         elif won_conflict:
             text = f"{claim.name} is the only one again and used"
             self.report(arrived, "returned", text)
@@ -249,7 +280,7 @@ class AddressSlot:
         """Note that data of the module is used."""
         self.used_at = arrived
         if self.module is not None:
-            self.known_serial = self.module.serial_number
+            self.known = (self.module.serial_number, self.module.port)
 
     def note_rejected_data(self, arrived: int, port: str) -> None:
         """Note unused data: where one module alone claims its port, it is there."""

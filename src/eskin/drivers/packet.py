@@ -1,7 +1,8 @@
-"""This module encodes and decodes the packets of device protocol version 1.
+"""This module encodes and decodes the packets of the device protocol, versions 1 and 2.
 
 All numbers are little-endian. Every packet is a header, the body of its kind, and a
-CRC-32 of all bytes before it; `docs/protocol.md` has the tables.
+CRC-32 of all bytes before it. A packet of version 2 may have a seal before its CRC,
+which `seal` checks; `docs/protocol.md` has the tables.
 """
 
 import struct
@@ -13,8 +14,15 @@ from jaxtyping import UInt16
 
 from eskin.errors import PacketError
 
-VERSION = 1
-HELLO, DATA, STATUS = 1, 2, 3
+VERSION_1, VERSION_2 = 1, 2
+HELLO, DATA, STATUS, REQUEST, ECHO = 1, 2, 3, 4, 5
+KINDS = {
+    VERSION_1: (HELLO, DATA, STATUS),
+    VERSION_2: (HELLO, DATA, STATUS, REQUEST, ECHO),
+}
+"""Kinds of packets of each version."""
+SEALED = 0x80
+"""Bit of the kind of a packet of version 2 that has a seal."""
 MAX_PACKET_BYTES = 1400
 """Largest packet: with UDP and IP headers it still fits every Ethernet frame."""
 
@@ -22,12 +30,20 @@ HEADER = struct.Struct("<BBHHI")
 HELLO_BODY = struct.Struct("<HHHHQB")
 DATA_BODY = struct.Struct("<HH")
 STATUS_BODY = struct.Struct("<IIh")
+REQUEST_BODY = struct.Struct("<I16s")
+ECHO_BODY = struct.Struct("<I16sI")
+SEAL = struct.Struct("<Q16s")
+"""Session and counter in one number, and the tag."""
 CRC = struct.Struct("<I")
 CRC_RESIDUE = 0x2144DF1C
 """CRC-32 of any bytes that are followed by their own CRC-32."""
 MIN_PACKET_BYTES = HEADER.size + CRC.size
 MAX_FIRMWARE_BYTES = 255
 MAX_COUNTS = (MAX_PACKET_BYTES - HEADER.size - DATA_BODY.size - CRC.size) // 2
+MAX_SEALED_COUNTS = MAX_COUNTS - SEAL.size // 2
+"""Largest number of counts of a packet with a seal."""
+CHALLENGE_BYTES = 16
+"""Size of the challenge in a request."""
 COUNT_TYPE = np.dtype("<u2")
 MAX_COUNT = 2**16 - 1
 """Largest count that a packet can hold."""
@@ -97,27 +113,76 @@ class Status:
     """Temperature of the module [0.01 degrees Celsius]; -32768 if not measured."""
 
 
-Packet = Hello | Data | Status
+@dataclass(frozen=True)
+class Request:
+    """A packet of version 2 that the host sends to a patch, which answers it."""
+
+    address: int
+    """Address of the patch on its bus, 0 to 65535."""
+    number: int
+    """Number of the request in its session; 0 opens the session."""
+    challenge: bytes
+    """Challenge of the session, 16 random bytes."""
 
 
-def encode_packet(packet: Packet) -> bytes:
-    """Return a packet as bytes.
+@dataclass(frozen=True)
+class Echo:
+    """A packet of version 2 by which a patch answers a request."""
+
+    address: int
+    """Address of the patch on its bus, 0 to 65535."""
+    scan: int
+    """Number of the latest scan, modulo 65536."""
+    device_time: int
+    """Time of the patch's own clock when the request arrived [us], modulo 2**32."""
+    number: int
+    """Number of that request."""
+    challenge: bytes
+    """Challenge of that request: only who received it can know it."""
+    held: int
+    """Time from its arrival until the echo was sent, by the patch's own clock [us]."""
+
+
+Packet = Hello | Data | Status | Request | Echo
+KIND_OF: dict[type[Packet], int] = {
+    Hello: HELLO,
+    Data: DATA,
+    Status: STATUS,
+    Request: REQUEST,
+    Echo: ECHO,
+}
+"""Kind of each class of packets, as its number in the header."""
+
+
+def read_kind(packet: bytes) -> int:
+    """Return the kind of a packet that `encode_packet` made, with or without seal."""
+    return packet[1] & ~SEALED
+
+
+def encode_packet(packet: Packet, version: int = VERSION_1) -> bytes:
+    """Return a packet as bytes, without a seal.
 
     Raises:
-        PacketError: a number does not fit its field (`content`), or there are too many
-            counts (`length`).
+        PacketError: a number does not fit its field, the version has no such packet
+            (`content`), or there are too many counts (`length`).
     """
-    kind = {Hello: HELLO, Data: DATA, Status: STATUS}[type(packet)]
+    kind = KIND_OF[type(packet)]
+    if kind not in KINDS.get(version, ()):
+        raise PacketError(
+            f"packet is {type(packet).__name__} of version {version}; allowed are "
+            "hello, data and status of version 1, and all kinds of version 2",
+            "content",
+        )
+    is_request = isinstance(packet, Request)
+    times = (0, 0) if is_request else (packet.scan, packet.device_time)
     try:
         body = encode_body(packet)
-        header = HEADER.pack(
-            VERSION, kind, packet.address, packet.scan, packet.device_time
-        )
+        header = HEADER.pack(version, kind, packet.address, *times)
     except struct.error as error:
         shown = " ".join(repr(packet).split())
         raise PacketError(
             f"a number of {shown:.200} does not fit its field ({error}); allowed are "
-            "the ranges of protocol version 1; let counters wrap",
+            f"the ranges of protocol version {version}; let counters wrap",
             "content",
         ) from error
     return header + body + CRC.pack(zlib.crc32(body, zlib.crc32(header)))
@@ -139,7 +204,22 @@ def encode_body(packet: Packet) -> bytes:
     if isinstance(packet, Data):
         counts = encode_counts(packet.counts)
         return DATA_BODY.pack(packet.first, len(packet.counts)) + counts
+    if isinstance(packet, Request):
+        return REQUEST_BODY.pack(packet.number, encode_challenge(packet.challenge))
+    if isinstance(packet, Echo):
+        challenge = encode_challenge(packet.challenge)
+        return ECHO_BODY.pack(packet.number, challenge, packet.held)
     return STATUS_BODY.pack(packet.skipped, packet.errors, packet.temperature)
+
+
+def encode_challenge(challenge: bytes) -> bytes:
+    """Return a challenge; another length is refused, since it would be padded."""
+    if len(challenge) != CHALLENGE_BYTES:
+        raise PacketError(
+            f"challenge has {len(challenge)} bytes; allowed are {CHALLENGE_BYTES}",
+            "content",
+        )
+    return challenge
 
 
 def encode_firmware(firmware: str) -> bytes:
@@ -198,13 +278,27 @@ def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
             "crc",
         )
     version, kind, address, scan, device_time = HEADER.unpack_from(data)
-    if version != VERSION:
+    kinds = KINDS.get(version)
+    if kinds is None:
         raise PacketError(
-            f"packet has protocol version {version}; allowed is {VERSION}; use a "
-            "newer eskin, or older firmware",
+            f"packet has protocol version {version}; allowed are {VERSION_1} and "
+            f"{VERSION_2}; use a newer eskin, or older firmware",
             "version",
         )
-    common = address, scan, device_time
+    end = len(data) - CRC.size
+    if version == VERSION_2 and kind & SEALED:
+        kind, end = kind ^ SEALED, end - SEAL.size
+    if kind not in kinds:
+        raise PacketError(
+            f"packet of version {version} is of kind {kind}; allowed are "
+            f"{', '.join(map(str, kinds))}; skip it",
+            "kind",
+        )
+    return decode_body(kind, (address, scan, device_time), data[: max(end, 0)])
+
+
+def decode_body(kind: int, common: tuple[int, int, int], data: bytes) -> Packet:
+    """Return the packet of a kind, whose header was read, without seal and CRC."""
     if kind == DATA:
         return decode_data(common, data)
     if kind == HELLO:
@@ -212,11 +306,17 @@ def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
     if kind == STATUS:
         check_body_size("status", data, STATUS_BODY.size)
         return Status(*common, *STATUS_BODY.unpack_from(data, HEADER.size))
-    raise PacketError(
-        f"packet is of kind {kind}; allowed are {HELLO} (hello), {DATA} (data) and "
-        f"{STATUS} (status); skip it",
-        "kind",
-    )
+    if kind == ECHO:
+        check_body_size("echo", data, ECHO_BODY.size)
+        return Echo(*common, *ECHO_BODY.unpack_from(data, HEADER.size))
+    check_body_size("request", data, REQUEST_BODY.size)
+    address, *times = common
+    if any(times):
+        raise PacketError(
+            f"request has scan number and device time {times}; allowed is 0 for both",
+            "content",
+        )
+    return Request(address, *REQUEST_BODY.unpack_from(data, HEADER.size))
 
 
 def decode_data(common: tuple[int, int, int], data: bytes) -> Data:
@@ -234,7 +334,7 @@ def decode_hello(common: tuple[int, int, int], data: bytes) -> Hello:
     *numbers, length = HELLO_BODY.unpack_from(data, HEADER.size)
     check_body_size("hello", data, HELLO_BODY.size + length)
     try:
-        firmware = data[HEADER.size + HELLO_BODY.size : -CRC.size].decode()
+        firmware = data[HEADER.size + HELLO_BODY.size :].decode()
     except UnicodeDecodeError as error:
         raise PacketError(
             f"firmware of a hello is no text ({error}); allowed is UTF-8; correct the "
@@ -247,7 +347,7 @@ def decode_hello(common: tuple[int, int, int], data: bytes) -> Hello:
 
 def check_body_size(kind: str, data: bytes, size: int, at_least: bool = False) -> None:
     """Refuse a packet whose body does not have the size that its fields require."""
-    got = len(data) - MIN_PACKET_BYTES
+    got = len(data) - HEADER.size
     if got < size or (got > size and not at_least):
         allowed = f"at least {size}" if at_least else f"{size}"
         raise PacketError(

@@ -5,6 +5,7 @@ import os
 import select
 import termios
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import final
 
@@ -13,7 +14,7 @@ from serial.tools import list_ports
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
-from eskin.drivers.framing import Deframer
+from eskin.drivers.framing import END, Deframer, encode_frame
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S
@@ -79,6 +80,15 @@ class SerialPort:
             self.close()
             return None
         return self.deframer.push(chunk)
+
+    def send(self, packet: bytes) -> None:
+        """Write a packet without waiting; what does not fit is lost.
+
+        The zero before it ends a frame of which only a part was written.
+        """
+        if self.line is not None:
+            with suppress(OSError):
+                os.write(self.line.fileno(), END + encode_frame(packet))
 
     def close(self) -> None:
         """Close the device file."""
@@ -208,6 +218,10 @@ class SerialTransport(Transport):
             for packet in found or ():
                 packets.append(ReceivedPacket(port.path, arrived, packet))
         return packets
+
+    def send(self, port: str, packet: bytes) -> None:
+        """Write a request to the port of a path."""
+        self.ports[port].send(packet)
 
     def wait_readable(
         self, ports: list[SerialPort], timeout: float

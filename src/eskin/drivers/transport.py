@@ -19,7 +19,7 @@ class ReceivedPacket(NamedTuple):
 
 
 class Transport(Closing):
-    """Receives packets of patches over some kind of line; one thread reads it."""
+    """Carries packets of patches over some kind of line; one thread uses it."""
 
     @abstractmethod
     def read(self, timeout: float) -> list[ReceivedPacket]:
@@ -30,6 +30,13 @@ class Transport(Closing):
 
         Raises:
             DeviceError: the transport is lost and will not come back.
+        """
+
+    @abstractmethod
+    def send(self, port: str, packet: bytes) -> None:
+        """Send a request to a port or address that packets came from, or lose it.
+
+        It does not wait, and raises nothing: a patch that gets no request goes on.
         """
 
     @abstractmethod

@@ -8,6 +8,7 @@ from typing import final
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
+from eskin.drivers.module_registry import NETWORK_PORT
 from eskin.drivers.packet import HEADER, HELLO, MAX_PACKET_BYTES, decode_packet
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError
@@ -63,6 +64,7 @@ class UdpTransport(Transport):
         host: str = "127.0.0.1",
         port: int = 0,
         allow_remote: bool = False,
+        authenticated: bool = False,
     ) -> None:
         """Bind a port.
 
@@ -71,11 +73,13 @@ class UdpTransport(Transport):
             host: IP address of this computer to listen on.
             port: port number; 0 takes any free one.
             allow_remote: whether packets of other computers are accepted.
+            authenticated: whether packets are accepted from any address, since a key
+                tells who sends them.
 
         Raises:
             DeviceError: the port cannot be bound, or the address is not loopback.
         """
-        check_udp_host(host, allow_remote)
+        check_udp_host(host, allow_remote or authenticated)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self.socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
@@ -91,7 +95,7 @@ class UdpTransport(Transport):
         self.port: int = self.socket.getsockname()[1]
         self.clock = clock
         self.log = EventLog()
-        self.peer_filter = PeerAddressFilter()
+        self.peer_filter = None if authenticated else PeerAddressFilter()
         self.names: dict[tuple[str, int], str] = {}
         self.datagrams = self.bytes = self.refused = 0
         self.closed = False
@@ -111,7 +115,8 @@ class UdpTransport(Transport):
             self.datagrams += 1
             self.bytes += len(packet)
             peer = self.peer_name(address)
-            if self.peer_filter.admit(packet, peer, arrived):
+            allowed = self.peer_filter
+            if allowed is None or allowed.admit(packet, peer, arrived):
                 packets.append(ReceivedPacket(peer, arrived, packet))
             else:
                 self.refused += 1
@@ -123,6 +128,12 @@ class UdpTransport(Transport):
                 )
         return packets
 
+    def send(self, port: str, packet: bytes) -> None:
+        """Send a request to a network address, `udp://HOST:PORT`."""
+        host, _, number = port.removeprefix(NETWORK_PORT).rpartition(":")
+        with suppress(OSError):
+            self.socket.sendto(packet, (host, int(number)))
+
     def peer_name(self, address: tuple[str, int]) -> str:
         """Return a network address as messages name it."""
         key = address[:2]
@@ -130,7 +141,7 @@ class UdpTransport(Transport):
         if name is None:
             if len(self.names) >= MAX_PEERS:
                 self.names.clear()
-            name = self.names[key] = f"udp://{key[0]}:{key[1]}"
+            name = self.names[key] = f"{NETWORK_PORT}{key[0]}:{key[1]}"
         return name
 
     def take_events(self, now: int) -> list[Event]:
@@ -161,6 +172,6 @@ def check_udp_host(host: str, allow_remote: bool) -> None:
     if not loopback and not allow_remote:
         raise DeviceError(
             f"UDP host is {host}, which others can send to, and UDP does not "
-            "authenticate senders; allowed is loopback, 127.0.0.1; allow remote "
-            "senders if the network is trusted"
+            "authenticate senders; allowed is loopback, 127.0.0.1; use a key, or allow "
+            "remote senders if the network is trusted"
         )

@@ -183,6 +183,8 @@ class SceneDescription:
     """Whether updates include the state of an arm."""
     compares: bool = False
     """Whether a comparison of recognisers replaces the panel beside the scene."""
+    warning: str = ""
+    """Warning that is always shown above the panel; empty for none."""
 
 
 TouchKind = Literal["poke", "double_pat", "grab", "begin", "move", "end"]

@@ -52,6 +52,14 @@ def render_status(update: ViewUpdate) -> str:
     ) + (render_block(render_arm(update.arm)) if update.arm else "")
 
 
+def render_warning(text: str) -> str:
+    """Return a warning as HTML."""
+    return render_block(
+        f'<div style="margin-bottom:6px;padding:5px 8px;border-radius:6px;color:#fff;'
+        f'background:{RED}">{escape(text)}</div>'
+    )
+
+
 def render_numbers(*pairs: tuple[str, str]) -> str:
     """Return names with their values side by side as HTML."""
     cells = "".join(
@@ -288,6 +296,8 @@ class Panel:
         self.scale = scale
         self.hand = hand
         self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
+        if setup.warning:
+            gui.add_html(render_warning(setup.warning))
         self.status = gui.add_html("")
         self.bars = gui.add_html(render_bars((), setup.gestures))
         self.history = HistoryPlot(gui)

@@ -37,6 +37,7 @@ def describe_scene(
     skins: tuple[str, ...] = (),
     is_arm: bool = False,
     compares: bool = False,
+    warning: str = "",
 ) -> SceneDescription:
     """Return the description of a skin on its robot.
 
@@ -58,6 +59,7 @@ def describe_scene(
         skins=skins,
         is_arm=is_arm,
         compares=compares,
+        warning=warning,
     )
 
 

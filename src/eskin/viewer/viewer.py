@@ -257,6 +257,8 @@ class ViewerConfig:
     """
     skins: tuple[str, ...] = ()
     """Skins offered for selection; the first is the current one."""
+    warning: str = ""
+    """Warning that the page always shows, such as that packets are unauthenticated."""
 
 
 @final
@@ -326,6 +328,7 @@ class Viewer(Listener):
             skins=self.config.skins,
             is_arm=self.arm is not None,
             compares=self.board is not None,
+            warning=self.config.warning,
         )
 
     def on_message(self, item: Message) -> None:

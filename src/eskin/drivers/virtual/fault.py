@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from eskin.drivers.packet import DATA
+from eskin.drivers.packet import DATA, read_kind
 from eskin.drivers.virtual.patch import VirtualPatch
 
 FOREVER = 2**63 - 1
@@ -126,7 +126,7 @@ class PacketFault(DeviceFault):
     def count_packet(self, packet: OutgoingBytes) -> None:
         """Count an affected packet."""
         self.count += 1
-        self.data += packet.data[1] == DATA
+        self.data += read_kind(packet.data) == DATA
 
     def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Return the packets that are sent in place of these.

@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from eskin.drivers.packet import CRC, DATA, MAX_COUNT, MAX_PACKET_BYTES
+from eskin.drivers.packet import CRC, DATA, MAX_COUNT, MAX_PACKET_BYTES, read_kind
 from eskin.drivers.virtual.fault import (
     FOREVER,
     DeviceFault,
@@ -143,7 +143,7 @@ class WrongPatch(PacketFault):
 
     def select(self, packet: OutgoingBytes, at: int) -> bool:
         """Draw whether the fault affects a packet, which must be a data packet."""
-        return packet.data[1] == DATA and super().select(packet, at)
+        return read_kind(packet.data) == DATA and super().select(packet, at)
 
     def apply(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
         """Return the packet, and the same under another address."""

@@ -13,13 +13,16 @@ from eskin.drivers.packet import (
     DATA,
     DEVICE_TIME_SPAN,
     MAX_COUNTS,
+    MAX_SEALED_COUNTS,
     SCAN_NUMBER_SPAN,
-    VERSION,
+    VERSION_2,
     Hello,
+    Request,
     Status,
     encode_packet,
 )
 from eskin.drivers.patch_stream import index_taxels
+from eskin.drivers.virtual.session import PatchSession, build_echo
 from eskin.skin import Patch
 
 FIRMWARE = "eskin virtual 1"
@@ -52,6 +55,8 @@ class VirtualPatch:
         serial_number: int,
         clock_error: float = 0.0,
         offset: float = 0.0,
+        version: int = VERSION_2,
+        key: bytes | None = None,
     ) -> None:
         """Power up.
 
@@ -62,6 +67,8 @@ class VirtualPatch:
             serial_number: serial number of the module.
             clock_error: relative error of its clock; positive is too fast [ppm].
             offset: time since power-up when the skin starts [s].
+            version: version of the protocol, 1 or 2.
+            key: key that seals its packets; None sends them without a seal.
         """
         self.patch = patch
         self.taxels = taxels
@@ -71,6 +78,9 @@ class VirtualPatch:
         self.serial_number = serial_number
         self.us_per_ns = (1.0 + clock_error * 1e-6) / 1000.0
         self.away = 0
+        self.version = version
+        self.session = None if key is None else PatchSession(key)
+        self.max_counts = MAX_COUNTS if key is None else MAX_SEALED_COUNTS
         self.power_up(0)
         self.offset = round(offset * 1e6)
         self.scan = round(offset * rate) % SCAN_NUMBER_SPAN
@@ -80,6 +90,8 @@ class VirtualPatch:
         self.power_up_at = at
         self.offset = self.scan = 0
         self.is_new = True
+        if self.session is not None:
+            self.session.power_up()
 
     def wrap_in(self, seconds: float, at: int) -> None:
         """Set clock and scan number so that both wrap after some time [s]."""
@@ -96,12 +108,21 @@ class VirtualPatch:
         elapsed = int((at - self.power_up_at) * self.us_per_ns)
         return (elapsed + self.offset) % DEVICE_TIME_SPAN
 
-    def build_hello_and_status(self, at: int) -> list[bytes]:
-        """Return the two packets that are sent once a second."""
+    @property
+    def may_send(self) -> bool:
+        """Whether it may send all kinds of packets: one with a key needs a session."""
+        return self.session is None or self.session.is_open
+
+    def build_hello(self, at: int) -> bytes:
+        """Return a hello."""
         self.is_new = False
-        common = (self.address, self.scan, self.device_time(at))
+        time = self.device_time(at)
+        if self.session is not None:
+            self.session.expire(time)
         hello = Hello(
-            *common,
+            self.address,
+            self.scan,
+            time,
             rows=self.patch.rows,
             columns=self.patch.columns,
             taxels=len(self.taxels),
@@ -109,8 +130,36 @@ class VirtualPatch:
             serial_number=self.serial_number,
             firmware=FIRMWARE,
         )
-        status = Status(*common, skipped=0, errors=0, temperature=TEMPERATURE)
-        return [encode_packet(hello), encode_packet(status)]
+        return self.seal(encode_packet(hello, self.version))
+
+    def build_hello_and_status(self, at: int) -> list[bytes]:
+        """Return the packets that are sent once a second."""
+        hello = self.build_hello(at)
+        if not self.may_send:
+            return [hello]
+        numbers = self.address, self.scan, self.device_time(at)
+        status = Status(*numbers, skipped=0, errors=0, temperature=TEMPERATURE)
+        return [hello, self.seal(encode_packet(status, self.version))]
+
+    def seal(self, packet: bytes) -> bytes:
+        """Return a packet with a seal where it has a key."""
+        return packet if self.session is None else self.session.close(packet)
+
+    def answer(self, request: Request, data: bytes, at: int) -> list[bytes]:
+        """Return the answer to a request, and a hello where it opens a session.
+
+        A request that is not authentic or not new is not answered. `data` is its bytes.
+        """
+        time, session = self.device_time(at), self.session
+        if self.version != VERSION_2:
+            return []
+        if session is not None:
+            session.expire(time)
+        opens = session is not None and not session.is_open
+        if session is not None and not session.admit(request, data, time):
+            return []
+        echo = self.seal(build_echo(request, self.scan, time, held=0))
+        return [self.build_hello(at), echo] if opens else [echo]
 
     def measure(
         self,
@@ -128,24 +177,25 @@ class VirtualPatch:
         own = counts[self.place].astype(COUNT_TYPE).tobytes()
         time = self.device_time(at)
         packets = []
-        for first, last in split_runs(received[self.place]):
-            header = (VERSION, DATA, self.address, self.scan, time)
+        runs = split_runs(received[self.place], self.max_counts)
+        for first, last in runs if self.may_send else ():
+            header = (self.version, DATA, self.address, self.scan, time)
             start = DATA_START.pack(*header, first, last - first)
             body = start + own[2 * first : 2 * last]
-            packets.append(body + CRC.pack(zlib.crc32(body)))
+            packets.append(self.seal(body + CRC.pack(zlib.crc32(body))))
         self.scan = (self.scan + 1) % SCAN_NUMBER_SPAN
         return packets
 
 
-def split_runs(received: Bool[np.ndarray, "part"]) -> list[tuple[int, int]]:
-    """Return start and end of the runs of valid taxels, each fitting a packet."""
+def split_runs(received: Bool[np.ndarray, "part"], size: int) -> list[tuple[int, int]]:
+    """Return start and end of the runs of valid taxels, each of at most a size."""
     if received.all():
         pieces = [(0, len(received))]
     else:
         edges = np.flatnonzero(np.diff(received, prepend=False, append=False))
         pieces = list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
     return [
-        (first, min(first + MAX_COUNTS, end))
+        (first, min(first + size, end))
         for begin, end in pieces
-        for first in range(begin, end, MAX_COUNTS)
+        for first in range(begin, end, size)
     ]

@@ -10,8 +10,13 @@ from pathlib import Path
 from typing import final
 
 from eskin.closing import Closing
+from eskin.drivers.framing import Deframer
 from eskin.errors import DeviceError
 
+MAX_RECEIVED_BYTES = 4096
+"""Largest number of bytes that are received at once."""
+MAX_DATAGRAMS = 64
+"""Largest number of datagrams that are received at once."""
 FLUSH_INTERVAL = 0.005
 """Time between two checks whether all has been read [s]."""
 
@@ -40,6 +45,10 @@ class VirtualPort(Closing):
     @abstractmethod
     def send(self, chunks: list[bytes]) -> None:
         """Send packets, framed if `framed`; each is sent as a whole or not at all."""
+
+    @abstractmethod
+    def receive(self) -> list[bytes]:
+        """Return the packets that the receiver has sent, without waiting."""
 
     @abstractmethod
     def flush(self) -> None:
@@ -105,6 +114,7 @@ class PtyPort(VirtualPort):
                 f"cannot open a pseudo-terminal ({error}); give a link in a folder "
                 "that can be written to, or close other terminals"
             ) from error
+        self.deframer = Deframer()
         self.writable = select.poll()
         self.writable.register(self.master, select.POLLOUT)
         self.unsent = b""
@@ -145,6 +155,15 @@ class PtyPort(VirtualPort):
         until = time.monotonic() + self.timeout
         while self.has_receiver() and self.has_unread() and time.monotonic() < until:
             time.sleep(FLUSH_INTERVAL)
+
+    def receive(self) -> list[bytes]:
+        """Return the packets that the receiver has written."""
+        if self.master is None:
+            return []
+        try:
+            return self.deframer.push(os.read(self.master, MAX_RECEIVED_BYTES))
+        except OSError:
+            return []
 
     def has_unread(self) -> bool:
         """Return whether the receiver has not yet read everything."""
@@ -224,6 +243,17 @@ class UdpPort(VirtualPort):
                     self.undelivered += 1
             except OSError:
                 self.undelivered += 1
+
+    def receive(self) -> list[bytes]:
+        """Return the datagrams of the receiver; others do not reach the socket."""
+        packets = []
+        while len(packets) < MAX_DATAGRAMS:
+            try:
+                packet = self.socket.recv(MAX_RECEIVED_BYTES, socket.MSG_DONTWAIT)
+            except OSError:
+                break
+            packets += [packet] if self.is_plugged else []
+        return packets
 
     def flush(self) -> None:
         """Return at once: datagrams are not buffered."""

@@ -1,6 +1,7 @@
 """This module simulates a whole skin on real transports."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from typing import final
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.framing import encode_frame
-from eskin.drivers.packet import MAX_COUNT
+from eskin.drivers.packet import MAX_COUNT, VERSION_2, Request, decode_packet
 from eskin.drivers.virtual.fault import (
     FOREVER,
     DeviceFault,
@@ -20,13 +21,15 @@ from eskin.drivers.virtual.fault import (
 )
 from eskin.drivers.virtual.patch import MAX_RATE, VirtualPatch
 from eskin.drivers.virtual.ports import VirtualPort
-from eskin.errors import DeviceError
+from eskin.errors import DeviceError, PacketError
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 MAX_CLOCK_ERROR = 50.0
 """Largest error of a patch's clock [ppm]."""
+ANSWER_INTERVAL = NS_PER_S // 1000
+"""How often it is checked whether requests have arrived [ns]."""
 MAX_UPTIME = 60.0
 """Longest time that a patch has run when the skin starts [s]."""
 
@@ -50,6 +53,8 @@ class VirtualSkin(Closing):
         rate: float = 50.0,
         faults: Sequence[DeviceFault] = (),
         seed: int = 0,
+        version: int = VERSION_2,
+        key: bytes | None = None,
     ) -> None:
         """Power up all patches.
 
@@ -59,9 +64,12 @@ class VirtualSkin(Closing):
             rate: scan rate [1/s].
             faults: faults, applied in this order.
             seed: seed of serial numbers and clocks.
+            version: version of the protocol, 1 or 2.
+            key: key of 32 bytes that seals packets of version 2; None for no seals.
 
         Raises:
-            ValueError: there are no ports, more ports than patches, or no rate.
+            ValueError: there are no ports, more ports than patches, no rate, no such
+                version, or a key for version 1.
         """
         if not 1 <= len(ports) <= len(skin.patches):
             raise ValueError(
@@ -72,11 +80,17 @@ class VirtualSkin(Closing):
             raise ValueError(
                 f"rate is {rate} scans a second; allowed are above 0 to {MAX_RATE}"
             )
+        if version not in (1, 2) or (version == 1 and key is not None):
+            raise ValueError(
+                f"version is {version}{'' if key is None else ' with a key'}; allowed "
+                "are 1 and 2, and a key with 2; change it"
+            )
         self.skin = skin
         self.ports = tuple(ports)
         self.rate = rate
         self.faults = tuple(faults)
-        self.patches = build_patches(skin, rate, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        self.patches = build_patches(skin, rate, rng, version, key)
         patches = len(skin.patches)
         self.port_of = [index * len(ports) // patches for index in range(patches)]
         self.scans = self.packets = self.elapsed = 0
@@ -100,7 +114,9 @@ class VirtualSkin(Closing):
                 break
             if began is None:
                 began = clock.now() - self.elapsed
-            clock.sleep((began + self.elapsed - clock.now()) / NS_PER_S)
+            while (left := began + self.elapsed - clock.now()) > 0:
+                clock.sleep(min(left, ANSWER_INTERVAL) / NS_PER_S)
+                self.answer(clock.now() - began)
             self.send(scan)
         self.transmit([], FOREVER)
         for port in self.ports:
@@ -138,6 +154,34 @@ class VirtualSkin(Closing):
         self.elapsed = round(self.scans * NS_PER_S / self.rate)
         self.update_ports()
         self.transmit(packets, at)
+
+    def answer(self, at: int) -> None:
+        """Answer the requests that have arrived, through all faults."""
+        packets: list[OutgoingBytes] = []
+        for number, port in enumerate(self.ports):
+            for data in port.receive():
+                with suppress(PacketError):
+                    packets += self.build_answers(number, data, at)
+        if packets:
+            self.packets += len(packets)
+            self.transmit(packets, at)
+
+    def build_answers(self, port: int, data: bytes, at: int) -> list[OutgoingBytes]:
+        """Return what the patches at a port answer to a packet of the host.
+
+        Raises:
+            PacketError: it is no packet.
+        """
+        request = decode_packet(data)
+        if not isinstance(request, Request):
+            return []
+        return [
+            OutgoingBytes(index, answer)
+            for index, patch in enumerate(self.patches)
+            if self.port_of[index] == port and patch.away == 0
+            if patch.address == request.address
+            for answer in patch.answer(request, data, at)
+        ]
 
     def check_scan(self, scan: Scan) -> None:
         """Raise a DeviceError if a scan does not fit the skin or the protocol."""
@@ -199,7 +243,11 @@ class VirtualSkin(Closing):
 
 
 def build_patches(
-    skin: Skin, rate: float, rng: np.random.Generator
+    skin: Skin,
+    rate: float,
+    rng: np.random.Generator,
+    version: int = VERSION_2,
+    key: bytes | None = None,
 ) -> tuple[VirtualPatch, ...]:
     """Build the patches of a skin, with random clocks and serial numbers."""
     return tuple(
@@ -210,6 +258,8 @@ def build_patches(
             serial_number=int(rng.integers(2**63)),
             clock_error=float(rng.uniform(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR)),
             offset=float(rng.uniform(0.0, MAX_UPTIME)),
+            version=version,
+            key=key,
         )
         for patch in skin.patches
     )

@@ -1,0 +1,344 @@
+"""This module holds the host's sessions with patches of protocol version 2.
+
+In a session the host sends requests, which the patch answers with its clock. With a key
+a session also decides which packets are authentic: those with a valid seal under its
+challenge and a counter that has not been seen.
+"""
+
+from collections.abc import Callable, Iterable
+from hmac import compare_digest
+from secrets import token_bytes
+from typing import Literal, NamedTuple, final
+
+from eskin.drivers.clock import Clock
+from eskin.drivers.module_registry import PacketOutcome, name_authenticated_port
+from eskin.drivers.packet import (
+    CHALLENGE_BYTES,
+    VERSION_2,
+    Echo,
+    Hello,
+    Packet,
+    Request,
+    encode_packet,
+)
+from eskin.drivers.seal import (
+    NO_CHALLENGE,
+    SessionSeal,
+    is_sealed,
+    read_seal,
+    read_session,
+)
+from eskin.units import NS_PER_S
+
+REQUEST_INTERVAL = NS_PER_S // 4
+"""Time between two requests of a session [ns]."""
+CHECK_INTERVAL = NS_PER_S // 50
+"""How often it is checked whether requests are due [ns]."""
+OPENING_TIMEOUT = 3 * NS_PER_S
+"""Time for which an answer to the first request is expected [ns]."""
+SESSION_TIMEOUT = 10 * NS_PER_S
+"""Silence after which a session is over [ns]."""
+MAX_SESSIONS = 8
+"""Largest number of sessions with one patch address."""
+MAX_AWAITED = 8
+"""Largest number of requests of a session whose answer is expected."""
+COUNTER_WINDOW = 1024
+"""Number of counters that are tracked one by one; packets further back are refused."""
+ALL_COUNTERS = (1 << COUNTER_WINDOW) - 1
+OPENING = 0
+"""Number of the request that opens a session."""
+
+Freshness = Literal["new", "duplicate", "late"]
+RandomBytes = Callable[[int], bytes]
+
+
+@final
+class CounterWindow:
+    """Tracks which counters of a session were seen, so that no packet counts twice."""
+
+    def __init__(self) -> None:
+        """Start without counters."""
+        self.highest = -1
+        self.seen = 0
+
+    def add(self, counter: int) -> Freshness:
+        """Add the counter of an authentic packet; return whether it is new."""
+        ahead = counter - self.highest
+        if ahead > 0:
+            shifted = self.seen << min(ahead, COUNTER_WINDOW)
+            self.seen = (shifted | 1) & ALL_COUNTERS
+            self.highest = counter
+            return "new"
+        if -ahead >= COUNTER_WINDOW:
+            return "late"
+        bit = 1 << -ahead
+        if self.seen & bit:
+            return "duplicate"
+        self.seen |= bit
+        return "new"
+
+
+@final
+class Session:
+    """Holds one session with a module at a port.
+
+    Attributes:
+        port: port or network address that requests are sent to.
+        is_open: whether the module has answered.
+        is_due: whether the request that opens it is to be sent.
+        heard_at: when the module was last heard [ns].
+        trusted_port: port as which authentic packets are assembled; empty before the
+            module's first authentic hello.
+    """
+
+    def __init__(
+        self, address: int, port: str, challenge: bytes, key: bytes | None, now: int
+    ) -> None:
+        """Prepare a session; the request that opens it is due."""
+        self.address = address
+        self.port = port
+        self.challenge = challenge
+        self.seal = None if key is None else SessionSeal(key, challenge)
+        self.window = CounterWindow()
+        self.is_open, self.is_due = False, True
+        self.heard_at = self.requested_at = now
+        self.number = OPENING
+        self.awaited: dict[int, int] = {}
+        self.trusted_port = ""
+
+    def is_over(self, now: int) -> bool:
+        """Return whether the module has been silent for too long."""
+        timeout = SESSION_TIMEOUT if self.is_open else OPENING_TIMEOUT
+        return now - self.heard_at > timeout
+
+    def wants_request(self, now: int) -> bool:
+        """Return whether a request is due."""
+        if not self.is_open:
+            return self.is_due
+        return now - self.requested_at >= REQUEST_INTERVAL
+
+    def build_request(self, sent: int) -> bytes:
+        """Return the next request, which is sent at a time [ns]."""
+        if self.is_open:
+            self.number += 1
+            self.awaited[self.number] = sent
+            if len(self.awaited) > MAX_AWAITED:
+                del self.awaited[min(self.awaited)]
+        self.is_due, self.requested_at = False, sent
+        request = Request(self.address, self.number, self.challenge)
+        packet = encode_packet(request, VERSION_2)
+        return packet if self.seal is None else self.seal.close(packet, self.number)
+
+
+class Verdict(NamedTuple):
+    """A verdict says whether a packet may be assembled, and as whose."""
+
+    refused: PacketOutcome | None
+    """Outcome of a packet that is not assembled; None for one that is."""
+    port: str = ""
+    """Port as which it is assembled."""
+    reason: str = ""
+    """Why it is not authentic, as an event tells it; empty for other outcomes."""
+    sent: int | None = None
+    """When the request was sent that an echo answers [ns]; None for other packets and
+    for the answer to the first request, which may have been sent several times."""
+
+
+@final
+class HostSessions:
+    """Holds all sessions of a host, and refuses what is not authentic.
+
+    Sessions are opened by hellos: one request is sent for each until the module
+    answers, so that a forged hello does not make the host send more than it received.
+
+    Attributes:
+        key: key that packets must be sealed with; None accepts packets without a seal.
+    """
+
+    def __init__(
+        self,
+        addresses: Iterable[int],
+        clock: Clock,
+        key: bytes | None = None,
+        random: RandomBytes = token_bytes,
+    ) -> None:
+        """Start without sessions.
+
+        Args:
+            addresses: addresses of the skin's patches.
+            clock: clock that stamps requests.
+            key: key of 32 bytes; None where packets are not authenticated.
+            random: returns as many random bytes as asked for.
+        """
+        self.clock = clock
+        self.key = key
+        self.random = random
+        self.unopened = None if key is None else SessionSeal(key, NO_CHALLENGE)
+        self.sessions: dict[int, list[Session]] = {number: [] for number in addresses}
+        self.checked_at = 0
+
+    def judge(self, packet: Packet, data: bytes, arrived: int, port: str) -> Verdict:
+        """Return whether a packet may be assembled.
+
+        Args:
+            packet: packet that was decoded.
+            data: its bytes.
+            arrived: when it arrived [ns].
+            port: port or network address that it came from.
+        """
+        if self.unopened is not None:
+            return self.judge_sealed(packet, data, arrived, port, self.unopened)
+        if is_sealed(data):
+            return refuse(port, "are sealed with a key; give the host the same key")
+        if data[0] == VERSION_2:
+            return self.judge_open(packet, arrived, port)
+        return Verdict(None, port)
+
+    def judge_open(self, packet: Packet, arrived: int, port: str) -> Verdict:
+        """Return the verdict on a packet of version 2 where there is no key."""
+        if isinstance(packet, Hello):
+            self.open(packet.address, port, arrived)
+        if not isinstance(packet, Echo):
+            return Verdict(None, port)
+        session = self.find_place(packet.address, port)
+        if session is None or not compare_digest(packet.challenge, session.challenge):
+            return Verdict("late")
+        self.confirm(session, arrived)
+        return take_echo(session, packet, port)
+
+    def judge_sealed(
+        self,
+        packet: Packet,
+        data: bytes,
+        arrived: int,
+        port: str,
+        unopened: SessionSeal,
+    ) -> Verdict:
+        """Return the verdict on a packet where there is a key."""
+        if not is_sealed(data):
+            return refuse(port, "have no seal; give the patch the key of the host")
+        number, counter = read_seal(data)
+        if number == unopened.session:
+            return self.judge_unopened(packet, data, arrived, port, unopened)
+        session = self.find_session(packet.address, number)
+        if session is None or session.seal is None:
+            return refuse(port, "are of no open session; they are old, or replayed")
+        if not session.seal.is_valid(data):
+            return refuse(port, "have a wrong seal; compare the key of patch and host")
+        if isinstance(packet, Request):
+            return Verdict("foreign")
+        freshness = session.window.add(counter)
+        if freshness != "new":
+            return Verdict(freshness)
+        return self.take_authentic(session, packet, arrived)
+
+    def judge_unopened(
+        self,
+        packet: Packet,
+        data: bytes,
+        arrived: int,
+        port: str,
+        unopened: SessionSeal,
+    ) -> Verdict:
+        """Return the verdict on a packet of a patch that is in no session.
+
+        It may be a replay, so it has no effect but a request to its port.
+        """
+        if not isinstance(packet, Hello) or not unopened.is_valid(data):
+            return refuse(port, "have a wrong seal; compare the key of patch and host")
+        if packet.address not in self.sessions:
+            return Verdict(None, port)
+        self.open(packet.address, port, arrived)
+        return Verdict("held")
+
+    def take_authentic(self, session: Session, packet: Packet, arrived: int) -> Verdict:
+        """Note an authentic packet; return as whose it is assembled."""
+        if isinstance(packet, Hello):
+            session.trusted_port = name_authenticated_port(packet.serial_number)
+        self.confirm(session, arrived)
+        if not session.trusted_port:
+            return Verdict("held")
+        if isinstance(packet, Echo):
+            return take_echo(session, packet, session.trusted_port)
+        return Verdict(None, session.trusted_port)
+
+    def open(self, address: int, port: str, arrived: int) -> None:
+        """Let a hello open a session, or ask for the request that opens it again.
+
+        With a key the patch says by the hello that it is in no session: an open one
+        goes on beside the new one until that is confirmed, since the hello may be old.
+        """
+        sessions = self.sessions.get(address)
+        if sessions is None:
+            return
+        for session in sessions:
+            if session.port == port and (self.key is None or not session.is_open):
+                session.is_due = True
+                return
+        if len(sessions) >= MAX_SESSIONS:
+            sessions.remove(min(sessions, key=lambda s: (s.is_open, s.heard_at)))
+        challenge = self.draw_challenge(address)
+        sessions.append(Session(address, port, challenge, self.key, arrived))
+
+    def draw_challenge(self, address: int) -> bytes:
+        """Return a random challenge whose session no other of the address has."""
+        taken = {read_session(session.challenge) for session in self.sessions[address]}
+        taken.add(read_session(NO_CHALLENGE))
+        while True:
+            challenge = self.random(CHALLENGE_BYTES)
+            if read_session(challenge) not in taken:
+                return challenge
+
+    def confirm(self, session: Session, arrived: int) -> None:
+        """Note that a module was heard in a session, which ends its earlier one."""
+        session.heard_at = arrived
+        if session.is_open:
+            return
+        session.is_open = True
+        kept = [
+            other
+            for other in self.sessions[session.address]
+            if other is session or not other.is_open or other.port != session.port
+        ]
+        self.sessions[session.address] = kept
+
+    def find_place(self, address: int, port: str) -> Session | None:
+        """Return the session with the patch of an address at a port."""
+        found = self.sessions.get(address, ())
+        return next((session for session in found if session.port == port), None)
+
+    def find_session(self, address: int, number: int) -> Session | None:
+        """Return the session of an address that packets name by a number."""
+        for session in self.sessions.get(address, ()):
+            if session.seal is not None and session.seal.session == number:
+                return session
+        return None
+
+    def take_requests(self, now: int) -> list[tuple[str, bytes]]:
+        """Return the requests that are due at a time [ns], with their ports."""
+        requests: list[tuple[str, bytes]] = []
+        if now - self.checked_at < CHECK_INTERVAL:
+            return requests
+        self.checked_at = now
+        for address, sessions in self.sessions.items():
+            for session in sessions:
+                if session.wants_request(now):
+                    packet = session.build_request(self.clock.now())
+                    requests.append((session.port, packet))
+            if any(session.is_over(now) for session in sessions):
+                kept = [session for session in sessions if not session.is_over(now)]
+                self.sessions[address] = kept
+        return requests
+
+
+def take_echo(session: Session, echo: Echo, port: str) -> Verdict:
+    """Return the verdict on the answer to a request, which is answered only once."""
+    sent = session.awaited.pop(echo.number, None)
+    if sent is None and echo.number != OPENING:
+        return Verdict("late")
+    return Verdict(None, port, sent=sent)
+
+
+def refuse(port: str, reason: str) -> Verdict:
+    """Return the verdict on a packet that is not authentic."""
+    return Verdict("unauthenticated", reason=f"packets at {port} {reason}")
