@@ -158,7 +158,9 @@ class Operator:
             self.arm.resume()
 
 
-def attack(fault: str, seconds: float, seed: int, release: bool, tally: FaultTally) -> None:
+def attack(
+    fault: str, seconds: float, seed: int, release: bool, tally: FaultTally
+) -> None:
     """Simulate a fault on one build of the skin of a working arm."""
     clock = ManualClock(NS_PER_S)
     arm = SimulatedArm(clock=clock)

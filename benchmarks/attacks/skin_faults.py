@@ -35,7 +35,7 @@ SPIKE_CHANCE = 1e-4
 
 
 @dataclass(frozen=True)
-class Target:
+class FaultTarget:
     """A target is the skin that a fault is simulated on."""
 
     skin: Skin
@@ -52,27 +52,27 @@ Disturbance = Callable[[float], Float[np.ndarray, "taxel"]]
 """Gives what a fault adds to the counts at a time [s]."""
 
 
-def build_target(skin: Skin, calibration: Calibration, seed: int) -> Target:
+def build_target(skin: Skin, calibration: Calibration, seed: int) -> FaultTarget:
     """Build the target of a fault on a skin."""
     contact = calibration.compute_counts(ContactConfig().on)
     unit = contact / CONTACT_COUNTS
     rng = np.random.default_rng((seed, 24))
-    return Target(skin, unit, calibration.full_scale, rng)
+    return FaultTarget(skin, unit, calibration.full_scale, rng)
 
 
-def choose(target: Target, share: float) -> Int[np.ndarray, "chosen"]:
+def choose(target: FaultTarget, share: float) -> Int[np.ndarray, "chosen"]:
     """Choose a share of all taxels at random."""
     count = max(round(share * target.skin.count), 1)
     return target.rng.choice(target.skin.count, count, replace=False)
 
 
-def add_noise(target: Target, share: float, sigma: float) -> Disturbance:
+def add_noise(target: FaultTarget, share: float, sigma: float) -> Disturbance:
     """Return white noise of a standard deviation [counts] on a share of the taxels."""
     return add_white(target, choose(target, share), sigma)
 
 
 def add_white(
-    target: Target, taxels: Int[np.ndarray, "chosen"], sigma: float
+    target: FaultTarget, taxels: Int[np.ndarray, "chosen"], sigma: float
 ) -> Disturbance:
     """Return white noise on some taxels."""
     noise = np.zeros(target.skin.count)
@@ -84,7 +84,7 @@ def add_white(
     return disturb
 
 
-def choose_row(target: Target) -> Int[np.ndarray, "chosen"]:
+def choose_row(target: FaultTarget) -> Int[np.ndarray, "chosen"]:
     """Choose the taxels of a row of at least five taxels."""
     skin = target.skin
     while True:
@@ -96,12 +96,12 @@ def choose_row(target: Target) -> Int[np.ndarray, "chosen"]:
             return np.flatnonzero(row)
 
 
-def float_row(target: Target) -> Disturbance:
+def float_row(target: FaultTarget) -> Disturbance:
     """Return a row that is not connected and picks up white noise."""
     return add_white(target, choose_row(target), FLOATING)
 
 
-def float_row_slowly(target: Target) -> Disturbance:
+def float_row_slowly(target: FaultTarget) -> Disturbance:
     """Return a row that is not connected and wanders."""
     taxels, rng = choose_row(target), target.rng
     state = rng.normal(0.0, FLOATING, len(taxels))
@@ -120,7 +120,7 @@ def float_row_slowly(target: Target) -> Disturbance:
     return disturb
 
 
-def hum_of_patch(target: Target) -> Disturbance:
+def hum_of_patch(target: FaultTarget) -> Disturbance:
     """Return mains hum on one patch, which beats with the rate of the scans."""
     patch = int(target.rng.integers(len(target.skin.patches)))
     share = (target.skin.patch_index == patch).astype(float)
@@ -133,7 +133,7 @@ def hum_of_patch(target: Target) -> Disturbance:
     return disturb
 
 
-def hum_by_rows(target: Target) -> Disturbance:
+def hum_by_rows(target: FaultTarget) -> Disturbance:
     """Return mains hum on one patch whose rows are read one after the other."""
     patch = int(target.rng.integers(len(target.skin.patches)))
     share = (target.skin.patch_index == patch).astype(float)
@@ -147,7 +147,7 @@ def hum_by_rows(target: Target) -> Disturbance:
     return disturb
 
 
-def add_spikes(target: Target) -> Disturbance:
+def add_spikes(target: FaultTarget) -> Disturbance:
     """Return spikes of one scan, of any size up to full scale, anywhere."""
     top = target.full_scale / target.unit
 
@@ -158,7 +158,7 @@ def add_spikes(target: Target) -> Disturbance:
     return disturb
 
 
-def add_telegraph_noise(target: Target) -> Disturbance:
+def add_telegraph_noise(target: FaultTarget) -> Disturbance:
     """Return taxels that step up and down at random times."""
     taxels, rng = choose(target, 0.002), target.rng
     high = rng.random(len(taxels)) < 0.5
@@ -176,7 +176,7 @@ def add_telegraph_noise(target: Target) -> Disturbance:
     return disturb
 
 
-FAULTS: dict[str, Callable[[Target], Disturbance]] = {
+FAULTS: dict[str, Callable[[FaultTarget], Disturbance]] = {
     "none": lambda target: lambda seconds: np.zeros(target.skin.count),
     "0.2 % noisy, sigma 7": lambda target: add_noise(target, 0.002, 7.0),
     "0.2 % noisy, sigma 9": lambda target: add_noise(target, 0.002, 9.0),
@@ -194,7 +194,7 @@ FAULTS: dict[str, Callable[[Target], Disturbance]] = {
 class FaultySkin:
     """A faulty skin disturbs the scans that pass through it."""
 
-    def __init__(self, fault: str, target: Target) -> None:
+    def __init__(self, fault: str, target: FaultTarget) -> None:
         """Draw a fault of a kind of `FAULTS`."""
         self.target = target
         self.disturb = FAULTS[fault](target)
