@@ -283,8 +283,6 @@ class Policy(Listener):
             return problem
         if age > self.config.monitor.max_age:
             return f"it was felt {1e3 * age:.0f} ms ago"
-        if detection.patch in self.monitor.failed_patches:
-            return f"patch '{detection.patch}' is out"
         if rested < cool_down and action not in HALTING_ACTIONS:
             return f"the same was done {rested:.1f} s ago, it rests {cool_down:g} s"
         if state.hold_reason is not None and action not in (

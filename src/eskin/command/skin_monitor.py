@@ -17,7 +17,14 @@ class SkinMonitorConfig:
     """Limits beyond which the arm is held because of its skin."""
 
     max_age: float = 0.1
-    """Age from which a reading is stale, and a patch without data is out [s]."""
+    """Age from which a reading or a touch is stale [s]."""
+
+    max_silence: float = 0.11
+    """Age of a patch's newest data from which the patch is out [s]: at 50 readings a
+    second, three may be lost in a row."""
+
+    min_valid: float = 0.25
+    """Share of a patch's taxels that must be valid; with fewer it sends no data."""
 
     max_force: float = 40.0
     """Force of an unrecognised touch above which a moving arm is held [N]."""
@@ -32,7 +39,8 @@ class SkinMonitor:
 
     Attributes:
         latest: stamp of the latest reading [ns since the epoch].
-        failed_patches: ids of patches from which nothing can be believed.
+        last_valid: stamp of the latest reading with data of each patch [ns].
+        faulty_patches: ids of patches that are faulty as a whole.
         last_contact: time of the last contact anywhere [ns since the epoch].
     """
 
@@ -41,10 +49,12 @@ class SkinMonitor:
         self.config = config
         self.patches = tuple(patch.id for patch in skin.patches)
         self.patch_index = np.asarray(skin.patch_index)
+        sizes = np.bincount(self.patch_index, minlength=len(self.patches))
+        self.least_valid = np.maximum(1, np.ceil(config.min_valid * sizes))
         self.latest = now
         self.last_contact = now
         self.last_valid = np.full(len(self.patches), now, np.int64)
-        self.failed_patches: tuple[str, ...] = ()
+        self.faulty_patches: frozenset[str] = frozenset()
         self.recognised: set[int] = set()
 
     def update(self, recognition: RecognitionState) -> None:
@@ -54,13 +64,9 @@ class SkinMonitor:
         valid = np.bincount(
             self.patch_index[state.reading.valid], minlength=len(self.patches)
         )
-        self.last_valid[valid > 0] = stamp
-        silent = stamp - self.last_valid > self.config.max_age * NS_PER_S
-        faulty = {fault.patch for fault in state.faults if fault.kind == "patch"}
-        self.failed_patches = tuple(
-            name
-            for name, is_silent in zip(self.patches, silent, strict=True)
-            if is_silent or name in faulty
+        self.last_valid[valid >= self.least_valid] = stamp
+        self.faulty_patches = frozenset(
+            fault.patch for fault in state.faults if fault.kind == "patch"
         )
         if any(touch.last == stamp for touch in state.open):
             self.last_contact = stamp
@@ -73,17 +79,28 @@ class SkinMonitor:
             self.recognised.add(detection.touch)
 
     def has_data(self, patch: str) -> bool:
-        """Return whether the latest reading has valid taxels of a patch."""
+        """Return whether the latest reading has data of a patch."""
         return bool(self.last_valid[self.patches.index(patch)] == self.latest)
+
+    def find_failed(self, now: int) -> tuple[str, ...]:
+        """Return the ids of patches that are faulty, or without data for too long."""
+        oldest = now - round(self.config.max_silence * NS_PER_S)
+        silent = self.last_valid < oldest
+        if not (self.faulty_patches or silent.any()):
+            return ()
+        return tuple(
+            name
+            for name, is_silent in zip(self.patches, silent, strict=True)
+            if is_silent or name in self.faulty_patches
+        )
 
     def find_problem(self, now: int) -> str | None:
         """Return why the skin cannot be relied on at a time, or None where it can."""
         age = (now - self.latest) / NS_PER_S
         if age > self.config.max_age:
             return f"stale skin: no reading for {1e3 * age:.0f} ms"
-        if self.failed_patches:
-            return f"broken skin: patch '{self.failed_patches[0]}' is out"
-        return None
+        failed = self.find_failed(now)
+        return f"broken skin: patch '{failed[0]}' is out" if failed else None
 
     def find_unrecognised(self, recognition: RecognitionState) -> str | None:
         """Describe a strong or long touch that was not recognised; None if none is."""

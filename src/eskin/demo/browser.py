@@ -178,7 +178,7 @@ class PageOrderHandler:
 SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
 """Preset skins that fit the arm."""
 
-MONITOR = SkinMonitorConfig(max_age=0.4)
+MONITOR = SkinMonitorConfig(max_age=0.4, max_silence=0.4)
 """Limits of the skin monitor: the same computer simulates the skin and draws the page,
 so a simulated arm may wait longer for a reading than a real one."""
 

@@ -1,12 +1,13 @@
 """This module assembles packets of single patches into scans of the whole skin."""
 
+import zlib
 from math import inf
 from typing import final
 
 import numpy as np
 from jaxtyping import Integer
 
-from eskin.drivers.clock_sync import ScanTime
+from eskin.drivers.clock_sync import Doubt, ScanTime
 from eskin.drivers.events import EventLog
 from eskin.drivers.module_registry import (
     AddressSlot,
@@ -26,6 +27,12 @@ NS_PER_US = 1000
 
 CHECK_INTERVAL = NS_PER_S // 50
 """How often silence and losses are checked [ns]."""
+DOUBTS: dict[Doubt, str] = {
+    "late": "its packets arrive {:.0f} ms after they were made",
+    "untimed": "no echo tells how old its packets are",
+    "replayed": "its packets were received before",
+}
+"""What events say of data that is not believed, and of its age."""
 
 
 @final
@@ -65,8 +72,8 @@ class Assembler:
         Args:
             now: start of the first period [ns].
             rate: rate of the skin's scans [1/s].
-            grace: wait for late packets after the end of a period [s]; None waits half
-                a period, at least 20 ms.
+            grace: wait for late packets after the end of a period while others arrive
+                [s]; None waits half a period, at least 20 ms.
         """
         grid = PeriodGrid(now, rate, grace)
         self.timeline = ScanTimeline(grid, self.skin.count, self.streams, self.outcomes)
@@ -154,12 +161,17 @@ class Assembler:
             return "damaged"
         clock = stream.clock
         known = clock.epoch is not None
-        scan_time = clock.push(data.device_time, data.scan, arrived)
+        content = zlib.crc32(data.counts.tobytes(), data.first)
+        scan_time = clock.push(data.device_time, data.scan, arrived, content)
+        if clock.problem != stream.problem:
+            self.report_problem(stream, arrived)
         if scan_time is None:
             return "late" if known else "held"
         slot.note_data(arrived)
         if clock.reboots != stream.reboots:
             slot.report(arrived, "rebooted", "its clock started over")
+        if clock.doubt is not None:
+            return "held" if clock.doubt == "untimed" else "late"
         is_held = not stream.clock_matches() or arrived < slot.hold_until
         if is_held or self.timeline is None:
             return "held"
@@ -207,6 +219,16 @@ class Assembler:
         if change is not None:
             self.report_rate(stream, change, arrived)
         return self.timeline.place(stream, scan_time, counts, packets, arrived)
+
+    def report_problem(self, stream: PatchStream, arrived: int) -> None:
+        """Report that the age of a patch's data is not believed, or is again."""
+        problem = stream.problem = stream.clock.problem
+        if problem is None:
+            stream.slot.report(arrived, "in_time", "its packets arrive in time again")
+            return
+        text = DOUBTS[problem].format(stream.clock.lag / 1e6)
+        text += "; none is used before they come in time; check its line, or start anew"
+        stream.slot.report(arrived, "late", text)
 
     def report_rate(
         self, stream: PatchStream, change: RateChange, arrived: int
@@ -262,8 +284,7 @@ class Assembler:
 
     def next_deadline(self) -> int | None:
         """Return by when the next scan is emitted [ns]; None before `start`."""
-        line = self.timeline
-        return None if line is None else line.grid.deadline(line.next_period)
+        return None if self.timeline is None else self.timeline.next_deadline()
 
     def ages(self, now: int) -> dict[str, float]:
         """Return the age of each patch's newest data [s]; infinite without data."""

@@ -1,31 +1,21 @@
 """This module maps a patch's clock and scan numbers to the host's clock."""
 
-from itertools import combinations
-from statistics import median
 from typing import Literal, NamedTuple, final
 
+from eskin.drivers.clock_offset import (
+    NS_PER_US,
+    ClockOffsetEstimator,
+    EchoBounds,
+    LateRun,
+    wrap_difference,
+)
 from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
 from eskin.units import NS_PER_S
-
-BUCKET = NS_PER_S
-"""Length of an interval, of which the least delayed packet is kept [ns]."""
-BUCKETS = 10
-"""Number of intervals that are kept."""
-MIN_DRIFT_BUCKETS = 5
-"""Smallest number of intervals from which drift is estimated."""
-DRIFT_GAIN = 0.3
-"""Weight of a new drift estimate."""
-MAX_DRIFT = 0.01
-"""Drift of the worst microcontroller clock, one without a crystal."""
-JUMP = 50_000_000
-"""A packet that is less delayed than all before by more than this shows that those lay
-in a buffer, or that the device's clock was set [ns]."""
 
 SCAN_WINDOW = 64
 """Number of scans that are tracked one by one."""
 ALL_SEEN = (1 << SCAN_WINDOW) - 1
 
-NS_PER_US = 1000
 US_PER_S = 1_000_000
 MAX_REORDERING = US_PER_S // 2
 """Largest delay of a packet relative to one that was sent later [us]."""
@@ -42,79 +32,20 @@ MAX_LATE = NS_PER_S
 SETTLE_TIME = NS_PER_S // 10
 """How long a new clock is observed before it is accepted [ns]."""
 SETTLE_SCANS = 3
+MAX_UNCERTAINTY = NS_PER_S // 20
+"""Longest time between the earliest and the latest time at which a packet of a patch
+with echoes may have been made, for it to be used [ns]."""
+MAX_AGE = NS_PER_S // 10
+"""Age on arrival from which a packet of a patch with echoes is late [ns]."""
+DIGEST_BITS = 1 << 22
+"""Number of digests of which a memory of packets keeps two sets."""
+MAX_DIGESTS = DIGEST_BITS // 4
+"""Number of packets in each: nearly six hours at 50 a second."""
 
 Novelty = Literal["new", "again", "old"]
-
-
-@final
-class ClockOffsetEstimator:
-    """Maps device time to host time; offset and drift follow the least delayed packets.
-
-    A delay only ever makes a packet late, so the smallest difference of arrival and
-    device time in an interval is the most accurate one. Only intervals in which the
-    device sent are kept: after a pause of any length, packets that lay in a buffer keep
-    their true spacing.
-
-    Attributes:
-        drift: rate at which the device's clock falls behind the host's [s/s].
-    """
-
-    def __init__(self, device: int, arrived: int) -> None:
-        """Start with one packet, as if it was not delayed."""
-        self.device = device
-        self.arrived = arrived
-        self.drift = 0.0
-        self.min_residual = 0.0
-        self.restart(0, 0, arrived)
-
-    def restart(self, elapsed: int, offset: int, arrived: int) -> None:
-        """Forget all but one packet."""
-        self.past: list[tuple[int, int]] = []
-        self.best = (elapsed, offset)
-        self.best_residual = offset - self.drift * elapsed
-        self.bucket_end = arrived + BUCKET
-
-    def push(self, device: int, arrived: int) -> int:
-        """Return the host time of a packet [ns], which is never after its arrival.
-
-        Args:
-            device: unwrapped device time [us].
-            arrived: arrival by the host's clock [ns].
-        """
-        elapsed = (device - self.device) * NS_PER_US
-        offset = arrived - self.arrived - elapsed
-        residual = offset - self.drift * elapsed
-        if residual < self.min_residual:
-            if residual < self.min_residual - JUMP:
-                self.restart(elapsed, offset, arrived)
-            self.min_residual = residual
-        if arrived >= self.bucket_end:
-            self.close_bucket(elapsed, offset, arrived)
-        elif residual < self.best_residual:
-            self.best, self.best_residual = (elapsed, offset), residual
-        return min(self.to_host(device), arrived)
-
-    def to_host(self, device: int) -> int:
-        """Return the host time of a device time [ns] by the current estimate."""
-        elapsed = (device - self.device) * NS_PER_US
-        delay = self.min_residual + self.drift * elapsed
-        return self.arrived + elapsed + int(delay // 1)
-
-    def close_bucket(self, elapsed: int, offset: int, arrived: int) -> None:
-        """Keep the least delayed packet of an interval and update the drift."""
-        self.past = [*self.past, self.best][-BUCKETS:]
-        if len(self.past) >= MIN_DRIFT_BUCKETS:
-            slopes = [
-                (y1 - y0) / (x1 - x0)
-                for (x0, y0), (x1, y1) in combinations(self.past, 2)
-                if x1 != x0
-            ]
-            found = min(max(median(slopes or [0.0]), -MAX_DRIFT), MAX_DRIFT)
-            self.drift += DRIFT_GAIN * (found - self.drift)
-        self.best = (elapsed, offset)
-        self.best_residual = offset - self.drift * elapsed
-        self.min_residual = min(y - self.drift * x for x, y in [*self.past, self.best])
-        self.bucket_end = arrived + BUCKET
+Doubt = Literal["late", "untimed", "replayed"]
+"""Why the data of a patch is not believed. `late`: all of it arrives late; `untimed`:
+echoes do not tell its age; `replayed`: it was received before."""
 
 
 @final
@@ -189,14 +120,19 @@ class ScanTime(NamedTuple):
 
 @final
 class ClockEpoch:
-    """Follows a device's clock from one power-up to the next."""
+    """Follows a device's clock from one power-up to the next.
+
+    Attributes:
+        known: how many of its packets were received before it.
+    """
 
     def __init__(self, device_time: int, scan: int, arrived: int) -> None:
         """Start with a packet."""
         self.device = device_time
         self.number = scan
         self.since = self.arrived = arrived
-        self.scans = 1
+        self.scans = self.packets = 1
+        self.known = 0
         self.offset = ClockOffsetEstimator(device_time, arrived)
 
     def compute_step(
@@ -224,6 +160,7 @@ class ClockEpoch:
     def update(self, step: tuple[int, int], arrived: int) -> ScanTime:
         """Update the clock by a packet of it; return the packet's scan time."""
         time, scans = step
+        self.packets += 1
         device, number = self.device + time, self.number + scans
         if scans > 0:
             self.device, self.number, self.arrived = device, number, arrived
@@ -235,6 +172,39 @@ class ClockEpoch:
         """Whether the clock was observed for long enough to be accepted."""
         return self.scans >= SETTLE_SCANS and self.arrived - self.since >= SETTLE_TIME
 
+    @property
+    def is_replay(self) -> bool:
+        """Whether most of its packets were received before."""
+        return 2 * self.known >= self.packets
+
+
+@final
+class PacketMemory:
+    """Remembers which packets were received, so that a replay of them is recognised.
+
+    It keeps one bit a packet, and so takes one in some packets for a known one.
+    """
+
+    def __init__(self) -> None:
+        """Start without packets."""
+        self.recent = bytearray(DIGEST_BITS // 8)
+        self.former: bytearray | None = None
+        self.count = 0
+
+    def add(self, device_time: int, scan: int, content: int) -> bool:
+        """Add a packet; return whether it was there already."""
+        digest = hash((device_time, scan, content)) % DIGEST_BITS
+        place, bit = digest >> 3, 1 << (digest & 7)
+        former = self.former
+        known = self.recent[place] & bit or (former and former[place] & bit)
+        if not self.recent[place] & bit:
+            self.recent[place] |= bit
+            self.count += 1
+        if self.count >= MAX_DIGESTS:
+            self.former, self.recent = self.recent, bytearray(DIGEST_BITS // 8)
+            self.count = 0
+        return bool(known)
+
 
 @final
 class DeviceClock:
@@ -242,60 +212,137 @@ class DeviceClock:
 
     A packet that does not fit the clock is rejected. It starts another clock only when
     the packets that follow fit it and none fits the old one, so neither a packet with a
-    long delay nor another module is mistaken for a reboot.
+    long delay nor another module is mistaken for a reboot. Nor is a replay: most of its
+    packets were received before.
+
+    Once echoes arrive, they alone say how old data may be, and data whose age they do
+    not tell is not believed. Without them a delay that was there from the start is not
+    noticed, nor one that grows as slowly as clocks drift.
 
     Attributes:
         epoch: the clock that is accepted.
         reboots: how often it started over.
+        echoes: bounds by echoes; None before the first.
+        expects_echoes: whether data is believed only with echoes.
+        doubt: why the latest packet must not be used; None where it may.
+        problem: what has been wrong with all packets for a while; None where nothing.
+        lag: age of the latest packet when it arrived [ns].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, expects_echoes: bool = False) -> None:
         """Start without a clock."""
         self.epoch: ClockEpoch | None = None
         self.candidate: ClockEpoch | None = None
+        self.memory = PacketMemory()
         self.shift = 0
         self.reboots = 0
+        self.echoes: EchoBounds | None = None
+        self.expects_echoes = expects_echoes
+        self.late_run = LateRun()
+        self.doubt: Doubt | None = None
+        self.problem: Doubt | None = None
+        self.lag = 0
 
-    def push(self, device_time: int, scan: int, arrived: int) -> ScanTime | None:
+    def push(
+        self, device_time: int, scan: int, arrived: int, content: int = 0
+    ) -> ScanTime | None:
         """Return number and start of a packet's scan; None while they are not known.
 
         Args:
             device_time: device time in the packet [us], modulo 2**32.
             scan: scan number in the packet, modulo 2**16.
             arrived: arrival by the host's clock [ns].
+            content: digest of what else is in the packet, to recognise a replay.
         """
+        known = self.memory.add(device_time, scan, content)
         epoch = self.epoch
         if epoch is not None:
             step = epoch.compute_step(device_time, scan, arrived)
             if step is not None:
                 self.candidate = None
                 number, stamp = epoch.update(step, arrived)
+                stamp = self.time_packet(epoch, device_time, stamp, arrived)
                 return ScanTime(number + self.shift, stamp)
-        self.update_candidate(device_time, scan, arrived)
+        self.update_candidate(device_time, scan, arrived, known)
         return None
 
     def push_echo(self, device_time: int, sent: int, received: int) -> None:
-        """Note that the device's clock showed a time between two times of the host.
+        """Add an echo: the device read its clock between a request and its arrival.
 
         Args:
-            device_time: device time [us], modulo 2**32.
-            sent: before it, by the host's clock [ns].
-            received: after it, by the host's clock [ns].
+            device_time: device time in the echo [us], modulo 2**32.
+            sent: when the request was sent by the host's clock [ns].
+            received: when the echo arrived by the host's clock [ns].
         """
+        self.expects_echoes = True
+        if self.echoes is None:
+            self.echoes = EchoBounds(device_time, sent, received)
+        else:
+            self.echoes.push(device_time, sent, received)
+        if self.epoch is not None:
+            self.epoch.offset.drift_range = self.echoes.drift_range
 
-    def update_candidate(self, device_time: int, scan: int, arrived: int) -> None:
+    def time_packet(
+        self, epoch: ClockEpoch, device_time: int, stamp: int, arrived: int
+    ) -> int:
+        """Update `doubt` and `problem` by a packet; return when its scan began [ns]."""
+        if self.expects_echoes:
+            bounds = self.bound_host_time(device_time, arrived)
+            self.doubt = "untimed" if bounds is None else None
+            low, high = bounds or (stamp, stamp)
+            stamp = min(max(stamp, low), high, arrived)
+            self.lag = arrived - stamp
+            wrong = self.doubt or ("late" if self.lag > MAX_AGE else None)
+            if self.late_run.push(wrong is not None, arrived) or wrong is None:
+                self.problem = wrong
+        else:
+            self.lag = arrived - stamp
+            self.doubt = self.problem = "late" if epoch.offset.is_late else None
+        return stamp
+
+    def bound_host_time(self, device_time: int, arrived: int) -> tuple[int, int] | None:
+        """Return the earliest and latest time at which a packet was made [ns].
+
+        None if echoes do not tell it, or if it was not made before it arrived.
+        """
+        if self.echoes is None:
+            return None
+        low, high = self.echoes.bound_host_time(device_time)
+        if high - low > MAX_UNCERTAINTY or low > arrived + MAX_EARLY:
+            return None
+        return low, high
+
+    def update_candidate(
+        self, device_time: int, scan: int, arrived: int, known: bool
+    ) -> None:
         """Let a packet that does not fit the clock start or continue another one."""
         other = self.candidate
         step = other and other.compute_step(device_time, scan, arrived)
         if other is None or step is None:
             self.candidate = ClockEpoch(device_time, scan, arrived)
+            self.candidate.known = int(known)
             return
         other.update(step, arrived)
-        if other.is_settled:
-            if self.epoch is not None:
-                self.shift += self.epoch.number - other.number
-                self.reboots += 1
-            self.epoch, self.candidate = other, None
+        other.known += known
+        if not other.is_settled:
+            return
+        if self.epoch is not None:
+            if other.is_replay:
+                self.doubt = self.problem = "replayed"
+                return
+            if self.expects_echoes and not self.is_recent(device_time, arrived):
+                return
+            self.shift += self.epoch.number - other.number
+            self.reboots += 1
+        if self.echoes is not None:
+            other.offset.drift_range = self.echoes.drift_range
+        self.epoch, self.candidate = other, None
+        self.doubt = self.problem = None
+
+    def is_recent(self, device_time: int, arrived: int) -> bool:
+        """Return whether echoes tell that a packet was made shortly before it came."""
+        bounds = self.bound_host_time(device_time, arrived)
+        return bounds is not None and arrived - bounds[1] <= MAX_LATE
 
     def matches(self, device_time: int, arrived: int) -> bool:
         """Return whether a packet fits the accepted clock; arguments as for `push`."""
@@ -310,9 +357,3 @@ class DeviceClock:
     def drift(self) -> float:
         """Rate at which the patch's clock falls behind the host's [s/s]."""
         return 0.0 if self.epoch is None else self.epoch.offset.drift
-
-
-def wrap_difference(difference: int, span: int) -> int:
-    """Wrap the difference of two counters to plus or minus half their span."""
-    half = span >> 1
-    return ((difference + half) & (span - 1)) - half

@@ -24,6 +24,8 @@ EventKind = Literal[
     "conflict",
     "slow",
     "on_rate",
+    "late",
+    "in_time",
     "damaged",
     "lost",
     "fault",
@@ -45,10 +47,11 @@ class Event:
     address; `moved`: it sends from another port or network address; `rebooted`: its
     clock started over; `misfit`: it is not of this skin; `conflict`: two modules share
     an address; `slow`: fewer scans arrive than its nominal rate; `on_rate`: no longer
-    slow; `damaged`: packets arrive broken; `lost`: scans do not arrive; `fault`: a
-    taxel, line or patch is faulty; `mended`: no longer; `unrecorded`: recording has
-    stopped, the rest goes on; `unauthenticated`: packets were refused for their seal,
-    or are used without one."""
+    slow; `late`: its packets arrive long after they were made, or their age is not
+    known; `in_time`: no longer late; `damaged`: packets arrive broken; `lost`: scans do
+    not arrive; `fault`: a taxel, line or patch is faulty; `mended`: no longer;
+    `unrecorded`: recording has stopped, the rest goes on; `unauthenticated`: packets
+    were refused for their seal, or are used without one."""
     text: str
     """The same as a sentence, with the remedy where there is one."""
     patch: str | None = None

@@ -6,7 +6,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Bool, Int
 
-from eskin.drivers.clock_sync import DeviceClock, ScanNumberWindow
+from eskin.drivers.clock_sync import DeviceClock, Doubt, ScanNumberWindow
 from eskin.drivers.module_registry import AddressSlot
 from eskin.drivers.packet import Data
 from eskin.units import NS_PER_S
@@ -95,6 +95,7 @@ class PatchStream:
         period: period that this scan belongs to.
         newest_in_time: start of the newest scan that came in time [ns].
         used_period: latest period of which a scan was emitted.
+        problem: problem of the clock that was reported.
     """
 
     def __init__(self, slot: AddressSlot, taxels: Int[np.ndarray, "part"]) -> None:
@@ -110,6 +111,7 @@ class PatchStream:
         self.lost_reported = 0
         self.skipped: int | None = None
         self.clock_matched = False
+        self.problem: Doubt | None = None
         self.newest: int | None = None
         self.period: int | None = None
         self.newest_in_time: int | None = None
@@ -125,6 +127,7 @@ class PatchStream:
         self.complete.restart()
         self.reboots, self.clock_matched = 0, False
         self.newest = self.period = self.newest_in_time = self.skipped = None
+        self.problem = None
         return packets
 
     def update_skipped(self, skipped: int) -> int:

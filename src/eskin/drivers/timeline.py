@@ -13,6 +13,11 @@ from eskin.units import NS_PER_S
 MIN_GRACE = 20_000_000
 """Shortest default wait for late packets after the end of a period [ns]: USB serial
 chips hold bytes back for up to 16 ms, and a busy computer as long."""
+STALL_GRACE = 100_000_000
+"""Wait after the end of a period while nothing arrives at all [ns]: what comes after so
+long is not fresh any more."""
+BURST_SPREAD = 10_000_000
+"""Time in which the packets of all patches arrive after nothing has arrived [ns]."""
 RATE_TOLERANCE = 0.2
 """Relative difference to the skin's rate up to which a patch keeps its phase."""
 MAX_DELAY = NS_PER_S // 2
@@ -41,8 +46,12 @@ class PeriodGrid:
         return self.origin + k * self.period
 
     def deadline(self, k: int) -> int:
-        """Return the time by which a period is emitted [ns]."""
+        """Return the time by which a period is emitted while others arrive [ns]."""
         return self.start(k + 1) + self.grace
+
+    def stall_deadline(self, k: int) -> int:
+        """Return the time by which a period is emitted where nothing arrives [ns]."""
+        return self.start(k + 1) + max(self.grace, STALL_GRACE)
 
     def find(self, stamp: int) -> int:
         """Return the period that contains a time [ns]."""
@@ -63,13 +72,15 @@ class PeriodScans:
     """Collects the scans of all patches that belong to one period.
 
     Attributes:
+        began: arrival of the first scan [ns].
         counts: counts of the whole skin.
         received: which of them have arrived.
         scans: scan number and number of packets, by the patch's address.
     """
 
-    def __init__(self, taxels: int) -> None:
+    def __init__(self, taxels: int, began: int = 0) -> None:
         """Start without scans."""
+        self.began = began
         self.counts = np.zeros(taxels, np.int32)
         self.received = np.zeros(taxels, bool)
         self.scans: dict[int, tuple[int, int]] = {}
@@ -78,6 +89,11 @@ class PeriodScans:
 @final
 class ScanTimeline:
     """Waits for the scans of each period and emits each period once.
+
+    A patch that is missing while others go on is waited for until the period's
+    deadline. While nothing arrives at all, as when the line or a sender stalls, a
+    period waits for as long as its data would be fresh: what then comes in one burst is
+    all emitted, in order.
 
     Attributes:
         pending: periods of which scans have arrived, by their number.
@@ -118,7 +134,7 @@ class ScanTimeline:
             return "late"
         period = self.pending.get(k)
         if period is None:
-            period = self.pending[k] = PeriodScans(self.taxels)
+            period = self.pending[k] = PeriodScans(self.taxels, arrived)
         address = stream.slot.patch.address
         before, others = period.scans.get(address, (number, 0))
         if before > number:
@@ -153,10 +169,21 @@ class ScanTimeline:
         if now - grid.deadline(self.next_period) > MAX_DELAY:
             self.skip_to(grid.find(now - MAX_DELAY - grid.grace))
         while now >= grid.start(k := self.next_period) and (
-            now >= grid.deadline(k) or self.is_complete(k)
+            now >= self.next_deadline() or self.is_complete(k)
         ):
             ready.append((grid.start(k), self.pop_next()))
         return ready
+
+    def next_deadline(self) -> int:
+        """Return by when the next period is emitted, if nothing more arrives [ns]."""
+        grid, k = self.grid, self.next_period
+        deadline = grid.deadline(k)
+        later = [scans.began for j, scans in self.pending.items() if j > k]
+        if later:
+            return max(deadline, min(later) + BURST_SPREAD)
+        if any(self.is_awaited(stream, k) for stream in self.streams.values()):
+            return grid.stall_deadline(k)
+        return deadline
 
     def is_complete(self, k: int) -> bool:
         """Return whether every connected patch has delivered its scan of a period."""
