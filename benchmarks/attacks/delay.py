@@ -5,11 +5,12 @@
 
 A patch sends 50 scans a second; from 30 s on its packets are delayed or replayed, and
 with `--beside` those of another one are not. In every reading with its data somebody
-touches it, and the table has the largest true age of data on which such a touch was obeyed, and when an event said that
-the patch is late, with the true age of its newest packet then. Links are one-way (the
-clock of the patch is 50 ppm too fast, which hides a delay that grows), or have echoes
-once a second (its clock is 1 % too fast): of the line, which the attack delays like
-data, or of the device, which it leaves alone. The clock is simulated.
+touches it. The table has the largest true age of data on which such a touch was obeyed,
+when an event said that the patch is late or silent, with the true age of its newest
+packet then, and the share of the scans made from then on that were used. Links are
+one-way (the clock of the patch is 50 ppm too fast, which hides a delay that grows), or
+have echoes once a second (its clock is 1 % too fast): of the line, which the attack
+delays like data, or left alone by it. The clock is simulated.
 """
 
 from collections.abc import Callable, Iterable, Iterator

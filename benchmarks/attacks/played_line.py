@@ -16,6 +16,7 @@ from jaxtyping import Float
 from eskin.command import Arm, ArmState, CommandMap, Policy, PolicyConfig, Rule
 from eskin.drivers import (
     Assembler,
+    Clock,
     Data,
     Event,
     EventLog,
@@ -144,7 +145,7 @@ class HeldArm(Arm):
     name = "table"
     joint_names = ()
 
-    def __init__(self, clock: ManualClock) -> None:
+    def __init__(self, clock: Clock) -> None:
         """Start to move."""
         self.clock = clock
         self.held_at: int | None = None
