@@ -237,30 +237,27 @@ class EchoBounds:
             return
         else:
             self.latest = EchoInterval(elapsed, low, high)
-            self.update_drift(echo)
+            self.update_drift()
         self.device, self.elapsed = device_time, elapsed
 
-    def update_drift(self, echo: EchoInterval) -> None:
-        """Bound the drift between an echo and those before it, and keep the echo."""
-        spans = [e for e in self.kept if echo.elapsed - e.elapsed >= ECHO_INTERVAL]
-        slopes = [
-            (
-                (echo.low - e.high) / (echo.elapsed - e.elapsed),
-                (echo.high - e.low) / (echo.elapsed - e.elapsed),
-            )
-            for e in spans
-        ]
-        smallest = max((s[0] for s in slopes), default=-1.0) - RATE_MARGIN
-        largest = min((s[1] for s in slopes), default=1.0) + RATE_MARGIN
+    def update_drift(self) -> None:
+        """Bound the drift between the latest bounds and those kept, and keep them."""
+        latest, last = self.latest, self.kept[-1]
+        smallest, largest = -MAX_CLOCK_ERROR, MAX_CLOCK_ERROR
+        for echo in self.kept:
+            passed = latest.elapsed - echo.elapsed
+            if passed >= ECHO_INTERVAL:
+                slowest = (latest.low - echo.high) / passed - RATE_MARGIN
+                fastest = (latest.high - echo.low) / passed + RATE_MARGIN
+                smallest, largest = max(smallest, slowest), min(largest, fastest)
         if smallest > largest:
-            smallest, largest = -1.0, 1.0
-        limit = MAX_CLOCK_ERROR
-        self.drift_range = (max(smallest, -limit), min(largest, limit))
-        last = self.kept[-1]
-        if echo.elapsed - last.elapsed >= ECHO_INTERVAL:
-            self.kept.append(echo)
-        elif echo.high - echo.low < last.high - last.low:
-            self.kept[-1] = echo
+            self.restart(latest)
+            return
+        self.drift_range = (smallest, largest)
+        if latest.elapsed - last.elapsed >= ECHO_INTERVAL:
+            self.kept.append(latest)
+        elif latest.high - latest.low < last.high - last.low:
+            self.kept[-1] = latest
 
     def unwrap(self, device_time: int) -> int:
         """Return a device time since the first echo [ns], near the latest one."""
