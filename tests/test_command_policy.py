@@ -6,7 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.command import CommandMap, Policy, Rule, command_function
+from eskin.command import (
+    CommandMap,
+    Policy,
+    Rule,
+    SkinMonitorConfig,
+    command_function,
+)
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
@@ -235,6 +241,25 @@ def test_failed_patch_holds_arm(kind):
     scene.step()
     (event,) = scene.detect(number)
     assert not event.accepted and PATCH.id in event.why
+
+
+def test_patch_without_data_holds_arm_though_no_reading_comes():
+    scene = Scene(monitor=SkinMonitorConfig(max_age=1.0))
+    scene.wait(0.2)
+    scene.silent_patches = (PATCH.id,)
+    scene.wait(0.1)
+    assert scene.arm.hold_reason is None
+    scene.clock.sleep(0.02)
+    scene.policy.check_skin()
+    assert PATCH.id in scene.arm.hold_reason
+
+
+@pytest.mark.parametrize(("share", "is_held"), [(0.2, True), (0.3, False)])
+def test_patch_with_few_valid_taxels_is_out(share, is_held):
+    scene = Scene()
+    scene.valid_share = share
+    scene.wait(0.2)
+    assert (scene.arm.hold_reason is not None) == is_held
 
 
 def test_patch_that_misses_few_readings_holds_nothing():

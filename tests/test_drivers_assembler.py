@@ -53,17 +53,46 @@ def test_every_scan_of_every_patch_is_received_once():
     np.testing.assert_array_equal(stamps, START + np.arange(len(stamps)) * 20 * MS)
 
 
-@pytest.mark.parametrize("drift", [-1e-4, 1e-4, -0.005])
+@pytest.mark.parametrize("drift", [-1e-4, 1e-4, -0.01, -0.005, 0.01])
 def test_drift_and_jitter_do_not_put_two_scans_in_one_period(drift):
-    rng = np.random.default_rng(0)
+    rng, module = np.random.default_rng(0), Module(drift=drift)
     arrivals = [
         (arrived + round(rng.normal(0, 1) * MS), port, packet)
-        for arrived, port, packet in Module(drift=drift).stream(0, 10, phase=0.3)
+        for arrived, port, packet in module.stream(0, 10, phase=0.3)
     ]
-    run, _ = assemble(arrivals, 10.2, slack=0.03)
+    run = AssemblerRun()
+    for second in range(10):
+        clock = run.assembler.streams[0].clock
+        # Only with echoes may a clock be worse than a crystal.
+        if abs(drift) > 1e-3:
+            now = START + second * SECOND
+            clock.push_echo(module.device_time(now), now - 2 * MS, now + 2 * MS)
+        part = [a for a in arrivals if (a[0] - START) // SECOND == second]
+        run.play(part, second + 1.0)
+    run.play([], 10.2).check(0.03)
     assert run.received(0, SETTLED, 9.9) > 0.98
-    clock = run.assembler.streams[0].clock
     assert clock.drift == pytest.approx(-drift, rel=0.3, abs=2e-4)
+
+
+def test_clock_worse_than_a_crystal_is_late_without_echoes():
+    run, _ = assemble(Module(drift=-0.01).stream(0, 10), 10.2, slack=0.03)
+    assert run.received(0, 6, 9.9) == 0
+    assert run.kinds() == ["appeared", "late"]
+
+
+def test_patch_that_is_late_is_said_and_used_again_in_time():
+    arrivals = Module(0).stream(0, 12)
+    late = [
+        (when + 3 * SECOND // 10 * (4 < (when - START) / SECOND < 8), *rest)
+        for when, *rest in arrivals
+    ]
+    run, _ = assemble(late, 12.2)
+    assert run.received(0, 4.02, 8) == 0
+    assert run.received(0, SETTLED, 4) == run.received(0, 8.4, 11.9) == 1
+    assert run.kinds("lost") == ["appeared", "late", "in_time"]
+    said = run.find_events("late")[0]
+    assert said.patch == "p0" and "300 ms" in said.text
+    assert said.stamp - START < 5.3 * SECOND
 
 
 @pytest.mark.parametrize("first", [-3, 3])
@@ -246,6 +275,41 @@ def test_burst_after_a_stall_does_not_shift_the_times_of_scans(begin, end):
     run.play(arrivals, 10.6).check()
     assert run.received(0, end + SETTLED, 9.9) == 1
     assert begin == 0 or run.received(0, begin, end) == 1
+
+
+def burst_stream(module, **options):
+    """Return what arrives in time for a second, then in bursts of five scans."""
+    return module.stream(0, 1, **options) + [
+        (when + (START - when) % (100 * MS), *rest)
+        for when, *rest in module.stream(1, 6, **options)
+    ]
+
+
+def test_burst_of_five_fresh_scans_is_used_in_order():
+    arrivals = [
+        arrival
+        for n in range(PATCHES)
+        for module in [Module(n, serial=10 + n)]
+        for arrival in burst_stream(module, phase=0.3 * n)
+    ]
+    run, times = assemble(arrivals, 6.2)
+    assert all(run.received(n, SETTLED, 5.9) == 1 for n in range(PATCHES))
+    assert run.counts["late"] <= 1
+
+
+def test_patch_that_bursts_alone_delays_no_other():
+    arrivals = burst_stream(Module(0)) + Module(1, serial=2).stream(0, 6, phase=0.4)
+    run, ages = AssemblerRun(), []
+    for arrival in sorted(arrivals, key=lambda item: item[0]):
+        before = len(run.scans)
+        run.play([arrival], (arrival[0] - START) / SECOND)
+        ages += [arrival[0] - scan.stamp for scan in run.scans[before:]]
+    run.check()
+    assert max(ages) <= 60 * MS
+    assert run.received(1, SETTLED, 5.8) == 1
+    # What came while its period was open is used, the rest is late.
+    assert 0.3 < run.received(0, SETTLED, 5.8) < 0.5
+    assert run.counts["late"] > 100
 
 
 @pytest.mark.parametrize("hours", [0.05, 0.5, 1.2, 3.0])

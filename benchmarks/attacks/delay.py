@@ -3,7 +3,7 @@
     python -m benchmarks.attacks delay
     python -m benchmarks.attacks delay --only "step 3 s" --minutes 2
 
-A patch sends 50 scans a second; from 30 s on its packets are delayed or replayed, and
+A patch sends 50 scans a second; from 12 s on its packets are delayed or replayed, and
 with `--beside` those of another one are not. In every reading with its data somebody
 touches it. The table has the largest true age of data on which such a touch was obeyed,
 when an event said that the patch is late or silent, with the true age of its newest
@@ -33,7 +33,7 @@ from eskin.units import NS_PER_S
 
 Link = Literal["one-way", "echo", "echo left alone"]
 LINKS: tuple[Link, ...] = ("one-way", "echo", "echo left alone")
-BEGIN = 30.0
+BEGIN = 12.0
 """When an attack begins [s]."""
 TRAVEL = (0.001, 0.003)
 """Range of the delay of a packet that is not attacked [s]."""
@@ -132,9 +132,9 @@ ATTACKS: dict[str, Attack] = {
     "jitter 0 to 0.3 s": jitter(0.3),
     "bursts every 0.1 s": burst(0.1),
     "bursts every 0.5 s": burst(0.5),
-    "replayed, beside the patch": replay(10.0, 20.0, False),
-    "replayed, patch cut off": replay(10.0, 20.0, True),
-    "replayed from the first packet, patch cut off": replay(0.0, 20.0, True, 1.0),
+    "replayed, beside the patch": replay(4.0, 10.0, False),
+    "replayed, patch cut off": replay(4.0, 10.0, True),
+    "replayed from the first packet, patch cut off": replay(0.0, 10.0, True, 1.0),
 }
 
 

@@ -192,6 +192,7 @@ class Scene:
         faulty_patches: ids of patches that are reported as faulty.
         silent_patches: ids of patches without valid taxels.
         doubtful: which taxels show signs of a fault.
+        valid_share: share of the taxels of each patch that are valid.
     """
 
     def __init__(self, commands=DEFAULT, **config):
@@ -205,6 +206,7 @@ class Scene:
         self.count = 0
         self.faulty_patches = self.silent_patches = ()
         self.doubtful = np.zeros(SKIN.count, bool)
+        self.valid_share = 1.0
 
     @property
     def accepted(self):
@@ -239,7 +241,12 @@ class Scene:
             for patch in self.faulty_patches
         )
         names = np.array([patch.id for patch in SKIN.patches])
-        valid = ~np.isin(names, self.silent_patches)[np.asarray(SKIN.patch_index)]
+        index = np.asarray(SKIN.patch_index)
+        valid = ~np.isin(names, self.silent_patches)[index]
+        sizes = np.bincount(index)[index]
+        valid &= np.arange(SKIN.count) - np.searchsorted(index, index) < (
+            self.valid_share * sizes
+        )
         reading = Reading(now, pressure, valid, Q)
         records = NO_TOUCHES._replace(
             touches=rows,

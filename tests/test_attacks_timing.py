@@ -1,0 +1,32 @@
+"""Tests of the attacks on timing: the age of what is obeyed, and the time to a hold."""
+
+import pytest
+from benchmarks.attacks.delay import LIMIT, attack_timing
+from benchmarks.attacks.hold import hold_played
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("link", ["one-way", "echo", "echo left alone"])
+@pytest.mark.parametrize(
+    "name",
+    ["growing 1 %", "step 0.3 s", "jitter 0 to 0.3 s", "replayed, patch cut off"],
+)
+def test_nothing_old_is_obeyed(name, link):
+    assert attack_timing(name, link, minutes=0.3).obeyed < LIMIT
+
+
+@pytest.mark.parametrize("name", ["step 0.3 s", "step 3 s", "replayed, patch cut off"])
+def test_delay_is_said_within_a_second(name):
+    said = attack_timing(name, "one-way", minutes=0.05).said
+    assert said is not None and said < 1.0
+
+
+def test_fresh_burst_is_used_whole():
+    assert attack_timing("bursts every 0.1 s", "one-way", minutes=0.05).used > 0.98
+
+
+@pytest.mark.parametrize("one", [False, True])
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_arm_is_held_within_150_ms_of_the_last_packet(rate, one):
+    assert max(hold_played(rate, one, seed) for seed in range(2)) < 0.15
