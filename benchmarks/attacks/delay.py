@@ -149,7 +149,8 @@ class DelayResult:
     age: float | None
     """True age of the newest packet then [s]."""
     used: float
-    """Share of the scans since the beginning of the attack that was used."""
+    """Share of the scans from the beginning of the attack to its last second that was
+    used."""
 
 
 def attack_timing(
@@ -213,8 +214,10 @@ def summarise(line: PlayedLine, arrivals: list[Arrival], seconds: float) -> Dela
         came = [a for a in arrivals if a.arrived <= events[0] and a.packet.address == 0]
         said = (events[0] - begin) / NS_PER_S
         age = (events[0] - came[-1].made) / NS_PER_S
-    used = sum(made >= begin for made in line.made) / (50 * (seconds - BEGIN))
-    return DelayResult(line.obeyed / NS_PER_S, said, age, used)
+    end = START + round((seconds - 1.0) * NS_PER_S)
+    used = sum(begin <= made < end for made in line.made)
+    share = used / round(50 * (seconds - 1.0 - BEGIN))
+    return DelayResult(line.obeyed / NS_PER_S, said, age, share)
 
 
 @dataclass(frozen=True)

@@ -278,7 +278,8 @@ class PlayedLine:
         pressure = np.zeros(len(scan.counts), np.float32)
         reading = Reading(scan.stamp, pressure, scan.received, Q)
         tracking = TrackingResult(pack(NO_TOUCHES), (), ())
-        state = TouchState(reading, (), tracking, self.mounted)
+        doubtful = np.zeros(len(scan.counts), bool)
+        state = TouchState(reading, (), doubtful, tracking, self.mounted)
         self.policy.on_message(RecognitionState(state, {}, ()))
         made = self.target.find_made(scan)
         if made is None:
