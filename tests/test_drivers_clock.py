@@ -106,13 +106,18 @@ def test_some_delayed_echoes_cost_nothing():
     assert run.used(1, 60) == 1 and run.largest_lag() < 5 * MS
 
 
-def test_data_whose_age_no_echo_tells_is_not_used():
+def test_data_is_not_used_before_the_first_echo():
     assert ClockRun(expects_echoes=True).send(0, 3).used(0, 3) == 0
-    run = ClockRun(0.01).send(0, 20, echoes=lambda time: 0.001).send(20, 140)
-    assert run.used(20, 25) == 1 and run.used(120, 140) == 0
+
+
+def test_data_looks_older_the_longer_no_echo_comes():
+    run = ClockRun(0.01).send(0, 20, echoes=lambda time: 0.001)
+    run.send(20, 620, lambda time: 0.25e-3 * (time - 20), rate=10)
+    assert run.largest_lag() < 50 * MS
+    assert run.lags[max(run.lags)] < -200 * MS
     assert run.problems[max(run.problems)] == "untimed"
-    run.send(140, 145, echoes=lambda time: 0.001)
-    assert run.used(140, 145) > 0.99 and run.clock.problem is None
+    run.send(620, 625, echoes=lambda time: 0.001)
+    assert run.largest_lag(621) < 5 * MS and run.clock.problem is None
 
 
 @pytest.mark.parametrize("error", [-1e-4, 1e-4])

@@ -23,7 +23,7 @@ import tyro
 from benchmarks.attacks.played_line import (
     START,
     Arrival,
-    Echo,
+    PlayedEcho,
     PlayedLine,
     PlayedPatch,
     merge_arrivals,
@@ -105,9 +105,9 @@ def replay(first: float, last: float, cut: bool, gap: float = 0.0) -> Attack:
         recorded, number = [], 0
         for arrival in sent:
             time = since_begin(arrival) + BEGIN
-            if first <= time < last and not isinstance(arrival.packet, Echo):
+            if first <= time < last and not isinstance(arrival.packet, PlayedEcho):
                 recorded.append(arrival)
-            if time < BEGIN or not cut or isinstance(arrival.packet, Echo):
+            if time < BEGIN or not cut or isinstance(arrival.packet, PlayedEcho):
                 yield arrival
             if time >= BEGIN + gap + number * (last - first):
                 delay = BEGIN + gap + number * (last - first) - first
@@ -183,7 +183,7 @@ def attack_timing(
 
 def is_echo(arrival: Arrival) -> bool:
     """Return whether an arrival is an echo."""
-    return isinstance(arrival.packet, Echo)
+    return isinstance(arrival.packet, PlayedEcho)
 
 
 def travel(arrivals: Iterable[Arrival], rng: np.random.Generator) -> list[Arrival]:
@@ -192,7 +192,7 @@ def travel(arrivals: Iterable[Arrival], rng: np.random.Generator) -> list[Arriva
     for arrival in arrivals:
         arrived = shift(arrival, rng.uniform(*TRAVEL))
         packet = arrived.packet
-        if isinstance(packet, Echo):
+        if isinstance(packet, PlayedEcho):
             sent = packet.sent - round(rng.uniform(*TRAVEL) * NS_PER_S)
             arrived = arrived._replace(packet=packet._replace(sent=sent))
         travelled.append(arrived)

@@ -61,7 +61,7 @@ def build_flat_skin(patches: int) -> Skin:
     return build_skin("flat", laid)
 
 
-class Echo(NamedTuple):
+class PlayedEcho(NamedTuple):
     """An echo carries the clock of a patch to the host."""
 
     address: int
@@ -79,7 +79,7 @@ class Arrival(NamedTuple):
     """When it comes [ns]."""
     made: int
     """When it was made [ns]."""
-    packet: Data | Hello | Echo
+    packet: Data | Hello | PlayedEcho
     """What comes."""
 
 
@@ -119,7 +119,7 @@ class PlayedPatch:
                 yield Arrival(made, made, packet)
             if echo_interval is not None and (made - START) / NS_PER_S >= echo_at:
                 echo_at += echo_interval
-                yield Arrival(made, made, Echo(self.address, time, made))
+                yield Arrival(made, made, PlayedEcho(self.address, time, made))
             counts = np.resize((number & 0xFFFF, number >> 16), ROWS * COLUMNS)
             data = Data(self.address, scan, time, 0, counts.astype(np.uint16))
             yield Arrival(made, made, data)
@@ -246,7 +246,7 @@ class PlayedLine:
     def receive(self, arrival: Arrival) -> None:
         """Pass an arrival on, and what is ready then."""
         arrived, _, packet = arrival
-        if isinstance(packet, Echo):
+        if isinstance(packet, PlayedEcho):
             clock = self.assembler.streams[packet.address].clock
             clock.push_echo(packet.device_time, packet.sent, arrived)
         else:

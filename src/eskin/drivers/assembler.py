@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Integer
 
+from eskin.drivers.clock_offset import NS_PER_US
 from eskin.drivers.clock_sync import Doubt, ScanTime
 from eskin.drivers.events import EventLog
 from eskin.drivers.module_registry import (
@@ -22,8 +23,6 @@ from eskin.drivers.timeline import PeriodGrid, PeriodScans, ScanTimeline
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
-
-NS_PER_US = 1000
 
 CHECK_INTERVAL = NS_PER_S // 50
 """How often silence and losses are checked [ns]."""

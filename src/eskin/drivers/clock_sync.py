@@ -33,8 +33,8 @@ SETTLE_TIME = NS_PER_S // 10
 """How long a new clock is observed before it is accepted [ns]."""
 SETTLE_SCANS = 3
 MAX_UNCERTAINTY = NS_PER_S // 20
-"""Longest time between the earliest and the latest time at which a packet of a patch
-with echoes may have been made, for it to be used [ns]."""
+"""How much later than at the earliest possible time a packet of a patch with echoes may
+be believed to be made [ns]: so much older than it seems it may be at most."""
 MAX_AGE = NS_PER_S // 10
 """Age on arrival from which a packet of a patch with echoes is late [ns]."""
 DIGEST_BITS = 1 << 22
@@ -292,25 +292,28 @@ class DeviceClock:
             low, high = bounds or (stamp, stamp)
             stamp = min(max(stamp, low), high, arrived)
             self.lag = arrived - stamp
-            wrong = self.doubt or ("late" if self.lag > MAX_AGE else None)
-            if self.late_run.push(wrong is not None, arrived) or wrong is None:
-                self.problem = wrong
+            wrong = self.doubt is not None or self.lag > MAX_AGE
+            if not wrong:
+                self.problem = None
+            if self.late_run.push(wrong, arrived):
+                vague = high - low >= MAX_UNCERTAINTY
+                self.problem = self.doubt or ("untimed" if vague else "late")
         else:
             self.lag = arrived - stamp
             self.doubt = self.problem = "late" if epoch.offset.is_late else None
         return stamp
 
     def bound_host_time(self, device_time: int, arrived: int) -> tuple[int, int] | None:
-        """Return the earliest and latest time at which a packet was made [ns].
+        """Return the earliest and latest time at which a packet is believed made [ns].
 
-        None if echoes do not tell it, or if it was not made before it arrived.
+        None without echoes, or if by them it was made after it arrived.
         """
         if self.echoes is None:
             return None
         low, high = self.echoes.bound_host_time(device_time)
-        if high - low > MAX_UNCERTAINTY or low > arrived + MAX_EARLY:
+        if low > arrived + MAX_EARLY:
             return None
-        return low, high
+        return low, min(high, low + MAX_UNCERTAINTY)
 
     def update_candidate(
         self, device_time: int, scan: int, arrived: int, known: bool
