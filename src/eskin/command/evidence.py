@@ -44,8 +44,6 @@ class EvidenceConfig:
 class Evidence:
     """Evidence counts the readings in which a touch was sound."""
 
-    onset: int
-    """Onset of the touch [ns since the epoch]."""
     readings: int
     """Number of sound readings since the latest doubt."""
     taxels: set[int]
@@ -86,9 +84,8 @@ class EvidenceMonitor:
         if not state.open and not self.touches:
             return
         for touch in state.closed:
-            heir = self.touches.get(touch.merged_into)
-            if heir is not None and touch.id in self.touches:
-                heir.taxels |= self.touches[touch.id].taxels
+            if touch.merged_into and touch.id in self.touches:
+                self.merge(self.touches.pop(touch.id), touch.merged_into)
         pressed = [row for row in state.rows if row.last == stamp and not row.closed]
         if pressed:
             sound = self.find_sound(state)
@@ -96,6 +93,12 @@ class EvidenceMonitor:
                 self.update_touch(row, state, sound)
         limit = stamp - self.config.keep_seconds * NS_PER_S
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
+
+    def merge(self, ended: Evidence, heir: int) -> None:
+        """Add the evidence of a touch to that of the touch that it merged into."""
+        evidence = self.touches.setdefault(heir, ended)
+        evidence.readings = max(evidence.readings, ended.readings)
+        evidence.taxels |= ended.taxels
 
     def suffices(self, touch: int) -> bool:
         """Return whether a touch is no fault."""
@@ -115,12 +118,7 @@ class EvidenceMonitor:
         """Update the evidence of a touch that is in contact."""
         loads = state.records.contacts[row.contact]["loads"]
         taxels = state.records.loads["taxel"][slice(*loads)]
-        evidence = self.touches.get(row.id)
-        if evidence is None or evidence.onset != row.onset:
-            known = set() if evidence is None else evidence.taxels
-            readings = 0 if evidence is None else evidence.readings
-            evidence = Evidence(row.onset, readings, known, row.last)
-            self.touches[row.id] = evidence
+        evidence = self.touches.setdefault(row.id, Evidence(0, set(), row.last))
         evidence.last = row.last
         evidence.taxels.update(taxels.tolist())
         pressure = state.reading.pressure
