@@ -202,6 +202,37 @@ def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
     assert all(d >= m for d, m in zip(doubted, masked, strict=True))
 
 
+def find_doubtful(change):
+    """Push constant counts, changed from 2.5 s on; return which taxels are doubtful."""
+    calibration = calibration_of(SKIN)
+    calibrator = Calibrator(SKIN, calibration)
+    detector = FaultDetector(SKIN, calibration)
+    for t in np.arange(150) / 50:
+        counts = np.full(SKIN.count, 200)
+        if t > 2.5:
+            change(counts)
+        scan = scan_at(t, counts)
+        rest = calibrator.state.baseline
+        detector.push(scan, calibrator.push(scan).pressure, rest)
+    return detector.doubtful
+
+
+ROW = (SKIN.rows == 2) & (SKIN.patch_index == 1)
+MIXED = np.array([20, -20, 40, -40, 0, 20])
+EVEN = np.array([100, 105, 95, 100, 110, 98])
+HAND = np.array([10, 60, 200, 240, 90, 12])
+
+
+@pytest.mark.parametrize(
+    ("counts", "doubted"), [(MIXED, True), (EVEN, True), (HAND, False)]
+)
+def test_row_that_no_hand_presses_so_is_doubtful_at_once(counts, doubted):
+    def change(all_counts):
+        all_counts[ROW] += counts
+
+    np.testing.assert_array_equal(find_doubtful(change), ROW & doubted)
+
+
 def filter_spikes(pressures, period=0.02):
     """Return the pressure on all taxels after the filter, reading by reading."""
     spikes = SpikeFilter(SKIN, 0.7, 0.5)

@@ -11,7 +11,8 @@ it is. `--recall` performs gestures on the same faulty skins and counts the reco
 """
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
 from typing import final
 
 import numpy as np
@@ -37,6 +38,7 @@ from eskin.stream import (
     Recognition,
     RecognitionState,
 )
+from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 HOLD_SECONDS = 1.0
@@ -65,6 +67,8 @@ class Command:
     """Rows to simulate; all unless given."""
     release: bool = True
     """Whether an operator releases holds and lets a paused arm go on."""
+    workers: int = 2
+    """Number of processes."""
     recall: bool = False
     """Whether gestures are performed instead, and the recognised ones counted."""
     gestures: int = 99
@@ -87,6 +91,15 @@ class FaultTally:
     """Reasons of holds, without their figures."""
     commands: Counter[str] = field(default_factory=Counter)
     """Accepted commands of touches."""
+
+    def add(self, other: "FaultTally") -> None:
+        """Add the counts of another build."""
+        self.seconds += other.seconds
+        self.touches += other.touches
+        self.detections += other.detections
+        self.stopped += other.stopped
+        self.holds += other.holds
+        self.commands += other.commands
 
     def rate(self, count: float) -> float:
         """Return a count as so many an hour."""
@@ -154,65 +167,106 @@ class Operator:
             return
         if self.held_since and now - self.held_since >= HOLD_SECONDS * NS_PER_S:
             self.arm.release()
+            self.held_since = None
         if self.paused_since and now - self.paused_since >= PAUSE_SECONDS * NS_PER_S:
             self.arm.resume()
+            self.paused_since = None
 
 
-def attack(
-    fault: str, seconds: float, seed: int, release: bool, tally: FaultTally
-) -> None:
-    """Simulate a fault on one build of the skin of a working arm."""
+@dataclass(frozen=True)
+class AttackPlan:
+    """A plan says which faults are simulated on one build of the skin."""
+
+    faults: tuple[str, ...]
+    """Names of the faults, each on a skin and an arm of its own."""
+    seconds: float
+    """Simulated time [s]."""
+    seed: int
+    """Seed of the build and of the faults."""
+    release: bool
+    """Whether an operator releases holds and lets a paused arm go on."""
+
+
+@final
+class AttackedArm:
+    """An arm at work in a skin with a fault, its policy, and its operator."""
+
+    def __init__(
+        self, fault: str, source: LiveSource, model: Model, plan: AttackPlan
+    ) -> None:
+        """Start the arm and its policy."""
+        skin, vocabulary = source.skin, model.card.vocabulary
+        self.tally = FaultTally()
+        self.arm = SimulatedArm(clock=source.clock)
+        self.operator = Operator(self.arm, self.tally, plan.release)
+        target = build_target(skin.mounted.skin, skin.calibration, plan.seed)
+        self.faulty = FaultySkin(fault, target)
+        commands = load_commands(None, vocabulary, skin.mounted.skin)
+        recognizer = Recognizer(model, skin.mounted, skin.calibration)
+        policy = Policy(self.arm, commands, vocabulary, PolicyConfig(check_period=None))
+        listeners = [FaultTallyListener(self.tally), Recognition(recognizer), policy]
+        self.stream = SynchronousStream(source, listeners)
+
+    def push(self, scan: Scan) -> None:
+        """Feel the next scan with the fault, in the pose of this arm."""
+        self.operator.update(scan.stamp)
+        posed = replace(scan, q=self.arm.q_at(scan.stamp))
+        self.stream.publish(self.faulty.corrupt(posed))
+
+
+def attack(plan: AttackPlan) -> list[FaultTally]:
+    """Simulate faults of one build; nobody touches, so one skin serves all."""
     clock = ManualClock(NS_PER_S)
-    arm = SimulatedArm(clock=clock)
-    skin = InteractiveSkin("ur5", seed, loses=False)
+    skin = InteractiveSkin("ur5", plan.seed, loses=False)
+    source = LiveSource(skin, SimulatedArm(clock=clock), clock)
     model = load_model("ur5")
-    vocabulary = model.card.vocabulary
-    commands = load_commands(None, vocabulary, skin.mounted.skin)
-    operator = Operator(arm, tally, release)
-    source = LiveSource(skin, arm, clock, before_scan=operator.update)
-    target = build_target(skin.mounted.skin, skin.calibration, seed)
-    faulty = FaultySkin(fault, target)
-    recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
-    policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
-    stream = SynchronousStream(source, [FaultTallyListener(tally), recognition, policy])
-    end = clock.now() + round(seconds * NS_PER_S)
+    arms = [AttackedArm(fault, source, model, plan) for fault in plan.faults]
+    end = clock.now() + round(plan.seconds * NS_PER_S)
     while source.due <= end:
         scan = source.read()
         assert scan is not None
-        stream.publish(faulty.corrupt(scan))
-    stream.close()
-    tally.seconds += seconds
+        for arm in arms:
+            arm.push(scan)
+    for arm in arms:
+        arm.stream.close()
+        arm.tally.seconds = plan.seconds
+    return [arm.tally for arm in arms]
 
 
-def attack_row(fault: str, command: Command) -> FaultTally:
-    """Simulate a row of the table."""
-    tally = FaultTally()
+def plan_builds(command: Command, names: list[str]) -> list[AttackPlan]:
+    """AttackPlan the builds of all seeds."""
+    plans = []
     for number in range(command.seeds):
         left, build = 60.0 * command.minutes, 0
         while left > 0:
             part = min(left, 60.0 * command.build_minutes)
             seed = 1000 * (command.first_seed + number) + build
-            attack(fault, part, seed, command.release, tally)
+            plans.append(AttackPlan(tuple(names), part, seed, command.release))
             left, build = left - part, build + 1
-    return tally
+    return plans
 
 
 def print_attacks(command: Command, names: list[str]) -> None:
     """Print the table of what faults do to an arm that nobody touches."""
-    hours = command.minutes * command.seeds / 60.0
-    print(f"{hours:.2f} hours a row, counts an hour")
+    tallies = [FaultTally() for _ in names]
+    with get_context("spawn").Pool(command.workers) as pool:
+        for parts in pool.imap_unordered(attack, plan_builds(command, names)):
+            for tally, part in zip(tallies, parts, strict=True):
+                tally.add(part)
+            print(f"<!-- {tallies[0].seconds / 60:.0f} min -->", flush=True)
+    print(f"{tallies[0].seconds / 3600:.2f} hours a row, counts an hour")
     print(format_head(["fault", "touches", "detections", *ACTIONS, "holds", "works"]))
-    for name in names:
-        tally = attack_row(name, command)
+    for name, tally in zip(names, tallies, strict=True):
         assert set(tally.commands) <= set(ACTIONS), tally.commands
-        rates = [tally.touches, tally.detections]
-        rates += [tally.commands[action] for action in ACTIONS]
-        rates.append(sum(tally.holds.values()))
-        cells = [f"{tally.rate(count):,.0f}" for count in rates]
+        counts = [tally.touches, tally.detections]
+        counts += [tally.commands[action] for action in ACTIONS]
+        counts.append(sum(tally.holds.values()))
+        cells = [f"{tally.rate(count):,.0f}" for count in counts]
         works = 100.0 * (1.0 - tally.stopped / tally.seconds)
-        print(format_row([name, *cells, f"{works:.1f} %"]), flush=True)
+        print(format_row([name, *cells, f"{works:.1f} %"]))
+    for name, tally in zip(names, tallies, strict=True):
         for reason, count in tally.holds.most_common(3):
-            print(f"<!-- held {count} times: {reason} -->")
+            print(f"<!-- {name}: held {count} times: {reason} -->")
 
 
 @final

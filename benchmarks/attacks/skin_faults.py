@@ -40,8 +40,8 @@ class FaultTarget:
 
     skin: Skin
     """The skin."""
-    unit: Float[np.ndarray, "taxel"]
-    """Counts of each taxel for one count of the amplitudes."""
+    unit: float
+    """Counts of this skin for one count of the amplitudes."""
     full_scale: int
     """Counts at which its converter saturates."""
     rng: np.random.Generator
@@ -55,7 +55,7 @@ Disturbance = Callable[[float], Float[np.ndarray, "taxel"]]
 def build_target(skin: Skin, calibration: Calibration, seed: int) -> FaultTarget:
     """Build the target of a fault on a skin."""
     contact = calibration.compute_counts(ContactConfig().on)
-    unit = contact / CONTACT_COUNTS
+    unit = float(np.median(contact)) / CONTACT_COUNTS
     rng = np.random.default_rng((seed, 24))
     return FaultTarget(skin, unit, calibration.full_scale, rng)
 

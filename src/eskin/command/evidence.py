@@ -23,9 +23,8 @@ class EvidenceConfig:
     weak: float = 0.7
     """Pressure on a taxel beside it that it needs too [kPa]."""
 
-    line_share: float = 0.4
-    """Share of a row or column that a touch may cover that lies in it alone; two taxels
-    may always."""
+    line_share: float = 0.25
+    """Share of a row or column that a touch may cover that lies in it alone."""
 
     readings: int = 2
     """Number of readings in which it needs all this."""
@@ -152,7 +151,7 @@ class EvidenceMonitor:
         for numbers in (self.rows, self.columns):
             line = members & (numbers == numbers[first])
             if line[pressed].all():
-                most = max(2.0, self.config.line_share * np.count_nonzero(line))
+                most = self.config.line_share * np.count_nonzero(line)
                 active = np.count_nonzero(pressure[line] >= self.config.weak)
                 return bool(active > len(pressed) or active > most)
         return False

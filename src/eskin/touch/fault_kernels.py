@@ -22,6 +22,8 @@ MAX_STEPS = 3.0
 """Largest number of lone steps that is remembered."""
 STEP_FACTOR = 4.0
 """Smallest step, in units of the running median of the deviations."""
+RECENT = 4
+"""Number of scans whose counts are compared."""
 FLAT = 0.25
 """Largest change of the counts before and after a step, in units of the step."""
 FOLLOWS = 0.2
@@ -54,9 +56,9 @@ class CountHistory(NamedTuple):
     """Time at which none of the neighbours was last pressed."""
     unanswered: np.ndarray
     """Time without response while the neighbours were pressed."""
-    earlier: np.ndarray
-    """Counts (3, taxel) of the three scans before the last; NaN where they do not
-    count, because they lie too far back."""
+    recent: np.ndarray
+    """Counts (`RECENT`, taxel) of the latest scans, written in turn; NaN where a taxel
+    was not received, or the scan lies too far back."""
     deviation: np.ndarray
     """Running median of the deviation of the counts from a straight course."""
     level: np.ndarray
@@ -134,7 +136,7 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.least[i] = np.inf
     history.last_unpressed[i] = -np.inf
     history.unanswered[i] = 0.0
-    history.earlier[:, i] = np.nan
+    history.recent[:, i] = np.nan
     history.deviation[i] = 0.0
     history.level[i] = 0.0
     history.last_straight[i] = now
@@ -160,11 +162,12 @@ def update_noise(
     rest: Float[np.ndarray, "taxel"],
     now: float,
     elapsed: float,
+    turn: int,
     limits: NoiseLimits,
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     history: CountHistory,
-) -> None:
+) -> int:
     """Follow how far the counts of each taxel deviate from a straight course.
 
     The deviation of three scans is the second difference of their counts. Half of the
@@ -177,43 +180,56 @@ def update_noise(
         rest: counts of each taxel at rest.
         now: time of the scan [s].
         elapsed: time since the last scan [s].
+        turn: index of the scan in `CountHistory.recent`.
         limits: what is noisy.
         starts: first neighbour of each taxel, as in `Adjacency`.
         neighbours: neighbouring taxels, as in `Adjacency`.
         history: updated.
+
+    Returns:
+        How many taxels lie below rest by more than half of the counts of a contact.
     """
-    first, second = history.earlier[0], history.earlier[1]
-    third = history.earlier[2]
-    deviation, level = history.deviation, history.level
+    latest = history.recent[turn]
+    first = history.recent[(turn - 1) % RECENT]
+    second = history.recent[(turn - 2) % RECENT]
+    third = history.recent[(turn - 3) % RECENT]
+    deviation, level, steps = history.deviation, history.level, history.steps
+    last_straight = history.last_straight
+    contacts, noisy = limits.contact, limits.deviation
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
     forget = np.exp(-elapsed / limits.step_seconds)
-    is_gap = elapsed > MAX_GAP
+    if elapsed > MAX_GAP:
+        first[:] = np.nan
+    low = 0
     for i in range(len(counts)):
         if not received[i]:
+            latest[i] = np.nan
             continue
-        if is_gap:
-            first[i] = np.nan
-        count, contact = float(counts[i]), limits.contact[i]
+        count, contact, usual = float(counts[i]), contacts[i], deviation[i]
+        latest[i] = count
+        above = count - rest[i]
+        low += above < -0.5 * contact
         bend = abs(count - 2.0 * first[i] + second[i])
-        change = speed * max(contact, deviation[i])
-        if bend > deviation[i]:
-            deviation[i] = min(deviation[i] + change, bend)
-        elif bend < deviation[i]:
-            deviation[i] = max(deviation[i] - change, bend)
-        level[i] = keep * level[i] + (1.0 - keep) * max(count - rest[i], 0.0)
-        if deviation[i] < limits.deviation[i]:
-            history.last_straight[i] = now
-        history.steps[i] *= forget
+        change = speed * max(contact, usual)
+        if bend > usual:
+            usual = min(usual + change, bend)
+        elif bend < usual:
+            usual = max(usual - change, bend)
+        deviation[i] = usual
+        level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
+        if usual < noisy[i]:
+            last_straight[i] = now
+        steps[i] *= forget
         step = abs(first[i] - second[i])
-        least = max(contact, STEP_FACTOR * deviation[i])
-        if step >= least and abs(second[i] - third[i]) <= FLAT * step:
-            stays = min(abs(count - first[i]), abs(count - second[i]))
-            if stays <= FLAT * step and is_alone(i, step, starts, neighbours, history):
-                history.steps[i] = min(history.steps[i] + 1.0, MAX_STEPS)
-    third[:] = second
-    second[:] = first
-    first[:] = np.where(received, counts, np.nan)
+        if step < contact or step < STEP_FACTOR * usual:
+            continue
+        stays = min(abs(count - first[i]), abs(count - second[i]))
+        flat = FLAT * step
+        if stays <= flat and abs(second[i] - third[i]) <= flat:
+            if is_alone(i, step, first, second, starts, neighbours):
+                steps[i] = min(steps[i] + 1.0, MAX_STEPS)
+    return low
 
 
 @compiled
@@ -221,15 +237,24 @@ def update_noise(
 def is_alone(
     i: int,
     step: float,
+    after: Float[np.ndarray, "taxel"],
+    before: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
-    history: CountHistory,
 ) -> bool:
-    """Return whether no neighbour took part in a step of a taxel one scan ago."""
-    first, second = history.earlier[0], history.earlier[1]
+    """Return whether no neighbour took part in a step of a taxel.
+
+    Args:
+        i: the taxel.
+        step: size of its step [counts].
+        after: counts after the step.
+        before: counts before it.
+        starts: first neighbour of each taxel, as in `Adjacency`.
+        neighbours: neighbouring taxels, as in `Adjacency`.
+    """
     for k in range(starts[i], starts[i + 1]):
         j = neighbours[k]
-        if abs(first[j] - second[j]) >= FOLLOWS * step:
+        if abs(after[j] - before[j]) >= FOLLOWS * step:
             return False
     return True
 

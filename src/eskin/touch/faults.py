@@ -10,6 +10,7 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
+    RECENT,
     CountHistory,
     NoiseLimits,
     update_history,
@@ -158,6 +159,14 @@ class FaultConfig:
     """Share of a patch that is above rest, and soon after below it, as no hand does."""
     swings: float = 1.5
     """Number of such changes of sign that makes all taxels of the patch noisy."""
+    line_share: float = 0.2
+    """Share of a row or column above rest, and another below it, that makes it
+    doubtful: it is not connected."""
+    line_size: int = 6
+    """Number of taxels of a row or column from which it must not be pressed evenly."""
+    line_spread: float = 0.2
+    """Standard deviation of the counts above rest along a row or column, in units of
+    their mean, below which it is pressed evenly, as by hum and by no hand."""
     line_seconds: float = 0.5
     """Time at zero from which a row or column with an offset is dead, and time without
     data from which a patch is silent."""
@@ -177,6 +186,7 @@ class SwingDetector:
     """A detector finds patches that swing about rest as a whole, as mains hum does.
 
     Attributes:
+        going: whether a patch has lately been below rest.
         found: taxels of the patches that swing at present.
     """
 
@@ -190,6 +200,7 @@ class SwingDetector:
         self.groups = groups
         self.half = contact / 2.0
         self.config = config
+        self.going = False
         self.found = np.zeros(len(contact), bool)
         self.sign = np.zeros(len(groups.sizes), np.int64)
         self.swings = np.zeros(len(groups.sizes))
@@ -205,8 +216,6 @@ class SwingDetector:
         """Update by the counts above rest of a scan at a time [s]."""
         share, groups = self.config.swing_share, self.groups
         low = received & (above < -self.half)
-        if not low.any() and not self.sign.any():
-            return
         self.swings *= np.exp(-(now - self.last) / self.config.step_seconds)
         self.last = now
         high = received & (above > self.half)
@@ -217,6 +226,7 @@ class SwingDetector:
         self.sign = np.where(turned, sign, self.sign)
         self.turned_at[turned] = now
         self.sign[now - self.turned_at > self.config.step_seconds] = 0
+        self.going = bool(self.sign.any())
         self.found = (self.swings >= self.config.swings)[groups.group_index]
 
 
@@ -268,6 +278,7 @@ class FaultDetector:
         self.first: int | None = None
         self.last: int | None = None
         self.last_check = NEVER
+        self.turn = 0
 
     def push(
         self,
@@ -297,24 +308,33 @@ class FaultDetector:
             self.history,
             self.mask,
         )
-        update_noise(
+        self.turn = (self.turn + 1) % RECENT
+        low = update_noise(
             scan.counts,
             scan.received,
             rest,
             now,
             elapsed,
+            self.turn,
             self.limits,
             self.adjacency.starts,
             self.adjacency.neighbours,
             self.history,
         )
-        self.swings.update(scan.counts - rest, scan.received, now)
+        if low or self.swings.going:
+            above = scan.counts - rest
+            self.swings.update(above, scan.received, now)
+            self.doubt_mixed_lines(above, scan.received, now)
         if now - self.last_check >= self.config.check_seconds - 1e-6:
-            self.check(scan, pressure, now)
+            self.check(scan, pressure, rest, now)
         return self.mask, self.faults
 
     def check(
-        self, scan: Scan, pressure: Float[np.ndarray, "taxel"], now: float
+        self,
+        scan: Scan,
+        pressure: Float[np.ndarray, "taxel"],
+        rest: Float[np.ndarray, "taxel"],
+        now: float,
     ) -> None:
         """Check the evidence, and update the mask and the faults."""
         config, adjacency = self.config, self.adjacency
@@ -330,6 +350,7 @@ class FaultDetector:
             adjacency.neighbours,
             self.history,
         )
+        self.doubt_even_lines(scan.counts - rest, scan.received, now)
         self.update_codes(now)
         self.last_check = now
         self.mask = self.code >= 0
@@ -367,6 +388,48 @@ class FaultDetector:
         self.code[now - self.last_found > recover] = -1
         self.last_doubted[self.find_noisy(self.config.doubtful)] = now
         self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
+
+    def doubt_mixed_lines(
+        self,
+        above: Float[np.ndarray, "taxel"],
+        received: Bool[np.ndarray, "taxel"],
+        now: float,
+    ) -> None:
+        """Doubt rows and columns that are partly above rest and partly below it.
+
+        So does a line that is not connected; a hand presses, and presses nothing below
+        rest.
+        """
+        half, share = self.limits.contact / 2.0, self.config.line_share
+        high, low = received & (above > half), received & (above < -half)
+        for groups in (self.grouper.rows, self.grouper.columns):
+            mixed = groups.sizes >= MIN_LINE
+            for flags in (high, low):
+                mixed &= groups.flagged_share(flags) >= share
+            if mixed.any():
+                self.last_doubted[mixed[groups.group_index]] = now
+
+    def doubt_even_lines(
+        self,
+        above: Float[np.ndarray, "taxel"],
+        received: Bool[np.ndarray, "taxel"],
+        now: float,
+    ) -> None:
+        """Doubt rows and columns that are pressed evenly from end to end."""
+        config = self.config
+        high = received & (above > self.limits.contact / 2.0)
+        if np.count_nonzero(high) < config.line_size:
+            return
+        for groups in (self.grouper.rows, self.grouper.columns):
+            even = groups.flagged_share(high) == 1.0
+            even &= groups.sizes >= config.line_size
+            if even.any():
+                means, squares = (
+                    np.bincount(groups.group_index, values) / groups.sizes
+                    for values in (above, above**2)
+                )
+                even &= squares <= (1.0 + config.line_spread**2) * means**2
+                self.last_doubted[even[groups.group_index]] = now
 
     def find_still(self) -> Bool[np.ndarray, "taxel"]:
         """Find taxels with constant counts, zero included, that should have changed."""
@@ -496,7 +559,7 @@ def build_count_history(count: int) -> CountHistory:
     history["first_received"] = np.full(count, np.inf)
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
-    history["earlier"] = np.full((3, count), np.nan)
+    history["recent"] = np.full((RECENT, count), np.nan)
     for name in ("deviation", "level", "steps"):
         history[name] = np.zeros(count)
     return CountHistory(**history)
