@@ -268,7 +268,7 @@ def test_patch_that_is_unplugged_comes_back_each_time(over, times, cycle, tmp_pa
         # A module that replaces another waits to be tared.
         ("replace:left@1.5=1", "replaced", 0),
         ("clock_jump:left@1.5=10", "rebooted", 1),
-        ("delay:left@1.5-2.5=0.3", None, 1),
+        ("delay:left@1.5-2.5=0.3", "late", 1),
     ],
 )
 def test_module_that_begins_anew_or_is_late_is_never_old(fault, kind, back):
@@ -276,7 +276,7 @@ def test_module_that_begins_anew_or_is_late_is_never_old(fault, kind, back):
     assert run.received("middle", 1) == 1
     assert run.received("left", 1.5, 3) < 1
     assert run.received("left", 3.2) == back
-    assert kind is None or kind in run.kinds
+    assert kind in run.kinds
 
 
 @over_both

@@ -32,6 +32,7 @@ from benchmarks.attacks.played_line import (
 from benchmarks.tables import format_head, format_row
 from eskin.command import CommandMap, Policy, Rule
 from eskin.drivers import DeviceSource, FixedJoints, HostClock, UdpTransport
+from eskin.drivers.packet import DATA
 from eskin.drivers.virtual import UdpPort, VirtualPort, VirtualSkin
 from eskin.live import Recognizer, warm_up
 from eskin.model import load_model
@@ -84,7 +85,7 @@ class StallingPort(VirtualPort):
     """Sends nothing during some periods, and notes when it last sent before each.
 
     Attributes:
-        last_sent: time of the last packet before each stall [ns, monotonic].
+        last_sent: time of the last data packet before each stall [ns, monotonic].
     """
 
     framed = False
@@ -114,7 +115,12 @@ class StallingPort(VirtualPort):
         elif now - self.began >= begin:
             return
         self.inner.send(chunks)
-        self.sent_at = time.monotonic_ns()
+        if any(chunk[1] == DATA for chunk in chunks):
+            self.sent_at = time.monotonic_ns()
+
+    def receive(self) -> list[bytes]:
+        """Return the requests of the host."""
+        return self.inner.receive()
 
     def flush(self) -> None:
         """Flush the port."""
@@ -188,6 +194,7 @@ def hold_live(rate: float, one: bool, trials: int, seed: int) -> list[float]:
         arguments = (theirs, transport.port, rate, one, trials, seed)
         process = context.Process(target=send_live, args=arguments)
         process.start()
+        theirs.close()
         source = DeviceSource(
             transport, mounted, calibration, FixedJoints(np.zeros(0)), clock, "live:"
         )
