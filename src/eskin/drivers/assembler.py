@@ -226,7 +226,8 @@ class Assembler:
             stream.slot.report(arrived, "in_time", "its packets arrive in time again")
             return
         text = DOUBTS[problem].format(stream.clock.lag / 1e6)
-        text += "; none is used before they come in time; check line and clock, or start anew"
+        text += "; none is used before they come in time; "
+        text += "check line and clock, or start anew"
         stream.slot.report(arrived, "late", text)
 
     def report_rate(
