@@ -160,8 +160,8 @@ def parse_range(entry: object, place: str, start: int) -> Label:
         isinstance(value, int | float) and 0 <= value < 1e9 for value in (first, last)
     ):
         raise RecordingError(
-            f"{place} is {shorten(entry)}; allowed are seconds since the first reading and a "
-            f"gesture's name, such as {EXAMPLE_RANGE}"
+            f"{place} is {shorten(entry)}; allowed are seconds since the first reading "
+            f"and a gesture's name, such as {EXAMPLE_RANGE}"
         )
     if last <= first:
         raise RecordingError(f"{place} ends at {last} s, not after its start {first} s")

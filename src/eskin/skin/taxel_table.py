@@ -77,7 +77,8 @@ def parse_taxels(
     The rest is not read after `MAX_PROBLEMS` problems.
 
     Raises:
-        SkinError: There are too many lines or taxels, the header is not that of a `taxels.csv`, or the text is no CSV.
+        SkinError: There are too many lines or taxels, the header is not that of a
+            `taxels.csv`, or the text is no CSV.
     """
     lines = iterate_rows(text, file)
     header = [name.strip() for name in next(lines, (1, []))[1]]
