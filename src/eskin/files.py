@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 KINDS = {
-    stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a FIFO",
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
     stat.S_IFSOCK: "a socket",
 }
-"""Kinds of files that are refused."""
+"""Kinds of files that are refused, beside folders."""
 
 
 class UnfitFileError(OSError):
@@ -51,6 +50,8 @@ def open_file(path: Path, max_bytes: int) -> BinaryIO:
 
 def check_status(status: os.stat_result, max_bytes: int) -> None:
     """Raise unless a status is that of a regular file of at most a size [bytes]."""
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
         kind = KINDS.get(stat.S_IFMT(status.st_mode), "no regular file")
         raise UnfitFileError(errno.EINVAL, f"it is {kind}, allowed is a regular file")
