@@ -10,13 +10,15 @@ from jaxtyping import Int
 
 from eskin.errors import RecordingError
 from eskin.files import read_file
-from eskin.plain_yaml import MAX_YAML_BYTES, load_plain_yaml, shorten
+from eskin.plain_yaml import MAX_YAML_BYTES, load_plain_yaml
 from eskin.units import NS_PER_S
 
 NONE = "none"
 RANGE_MARGIN_S = 1.0
 """Margin of a rough range: half of the two seconds that the paper leaves between
 gestures."""
+MAX_ENTRY = 100
+"""Number of characters of a range that messages show."""
 EXAMPLE_RANGE = "{start_s: 1.5, end_s: 4.0, gesture: poke}"
 
 
@@ -151,16 +153,15 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
 
 def parse_range(entry: object, place: str, start: int) -> Label:
     """Convert one entry of a list of ranges; `place` names it in errors."""
+    text = " ".join(f"{entry}"[:MAX_ENTRY].split())
     if not isinstance(entry, dict) or set(entry) != {"start_s", "end_s", "gesture"}:
-        raise RecordingError(
-            f"{place} is {shorten(entry)}; allowed is such as {EXAMPLE_RANGE}"
-        )
+        raise RecordingError(f"{place} is {text}; allowed is such as {EXAMPLE_RANGE}")
     first, last, gesture = entry["start_s"], entry["end_s"], entry["gesture"]
     if not isinstance(gesture, str) or not all(
         isinstance(value, int | float) and 0 <= value < 1e9 for value in (first, last)
     ):
         raise RecordingError(
-            f"{place} is {shorten(entry)}; allowed are seconds since the first reading "
+            f"{place} is {text}; allowed are seconds since the first reading "
             f"and a gesture's name, such as {EXAMPLE_RANGE}"
         )
     if last <= first:

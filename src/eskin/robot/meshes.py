@@ -53,9 +53,7 @@ class MeshReader:
         self.files: dict[Path, Triangles] = {}
         self.bytes = self.triangles = 0
 
-    def read(
-        self, address: str, scale: tuple[float, ...], place: str
-    ) -> TriangleMesh:
+    def read(self, address: str, scale: tuple[float, ...], place: str) -> TriangleMesh:
         """Read a mesh, scaled along x, y and z.
 
         Args:
