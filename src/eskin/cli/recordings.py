@@ -329,6 +329,8 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     server = open_server(port, token)
     try:
         timeline = Timeline(server, mounted, replayed, editor)
+        if replayed.group > 1:
+            print(f"a long recording: one reading in {replayed.group} is shown")
         print(f"see {format_link(port, token)}; Ctrl-C ends it", flush=True)
         play_timeline(timeline, command.seconds)
     finally:

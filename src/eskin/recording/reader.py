@@ -323,9 +323,9 @@ class RecordingParser:
             names = json.loads(text)
         except (ValueError, RecursionError):
             names = None
-        is_list = isinstance(names, list) and len(names) <= MAX_STRINGS
-        if is_list and all(isinstance(name, str) for name in names):
-            return tuple(names)
+        if isinstance(names, list) and all(isinstance(name, str) for name in names):
+            if len(names) <= MAX_STRINGS:
+                return tuple(names)
         raise RecordingError(
             f"{self.path} has joints {text!r:.60}; allowed is a JSON list of names; "
             "copy it again from where it was recorded"
