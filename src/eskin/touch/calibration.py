@@ -12,7 +12,7 @@ from eskin.touch.calibration_kernels import MAX_SCALE_SHARE, PressureCurve
 
 VERSION = 1
 MAX_CALIBRATION_BYTES = 8 << 20
-"""Largest size of a calibration as text: one gain for each of 200,000 taxels [bytes]."""
+"""Largest size of a calibration as text, with 200,000 gains [bytes]."""
 PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueError)
 """Exceptions that JSON of another structure raises."""
 Curve = Literal["linear", "divider"]
