@@ -131,7 +131,10 @@ class McapReader:
                 file.seek(0)
                 yield from self.read_items(file, size)
         except OSError as error:
-            raise RecordingError(f"{self.path}: {error.strerror}") from error
+            raise RecordingError(
+                f"{self.path} cannot be read: {error.strerror}; give a recording, an "
+                ".mcap file"
+            ) from error
 
     def check_unpacked(self, file: BinaryIO, size: int) -> None:
         """Raise where chunks say that they unpack to far more than the file has.
