@@ -63,9 +63,9 @@ def new_tab(
     return tab
 
 
-def see(tab: Page, port: int) -> None:
-    """Open the page at a port of this computer, and wait until it shows readings."""
-    tab.goto(f"http://127.0.0.1:{port}")
+def see(tab: Page, link: str) -> None:
+    """Open the page by its link, and wait until it shows readings."""
+    tab.goto(link)
     tab.wait_for_selector("text=readings/s")
 
 

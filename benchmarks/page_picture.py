@@ -111,7 +111,7 @@ def main() -> None:
     command = tyro.cli(Command)
     with ServedDemo(SEED, PACE) as demo, chromium() as browser:
         tab = new_tab(browser, scale=SCALE)
-        see(tab, demo.port)
+        see(tab, demo.link)
         tab.evaluate(ARROW)
         clear(tab)
         visit = Visit(tab, demo)

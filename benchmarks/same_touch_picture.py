@@ -56,13 +56,13 @@ def main() -> None:
     setup, pictures = build_updates(touch, command.model)
     process = PageProcess(setup, 0, None)
     try:
-        port = process.wait_ready(60.0)
+        link = process.wait_ready(60.0)
         with sync_playwright() as browsers:
             browser = browsers.chromium.launch(
                 executable_path=CHROMIUM, args=list(FLAGS)
             )
             page = browser.new_page(viewport=SIZE)
-            page.goto(f"http://127.0.0.1:{port}")
+            page.goto(link)
             shots = [shot(page, process, picture) for picture in pictures]
             browser.close()
     finally:

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from eskin.demo import DemoConfig
 from eskin.demo.browser import SkinChoice, run_demo
 from eskin.drivers import Clock, HostClock
+from eskin.viewer import ViewerConfig
 
 TICK = 0.05
 """Interval between two printed states [s]."""
@@ -60,8 +61,9 @@ def main() -> None:
     """Serve the demonstration and print the state of the arm periodically."""
     command = tyro.cli(Command)
     config, clock = DemoConfig(seed=command.seed), SlowClock(command.pace)
-    with run_demo(config, 0, SkinChoice(), clock) as demo:
-        print(demo.port, flush=True)
+    page = ViewerConfig(0, touchable=True)
+    with run_demo(config, page, SkinChoice(), clock) as demo:
+        print(demo.link, flush=True)
         while not demo.stream.wait(TICK):
             state = asdict(demo.arm.state())
             print(json.dumps(state | {"q": state["q"].tolist()}), flush=True)
@@ -86,7 +88,7 @@ class ServedDemo:
             text=True,
         )
         self.changed = Condition()
-        self.port = 0
+        self.link = ""
         self.states: deque[dict[str, Any]] = deque(maxlen=100)
         self.reader = Thread(target=self.read, daemon=True)
         self.reader.start()
@@ -115,8 +117,8 @@ class ServedDemo:
         with self.process.stdout as lines:
             for line in lines:
                 with self.changed:
-                    if not self.port:
-                        self.port = int(line)
+                    if not self.link:
+                        self.link = line.strip()
                     else:
                         self.states.append(json.loads(line))
                     self.changed.notify_all()

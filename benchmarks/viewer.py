@@ -117,8 +117,8 @@ def measure(
     listeners = [recognition] if browsers is None else [recognition, viewer]
     with Stream(PlayedSource(info, scans, restamp=True), listeners) as stream:
         page = viewer.page
-        port = page.wait_ready(60.0) if page else 0
-        with opened(port, browsers or 0, stalled):
+        link = page.wait_ready(60.0) if page else ""
+        with opened(link, browsers or 0, stalled):
             stream.wait(SETTLE)
             recognition.age = type(recognition.age)()
             spent, shown = time.process_time(), page.shown if page else 0
@@ -133,7 +133,7 @@ def measure(
 
 
 @contextmanager
-def opened(port: int, count: int, stalled: int) -> Iterator[None]:
+def opened(link: str, count: int, stalled: int) -> Iterator[None]:
     """Open browsers on a page, and stall the last ones of them."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         running = [
@@ -143,7 +143,7 @@ def opened(port: int, count: int, stalled: int) -> Iterator[None]:
                     *(*FLAGS, *WINDOW),
                     f"--user-data-dir={Path(folder) / str(number)}",
                     "--remote-debugging-port=0",
-                    f"http://127.0.0.1:{port}",
+                    link,
                 ],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

@@ -59,7 +59,7 @@ class Visit:
 
     def come_anew(self) -> None:
         """Reload the page, because a drag that missed the arm has turned the view."""
-        see(self.tab, self.demo.port)
+        see(self.tab, self.demo.link)
 
     def wait_calm(self) -> None:
         """Wait until the forearm is visible and hardly moves in the picture."""

@@ -19,7 +19,7 @@ BELOW = {
     "files": (),
     "plain_yaml": (),
     "units": (),
-    "robot": ("transforms", "errors", "extras", "compiled"),
+    "robot": ("transforms", "errors", "extras", "files", "compiled"),
     "skin": ("robot", "files", "plain_yaml"),
     "touch": ("skin", "structref_kernels", "units"),
     "graph": ("touch",),

@@ -1,7 +1,7 @@
 """Tests of model files: written whole, read back bit for bit, refused in one line."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,6 +25,7 @@ from eskin.model import (
     load_model,
     save_model,
 )
+from eskin.model.limits import CARD_LIMITS
 from eskin.touch import ContactConfig, PipelineConfig
 from helpers.graphs import logits, press_on_seam
 from helpers.live import VOCABULARY, model_of, network
@@ -173,6 +174,54 @@ def write_card(path, text: str) -> None:
 def test_invalid_card_entry_is_named(path, entries, place, value):
     write_card(path, json.dumps(MINIMAL | entries))
     assert_refused(path, f"'{place}'", value)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("pipeline.calibration.tare_rank", 1e12),
+        ("pipeline.calibration.tare_rank", -1e6),
+        ("pipeline.calibration.tare_samples", 10**9),
+        ("pipeline.faults.check_seconds", 0.0),
+        ("pipeline.contacts.reach", 1e9),
+        ("pipeline.touches.near", float("nan")),
+        ("graph.fixed", 10**9),
+        ("graph.live", -1),
+        ("network.layers", 10**9),
+        ("network.slots", 10**9),
+        ("decision.hold_seconds", 1e300),
+        ("decision.thresholds.poke", -1.0),
+        ("temperature", 0.0),
+    ],
+)
+def test_number_of_a_card_beyond_its_limits_is_refused(path, place, value):
+    *outer, name = place.split(".")
+    entries = {name: value}
+    for part in reversed(outer):
+        entries = {part: entries}
+    write_card(path, json.dumps(MINIMAL | entries))
+    assert_refused(path, name, "allowed is")
+
+
+def test_every_number_of_a_card_has_limits():
+    def check(part):
+        for field in fields(part):
+            value = getattr(part, field.name)
+            if is_dataclass(value):
+                check(value)
+            elif isinstance(value, float | int) and not isinstance(value, bool):
+                low, high = CARD_LIMITS[type(part)][field.name]
+                assert low <= value <= high, field.name
+
+    check(ModelCard(("none", "poke")))
+
+
+def test_model_of_too_many_bytes_is_refused(path):
+    write_card(path, json.dumps(MINIMAL | {"training": {"a": "a" * 2**20}}))
+    assert_refused(path, "header", "1,048,576")
+    with path.open("wb") as file:
+        file.truncate(2**27)
+    assert_refused(path, "134,217,728")
 
 
 @pytest.mark.parametrize("text", ["", "{oops", "[]", '"card"', "{", "null", "x" * 9999])

@@ -43,12 +43,12 @@ class FedPage:
         self.ending = threading.Event()
         self.process = PageProcess(make_setup(touchable), 0, self.orders.append)
         self.feeder = threading.Thread(target=self.feed)
-        self.port = self.process.wait_ready(PATIENCE)
+        self.link = self.process.wait_ready(PATIENCE)
         self.feeder.start()
         self.tab = new_tab(browser)
         self.tab.on("console", self.note)
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
-        see(self.tab, self.port)
+        see(self.tab, self.link)
 
     def note(self, message):
         if message.type == "error":
@@ -196,7 +196,7 @@ def test_page_that_may_not_touch_has_no_controls(browser, page):
 def visit(browser):
     with ServedDemo(4, PACE) as demo:
         tab = new_tab(browser, scale=0.5)
-        see(tab, demo.port)
+        see(tab, demo.link)
         yield Visit(tab, demo)
         tab.close()
 

@@ -6,7 +6,6 @@ import pytest
 from eskin.page import ColourScale
 from eskin.page.colours import INVALID_COLOUR
 from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, MouseHand, SurfacePoint
-from eskin.page.server import is_local
 from helpers.viewer import make_setup, mounted
 
 FOREARM = 1200
@@ -146,18 +145,3 @@ def test_stroke_by_click_runs_along_one_link(hand):
     places = np.array([order.p_link for order in hand.sent])
     assert np.linalg.norm(places[-1] - places[0]) > 0.06
     assert {order.link for order in hand.sent} == {"forearm_link"}
-
-
-@pytest.mark.parametrize(
-    ("origin", "local"),
-    [
-        (None, True),
-        ("http://127.0.0.1:8080", True),
-        ("http://localhost:9999", True),
-        ("http://evil.example", False),
-        ("http://127.0.0.1.evil.example:8080", False),
-        ("null", False),
-    ],
-)
-def test_only_pages_of_this_computer_are_local(origin, local):
-    assert is_local(origin) is local

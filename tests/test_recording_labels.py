@@ -239,7 +239,7 @@ def test_ranges_are_loaded_in_seconds_since_the_first_reading(tmp_path):
     [
         ("", "no list"),
         ("start_s: 1", "no list"),
-        ("- {start_s: 1", "not YAML"),
+        ("- {start_s: 1", "not plain YAML"),
         ("- {start_s: 1, end_s: 2}", "range 1 is"),
         ("- {start_s: 2, end_s: 1, gesture: poke}", "range 1 ends at 1 s"),
         ("- {start_s: x, end_s: 1, gesture: poke}", "seconds"),

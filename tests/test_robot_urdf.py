@@ -228,3 +228,111 @@ def test_urdf_is_read_without_its_meshes(write):
     robot = load_urdf(write(MESH.format("gone.stl", "1 1 1")), meshes=False)
     assert robot.links[0].geoms == ()
     assert Kinematics(robot).poses(np.zeros(0)).shape == (1, 4, 4)
+
+
+def nest(depth):
+    return '<robot name="r">' + "<a>" * depth + "</a>" * depth + "</robot>"
+
+
+LAUGHS = """<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>
+<robot name="r"><link name="&b;"/></robot>"""
+EXTERNAL = """<!DOCTYPE robot [<!ENTITY a SYSTEM "file:///etc/passwd">]>
+<robot name="&a;"><link name="base"/></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        (LAUGHS, "<!DOCTYPE>"),
+        (EXTERNAL, "<!DOCTYPE>"),
+        (nest(1000), "inside each other"),
+        ('<robot name="r">' + "<a/>" * 100_001 + "</robot>", "elements"),
+        (f'<robot name="r">{"<link/>" * 1001}</robot>', "1001 <link>"),
+        (f'<robot name="r">{"<joint/>" * 1001}</robot>', "1001 <joint>"),
+        (
+            f'<robot name="r"><link name="a">{"<collision/>" * 2001}</link></robot>',
+            "2001 <collision>",
+        ),
+        (f'<robot name="r"><link name="{"a" * 1001}"/></robot>', "1001 characters"),
+        (" " * (8 << 20) + TOY, "8,388,608"),
+    ],
+)
+def test_urdf_that_would_take_much_memory_is_refused(write, text, part):
+    check_refusal(write(text), part)
+
+
+@pytest.mark.parametrize(
+    ("address", "stored"),
+    [
+        ("../box.stl", "box.stl"),
+        ("../meshes/box.stl", "meshes/box.stl"),
+        ("{tmp}/box.stl", "box.stl"),
+        ("file://{tmp}/box.stl", "box.stl"),
+        ("package://../box.stl", "box.stl"),
+        ("package://toy/../../box.stl", "box.stl"),
+        ("package://toy/box.stl", "toy/box.stl"),
+        ("link.stl", "box.stl"),
+        ("linked/box.stl", "box.stl"),
+    ],
+)
+def test_mesh_outside_folder_and_packages_is_refused(tmp_path, address, stored):
+    """By a path that leads out, an absolute one, or a symbolic link."""
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    write_stl(tmp_path / stored)
+    (folder / "link.stl").symlink_to(tmp_path / stored)
+    (folder / "linked").symlink_to(tmp_path)
+    path = folder / "toy.urdf"
+    path.write_text(MESH.format(address.format(tmp=tmp_path), "1 1 1"))
+    check_refusal(path, "'base'", "outside", "packages")
+
+
+def test_mesh_of_a_package_beside_is_read(tmp_path):
+    """Where a package.xml says that it is one; also through a link to its folder."""
+    pytest.importorskip("trimesh")
+    write_stl(tmp_path / "other" / "meshes" / "box.stl")
+    (tmp_path / "other" / "package.xml").write_text("<package/>")
+    (tmp_path / "linked").symlink_to(tmp_path / "other")
+    (tmp_path / "robot").mkdir()
+    path = tmp_path / "robot" / "toy.urdf"
+    for name in ("other", "linked"):
+        path.write_text(MESH.format(f"package://{name}/meshes/box.stl", "1 1 1"))
+        assert load_urdf(path).links[0].geoms
+
+
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(
+    f"property float {axis}\n" for axis in "xyz"
+)
+FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+CORNERS = "0 0 0\n1 0 0\n0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "part"),
+    [
+        ("a.ply", f"{PLY}{FACES}{CORNERS}3 0 1 9\n", ""),
+        ("a.ply", f"{PLY}{FACES}{CORNERS}3 0 1 -9\n", ""),
+        ("a.ply", f"{PLY}{FACES}{CORNERS.replace('1', 'nan')}3 0 1 2\n", ""),
+        ("a.ply", PLY.replace("x 3", "x 99999999999") + FACES, ""),
+        ("a.3mf", "PK\x03\x04", "convert it"),
+        ("a.glb", "glTF", "convert it"),
+        ("a.dae", "<!DOCTYPE a [<!ENTITY b 'c'>]><COLLADA/>", "<!DOCTYPE>"),
+        ("a.dae", "<instance_node/>" * 40, "repeats"),
+        ("a.stl", "\0" * ((32 << 20) + 1), "33,554,432"),
+    ],
+)
+def test_hostile_mesh_is_refused(write, tmp_path, name, content, part):
+    pytest.importorskip("trimesh")
+    (tmp_path / name).write_text(content)
+    check_refusal(write(MESH.format(name, "1 1 1")), "'base'", name, part)
+
+
+def test_mesh_that_is_repeated_too_often_is_refused(write, tmp_path, monkeypatch):
+    pytest.importorskip("trimesh")
+    monkeypatch.setattr("eskin.robot.meshes.MAX_TRIANGLES", 100)
+    write_stl(tmp_path / "box.stl")
+    start, middle, end = MESH.format("box.stl", "1 1 1").partition("<collision>")
+    once, _, after = end.partition("</link>")
+    assert load_urdf(write(start + (middle + once) * 8 + "</link></robot>"))
+    text = start + (middle + once) * 9 + "</link></robot>"
+    check_refusal(write(text), "'base'", "108 triangles")

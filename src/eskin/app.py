@@ -28,10 +28,11 @@ from eskin.drivers import (
     replay_source,
 )
 from eskin.errors import ArmError, DeviceError, RecordingError
+from eskin.files import read_file
 from eskin.live import mount_skin
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
-from eskin.touch import Calibration
+from eskin.touch import MAX_CALIBRATION_BYTES, Calibration
 from eskin.ur import UrLink
 
 CALIBRATION = "calibration.json"
@@ -250,7 +251,7 @@ def load_calibration(config: SourceConfig, skin: Skin) -> Calibration:
     if path is None:
         return nominal_calibration(skin)
     try:
-        return Calibration.from_bytes(Path(path).read_bytes())
+        return Calibration.from_bytes(read_file(Path(path), MAX_CALIBRATION_BYTES))
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
     except OSError as error:

@@ -1,9 +1,72 @@
-"""This module writes files atomically: readers see the whole file or none."""
+"""This module reads files that a user names, and writes files atomically.
 
+A file is read only if it is a regular one of a limited size: opening a FIFO would wait
+for a writer, and a device may never end.
+"""
+
+import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
+
+KINDS = {
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+"""Kinds of files that are refused, beside folders."""
+
+
+class UnfitFileError(OSError):
+    """A file is no regular file, or larger than allowed; `strerror` says which."""
+
+
+def open_file(path: Path, max_bytes: int) -> BinaryIO:
+    """Open a regular file for reading, without waiting for another process.
+
+    Args:
+        path: path of the file.
+        max_bytes: largest size that is allowed [bytes].
+
+    Raises:
+        OSError: it cannot be opened, is no regular file, or is too large; `strerror`
+            says why.
+    """
+    # A device is not even opened: that alone may reset it.
+    check_status(os.stat(path), max_bytes)
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    try:
+        # Another file may have taken its place in between.
+        check_status(os.fstat(descriptor), max_bytes)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def check_status(status: os.stat_result, max_bytes: int) -> None:
+    """Raise unless a status is that of a regular file of at most a size [bytes]."""
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(status.st_mode):
+        kind = KINDS.get(stat.S_IFMT(status.st_mode), "no regular file")
+        raise UnfitFileError(errno.EINVAL, f"it is {kind}, allowed is a regular file")
+    if status.st_size > max_bytes:
+        raise UnfitFileError(
+            errno.EFBIG,
+            f"it has {status.st_size:,} bytes, allowed are {max_bytes:,}",
+        )
+
+
+def read_file(path: Path, max_bytes: int) -> bytes:
+    """Read a regular file whole; arguments and errors are those of `open_file`."""
+    with open_file(path, max_bytes) as file:
+        # Never beyond the size: files of the kernel have none, and may not end.
+        return file.read(os.fstat(file.fileno()).st_size)
 
 
 @contextmanager

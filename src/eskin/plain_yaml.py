@@ -10,6 +10,13 @@ MAX_SHOWN = 40
 """Number of characters of a value that messages show."""
 MAX_DEPTH = 20
 """Largest depth of nested collections in a file."""
+MAX_YAML_BYTES = 1 << 19
+"""Largest size of a file [bytes]."""
+MAX_EVENTS = 25_000
+"""Largest number of values in a file; beginnings and ends of collections count too."""
+NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+MAX_DIGITS = 400
+"""Largest number of characters of a number."""
 # One line without control characters, and without spaces at its ends.
 NAME = r"^[^\s\p{Cc}]([^\p{Cc}\p{Zl}\p{Zp}]*[^\s\p{Cc}])?$"
 Name = Annotated[str, Field(pattern=NAME, max_length=200)]
@@ -37,6 +44,9 @@ class PlainLoader(yaml.SafeLoader):
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         """Construct a value; raise a YAML error where it does not match its tag."""
         try:
+            if node.tag in NUMBER_TAGS and len(node.value) > MAX_DIGITS:
+                # The time to read digits to the base 60 grows with the square.
+                raise ValueError
             return super().construct_object(node, deep)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             raise yaml.MarkedYAMLError(
@@ -64,18 +74,28 @@ class PlainLoader(yaml.SafeLoader):
 
 
 def check_yaml_size(text: str) -> None:
-    """Raise where a short text would take hours to load.
+    """Raise where a text would take more than about a second to load.
 
     A few aliases can expand to billions of values, and the time to read nested
     collections grows with the square of their depth.
     """
+    if len(text) > MAX_YAML_BYTES:
+        raise ValueError(
+            f"it has {len(text):,} characters, allowed are {MAX_YAML_BYTES:,}"
+        )
     depth = 0
-    for event in yaml.parse(text, yaml.SafeLoader):
+    for number, event in enumerate(yaml.parse(text, yaml.SafeLoader)):
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
-        if isinstance(event, yaml.AliasEvent):
+        if getattr(event, "anchor", None) is not None:
             raise yaml.MarkedYAMLError(
-                problem="aliases are not allowed", problem_mark=event.start_mark
+                problem="anchors and aliases are not allowed",
+                problem_mark=event.start_mark,
+            )
+        if number > MAX_EVENTS:
+            raise yaml.MarkedYAMLError(
+                problem=f"more than {MAX_EVENTS:,} values",
+                problem_mark=event.start_mark,
             )
         if depth > MAX_DEPTH:
             raise yaml.MarkedYAMLError(

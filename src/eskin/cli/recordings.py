@@ -311,7 +311,7 @@ class ViewCommand:
 
 def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
-    from eskin.page.port import free_port
+    from eskin.page.link import format_link, free_port, make_token
     from eskin.page.server import open_server
     from eskin.recording import read_recording
     from eskin.robot import load_recorded_robot
@@ -325,10 +325,13 @@ def run_view(command: ViewCommand) -> dict[str, object]:
         recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
     )
     replayed, editor = load_replayed(recording), LabelEditor(recording)
-    server = open_server(port)
+    token = make_token()
+    server = open_server(port, token)
     try:
         timeline = Timeline(server, mounted, replayed, editor)
-        print(f"see http://127.0.0.1:{port}; Ctrl-C ends it", flush=True)
+        if replayed.group > 1:
+            print(f"a long recording: one reading in {replayed.group} is shown")
+        print(f"see {format_link(port, token)}; Ctrl-C ends it", flush=True)
         play_timeline(timeline, command.seconds)
     finally:
         server.stop()

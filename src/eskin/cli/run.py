@@ -289,13 +289,13 @@ def build_listeners(
         config = RecorderConfig(piece_bytes=piece)
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
-        from eskin.page.port import free_port
+        from eskin.page.link import free_port
         from eskin.viewer import Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
-        config = ViewerConfig(port, warning=describe_doubt(command))
-        listeners.append(Viewer(recognition, config, arm=arm))
-        print(f"see http://127.0.0.1:{port}", flush=True)
+        page = ViewerConfig(port, warning=describe_doubt(command))
+        listeners.append(Viewer(recognition, page, arm=arm))
+        print(f"see {page.link}", flush=True)
     return listeners
 
 

@@ -16,6 +16,7 @@ from eskin.command.actions import (
     Action,
 )
 from eskin.errors import CommandError
+from eskin.files import read_file
 from eskin.plain_yaml import Name, format_entry_path, load_plain_yaml, shorten
 from eskin.skin import Skin
 
@@ -155,13 +156,7 @@ def load_commands(
 def read_map_text(path: Path) -> str:
     """Read the text of a file, within the size limit."""
     try:
-        data = path.read_bytes()[: MAX_BYTES + 1]
-        if len(data) > MAX_BYTES:
-            raise CommandError(
-                f"{format_path(path)}: more than {MAX_BYTES} bytes; allowed are fewer; "
-                "is it a command map?"
-            )
-        return data.decode("utf-8")
+        return read_file(path, MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise CommandError(
             f"{format_path(path)}: byte {error.start} is no UTF-8; save it as UTF-8"

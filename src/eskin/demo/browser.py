@@ -27,7 +27,7 @@ from eskin.errors import EskinError
 from eskin.live import Detection, Recognizer, warm_up
 from eskin.model import load_model
 from eskin.page import Order, PageOrder, TouchOrder
-from eskin.page.port import free_port
+from eskin.page.link import free_port, make_token
 from eskin.recording import Metadata
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import (
@@ -220,10 +220,12 @@ def serve(
         DeviceError: the port is not available.
         StreamError: something failed while it ran.
     """
-    port = free_port(port)
+    # The same link throughout: an open page stays open when the skin is changed in it.
+    port, token = free_port(port), make_token()
     while True:
         choice = SkinChoice()
-        result = serve_skin(config, port, seconds, tell, choice)
+        page = ViewerConfig(port, touchable=True, token=token)
+        result = serve_skin(config, page, seconds, tell, choice)
         if choice.skin is None:
             return result
         config = replace(config, skin=choice.skin)
@@ -233,8 +235,8 @@ def serve(
 class RunningDemo:
     """Holds a served page and the parts behind it."""
 
-    port: int
-    """Port of the page."""
+    link: str
+    """Link that opens the page."""
     arm: SimulatedArm
     """Arm at its task."""
     source: LiveSource
@@ -264,14 +266,14 @@ class SkinChoice:
 
 def serve_skin(
     config: DemoConfig,
-    port: int,
+    page: ViewerConfig,
     seconds: float | None,
     tell: Callable[[str], None],
     choice: SkinChoice,
 ) -> PageResult:
     """Serve the page with one skin."""
-    with run_demo(config, port, choice) as demo:
-        tell(f"see http://127.0.0.1:{demo.port}; Ctrl-C ends it")
+    with run_demo(config, page, choice) as demo:
+        tell(f"see {demo.link}; Ctrl-C ends it")
         demo.stream.wait(seconds)
     step = demo.recognition.step
     return PageResult(
@@ -284,13 +286,16 @@ def serve_skin(
 
 @contextmanager
 def run_demo(
-    config: DemoConfig, port: int, choice: SkinChoice, clock: Clock | None = None
+    config: DemoConfig,
+    page: ViewerConfig,
+    choice: SkinChoice,
+    clock: Clock | None = None,
 ) -> Iterator[RunningDemo]:
     """Serve one skin on its arm while the context lasts; signals stop the stream.
 
     Args:
         config: skin, model and arm.
-        port: port of the page on this computer; 0 for any free one.
+        page: port of the page and token of its link; the skins are added.
         choice: receives another skin that is chosen in the page.
         clock: clock of arm and skin; this computer's unless given.
 
@@ -313,7 +318,7 @@ def run_demo(
         handler = PageOrderHandler(
             skin, arm, lambda order: handle_page_order(order, button, choice)
         )
-        page = ViewerConfig(port, touchable=True, skins=skins)
+        page = replace(page, skins=skins)
         viewer = Viewer(recognition, page, log_errors(handler.handle), arm)
         source = LiveSource(
             skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
@@ -324,9 +329,8 @@ def run_demo(
         stream = Stream(source, [recognition, policy, viewer, button])
         choice.stop = stream.stop
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
-            port = viewer.wait_ready(READY_TIMEOUT)
             yield RunningDemo(
-                port=port,
+                link=viewer.wait_ready(READY_TIMEOUT),
                 arm=arm,
                 source=source,
                 recognition=recognition,

@@ -18,7 +18,7 @@ from eskin.drivers import PlayedSource, SourceInfo
 from eskin.live import Recognizer, warm_up
 from eskin.model import Model
 from eskin.page import Answer, ComparisonBoard
-from eskin.page.port import free_port
+from eskin.page.link import free_port
 from eskin.stream import (
     Context,
     Listener,
@@ -165,7 +165,8 @@ def serve_same_touch(
     warm_up(recognizer)
     comparison = ComparisonListener(touches, models)
     recognition = Recognition(recognizer)
-    viewer = Viewer(recognition, ViewerConfig(port), board=lambda: comparison.board)
+    page = ViewerConfig(port)
+    viewer = Viewer(recognition, page, board=lambda: comparison.board)
     info = SourceInfo(
         uri="sim:same-touch",
         robot_name=mounted.robot.name,
@@ -177,6 +178,6 @@ def serve_same_touch(
     source = PlayedSource(info, play_touches(touches), restamp=True)
     stream = Stream(source, [recognition, comparison, viewer])
     with stop_on_signals(stream.stop), short_switch_interval(), stream:
-        tell(f"see http://127.0.0.1:{port}; Ctrl-C ends it")
+        tell(f"see {page.link}; Ctrl-C ends it")
         stream.wait(seconds)
     return {"readings": source.given}

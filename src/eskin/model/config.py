@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from eskin.graph import GraphConfig
+from eskin.plain_yaml import Name
 from eskin.touch import PipelineConfig
 
 Limits = Mapping[str, tuple[int | float, int | float]]
@@ -101,7 +102,7 @@ FORMAT = "eskin-model-1"
 class ModelCard:
     """A card holds the settings of recognition and the origin of the weights."""
 
-    vocabulary: tuple[str, ...]
+    vocabulary: tuple[Name, ...]
     """Classes in the order of the logits; `none` is one of them."""
     kind: Literal["pressure", "shear"] = "pressure"
     """Quantity that the skin must measure."""

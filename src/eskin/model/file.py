@@ -13,9 +13,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from eskin.errors import ModelError
-from eskin.files import atomic_path
+from eskin.files import atomic_path, open_file
 from eskin.graph import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
 from eskin.model.config import ModelCard
+from eskin.model.limits import find_limit_problem
 from eskin.recording.labels import NONE
 
 CARD = "eskin"
@@ -25,6 +26,13 @@ MODELS = {"ur5": "ur5", "ur5-blind": "ur5"}
 """Names that `load_model` knows, each with the preset skin that it was trained on. The
 second does not use the pose, for comparison."""
 CARD_ADAPTER = TypeAdapter(ModelCard)
+
+MAX_MODEL_BYTES = 64 << 20
+"""Largest size of a model file [bytes]."""
+MAX_HEADER_BYTES = 1 << 20
+"""Largest size of its card and of the table of its parameters [bytes]."""
+HEADER_LENGTH = 8
+"""Size of the length of the header, at the start of a file [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +80,7 @@ def load_model(name_or_path: str | Path) -> Model:
             "and .safetensors files; name the model here, and recordings elsewhere"
         )
     try:
+        check_size(path)
         with safe_open(path, framework="numpy") as file:
             card = read_card((file.metadata() or {}).get(CARD), path)
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
@@ -82,11 +91,24 @@ def load_model(name_or_path: str | Path) -> Model:
         ) from None
     # A TypeError is raised for numbers that numpy does not have, such as bfloat16.
     except (SafetensorError, OSError, TypeError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise ModelError(
-            f"{path} is no model file ({error}); allowed is a .safetensors file "
+            f"{path} is no model file ({reason}); allowed is a .safetensors file "
             "written by eskin train; train it again"
         ) from None
     return Model(weights, card)
+
+
+def check_size(path: Path) -> None:
+    """Raise an OSError or ModelError where a file is too large, or no regular file."""
+    with open_file(path, MAX_MODEL_BYTES) as file:
+        length = int.from_bytes(file.read(HEADER_LENGTH), "little")
+    # The size of the file bounds the parameters, whatever shapes the header states.
+    if MAX_HEADER_BYTES < length <= path.stat().st_size:
+        raise ModelError(
+            f"{path} has a header of {length:,} bytes; allowed are "
+            f"{MAX_HEADER_BYTES:,}; train it again"
+        )
 
 
 def read_card(text: str | None, path: Path) -> ModelCard:
@@ -97,7 +119,7 @@ def read_card(text: str | None, path: Path) -> ModelCard:
             "by eskin train; train it again"
         )
     try:
-        return CARD_ADAPTER.validate_json(text)
+        card = CARD_ADAPTER.validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
@@ -106,6 +128,10 @@ def read_card(text: str | None, path: Path) -> ModelCard:
             f"{path}: {what} is {first['input']!r:.80}: {first['msg']}; "
             "train the model again with this version of eskin"
         ) from None
+    problem = find_limit_problem(card)
+    if problem is not None:
+        raise ModelError(f"{path}: card entry {problem}; train the model again")
+    return card
 
 
 EDGE_SCALARS = 6

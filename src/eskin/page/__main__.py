@@ -44,9 +44,9 @@ def serve(connection: Connection) -> None:
     def send_order(order: Order) -> None:
         send(ORDER, order)
 
-    port, setup = connection.recv()
+    port, token, setup = connection.recv()
     try:
-        server = open_server(port)
+        server = open_server(port, token)
     except DeviceError as error:
         send(REFUSED, str(error))
         return

@@ -56,27 +56,47 @@ def label_automatically(
     ranges = sort_labels(ranges)
     if len(stamps) < 2 or not ranges:
         return ()
-    insides = [(stamps >= r.start) & (stamps < r.end) for r in ranges]
+    ends = np.append(stamps[1:], stamps[-1] + np.median(np.diff(stamps)).astype(int))
+    insides = [find_slice(stamps, marked) for marked in ranges]
     threshold = config.threshold
     if threshold is None:
-        among = peaks[np.any(insides, axis=0)]
+        among = peaks[find_inside(stamps, ranges)]
         threshold = max(config.min_threshold, compute_otsu_threshold(among))
     found: list[Label] = []
     for marked, inside in zip(ranges, insides, strict=True):
-        spans = find_touched_spans(stamps, inside & (peaks >= threshold))
+        spans = find_touched_spans(stamps, ends, peaks >= threshold, inside)
         for start, end in merge_spans(spans, config):
             found.append(Label(start, end, marked.gesture, "auto"))
     return tuple(found)
 
 
+def find_slice(stamps: Int[np.ndarray, "reading"], marked: Label) -> slice:
+    """Return which readings lie in a label, given that stamps increase."""
+    first, end = np.searchsorted(stamps, (marked.start, marked.end))
+    return slice(int(first), int(end))
+
+
+def find_inside(
+    stamps: Int[np.ndarray, "reading"], labels: Iterable[Label]
+) -> Bool[np.ndarray, "reading"]:
+    """Return for each reading whether it lies in any label, as stamps increase."""
+    inside = np.zeros(len(stamps), dtype=np.bool_)
+    for label in labels:
+        inside[find_slice(stamps, label)] = True
+    return inside
+
+
 def find_touched_spans(
-    stamps: Int[np.ndarray, "reading"], touched: Bool[np.ndarray, "reading"]
+    stamps: Int[np.ndarray, "reading"],
+    ends: Int[np.ndarray, "reading"],
+    touched: Bool[np.ndarray, "reading"],
+    inside: slice,
 ) -> list[tuple[int, int]]:
-    """Return start and end [ns] of every run of touched readings."""
-    ends = np.append(stamps[1:], stamps[-1] + np.median(np.diff(stamps)).astype(int))
-    edges = np.diff(np.concatenate([[False], touched, [False]]).astype(np.int8))
+    """Return start and end [ns] of every run of touched readings in a slice."""
+    edges = np.diff(np.pad(touched[inside], 1).astype(np.int8))
     firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return [(int(stamps[i]), int(ends[j])) for i, j in zip(firsts, lasts, strict=True)]
+    begun, ended = stamps[inside][firsts], ends[inside][lasts]
+    return list(zip(begun.tolist(), ended.tolist(), strict=True))
 
 
 def merge_spans(
@@ -180,11 +200,7 @@ def find_touched(
     labels: Sequence[Label], stamps: Int[np.ndarray, "reading"]
 ) -> Bool[np.ndarray, "reading"]:
     """Return for each stamp whether any gesture is made."""
-    inside = np.zeros(len(stamps), dtype=np.bool_)
-    for label in labels:
-        if label.gesture != NONE:
-            inside |= (stamps >= label.start) & (stamps < label.end)
-    return inside
+    return find_inside(stamps, (x for x in labels if x.gesture != NONE))
 
 
 def match_labels(truth: Sequence[Label], found: Sequence[Label]) -> list[Label | None]:

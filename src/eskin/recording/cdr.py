@@ -15,6 +15,10 @@ from eskin.units import NS_PER_S
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 LATEST_STAMP = 2**31 * NS_PER_S
+MAX_STRING = 1000
+"""Longest string that is read [bytes]."""
+MAX_STRINGS = 1000
+"""Largest number of strings in a sequence, such as names of joints."""
 
 
 class CdrPacker:
@@ -132,6 +136,10 @@ class CdrUnpacker:
     def string(self) -> str:
         """Take a string."""
         length = self.unsigned()
+        if length > MAX_STRING:
+            raise RecordingError(
+                f"a string has {length:,} bytes; allowed are {MAX_STRING:,}"
+            )
         data = self.data[self.offset : self.offset + length]
         if len(data) < length:
             raise struct.error("string is cut short")
@@ -140,7 +148,12 @@ class CdrUnpacker:
 
     def strings(self) -> tuple[str, ...]:
         """Take a sequence of strings."""
-        return tuple(self.string() for _ in range(self.unsigned()))
+        count = self.unsigned()
+        if count > MAX_STRINGS:
+            raise RecordingError(
+                f"a sequence has {count:,} strings; allowed are {MAX_STRINGS:,}"
+            )
+        return tuple(self.string() for _ in range(count))
 
     def sequence(self, dtype: str) -> Shaped[np.ndarray, "item"]:
         """Take a sequence of numbers; the array is a read-only view of the message."""

@@ -6,9 +6,11 @@ import tempfile
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 from eskin.errors import ImportSourceError
+from eskin.files import read_file
 from eskin.recording.labels import Label
 from eskin.recording.records import Metadata
 from eskin.recording.writer import RecordingWriter, write_all
@@ -18,6 +20,8 @@ from eskin.touch import Calibration, Scan
 # The datasets do not say what their sensors were fixed to, or their full scale.
 ROBOT = "table"
 FULL_SCALE_KPA = 100.0
+MAX_SOURCE_BYTES = 32 << 20
+"""Largest size of a file of a dataset, unpacked [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,14 @@ def read_decompressed(path: Path) -> bytes:
         ValueError: it cannot be read or decompressed.
     """
     try:
-        data = path.read_bytes()
-        return gzip.decompress(data) if path.suffix == ".gz" else data
+        data = read_file(path, MAX_SOURCE_BYTES)
+        if path.suffix == ".gz":
+            with gzip.GzipFile(fileobj=BytesIO(data)) as file:
+                data = file.read(MAX_SOURCE_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise ValueError(str(error)) from error
+    if len(data) > MAX_SOURCE_BYTES:
+        raise ValueError(
+            f"it unpacks to more than {MAX_SOURCE_BYTES:,} bytes, allowed are fewer"
+        )
+    return data

@@ -6,16 +6,19 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import yaml
 from jaxtyping import Int
 
 from eskin.errors import RecordingError
+from eskin.files import read_file
+from eskin.plain_yaml import MAX_YAML_BYTES, load_plain_yaml
 from eskin.units import NS_PER_S
 
 NONE = "none"
 RANGE_MARGIN_S = 1.0
 """Margin of a rough range: half of the two seconds that the paper leaves between
 gestures."""
+MAX_ENTRY = 100
+"""Number of characters of a range that messages show."""
 EXAMPLE_RANGE = "{start_s: 1.5, end_s: 4.0, gesture: poke}"
 
 
@@ -127,12 +130,17 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
         RecordingError: the file or an entry cannot be used.
     """
     try:
-        entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        text = read_file(Path(path), MAX_YAML_BYTES).decode("utf-8")
     except OSError as error:
         raise RecordingError(f"no ranges at {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        words = " ".join(str(error).split())
-        raise RecordingError(f"{path} is not YAML: {words}") from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(
+            f"{path}: byte {error.start} is no UTF-8; save it as UTF-8"
+        ) from None
+    try:
+        entries = load_plain_yaml(text)
+    except ValueError as error:
+        raise RecordingError(f"{path}{error}") from None
     if not isinstance(entries, list) or not entries:
         raise RecordingError(
             f"{path} holds no list; allowed are lines like - {EXAMPLE_RANGE}"
@@ -145,15 +153,16 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
 
 def parse_range(entry: object, place: str, start: int) -> Label:
     """Convert one entry of a list of ranges; `place` names it in errors."""
+    text = " ".join(f"{entry}"[:MAX_ENTRY].split())
     if not isinstance(entry, dict) or set(entry) != {"start_s", "end_s", "gesture"}:
-        raise RecordingError(f"{place} is {entry}; allowed is such as {EXAMPLE_RANGE}")
+        raise RecordingError(f"{place} is {text}; allowed is such as {EXAMPLE_RANGE}")
     first, last, gesture = entry["start_s"], entry["end_s"], entry["gesture"]
     if not isinstance(gesture, str) or not all(
         isinstance(value, int | float) and 0 <= value < 1e9 for value in (first, last)
     ):
         raise RecordingError(
-            f"{place} is {entry}; allowed are seconds since the first reading and a "
-            f"gesture's name, such as {EXAMPLE_RANGE}"
+            f"{place} is {text}; allowed are seconds since the first reading "
+            f"and a gesture's name, such as {EXAMPLE_RANGE}"
         )
     if last <= first:
         raise RecordingError(f"{place} ends at {last} s, not after its start {first} s")

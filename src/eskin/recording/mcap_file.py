@@ -6,6 +6,7 @@ those of the `mcap` package; messages and chunks, nearly all of a file, are enco
 here, several times as fast as by that package's own writer.
 """
 
+import os
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
@@ -35,18 +36,45 @@ from mcap.records import (
 )
 
 from eskin.errors import RecordingError
+from eskin.files import open_file
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEADER = struct.Struct("<BQ")
 MESSAGE_HEADER = struct.Struct("<HIQQ")
 MESSAGE_INDEX = struct.Struct("<HI")
+CHUNK_HEADER = struct.Struct("<QQQII")
+"""First and last log time, size and CRC before compression, and length of the name of
+the compression, at the start of a chunk."""
+CHUNK_HEAD_BYTES = 100
+"""Number of bytes at the start of a chunk that hold its header and that of its data."""
+READ_OPCODES = (
+    Opcode.HEADER,
+    Opcode.METADATA,
+    Opcode.ATTACHMENT,
+    Opcode.CHUNK,
+    Opcode.CHANNEL,
+    Opcode.MESSAGE,
+)
 RECORD_AND_MESSAGE = struct.Struct(
     RECORD_HEADER.format + MESSAGE_HEADER.format.lstrip("<")
 )
 FOOTER = struct.Struct("<BQQQ")
 FOOTER_BYTES = 20
+MAX_FILE_BYTES = 1 << 42
+"""Largest file that is read: 4 TiB, since nothing grows with it [bytes]."""
 MAX_CHUNK_BYTES = 64 << 20
 """Largest chunk that is read, before compression [bytes]."""
+MAX_RECORD_BYTES = 80 << 20
+"""Largest record that is read, such as an attachment [bytes]."""
+MAX_CHUNK_MESSAGES = 300_000
+"""Largest number of messages in a chunk."""
+MAX_MESSAGE_BYTES = 4 << 20
+"""Largest message, which holds one reading of at most 200,000 taxels [bytes]."""
+MAX_UNPACKED_RATIO, FREE_UNPACKED_BYTES = 300, 64 << 20
+"""Largest size before compression over the size of the file, beyond some bytes that are
+free. Scans that are all the same compress to a 170th."""
+MAX_TOPIC = 400
+"""Longest name of a topic; none that is read is longer."""
 CHUNK_BYTES = 1 << 20
 """Size above which a chunk is written, before compression [bytes]."""
 ZSTD_LEVEL = 1
@@ -97,15 +125,44 @@ class McapReader:
         self.truncated = True
         self.topics = {}
         try:
-            with self.path.open("rb") as file:
-                yield from self.read_items(file)
+            with open_file(self.path, MAX_FILE_BYTES) as file:
+                size = os.fstat(file.fileno()).st_size
+                self.check_unpacked(file, size)
+                file.seek(0)
+                yield from self.read_items(file, size)
         except OSError as error:
-            raise RecordingError(f"{self.path}: {error.strerror}") from error
+            raise RecordingError(
+                f"{self.path} cannot be read: {error.strerror}; give a recording, an "
+                ".mcap file"
+            ) from error
 
-    def read_items(self, file: BinaryIO) -> Iterator[McapItem]:
+    def check_unpacked(self, file: BinaryIO, size: int) -> None:
+        """Raise where chunks say that they unpack to far more than the file has.
+
+        Only their heads are read. What follows a damaged chunk is not read at all.
+        """
+        unpacked, most = 0, FREE_UNPACKED_BYTES + MAX_UNPACKED_RATIO * size
+        file.seek(len(MAGIC))
+        while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
+            opcode, length = RECORD_HEADER.unpack(head)
+            end = file.tell() + length
+            if end > size or opcode == Opcode.FOOTER:
+                return
+            if opcode == Opcode.CHUNK:
+                stated = read_unpacked_size(file.read(min(length, CHUNK_HEAD_BYTES)))
+                if stated is None:
+                    return
+                unpacked += stated
+            if unpacked > most:
+                raise RecordingError(
+                    f"{self.path} has {size:,} bytes and unpacks to {unpacked:,} or "
+                    f"more; allowed are {most:,}; record it again"
+                )
+            file.seek(end)
+
+    def read_items(self, file: BinaryIO, size: int) -> Iterator[McapItem]:
         """Yield items up to the closing magic, a cut or a damaged record."""
-        size = self.path.stat().st_size
-        start = file.read(len(MAGIC))
+        start = file.read(min(len(MAGIC), size))
         if start != MAGIC[: len(start)]:
             raise RecordingError(
                 f"{self.path} starts with {start!r}, not with the MCAP magic; "
@@ -119,9 +176,17 @@ class McapReader:
                 file.seek(length, 1)
                 self.truncated = file.read(len(MAGIC)) != MAGIC
                 return
-            body = file.read(length)
-            if opcode == Opcode.DATA_END or len(body) < length:
+            if opcode not in READ_OPCODES:
+                file.seek(length, 1)
                 continue
+            if length > MAX_RECORD_BYTES:
+                raise RecordingError(
+                    f"{self.path} has a record of {length:,} bytes; allowed are "
+                    f"{MAX_RECORD_BYTES:,}; write it again in smaller parts"
+                )
+            body = file.read(length)
+            if len(body) < length:
+                return
             try:
                 items = list(self.parse_record(opcode, body))
             except DAMAGE_ERRORS:
@@ -172,10 +237,17 @@ class McapReader:
 
     def parse_messages(self, data: bytes) -> Iterator[TopicMessage]:
         """Yield the messages among consecutive records; remember their channels."""
-        offset = 0
+        offset = count = 0
         while offset < len(data):
             opcode, length = RECORD_HEADER.unpack_from(data, offset)
             offset += RECORD_HEADER.size
+            count += 1
+            if count > MAX_CHUNK_MESSAGES or length > MAX_MESSAGE_BYTES:
+                raise RecordingError(
+                    f"{self.path} has a chunk of more than {MAX_CHUNK_MESSAGES:,} "
+                    f"records, or with one of more than {MAX_MESSAGE_BYTES:,} bytes; "
+                    "allowed are fewer; write it again in smaller chunks"
+                )
             body = data[offset : offset + length]
             offset += length
             if opcode == Opcode.MESSAGE:
@@ -185,8 +257,25 @@ class McapReader:
                     yield TopicMessage(topic, log_time, body[MESSAGE_HEADER.size :])
             elif opcode == Opcode.CHANNEL:
                 found = Channel.read(ReadDataStream(BytesIO(body)))
-                if found.message_encoding == "cdr":
+                if found.message_encoding == "cdr" and len(found.topic) <= MAX_TOPIC:
                     self.topics[found.id] = found.topic
+
+
+def read_unpacked_size(head: bytes) -> int | None:
+    """Return the size of a chunk before compression; None where it is damaged.
+
+    Args:
+        head: start of the chunk.
+    """
+    if len(head) < CHUNK_HEADER.size:
+        return None
+    _, _, size, _, name_length = CHUNK_HEADER.unpack_from(head)
+    data = head[CHUNK_HEADER.size + name_length + 8 :]
+    try:
+        stated = zstandard.frame_content_size(data) if name_length else size
+    except zstandard.ZstdError:
+        return None
+    return size if stated in (-1, size) else None
 
 
 def check_attachment(body: bytes) -> None:

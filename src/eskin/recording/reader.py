@@ -1,7 +1,7 @@
 """This module finds recordings on disk and reads them, also truncated ones."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +13,7 @@ from mcap.records import Attachment
 from mcap.records import Metadata as MetadataItem
 
 from eskin.errors import RecordingError, SkinError
+from eskin.recording.cdr import MAX_STRINGS
 from eskin.recording.labels import Label, sort_labels
 from eskin.recording.mcap_file import McapReader, TopicMessage
 from eskin.recording.messages import (
@@ -42,6 +43,12 @@ from eskin.recording.records import (
 from eskin.skin import Skin, skin_from_bytes
 from eskin.touch import Calibration, Scan
 
+MAX_LABELS = 20_000
+MAX_DETECTIONS = MAX_EVENTS = 100_000
+"""Largest numbers of labels, detections and events that are read into memory."""
+MAX_METADATA_BYTES = 1 << 20
+"""Largest size of the metadata, whose names and values are kept [bytes]."""
+
 parse_shared_skin = lru_cache(maxsize=8)(skin_from_bytes)
 """Parse the skin of an attachment; equal attachments share one object."""
 
@@ -61,7 +68,7 @@ def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
                     f"no .mcap file below {place}; convert or record some first"
                 )
             found += inside
-        elif place.is_file():
+        elif place.exists():  # Reading it says if it is no file.
             found.append(place)
         else:
             raise RecordingError(
@@ -209,13 +216,23 @@ def read_recording(path: Path | str) -> Recording:
         RecordingError: there is no such file, or nothing in it can be used.
     """
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise RecordingError(f"no recording at {path}; give an .mcap file")
     stream = McapReader(path)
     parser = RecordingParser(path)
     for item in stream:
         parser.add(item)
     return parser.build_recording(stream.truncated)
+
+
+def check_room(found: Sequence[object], most: int, what: str) -> None:
+    """Raise where as many things as allowed have been read already."""
+    if len(found) >= most:
+        raise RecordingError(f"there are more than {most:,} {what}; allowed are fewer")
+
+
+ATTACHMENTS = {SKIN_NAME, CALIBRATION_NAME}
+"""Names of the attachments that are kept in memory."""
 
 
 class RecordingParser:
@@ -236,7 +253,13 @@ class RecordingParser:
         """Add one item of the file."""
         if isinstance(item, MetadataItem) and item.name == RECORD_NAME:
             self.facts = item.metadata
-        elif isinstance(item, Attachment):
+            size = sum(len(key) + len(value) for key, value in self.facts.items())
+            if size > MAX_METADATA_BYTES:
+                raise RecordingError(
+                    f"{self.path} has {size:,} characters of metadata; allowed are "
+                    f"{MAX_METADATA_BYTES:,}; record it again"
+                )
+        elif isinstance(item, Attachment) and item.name in ATTACHMENTS:
             self.attachments[item.name] = item.data
         elif isinstance(item, TopicMessage):
             try:
@@ -250,10 +273,13 @@ class RecordingParser:
             self.count += 1
             self.stamps = [*self.stamps[:1], message.log_time]
         elif message.topic == LABEL.name:
+            check_room(self.labels, MAX_LABELS, "labels")
             self.labels.append(unpack_label(message.data))
         elif message.topic == DETECTION.name:
+            check_room(self.detections, MAX_DETECTIONS, "detections")
             self.detections.append(unpack_detection(message.data))
         elif message.topic == EVENT.name:
+            check_room(self.events, MAX_EVENTS, "events")
             self.events.append(unpack_event(message.data))
 
     def build_recording(self, truncated: bool) -> Recording:
@@ -298,7 +324,8 @@ class RecordingParser:
         except (ValueError, RecursionError):
             names = None
         if isinstance(names, list) and all(isinstance(name, str) for name in names):
-            return tuple(names)
+            if len(names) <= MAX_STRINGS:
+                return tuple(names)
         raise RecordingError(
             f"{self.path} has joints {text!r:.60}; allowed is a JSON list of names; "
             "copy it again from where it was recorded"

@@ -10,13 +10,16 @@ import zipfile
 import zlib
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import ImportSourceError
+from eskin.files import open_file
 from eskin.recording.conversion import (
     FULL_SCALE_KPA,
+    MAX_SOURCE_BYTES,
     ConversionResult,
     ImportedClip,
     write_clips,
@@ -101,7 +104,8 @@ def read_shearsense_file(path: Path) -> ImportedClip:
 def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
     """Load pressure, shear x and shear y of one file, as counts."""
     try:
-        with path.open("rb") as file:
+        with open_file(path, MAX_SOURCE_BYTES) as file:
+            check_unpacked(file)
             content = np.load(file, allow_pickle=False)
             if isinstance(content, np.ndarray):
                 raise ValueError("it is one array alone")
@@ -120,6 +124,18 @@ def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
             )
         check_values(path, index, array)
     return [np.rint(a).astype(np.int32).reshape(length, -1) for a in arrays]
+
+
+def check_unpacked(file: BinaryIO) -> None:
+    """Raise a ValueError where an archive unpacks to too many bytes."""
+    if zipfile.is_zipfile(file):
+        with zipfile.ZipFile(file) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > MAX_SOURCE_BYTES:
+            raise ValueError(
+                f"it unpacks to {unpacked:,} bytes, allowed are {MAX_SOURCE_BYTES:,}"
+            )
+    file.seek(0)
 
 
 def check_values(path: Path, index: int, array: np.ndarray) -> None:

@@ -37,6 +37,8 @@ FLOOR_KPA = 10.0  # Worn tight, the sleeve rests at several nominal kPa.
 PERIOD_NS = 100_000_000
 SAME_SESSION = timedelta(minutes=10)
 SUFFIXES = (".json", ".json.gz")
+MAX_LISTS = 1_000_000
+"""Largest number of lists and objects in a file, which take 20 times its size."""
 
 # The dataset's own spellings; its files named Unknown hold taps.
 ALIASES = {"squeez": "squeeze", "unknown": "tap", "": NONE}
@@ -116,7 +118,10 @@ def read_sleeve_file(path: Path, time: datetime, session: str) -> ImportedClip:
 def load_json(path: Path) -> object:
     """Load a JSON file, gzipped or not."""
     try:
-        return json.loads(read_decompressed(path))
+        data = read_decompressed(path)
+        if data.count(b"[") + data.count(b"{") > MAX_LISTS:
+            raise ValueError(f"more than {MAX_LISTS:,} lists, allowed are fewer")
+        return json.loads(data)
     except (ValueError, RecursionError) as error:
         raise ImportSourceError(
             f"{path}: not whole JSON ({error}); copy it again from the set"

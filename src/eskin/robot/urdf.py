@@ -4,10 +4,9 @@ It reads links with their collision geoms, and joints with their limits and mimi
 Everything else (visuals, inertials, transmissions, sensors, simulator tags) is ignored.
 """
 
-import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import cast, get_args
+from typing import cast, final, get_args
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -15,19 +14,30 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import RobotError
+from eskin.files import read_file
+from eskin.robot.meshes import MeshReader
 from eskin.robot.robot import Joint, JointKind, Link, Mimic, Robot
-from eskin.robot.shapes import Box, Cylinder, Geom, Shape, Sphere, TriangleMesh
+from eskin.robot.shapes import Box, Cylinder, Geom, Shape, Sphere
 from eskin.transforms import make_transform, rpy_to_matrix
 
 KINDS = get_args(JointKind)
+MAX_URDF_BYTES = 8 << 20
+"""Largest size of a URDF [bytes]."""
+MAX_ELEMENTS, MAX_DEPTH = 100_000, 50
+"""Largest number of XML elements, and of elements inside each other."""
+MAX_LINKS = MAX_JOINTS = 1000
+MAX_GEOMS = 2000
+"""Largest numbers of links, joints, and collision shapes of all links."""
+MAX_TEXT = 1000
+"""Largest length of an attribute that is used, such as a name."""
 
 
 def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
     """Read a robot from a URDF file.
 
     Args:
-        path: the file. Meshes given as `package://` are looked up in its folder and in
-            every folder above.
+        path: the file. Its meshes lie in its folder or in its packages, see
+            `MeshReader`.
         meshes: whether to read `<mesh>` geoms, which needs the extra `models`. Links
             without them have no surface; kinematics do not need one.
 
@@ -36,9 +46,10 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
     """
     path = Path(path)
     root = parse_urdf(path)
-    folder = path.resolve().parent if meshes else None
+    reader = MeshReader(path.resolve().parent) if meshes else None
     try:
-        links = tuple(read_link(element, folder) for element in root.findall("link"))
+        check_counts(root)
+        links = tuple(read_link(element, reader) for element in root.findall("link"))
         joints = tuple(read_joint(element) for element in root.findall("joint"))
         return Robot(root.get("name") or path.stem, links, joints)
     except RobotError as error:
@@ -47,8 +58,12 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
 
 def parse_urdf(path: Path) -> Element:
     """Return the <robot> element of a file."""
+    parser = ElementTree.XMLParser(target=LimitedTreeBuilder(path))
     try:
-        root = ElementTree.parse(path).getroot()
+        parser.feed(read_file(path, MAX_URDF_BYTES))
+        root = parser.close()
+    except RobotError:
+        raise
     except OSError as error:
         raise RobotError(f"cannot read URDF {path}: {error.strerror}") from None
     except (ElementTree.ParseError, LookupError, ValueError) as error:
@@ -60,21 +75,63 @@ def parse_urdf(path: Path) -> Element:
     return root
 
 
-def read_link(element: Element, folder: Path | None) -> Link:
+@final
+class LimitedTreeBuilder(ElementTree.TreeBuilder):
+    """Builds the elements of a URDF, and stops where it is made to take much memory."""
+
+    def __init__(self, path: Path) -> None:
+        """Start without elements; the path is for messages."""
+        super().__init__()
+        self.path, self.count, self.depth = path, 0, 0
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Refuse a document type: it can define entities that expand without end."""
+        raise RobotError(
+            f"{self.path} has a <!DOCTYPE>; a URDF needs none, take it out"
+        )
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> Element:
+        """Open an element."""
+        self.count, self.depth = self.count + 1, self.depth + 1
+        if self.count > MAX_ELEMENTS or self.depth > MAX_DEPTH:
+            raise RobotError(
+                f"{self.path} has more than {MAX_ELEMENTS:,} elements or {MAX_DEPTH} "
+                "inside each other; a URDF with fewer is wanted"
+            )
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> Element:
+        """Close an element."""
+        self.depth -= 1
+        return super().end(tag)
+
+
+def check_counts(root: Element) -> None:
+    """Raise where a robot has too many parts."""
+    for tag, found, most in (
+        ("link", root.findall("link"), MAX_LINKS),
+        ("joint", root.findall("joint"), MAX_JOINTS),
+        ("collision", root.findall("link/collision"), MAX_GEOMS),
+    ):
+        if len(found) > most:
+            raise RobotError(f"it has {len(found)} <{tag}>; allowed: {most}")
+
+
+def read_link(element: Element, reader: MeshReader | None) -> Link:
     """Read a link with its collision geoms."""
     name = read_text(element, "name", "robot")
     place = f"link '{name}'"
     geoms = []
     for collision in element.findall("collision"):
         geometry = find_child(collision, "geometry", place)
-        if folder is None and geometry.find("mesh") is not None:
+        if reader is None and geometry.find("mesh") is not None:
             continue
-        shape = read_shape(geometry, folder, place)
+        shape = read_shape(geometry, reader, place)
         geoms.append(Geom(shape, read_origin(collision, place)))
     return Link(name, tuple(geoms))
 
 
-def read_shape(geometry: Element, folder: Path | None, place: str) -> Shape:
+def read_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shape:
     """Read the one shape inside a <geometry>."""
     shape = next(iter(geometry), None)
     match shape.tag if shape is not None else "nothing", shape:
@@ -91,9 +148,9 @@ def read_shape(geometry: Element, folder: Path | None, place: str) -> Shape:
                     "wanted: each above 0"
                 )
             return Box((x, y, z))
-        case "mesh", Element() if folder is not None:
+        case "mesh", Element() if reader is not None:
             scale = read_numbers(shape, "scale", place, 3, (1.0, 1.0, 1.0))
-            return load_mesh(read_text(shape, "filename", place), folder, scale, place)
+            return reader.read(read_text(shape, "filename", place), scale, place)
         case tag, _:
             raise RobotError(
                 f"{place}: <geometry> holds {tag}; allowed: cylinder, sphere, box, mesh"
@@ -187,6 +244,11 @@ def read_text(element: Element, attribute: str, place: str) -> str:
     value = element.get(attribute, "").strip()
     if not value:
         raise RobotError(f"{place}: <{element.tag}> has no '{attribute}'; add it")
+    if len(value) > MAX_TEXT:
+        raise RobotError(
+            f"{place:.100}: <{element.tag}> has a '{attribute}' of {len(value)} "
+            f"characters; allowed: {MAX_TEXT}"
+        )
     return value
 
 
@@ -239,47 +301,3 @@ def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
     rpy = np.array(read_numbers(found, "rpy", place, 3, (0.0, 0.0, 0.0)))
     xyz = np.array(read_numbers(found, "xyz", place, 3, (0.0, 0.0, 0.0)))
     return make_transform(rpy_to_matrix(rpy), xyz)
-
-
-def load_mesh(
-    uri: str, folder: Path, scale: tuple[float, ...], place: str
-) -> TriangleMesh:
-    """Read a mesh file, scaled along x, y and z, with trimesh (extra `models`)."""
-    path = resolve_mesh_path(uri, folder, place)
-    try:
-        trimesh = importlib.import_module("trimesh")
-    except ImportError:
-        raise RobotError(
-            f"{place} has mesh {uri}, which needs trimesh: "
-            "pip install 'eskin[models]', or load the URDF with meshes=False"
-        ) from None
-    try:
-        mesh = trimesh.load(path, force="mesh")
-        vertices = np.asarray(mesh.vertices, dtype=np.float64) * np.array(scale)
-        faces = np.asarray(mesh.faces, dtype=np.int64)
-    except Exception as error:  # trimesh's readers raise anything.
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RobotError(f"{place}: {path} is no mesh ({reason})") from None
-    if not len(faces):
-        raise RobotError(f"{place}: mesh {path} holds no triangles; give one that does")
-    # A mirroring scale turns triangles inside out.
-    return TriangleMesh(vertices, faces[:, ::-1] if np.prod(scale) < 0 else faces)
-
-
-def resolve_mesh_path(uri: str, folder: Path, place: str) -> Path:
-    """Return the file of a path, `file://` or `package://` address in a URDF."""
-    if uri.startswith("package://"):
-        relative = uri.removeprefix("package://")
-        # A package's folder may have another name than the package.
-        inside = relative.partition("/")[2]
-        above = (folder, *folder.parents)
-        candidates = [base / path for path in (relative, inside) for base in above]
-    else:
-        candidates = [folder / uri.removeprefix("file://")]
-    found = next((path for path in candidates if path.is_file()), None)
-    if found is None:
-        raise RobotError(
-            f"{place}: mesh {uri} is not in {folder}"
-            f"{' or any folder above' if len(candidates) > 1 else ''}; put it there"
-        )
-    return found

@@ -11,17 +11,30 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from eskin.errors import SkinError
-from eskin.files import atomic_path
-from eskin.plain_yaml import Name, format_entry_path, load_plain_yaml, shorten
+from eskin.files import atomic_path, read_file
+from eskin.plain_yaml import (
+    MAX_YAML_BYTES,
+    Name,
+    format_entry_path,
+    load_plain_yaml,
+    shorten,
+)
 from eskin.skin.check import SkinProblem, find_direction_problems
 from eskin.skin.presets import SKIN_PRESETS
 from eskin.skin.skin import Patch, Skin
-from eskin.skin.taxel_table import TaxelTable, format_taxels, parse_taxels
+from eskin.skin.taxel_table import (
+    MAX_TABLE_BYTES,
+    TaxelTable,
+    format_taxels,
+    parse_taxels,
+)
 
 MANIFEST = "skin.yaml"
 END = "...\n"
 """End of the YAML document; the taxels follow."""
 Extent = Annotated[int, Field(ge=1, le=65535)]
+MAX_PATCHES = 1000
+"""Largest number of patches of a skin."""
 
 
 class PatchEntry(BaseModel):
@@ -47,7 +60,7 @@ class SkinManifest(BaseModel):
     name: Name
     calibrated: bool = True
     taxels: Name = "taxels.csv"
-    patches: Annotated[list[PatchEntry], Field(min_length=1)]
+    patches: Annotated[list[PatchEntry], Field(min_length=1, max_length=MAX_PATCHES)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +151,9 @@ def parse_skin_folder(path: Path) -> ParsedSkin:
         SkinError: A file is missing, or is no file of a skin.
     """
     file = path if path.name == MANIFEST else path / MANIFEST
-    manifest = parse_manifest(read_text(file), str(file))
+    manifest = parse_manifest(read_text(file, MAX_YAML_BYTES), str(file))
     taxels = resolve_inside(file.parent, manifest.taxels, str(file))
-    return parse_skin(manifest, read_text(taxels), str(taxels))
+    return parse_skin(manifest, read_text(taxels, MAX_TABLE_BYTES), str(taxels))
 
 
 def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin:
@@ -207,10 +220,10 @@ def resolve_inside(folder: Path, name: str, file: str) -> Path:
     return target
 
 
-def read_text(file: Path) -> str:
-    """Read a text file, and turn exceptions into a `SkinError`."""
+def read_text(file: Path, max_bytes: int) -> str:
+    """Read a text file of a limited size, and turn exceptions into a `SkinError`."""
     try:
-        return file.read_text(encoding="utf-8-sig")
+        return read_file(file, max_bytes).decode("utf-8-sig")
     except FileNotFoundError:
         raise SkinError(f"{file} does not exist; a skin is a folder with it") from None
     except UnicodeDecodeError as error:

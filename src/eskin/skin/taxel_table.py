@@ -20,6 +20,14 @@ COLUMNS = ("id", "patch", "row", "column", *VECTORS, "area_mm2")
 TANGENT = ("tx", "ty", "tz")
 SQUARE_MM_EXPONENT = 6
 """Power of ten of mm2 in one m2."""
+MAX_TAXELS = 200_000
+"""Largest number of taxels of a skin."""
+MAX_TABLE_BYTES = 64 << 20
+"""Largest size of a `taxels.csv` [bytes]."""
+MAX_ROW_LINES, MAX_LINE = 10, 200_000
+"""Largest number of lines of one row, and of characters of one line."""
+MAX_PROBLEMS = 1000
+"""Number of problems after which the rest of a table is not read."""
 
 
 class TaxelRow(NamedTuple):
@@ -66,8 +74,11 @@ def parse_taxels(
 ) -> tuple[TaxelTable, list[SkinProblem]]:
     """Read the valid rows, and list what is wrong with the others.
 
+    The rest is not read after `MAX_PROBLEMS` problems.
+
     Raises:
-        SkinError: The header is not that of a `taxels.csv`, or the text is no CSV.
+        SkinError: There are too many lines or taxels, the header is not that of a
+            `taxels.csv`, or the text is no CSV.
     """
     lines = iterate_rows(text, file)
     header = [name.strip() for name in next(lines, (1, []))[1]]
@@ -94,7 +105,14 @@ def parse_taxels(
                 )
         except BadCellError as error:
             problems.append(build_problem(error, row))
+            if len(problems) >= MAX_PROBLEMS:
+                break
             continue
+        if len(taxels) >= MAX_TAXELS:
+            raise SkinError(
+                f"{file} line {line}: got more than {MAX_TAXELS:,} taxels, allowed are "
+                "fewer; split the skin"
+            )
         lines_of[taxel.id] = line
         taxels.append(taxel)
     return build_table(taxels), problems
@@ -102,9 +120,26 @@ def parse_taxels(
 
 def iterate_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of the last line of every row, and its cells."""
-    rows = csv.reader(io.StringIO(text, newline=None))
+    if text.count("\n") + text.count("\r") > 2 * MAX_TAXELS:
+        raise SkinError(
+            f"{file}: got more than {2 * MAX_TAXELS:,} lines, allowed are "
+            f"{MAX_TAXELS:,} taxels"
+        )
+    begun = 0
+
+    def check_lines() -> Iterator[str]:
+        for number, line in enumerate(io.StringIO(text, newline=None)):
+            if number - begun >= MAX_ROW_LINES or len(line) > MAX_LINE:
+                raise SkinError(
+                    f"{file} line {number + 1}: got a row of more than {MAX_LINE:,} "
+                    f"characters or {MAX_ROW_LINES} lines, allowed are shorter ones"
+                )
+            yield line
+
+    rows = csv.reader(check_lines())
     try:
         for cells in rows:
+            begun = rows.line_num
             yield rows.line_num, cells
     except csv.Error as error:
         raise SkinError(

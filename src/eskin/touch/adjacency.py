@@ -6,11 +6,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from eskin.errors import SkinError
 from eskin.skin import Skin
 
 MICROMETRE = 1e-6
 SPACING_RANK = 3
 """Rank of the neighbour whose distance is the local spacing."""
+MAX_PAIRS = 8_000_000
+"""Largest number of pairs within the largest reach of a link, in both orders; the
+preset skins have 20 to 30 a taxel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +79,14 @@ def find_pairs(
 ) -> Int[np.ndarray, "2 pair"]:
     """Find the pairs of members within the larger reach of the two, in both orders."""
     members = np.flatnonzero(is_member)
-    tree = KDTree(points[members])
-    pairs = tree.query_pairs(reach[members].max(), output_type="ndarray")
+    tree, largest = KDTree(points[members]), reach[members].max()
+    count = tree.count_neighbors(tree, largest)
+    if count > MAX_PAIRS:
+        raise SkinError(
+            f"{len(members)} taxels of one link have {count:,} neighbours within "
+            f"{1e3 * largest:.3g} mm; allowed are {MAX_PAIRS:,}; use a coarser skin"
+        )
+    pairs = tree.query_pairs(largest, output_type="ndarray")
     a, b = members[pairs].T
     distances = np.linalg.norm(points[a] - points[b], axis=1)
     a, b = members[pairs[distances <= np.maximum(reach[a], reach[b])]].T

@@ -11,6 +11,8 @@ from eskin.errors import RecordingError
 from eskin.touch.calibration_kernels import MAX_SCALE_SHARE, PressureCurve
 
 VERSION = 1
+MAX_CALIBRATION_BYTES = 8 << 20
+"""Largest size of a calibration as text, with 200,000 gains [bytes]."""
 PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueError)
 """Exceptions that JSON of another structure raises."""
 Curve = Literal["linear", "divider"]
@@ -145,6 +147,11 @@ class Calibration:
         Raises:
             RecordingError: The bytes are no calibration of a known version.
         """
+        if len(data) > MAX_CALIBRATION_BYTES:
+            raise RecordingError(
+                f"calibration has {len(data):,} bytes; allowed are "
+                f"{MAX_CALIBRATION_BYTES:,}; record again, or use Calibration.to_bytes"
+            )
         try:
             content = json.loads(data)
             version = content["version"]

@@ -165,7 +165,8 @@ def update_tare(
         k -= 1
     state.samples[i, k] = sample
     state.sample_count[i] = size + 1
-    state.baseline[i] = state.samples[i, int(parameters.tare_rank * (size + 1))]
+    rank = min(max(parameters.tare_rank, 0.0), 1.0) * (size + 1)
+    state.baseline[i] = state.samples[i, min(int(rank), size)]
     state.next_sample[i] = now + parameters.tare_seconds / parameters.tare_samples
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import build_parameters
-from eskin.errors import SkinMismatchError
+from eskin.errors import SkinError, SkinMismatchError
 from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
@@ -28,6 +28,9 @@ MIN_CROSSTALK_PRESSURE = 1.5
 """Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
 MAX_OBSERVATIONS = 200
 """Number of latest observations whose median is the estimate."""
+MAX_CELLS_PER_TAXEL, FREE_CELLS = 20, 1000
+"""Largest number of crossings of the rows and columns of a patch for each of its
+taxels, beyond some that are free."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +225,12 @@ def build_matrix_patch(skin: Skin, patch: int, calibration: Calibration) -> Matr
     _, rows = np.unique(skin.rows[taxels], return_inverse=True)
     _, columns = np.unique(skin.columns[taxels], return_inverse=True)
     shape, count = (rows.max() + 1, columns.max() + 1), len(taxels)
+    if shape[0] * shape[1] > MAX_CELLS_PER_TAXEL * count + FREE_CELLS:
+        raise SkinError(
+            f"patch '{skin.patches[patch].id}' has {count} taxels in {shape[0]} rows "
+            f"and {shape[1]} columns; allowed is a taxel at one crossing in "
+            f"{MAX_CELLS_PER_TAXEL} or more; correct the rows and columns"
+        )
     return MatrixPatch(
         taxels,
         rows,

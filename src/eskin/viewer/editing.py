@@ -2,7 +2,8 @@
 
 import os
 import shutil
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
@@ -158,24 +159,65 @@ def match_detections(
         labels: labels of the recording.
         detections: detections in the recording.
     """
-    left = [found for found in detections if found.gesture != NONE]
+    queue = DetectionQueue(found for found in detections if found.gesture != NONE)
     pairs = []
     for label in sorted(labels):
-        if label.gesture == NONE:
-            continue
-        candidates = [
-            x for x in left if label.start <= x.stamp < label.end + MAX_DETECTION_DELAY
-        ]
-        best = min(
-            candidates,
-            key=lambda x: (x.gesture != label.gesture, x.stamp),
-            default=None,
-        )
-        if best is not None:
-            left.remove(best)
-        pairs.append(Pair(label, best))
-    pairs += [Pair(None, found) for found in left]
+        if label.gesture != NONE:
+            end = label.end + MAX_DETECTION_DELAY
+            best = queue.take(label.start, end, label.gesture)
+            pairs.append(Pair(label, best or queue.take(label.start, end)))
+    pairs += [Pair(None, found) for found in queue.list_left()]
     return tuple(sorted(pairs, key=find_time))
+
+
+@final
+class DetectionQueue:
+    """Holds detections by time, and gives each of them once, in logarithmic time."""
+
+    def __init__(self, detections: Iterable[DetectionRecord]) -> None:
+        """Sort the detections, of all gestures and of each."""
+        self.detections = sorted(detections, key=lambda found: found.stamp)
+        self.taken = [False] * len(self.detections)
+        everything = list(range(len(self.detections)))
+        self.members: dict[str | None, list[int]] = {None: everything}
+        for number, found in enumerate(self.detections):
+            self.members.setdefault(found.gesture, []).append(number)
+        # From each place, a place at or before the next detection that is left.
+        self.next = {
+            name: list(range(len(members) + 1))
+            for name, members in self.members.items()
+        }
+
+    def take(
+        self, start: int, end: int, gesture: str | None = None
+    ) -> DetectionRecord | None:
+        """Take the first detection left between two stamps [ns], if there is one.
+
+        Args:
+            start: first stamp.
+            end: first stamp after the last.
+            gesture: its gesture; None for any.
+        """
+        members = self.members.get(gesture, [])
+        place = bisect_left(
+            members, start, key=lambda number: self.detections[number].stamp
+        )
+        path = [place]
+        while place < len(members) and self.taken[members[place]]:
+            following = self.next[gesture][place]
+            place = following if following > place else place + 1
+            path.append(place)
+        for passed in path[:-1]:
+            self.next[gesture][passed] = place
+        if place == len(members) or self.detections[members[place]].stamp >= end:
+            return None
+        self.taken[members[place]] = True
+        return self.detections[members[place]]
+
+    def list_left(self) -> list[DetectionRecord]:
+        """Return the detections that have not been taken."""
+        pairs = zip(self.detections, self.taken, strict=True)
+        return [found for found, taken in pairs if not taken]
 
 
 def find_time(pair: Pair) -> int:
@@ -185,12 +227,16 @@ def find_time(pair: Pair) -> int:
     return 0 if pair.detection is None else pair.detection.onset
 
 
+MAX_LOADED_BYTES = 256 << 20
+"""Largest size of the readings that are held in memory [bytes]."""
+
+
 @dataclass(frozen=True, eq=False)
 class LoadedRecording:
-    """Holds every reading of a recording."""
+    """Holds the readings of a recording, or one of each group where there are many."""
 
     seconds: Float[np.ndarray, "reading"]
-    """Time of each reading since the first [s]."""
+    """Time of each reading, or of the first of its group, since the first [s]."""
     pressure: Float16[np.ndarray, "reading taxel"]
     """Pressure of each taxel [kPa]; zero where it is not valid."""
     valid: Bool[np.ndarray, "reading taxel"]
@@ -201,6 +247,8 @@ class LoadedRecording:
     """Force on the whole skin [N]."""
     peak: Float[np.ndarray, "reading"]
     """Greatest pressure [kPa]."""
+    group: int = 1
+    """Number of readings of which the one of greatest peak is held."""
 
     def at(self, seconds: float) -> int:
         """Return the index of the latest reading at a time [s], at least the first."""
@@ -209,6 +257,9 @@ class LoadedRecording:
 
 def load_replayed(recording: Recording) -> LoadedRecording:
     """Read and calibrate every scan of a recording.
+
+    Where they take more than `MAX_LOADED_BYTES`, one reading of each group of them is
+    kept, that of greatest peak.
 
     Raises:
         RecordingError: the recording holds no scans.
@@ -220,20 +271,32 @@ def load_replayed(recording: Recording) -> LoadedRecording:
     calibrator = Calibrator(recording.skin, recording.calibration)
     areas = 1e3 * recording.skin.areas
     taxels, joints = recording.skin.count, len(recording.joint_names)
-    seconds, q = np.empty(recording.count), np.empty((recording.count, joints))
-    pressure = np.zeros((recording.count, taxels), np.float16)
-    valid = np.zeros((recording.count, taxels), np.bool_)
-    force, peak = np.zeros(recording.count), np.zeros(recording.count)
-    count = 0
-    for count, scan in enumerate(recording.scans(), 1):
+    group = count_group(recording.count, taxels, joints)
+    size = -(-recording.count // group)
+    seconds, q = np.empty(size), np.empty((size, joints))
+    pressure = np.zeros((size, taxels), np.float16)
+    valid = np.zeros((size, taxels), np.bool_)
+    force, peak = np.zeros(size), np.full(size, -1.0)
+    rows = 0
+    for number, scan in enumerate(recording.scans()):
         reading = calibrator.push(scan)
-        row = count - 1
+        row, rows = number // group, number // group + 1
         pressures = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
-        seconds[row] = (reading.stamp - recording.start) / NS_PER_S
-        pressure[row], valid[row], q[row] = pressures, reading.valid, reading.q
-        force[row], peak[row] = pressures @ areas, pressures.max()
+        if number % group == 0:
+            seconds[row] = (reading.stamp - recording.start) / NS_PER_S
+        highest = pressures.max()
+        if highest > peak[row]:
+            pressure[row], valid[row], q[row] = pressures, reading.valid, reading.q
+            force[row], peak[row] = pressures @ areas, highest
     columns = (seconds, pressure, valid, q, force, peak)
-    return LoadedRecording(*(column[:count] for column in columns))
+    return LoadedRecording(*(column[:rows] for column in columns), group=group)
+
+
+def count_group(readings: int, taxels: int, joints: int) -> int:
+    """Return the number of readings of which one is held, so that all fit in memory."""
+    size = np.dtype(np.float64).itemsize
+    row = taxels * (np.dtype(np.float16).itemsize + 1) + size * (joints + 3)
+    return max(1, -(-readings * row // MAX_LOADED_BYTES))
 
 
 def compute_envelope(

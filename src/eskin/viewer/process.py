@@ -16,8 +16,8 @@ from typing import final
 import eskin
 from eskin.errors import DeviceError
 from eskin.page import Order, PageOrder, SceneDescription, TouchOrder, ViewUpdate
+from eskin.page.link import format_link, free_port, make_token
 from eskin.page.messages import ORDER, READY, REFUSED, SHOWN
-from eskin.page.port import free_port
 
 MAX_IN_FLIGHT = 2
 """Greatest number of updates that are sent and not yet shown."""
@@ -49,6 +49,7 @@ class PageProcess:
         setup: SceneDescription,
         port: int,
         on_order: Callable[[Order], None] | None,
+        token: str | None = None,
     ) -> None:
         """Start the process; it serves a second or two later.
 
@@ -57,6 +58,7 @@ class PageProcess:
             port: port of 127.0.0.1; 0 for any free one.
             on_order: function called with each order on a thread of its own; None
                 accepts no orders.
+            token: token of the link that opens the page; None makes one.
 
         Raises:
             DeviceError: the port is not available.
@@ -67,6 +69,7 @@ class PageProcess:
         self.latest: ViewUpdate | None = None
         self.in_flight = self.updates = self.shown = self.dropped = 0
         self.port: int | None = None
+        self.token = token or make_token()
         self.failure: str | None = None
         self.ending = False
         self.orders: Queue[Order | None] = Queue(MAX_ORDERS)
@@ -82,7 +85,7 @@ class PageProcess:
         self.threads = [
             Thread(target=run, name=f"eskin page {name}", daemon=True)
             for name, run in (
-                ("sender", lambda: self.send((port, setup))),
+                ("sender", lambda: self.send((port, self.token, setup))),
                 ("receiver", self.receive),
                 ("orders", self.execute_orders),
             )
@@ -105,8 +108,8 @@ class PageProcess:
         with self.changed:
             return self.port is not None and self.in_flight < MAX_IN_FLIGHT
 
-    def wait_ready(self, timeout: float) -> int:
-        """Wait until the page is served and return its port.
+    def wait_ready(self, timeout: float) -> str:
+        """Wait until the page is served and return its link.
 
         Args:
             timeout: longest time to wait [s].
@@ -119,7 +122,7 @@ class PageProcess:
                 lambda: self.port or self.failure or self.ending, timeout
             )
             if self.port is not None:
-                return self.port
+                return format_link(self.port, self.token)
         raise DeviceError(
             self.failure
             or f"the page is not served after {timeout:g} s; read what its process "

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Protocol, final, runtime_checkable
 
@@ -22,6 +22,7 @@ from eskin.page import (
     SceneDescription,
     ViewUpdate,
 )
+from eskin.page.link import format_link, make_token
 from eskin.skin import MountedSkin
 from eskin.stream import (
     CommandEvent,
@@ -259,6 +260,13 @@ class ViewerConfig:
     """Skins offered for selection; the first is the current one."""
     warning: str = ""
     """Warning that the page always shows, such as that packets are unauthenticated."""
+    token: str = field(default_factory=make_token, repr=False)
+    """Token of the link that opens the page; by default a new one."""
+
+    @property
+    def link(self) -> str:
+        """Link that opens the page, unless the port is any free one."""
+        return format_link(self.port, self.token)
 
 
 @final
@@ -317,7 +325,9 @@ class Viewer(Listener):
         """
         self.context = context
         self.encoder = FrameEncoder(self.mounted, context.clock.now())
-        self.page = PageProcess(self.describe_scene(), self.config.port, self.on_order)
+        self.page = PageProcess(
+            self.describe_scene(), self.config.port, self.on_order, self.config.token
+        )
 
     def describe_scene(self) -> SceneDescription:
         """Return the description of the scene, which is sent once."""
@@ -359,8 +369,8 @@ class Viewer(Listener):
             self.rate = self.count / elapsed if self.counted_from else 0.0
             self.count, self.counted_from = 0, now
 
-    def wait_ready(self, timeout: float) -> int:
-        """Wait until the page is served and return its port.
+    def wait_ready(self, timeout: float) -> str:
+        """Wait until the page is served and return its link.
 
         The stream must have been started.
 

@@ -1,5 +1,6 @@
-"""This module finds a free port for the page."""
+"""This module finds a free port for the page, and makes the link that opens it."""
 
+import secrets
 import socket
 
 from eskin.errors import DeviceError
@@ -9,6 +10,19 @@ HOST = "127.0.0.1"
 
 By default viser would listen on every address.
 """
+
+TOKEN_BYTES = 24
+"""Size of a token, which nobody can guess [bytes]."""
+
+
+def make_token() -> str:
+    """Make a token: who has it may open the page, so it is printed and never kept."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def format_link(port: int, token: str) -> str:
+    """Return the link that opens the page at a port of this computer."""
+    return f"http://{HOST}:{port}/?token={token}"
 
 
 def free_port(port: int) -> int:

@@ -1,0 +1,208 @@
+"""This module reads the mesh files of a URDF, within its packages and within limits."""
+
+import importlib
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.errors import RobotError
+from eskin.files import read_file
+from eskin.robot.shapes import TriangleMesh
+
+FORMATS = (".stl", ".obj", ".ply", ".off", ".dae")
+"""Suffixes of mesh files that are read: one file each, none of them compressed."""
+MAX_MESH_BYTES = 32 << 20
+"""Largest size of a mesh file [bytes]."""
+MAX_ROBOT_BYTES = 256 << 20
+"""Largest size of all mesh files of a robot [bytes]."""
+MAX_TRIANGLES = 1_000_000
+"""Largest number of triangles of all meshes of a robot, repeated ones included."""
+MAX_INSTANCES = 8
+"""Largest number of parts that a COLLADA file repeats: each may double its size."""
+PACKAGE_FILE = "package.xml"
+"""File in the folder of every ROS package."""
+URDF_FOLDERS = ("urdf", "robots")
+"""Names of folders for the URDFs of a package; the package is the folder around."""
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Triangles of a mesh file, in its own unit of length."""
+
+    vertices: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+
+
+@final
+class MeshReader:
+    """Reads the meshes of one URDF with trimesh (extra `models`).
+
+    A mesh lies in the folder of the URDF, in the package of the URDF, or in a package
+    that a `package://` address names. A package is a folder with `package.xml`, the
+    folder around one named `urdf`, or a folder above that has the package's name.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Start without meshes, for a URDF in a folder."""
+        self.folder = folder
+        self.package = find_package(folder)
+        self.files: dict[Path, Triangles] = {}
+        self.bytes = self.triangles = 0
+
+    def read(self, address: str, scale: tuple[float, ...], place: str) -> TriangleMesh:
+        """Read a mesh, scaled along x, y and z.
+
+        Args:
+            address: path, `file://` or `package://` address.
+            scale: factors along x, y and z.
+            place: where in the URDF it is given, for messages.
+
+        Raises:
+            RobotError: there is no such mesh, or it cannot be used.
+        """
+        path = self.find(address, place)
+        try:
+            trimesh = importlib.import_module("trimesh")
+        except ImportError:
+            raise RobotError(
+                f"{place} has mesh {address}, which needs trimesh: "
+                "pip install 'eskin[models]', or load the URDF with meshes=False"
+            ) from None
+        if path not in self.files:
+            data = self.read_bytes(path, place)
+            self.files[path] = parse_mesh(trimesh, data, path, place)
+        found = self.files[path]
+        self.triangles += len(found.faces)
+        check_triangles(self.triangles, path, place)
+        vertices = found.vertices * np.array(scale)
+        # A mirroring scale turns triangles inside out.
+        mirrored = np.prod(scale) < 0
+        return TriangleMesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)
+
+    def read_bytes(self, path: Path, place: str) -> bytes:
+        """Read a file, and count its size."""
+        try:
+            data = read_file(path, MAX_MESH_BYTES)
+        except OSError as error:
+            raise RobotError(
+                f"{place}: mesh {path} cannot be read: {error.strerror}"
+            ) from None
+        self.bytes += len(data)
+        if self.bytes > MAX_ROBOT_BYTES:
+            raise RobotError(
+                f"{place}: meshes up to {path} have {self.bytes:,} bytes; allowed are "
+                f"{MAX_ROBOT_BYTES:,}; simplify them"
+            )
+        return data
+
+    def find(self, address: str, place: str) -> Path:
+        """Return the file of an address, with symbolic links followed."""
+        roots = [self.folder, *([self.package] if self.package else [])]
+        if address.startswith("package://"):
+            name, _, inside = address.removeprefix("package://").partition("/")
+            above = (self.folder, *self.folder.parents)
+            named = [base / name for base in above]
+            roots += [base for base in named if is_package(base) or base in above]
+            candidates = [base / inside for base in (*named, *roots[:2])]
+        else:
+            candidates = [self.folder / address.removeprefix("file://")]
+        try:
+            found = [path.resolve() for path in candidates if path.exists()]
+        except (OSError, RuntimeError, ValueError):  # A loop of links, a zero byte.
+            found = []
+        if not found:
+            raise RobotError(
+                f"{place}: mesh {address} is not in {self.folder} nor in its packages; "
+                "put it there"
+            )
+        # A root that is a link to elsewhere is followed, a mesh in it not out of it.
+        inside_roots = [
+            path
+            for path in found
+            if any(path.is_relative_to(root.resolve()) for root in roots)
+        ]
+        if not inside_roots:
+            raise RobotError(
+                f"{place}: mesh {address} is {found[0]}, outside {self.folder} and its "
+                "packages; put it there"
+            )
+        return inside_roots[0]
+
+
+def find_package(folder: Path) -> Path | None:
+    """Return the package that a URDF's folder belongs to, if any."""
+    above = (folder, *folder.parents)
+    package = next((base for base in above if is_package(base)), None)
+    if package is None and folder.name in URDF_FOLDERS:
+        return folder.parent
+    return package
+
+
+def is_package(folder: Path) -> bool:
+    """Return whether a folder is that of a ROS package."""
+    return (folder / PACKAGE_FILE).is_file()
+
+
+def parse_mesh(trimesh: Any, data: bytes, path: Path, place: str) -> Triangles:  # noqa: ANN401
+    """Parse a mesh file, whose triangles are joined."""
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise RobotError(
+            f"{place}: mesh {path} is no {', '.join(FORMATS)}; convert it to one"
+        )
+    if suffix == ".dae":
+        check_collada(data, path, place)
+    try:
+        # Without a resolver, no further file that this one names is opened.
+        loaded = trimesh.load(BytesIO(data), file_type=suffix[1:], resolver=None)
+        check_triangles(count_triangles(loaded), path, place)
+        mesh = loaded.to_mesh() if hasattr(loaded, "geometry") else loaded
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        faces = np.asarray(mesh.faces, dtype=np.int64)
+    except RobotError:
+        raise
+    except Exception as error:  # trimesh's readers raise anything.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RobotError(f"{place}: {path} is no mesh ({reason:.200})") from None
+    if not len(faces):
+        raise RobotError(f"{place}: mesh {path} holds no triangles; give one that does")
+    if not (np.isfinite(vertices).all() and 0 <= faces.min() <= faces.max()):
+        raise RobotError(f"{place}: mesh {path} has vertices that are not finite")
+    if faces.max() >= len(vertices):
+        raise RobotError(f"{place}: mesh {path} has triangles without their vertices")
+    return Triangles(vertices, faces)
+
+
+def count_triangles(loaded: Any) -> int:  # noqa: ANN401
+    """Return the number of triangles of a mesh or scene, before it is joined."""
+    if not hasattr(loaded, "geometry"):
+        return len(loaded.faces)
+    graph = loaded.graph
+    parts = (loaded.geometry[graph[node][1]] for node in graph.nodes_geometry)
+    return sum(len(part.faces) for part in parts if hasattr(part, "faces"))
+
+
+def check_triangles(count: int, path: Path, place: str) -> None:
+    """Raise where there are too many triangles."""
+    if count > MAX_TRIANGLES:
+        raise RobotError(
+            f"{place}: meshes up to {path} have {count:,} triangles; allowed are "
+            f"{MAX_TRIANGLES:,}; simplify them"
+        )
+
+
+def check_collada(data: bytes, path: Path, place: str) -> None:
+    """Raise where a COLLADA file may become much larger when it is read."""
+    plain = data.replace(b"\0", b"")  # in UTF-16 too
+    if data[:2] == b"PK" or b"<!DOCTYPE" in plain:
+        raise RobotError(
+            f"{place}: mesh {path} is compressed or has a <!DOCTYPE>; export it again"
+        )
+    if plain.count(b"instance_node") > 2 * MAX_INSTANCES:
+        raise RobotError(
+            f"{place}: mesh {path} repeats more than {MAX_INSTANCES} parts; join them"
+        )

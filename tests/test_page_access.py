@@ -1,0 +1,155 @@
+"""Tests of who may open the page: only a browser that came by its link."""
+
+import logging
+import time
+import urllib.error
+import urllib.request
+
+import msgspec
+import pytest
+import viser
+from viser._messages import GuiUpdateMessage
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from eskin.page.access import PageAccess
+from eskin.page.link import format_link, make_token
+from eskin.page.server import open_server
+
+TOKEN = make_token()
+TRIES = 50
+
+
+@pytest.fixture(scope="module")
+def server():
+    server = open_server(0, TOKEN)
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def clicks(server):
+    """Return a message that presses a button, and those that reached its handler."""
+    pressed = []
+
+    def handle(client, message):
+        pressed.append(message)
+
+    sockets = server._websock_server
+    sockets.register_handler(GuiUpdateMessage, handle)
+    message = GuiUpdateMessage("button", {"value": True})
+    yield msgspec.msgpack.encode(message.as_serializable_dict()), pressed
+    sockets.unregister_handler(GuiUpdateMessage, handle)
+
+
+def open_socket(server, path="", origin=None, headers=None):
+    return connect(
+        f"ws://127.0.0.1:{server.get_port()}/{path}",
+        origin=origin,
+        additional_headers=headers,
+        subprotocols=[f"viser-v{viser.__version__}"],
+        max_size=None,
+        compression=None,
+    )
+
+
+def own_origin(server, port=None):
+    return f"http://127.0.0.1:{port or server.get_port()}"
+
+
+def press(server, message, **request):
+    """Connect and press the button at once; return whether it was connected."""
+    try:
+        with open_socket(server, **request) as socket:
+            socket.send(message)
+            socket.recv(timeout=10)
+        return True
+    except InvalidStatus as error:
+        assert error.response.status_code == 403
+        return False
+
+
+def becomes(pressed, count):
+    """Wait until a number of messages has been handled, which may be after a close."""
+    for _ in range(1000):
+        if len(pressed) == count:
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def list_strangers(server):
+    token, cookie = f"?token={TOKEN}", f"eskin-{server.get_port()}"
+    origin = own_origin(server)
+    return {
+        "foreign origin": {"path": token, "origin": "http://evil.example"},
+        "no origin of a file": {"path": token, "origin": "null"},
+        "longer name": {"path": token, "origin": f"{origin}.evil.example"},
+        "wrong port": {"path": token, "origin": own_origin(server, 9)},
+        "no port": {"path": token, "origin": "http://127.0.0.1"},
+        "other scheme": {"path": token, "origin": origin.replace("http", "https")},
+        "no token": {"origin": origin},
+        "empty token": {"path": "?token=", "origin": origin},
+        "wrong token": {"path": f"?token={make_token()}", "origin": origin},
+        "cookie of another port": {"headers": {"Cookie": f"eskin-1={TOKEN}"}},
+        "wrong cookie": {"headers": {"Cookie": f"{cookie}={TOKEN}x"}},
+        "program without token": {},
+    }
+
+
+def test_messages_of_strangers_reach_no_handler(server, clicks):
+    message, pressed = clicks
+    strangers = list(list_strangers(server).values())
+    for number in range(TRIES):
+        assert not press(server, message, **strangers[number % len(strangers)])
+    assert not pressed
+    assert press(server, message, path=f"?token={TOKEN}", origin=own_origin(server))
+    assert becomes(pressed, 1)
+
+
+def load(server, path="", **headers):
+    """Load the page; return status, headers and text."""
+    request = urllib.request.Request(own_origin(server) + f"/{path}", headers=headers)
+    try:
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            return answer.status, answer.headers, answer.read()
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers, error.read()
+
+
+def test_page_opened_by_its_link_may_connect_and_reload(server, clicks):
+    message, pressed = clicks
+    port = server.get_port()
+    link = format_link(port, TOKEN)
+    status, headers, text = load(server, link.partition(f":{port}/")[2])
+    assert status == 200 and b"<html" in text
+    cookie, *options = headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "SameSite=Strict"} <= set(options)
+    others = f"other=a b; {cookie}; _xsrf=2|3"
+    for name in ("127.0.0.1", "localhost"):
+        origin = f"http://{name}:{port}"
+        assert press(server, message, origin=origin, headers={"Cookie": others})
+    assert becomes(pressed, 2)
+    assert load(server, Cookie=others)[0] == 200
+
+
+@pytest.mark.parametrize("path", ["", "?token=", "?token=no", "index.html", "?a=%ff"])
+def test_page_without_token_is_refused_and_says_what_to_do(server, path):
+    status, headers, text = load(server, path)
+    assert status == 403
+    assert b"link that eskin printed" in text
+    assert "Set-Cookie" not in headers
+    assert TOKEN.encode() not in text
+
+
+def test_name_of_another_computer_is_refused(server):
+    """As a name that first leads to a site, then to this computer, would be."""
+    path = f"?token={TOKEN}"
+    assert load(server, path, Host=f"evil.example:{server.get_port()}")[0] == 403
+
+
+def test_token_is_long_new_and_in_no_log(caplog):
+    assert len(TOKEN) >= 32
+    assert TOKEN != make_token()
+    with caplog.at_level(logging.DEBUG):
+        assert TOKEN not in repr(PageAccess(80, TOKEN)) + caplog.text
