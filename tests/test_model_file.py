@@ -182,7 +182,6 @@ def test_invalid_card_entry_is_named(path, entries, place, value):
         ("pipeline.calibration.tare_rank", 1e12),
         ("pipeline.calibration.tare_rank", -1e6),
         ("pipeline.calibration.tare_samples", 10**9),
-        ("pipeline.faults.check_seconds", 0.0),
         ("pipeline.contacts.reach", 1e9),
         ("pipeline.touches.near", float("nan")),
         ("graph.fixed", 10**9),

@@ -121,6 +121,7 @@ def page(browser):
 def test_page_draws_robot_in_skin_without_errors(page):
     assert page.shows_skin()
     assert np.ptp(page.pixels()) > 150
+    assert page.tab.get_by_text("no certified safety function").count() == 1
     assert not page.errors
 
 

@@ -15,7 +15,6 @@ from eskin.plain_yaml import shorten
 from eskin.touch import (
     CalibrationConfig,
     ContactConfig,
-    FaultConfig,
     TouchConfig,
     TrackConfig,
 )
@@ -50,23 +49,6 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "settle_seconds": DURATION,
         "relearn_seconds": DURATION,
         "silence_seconds": DURATION,
-    },
-    FaultConfig: {
-        "check_seconds": DURATION,
-        "stuck_seconds": DURATION,
-        "stuck_factor": FACTOR,
-        "offset": SHARE,
-        "offset_share": SHARE,
-        "pressed": PRESSURE,
-        "pressed_share": SHARE,
-        "ignored_seconds": DURATION,
-        "saturated_start_seconds": DURATION,
-        "saturated_seconds": DURATION,
-        "noisy": PRESSURE,
-        "noisy_seconds": DURATION,
-        "line_seconds": DURATION,
-        "silence_seconds": DURATION,
-        "recover_seconds": DURATION,
     },
     ContactConfig: {
         "on": PRESSURE,

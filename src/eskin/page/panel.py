@@ -52,6 +52,11 @@ def render_status(update: ViewUpdate) -> str:
     ) + (render_block(render_arm(update.arm)) if update.arm else "")
 
 
+def render_notice(text: str) -> str:
+    """Return a notice in small print as HTML."""
+    return render_block(f'<div style="color:{PALE}">{escape(text)}</div>')
+
+
 def render_warning(text: str) -> str:
     """Return a warning as HTML."""
     return render_block(
@@ -268,6 +273,8 @@ class HistoryPlot:
         return tuple(columns)
 
 
+NOT_CERTIFIED = "eskin is no certified safety function."
+"""Notice that the page always shows."""
 LINES = 8
 """Number of lines of the log."""
 MODES: tuple[TouchMode, ...] = ("poke", "double-pat", "grab", "stroke")
@@ -302,6 +309,7 @@ class Panel:
         self.bars = gui.add_html(render_bars((), setup.gestures))
         self.history = HistoryPlot(gui)
         self.legend = gui.add_html(render_block(scale.legend()))
+        gui.add_html(render_notice(NOT_CERTIFIED))
         tabs = gui.add_tab_group()
         if setup.touchable:
             with tabs.add_tab("Hand", Icon.HAND_FINGER):
