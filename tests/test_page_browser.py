@@ -77,7 +77,7 @@ class FedPage:
     def find(self, colour, tolerance):
         """Return where the scene is drawn in about a colour, as (x, y)."""
         scene = self.pixels()
-        scene[:160, :330] = 255
+        scene[:200, :330] = 255
         near = np.abs(scene - np.array(colour)).max(axis=-1) < tolerance
         return np.argwhere(near)[:, ::-1]
 
