@@ -381,3 +381,12 @@ def test_taxels_of_patches_may_lie_mixed_in_the_skin():
 def test_a_thousand_scans_a_second_are_all_used():
     run, _ = assemble(stream_all(0, 0.5, rate=1000), 0.6, rate=1000)
     assert all(run.received(n, SETTLED, 0.45) == 1 for n in range(PATCHES))
+
+
+@pytest.mark.parametrize(
+    ("port", "used"), [("key:0000000000000001", False), ("a", True)]
+)
+def test_module_with_a_key_needs_echoes(port, used):
+    run = AssemblerRun().play(Module().stream(0.0, 3.0, port=port), until=3.0)
+    assert any(scan.received.any() for scan in run.scans) == used
+    assert any(event.kind == "late" for event in run.events) != used

@@ -15,6 +15,7 @@ from eskin.drivers.module_registry import (
     ModuleRegistry,
     PacketCounts,
     PacketOutcome,
+    is_authenticated,
 )
 from eskin.drivers.packet import Data, Echo, Hello, Packet, Status
 from eskin.drivers.patch_stream import PatchStream, RateChange
@@ -110,6 +111,9 @@ class Assembler:
             return "foreign"
         if stream.slot.module is not None and stream.slot.port == port:
             stream.rate_meter.nominal = stream.slot.module.rate
+            # A module with a key answers requests: without its echoes somebody holds
+            # them back, and its data may be as old as he likes.
+            stream.clock.expects_echoes |= is_authenticated(port)
         return "hello"
 
     def handle_status(self, status: Status, port: str) -> PacketOutcome:

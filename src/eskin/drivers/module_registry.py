@@ -113,7 +113,7 @@ class ModuleClaim:
     @property
     def name(self) -> str:
         """The module as messages name it."""
-        if self.port.startswith(AUTHENTICATED_PORT):
+        if is_authenticated(self.port):
             return f"module {self.serial_number:016x}, known by its key,"
         return f"module {self.serial_number:016x} at {self.port}"
 
@@ -121,6 +121,11 @@ class ModuleClaim:
 def name_authenticated_port(serial_number: int) -> str:
     """Return the port name of a module that is known by its key, wherever it is."""
     return f"{AUTHENTICATED_PORT}{serial_number:016x}"
+
+
+def is_authenticated(port: str) -> bool:
+    """Return whether a port is that of a module that is known by its key."""
+    return port.startswith(AUTHENTICATED_PORT)
 
 
 def is_another(claim: ModuleClaim, serial_number: int, port: str) -> bool:
