@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module
 
-ATTACKS = ("faults",)
+ATTACKS = ("faults", "files")
 """Modules of this package that have a `main`."""
 
 

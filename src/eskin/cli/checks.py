@@ -1,6 +1,7 @@
 """This module checks paths before a command starts its work."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,46 @@ if TYPE_CHECKING:
     from eskin.learn.dataset import Dataset
 
 PICTURES = (".png", ".svg", ".pdf")
+MAX_CHECKED = 20
+"""Number of recordings that are read before a command begins; more are read by it."""
+MAX_CHECKED_BYTES = 32 << 20
+"""Largest recording of these [bytes]."""
+
+
+def check_files(words: Sequence[str]) -> None:
+    """Raise if a file that a command names cannot be used.
+
+    Commands that import torch or the simulator begin with this, so that a file is
+    refused before these seconds are spent, and before it takes memory beside them.
+
+    Args:
+        words: arguments of the command.
+
+    Raises:
+        EskinError: if a model, recording or command map cannot be used.
+    """
+    # What comes after --out is written, whatever it holds now.
+    read = [
+        word
+        for before, word in zip(["", *words], words, strict=False)
+        if before != "--out"
+    ]
+    named = [path for path in map(Path, read) if path.suffix and path.exists()]
+    recordings = [path for path in named if path.suffix == ".mcap"]
+    for path in recordings[:MAX_CHECKED]:
+        from eskin.recording import read_recording
+
+        if path.stat().st_size <= MAX_CHECKED_BYTES:
+            read_recording(path)
+    for path in named:
+        if path.suffix == ".safetensors":
+            from eskin.model import check_weights, load_model
+
+            check_weights(load_model(path))
+        elif path.suffix in (".yaml", ".yml"):
+            from eskin.command.command_map import parse_commands, read_map_text
+
+            parse_commands(read_map_text(path), str(path))
 
 
 def check_writable(target: Path) -> None:

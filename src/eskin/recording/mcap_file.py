@@ -47,6 +47,8 @@ CHUNK_HEADER = struct.Struct("<QQQII")
 the compression, at the start of a chunk."""
 CHUNK_HEAD_BYTES = 100
 """Number of bytes at the start of a chunk that hold its header and that of its data."""
+NO_OPCODE = 0
+"""Opcode of no record: a disk that was full, or lost power, leaves a hole of zeros."""
 READ_OPCODES = (
     Opcode.HEADER,
     Opcode.METADATA,
@@ -146,7 +148,7 @@ class McapReader:
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
             end = file.tell() + length
-            if end > size or opcode == Opcode.FOOTER:
+            if end > size or opcode in (NO_OPCODE, Opcode.FOOTER):
                 return
             if opcode == Opcode.CHUNK:
                 stated = read_unpacked_size(file.read(min(length, CHUNK_HEAD_BYTES)))
@@ -170,7 +172,7 @@ class McapReader:
             )
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
-            if file.tell() + length > size:
+            if file.tell() + length > size or opcode == NO_OPCODE:
                 return
             if opcode == Opcode.FOOTER:
                 file.seek(length, 1)
