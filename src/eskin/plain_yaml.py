@@ -54,7 +54,7 @@ class PlainLoader(yaml.SafeLoader):
         super().__init__(text)
         self.values = self.depth = 0
 
-    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Read a value; raise a YAML error where it is an alias, or one too many."""
         event = self.peek_event()
         self.values, self.depth = self.values + 1, self.depth + 1

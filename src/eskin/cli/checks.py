@@ -13,8 +13,12 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 MAX_CHECKED = 20
 """Number of recordings that are read before a command begins; more are read by it."""
-MAX_CHECKED_BYTES = 32 << 20
-"""Largest recording of these [bytes]."""
+MAX_CHECKED_BYTES = 256 << 20
+"""Largest of these on disk [bytes]."""
+BLOCK = 512
+"""Unit in which the system counts a file's size on disk [bytes]."""
+OUTPUTS = ("--out", "--record", "--results")
+"""Options whose files are written, whatever they hold now."""
 
 
 def check_files(words: Sequence[str]) -> None:
@@ -29,19 +33,14 @@ def check_files(words: Sequence[str]) -> None:
     Raises:
         EskinError: if a model, recording or command map cannot be used.
     """
-    # What comes after --out is written, whatever it holds now.
-    read = [
-        word
-        for before, word in zip(["", *words], words, strict=False)
-        if before != "--out"
-    ]
+    pairs = zip(["", *words], words, strict=False)
+    read = [word for before, word in pairs if before not in OUTPUTS]
     named = [path for path in map(Path, read) if path.suffix and path.exists()]
     recordings = [path for path in named if path.suffix == ".mcap"]
     for path in recordings[:MAX_CHECKED]:
-        from eskin.recording import read_recording
-
-        if path.stat().st_size <= MAX_CHECKED_BYTES:
-            read_recording(path)
+        # A file with a hole is smaller on disk than it says.
+        if path.stat().st_blocks * BLOCK <= MAX_CHECKED_BYTES:
+            check_recording(path)
     for path in named:
         if path.suffix == ".safetensors":
             from eskin.model import check_weights, load_model
@@ -51,6 +50,16 @@ def check_files(words: Sequence[str]) -> None:
             from eskin.command.command_map import parse_commands, read_map_text
 
             parse_commands(read_map_text(path), str(path))
+
+
+def check_recording(path: Path) -> None:
+    """Raise if a recording cannot be used, or its skin takes too much memory."""
+    from eskin.recording import read_recording
+    from eskin.touch import Calibrator, CrosstalkCompensator
+
+    recording = read_recording(path)
+    Calibrator(recording.skin, recording.calibration)
+    CrosstalkCompensator(recording.skin, recording.calibration)
 
 
 def check_writable(target: Path) -> None:

@@ -42,8 +42,8 @@ COMMANDS = {
 }
 """Module and function of each command; the function takes the command's dataclass."""
 
-SLOW_IMPORTS = ("compare", "demo", "evaluate", "study", "train")
-"""Commands that take seconds to import."""
+CHECKED_FIRST = ("compare", "demo", "evaluate", "run", "study", "train")
+"""Commands that take a second or more before they read their files."""
 
 FAILED = 1
 BAD_INPUT = 2
@@ -70,7 +70,7 @@ def run(argv: list[str]) -> int:
         return 0
     try:
         name, rest = split_command(argv)
-        if name in SLOW_IMPORTS:
+        if name in CHECKED_FIRST:
             check_files(rest)
         function, command_type = load_command(name)
         command, output = parse(command_type, name, rest)

@@ -68,7 +68,7 @@ MAX_CHUNK_BYTES = 64 << 20
 """Largest chunk that is read, before compression [bytes]."""
 MAX_RECORD_BYTES = 80 << 20
 """Largest record that is read, such as an attachment [bytes]."""
-MAX_CHUNK_MESSAGES = 300_000
+MAX_CHUNK_MESSAGES = 100_000
 """Largest number of messages in a chunk."""
 MAX_MESSAGE_BYTES = 4 << 20
 """Largest message, which holds one reading of at most 200,000 taxels [bytes]."""
