@@ -13,6 +13,7 @@ from eskin.errors import RecordingError
 if TYPE_CHECKING:
     from eskin.live import Detection
     from eskin.recording import AutoLabelResult, Label, Recording
+    from eskin.viewer.timeline import Timeline
 
 
 @dataclass(frozen=True)
@@ -314,7 +315,6 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     from eskin.recording import read_recording
     from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
-    from eskin.viewer.timeline import Timeline
 
     port = free_port(command.port)
     recording = read_recording(command.recording)
