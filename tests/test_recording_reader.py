@@ -279,3 +279,40 @@ def test_every_byte_but_zero_means_received(target):
     records = change_chunk(target, b"\x01" * 30, b"\x02" * 30)
     arrays = read_records(target, records).arrays()
     assert set(arrays.received.view(np.uint8).flat) == {1}
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "part"),
+    [
+        ("eskin.recording.reader.MAX_LABELS", 1, "more than 1 labels"),
+        ("eskin.recording.reader.MAX_METADATA_BYTES", 10, "metadata"),
+        ("eskin.recording.reader.MAX_STRINGS", 1, "joints"),
+        ("eskin.recording.cdr.MAX_STRING", 3, "a string has"),
+        ("eskin.recording.mcap_file.MAX_CHUNK_MESSAGES", 5, "more than 5 records"),
+        ("eskin.recording.mcap_file.MAX_MESSAGE_BYTES", 50, "more than 50 bytes"),
+        ("eskin.recording.mcap_file.MAX_RECORD_BYTES", 500, "allowed are 500"),
+        ("eskin.recording.mcap_file.MAX_FILE_BYTES", 500, "allowed are 500"),
+    ],
+)
+def test_recording_beyond_a_limit_is_refused(path, monkeypatch, name, most, part):
+    monkeypatch.setattr(name, most)
+    with pytest.raises(RecordingError, match=part) as caught:
+        read_recording(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_file_that_unpacks_to_far_more_than_its_size_is_refused(path, monkeypatch):
+    monkeypatch.setattr("eskin.recording.mcap_file.FREE_UNPACKED_BYTES", 0)
+    assert read_recording(path).count == len(SCANS)
+    monkeypatch.setattr("eskin.recording.mcap_file.MAX_UNPACKED_RATIO", 0.5)
+    with pytest.raises(RecordingError, match="unpacks to"):
+        read_recording(path)
+
+
+def test_hole_in_a_file_ends_what_is_read(path, tmp_path):
+    """As after a power failure: the file has its length, and zeros at its end."""
+    cut = tmp_path / "hole.mcap"
+    data = path.read_bytes()
+    cut.write_bytes(data[: len(data) // 2] + bytes(100_000))
+    assert read_recording(cut).truncated
+    assert 0 < read_recording(cut).count < len(SCANS)

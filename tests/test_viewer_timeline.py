@@ -129,3 +129,47 @@ def test_view_command_serves_recording_and_leaves_it_alone(path, capsys):
     assert run(["view", str(path), "--port", "0", "--seconds", "0.3", "--json"]) == 0
     assert "http://127.0.0.1:" in capsys.readouterr().out
     assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
+
+
+def pair_slowly(labels, detections):
+    """Pair labels with detections by looking at all of them for each label."""
+    left = list(detections)
+    pairs = []
+    for label in sorted(labels):
+        near = [x for x in left if label.start <= x.stamp < label.end + 1_000_000_000]
+        best = min(
+            near, key=lambda x: (x.gesture != label.gesture, x.stamp), default=None
+        )
+        if best is not None:
+            left.remove(best)
+        pairs.append((label, best))
+    return pairs
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_each_label_gets_first_detection_left_of_its_gesture_else_of_any(seed):
+    rng = np.random.default_rng(seed)
+    names = ("poke", "grab", "stroke")
+    labels = [
+        make_label(rng.choice(names), start, start + rng.uniform(0.01, 4.0))
+        for start in rng.uniform(0.0, 20.0, 30)
+    ]
+    detections = [
+        make_detection(rng.choice(names), 0.0, time)
+        for time in rng.uniform(0.0, 24.0, 40)
+    ]
+    found = [x for x in match_detections(labels, detections) if x.label]
+    expected = dict(pair_slowly(labels, detections))
+    assert {pair.label: pair.detection for pair in found} == expected
+
+
+def test_long_recording_is_held_in_groups_that_keep_their_peaks(path, monkeypatch):
+    whole = load_replayed(read_recording(path))
+    monkeypatch.setattr("eskin.viewer.editing.MAX_LOADED_BYTES", 20_000)
+    loaded = load_replayed(read_recording(path))
+    size = loaded.pressure.nbytes + loaded.valid.nbytes + loaded.q.nbytes
+    assert loaded.group > 1 and size <= 20_000
+    peaks = np.maximum.reduceat(whole.peak, np.arange(0, 300, loaded.group))
+    np.testing.assert_array_equal(loaded.peak, peaks)
+    np.testing.assert_array_equal(loaded.pressure.max(axis=1), peaks.astype(np.float16))
+    np.testing.assert_array_equal(loaded.seconds, whole.seconds[:: loaded.group])

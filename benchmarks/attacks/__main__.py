@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module
 
-ATTACKS = ("delay", "faults", "forgery", "hold")
+ATTACKS = ("delay", "faults", "files", "forgery", "hold")
 """Modules of this package that have a `main`."""
 
 

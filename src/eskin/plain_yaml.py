@@ -12,8 +12,8 @@ MAX_DEPTH = 20
 """Largest depth of nested collections in a file."""
 MAX_YAML_BYTES = 1 << 19
 """Largest size of a file [bytes]."""
-MAX_EVENTS = 25_000
-"""Largest number of values in a file; beginnings and ends of collections count too."""
+MAX_VALUES = 20_000
+"""Largest number of values in a file; keys and collections count too."""
 NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 MAX_DIGITS = 400
 """Largest number of characters of a number."""
@@ -30,7 +30,10 @@ def load_plain_yaml(text: str) -> object:
             and why, to follow the name of the file.
     """
     try:
-        check_yaml_size(text)
+        if len(text) > MAX_YAML_BYTES:
+            raise ValueError(
+                f"it has {len(text):,} characters, allowed are {MAX_YAML_BYTES:,}"
+            )
         return yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
     except yaml.YAMLError as error:
         raise ValueError(describe_yaml_error(error)) from None
@@ -39,7 +42,34 @@ def load_plain_yaml(text: str) -> object:
 
 
 class PlainLoader(yaml.SafeLoader):
-    """Loads plain data: only YAML's own tags are allowed, and no repeated keys."""
+    """Loads plain data: only YAML's own tags are allowed, and no repeated keys.
+
+    Within a second it has loaded a text, or refused it: a few aliases could expand to
+    billions of values, and the time to read nested collections grows with the square of
+    their depth.
+    """
+
+    def __init__(self, text: str) -> None:
+        """Start at the beginning of a text."""
+        super().__init__(text)
+        self.values = self.depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Read a value; raise a YAML error where it is an alias, or one too many."""
+        event = self.peek_event()
+        self.values, self.depth = self.values + 1, self.depth + 1
+        for is_wrong, problem in (
+            (event.anchor is not None, "anchors and aliases are not allowed"),
+            (self.values > MAX_VALUES, f"more than {MAX_VALUES:,} values"),
+            (self.depth > MAX_DEPTH, f"more than {MAX_DEPTH} nested collections"),
+        ):
+            if is_wrong:
+                raise yaml.MarkedYAMLError(
+                    problem=problem, problem_mark=event.start_mark
+                )
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         """Construct a value; raise a YAML error where it does not match its tag."""
@@ -71,37 +101,6 @@ class PlainLoader(yaml.SafeLoader):
                 )
             seen.add(key.value)
         return super().construct_mapping(node, deep)
-
-
-def check_yaml_size(text: str) -> None:
-    """Raise where a text would take more than about a second to load.
-
-    A few aliases can expand to billions of values, and the time to read nested
-    collections grows with the square of their depth.
-    """
-    if len(text) > MAX_YAML_BYTES:
-        raise ValueError(
-            f"it has {len(text):,} characters, allowed are {MAX_YAML_BYTES:,}"
-        )
-    depth = 0
-    for number, event in enumerate(yaml.parse(text, yaml.SafeLoader)):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if getattr(event, "anchor", None) is not None:
-            raise yaml.MarkedYAMLError(
-                problem="anchors and aliases are not allowed",
-                problem_mark=event.start_mark,
-            )
-        if number > MAX_EVENTS:
-            raise yaml.MarkedYAMLError(
-                problem=f"more than {MAX_EVENTS:,} values",
-                problem_mark=event.start_mark,
-            )
-        if depth > MAX_DEPTH:
-            raise yaml.MarkedYAMLError(
-                problem=f"more than {MAX_DEPTH} nested collections",
-                problem_mark=event.start_mark,
-            )
 
 
 def describe_yaml_error(error: yaml.YAMLError) -> str:

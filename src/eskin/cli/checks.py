@@ -1,6 +1,7 @@
 """This module checks paths before a command starts its work."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,55 @@ if TYPE_CHECKING:
     from eskin.learn.dataset import Dataset
 
 PICTURES = (".png", ".svg", ".pdf")
+MAX_CHECKED = 20
+"""Number of recordings that are read before a command begins; more are read by it."""
+MAX_CHECKED_BYTES = 256 << 20
+"""Largest of these on disk [bytes]."""
+BLOCK = 512
+"""Unit in which the system counts a file's size on disk [bytes]."""
+OUTPUTS = ("--out", "--record", "--results")
+"""Options whose files are written, whatever they hold now."""
+
+
+def check_files(words: Sequence[str]) -> None:
+    """Raise if a file that a command names cannot be used.
+
+    Commands that import torch or the simulator begin with this, so that a file is
+    refused before these seconds are spent, and before it takes memory beside them.
+
+    Args:
+        words: arguments of the command.
+
+    Raises:
+        EskinError: if a model, recording or command map cannot be used.
+    """
+    pairs = zip(["", *words], words, strict=False)
+    read = [word for before, word in pairs if before not in OUTPUTS]
+    named = [path for path in map(Path, read) if path.suffix and path.exists()]
+    recordings = [path for path in named if path.suffix == ".mcap"]
+    for path in recordings[:MAX_CHECKED]:
+        # A file with a hole is smaller on disk than it says.
+        if path.stat().st_blocks * BLOCK <= MAX_CHECKED_BYTES:
+            check_recording(path)
+    for path in named:
+        if path.suffix == ".safetensors":
+            from eskin.model import check_weights, load_model
+
+            check_weights(load_model(path))
+        elif path.suffix in (".yaml", ".yml"):
+            from eskin.command.command_map import parse_commands, read_map_text
+
+            parse_commands(read_map_text(path), str(path))
+
+
+def check_recording(path: Path) -> None:
+    """Raise if a recording cannot be used, or its skin takes too much memory."""
+    from eskin.recording import read_recording
+    from eskin.touch import Calibrator, CrosstalkCompensator
+
+    recording = read_recording(path)
+    Calibrator(recording.skin, recording.calibration)
+    CrosstalkCompensator(recording.skin, recording.calibration)
 
 
 def check_writable(target: Path) -> None:

@@ -18,6 +18,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from eskin.cli.checks import check_files
 from eskin.errors import EskinError, StreamError
 
 COMMANDS = {
@@ -40,6 +41,9 @@ COMMANDS = {
     "doctor": "doctor:run",
 }
 """Module and function of each command; the function takes the command's dataclass."""
+
+CHECKED_FIRST = ("compare", "demo", "evaluate", "run", "study", "train")
+"""Commands that take a second or more before they read their files."""
 
 FAILED = 1
 BAD_INPUT = 2
@@ -66,6 +70,8 @@ def run(argv: list[str]) -> int:
         return 0
     try:
         name, rest = split_command(argv)
+        if name in CHECKED_FIRST:
+            check_files(rest)
         function, command_type = load_command(name)
         command, output = parse(command_type, name, rest)
         result = function(command)

@@ -312,18 +312,20 @@ class ViewCommand:
 def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
     from eskin.page.link import format_link, free_port, make_token
-    from eskin.page.server import open_server
     from eskin.recording import read_recording
     from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
-    from eskin.viewer.editing import LabelEditor, load_replayed
-    from eskin.viewer.timeline import Timeline
 
     port = free_port(command.port)
     recording = read_recording(command.recording)
     mounted = MountedSkin(
         recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
     )
+    # Only now: the page takes a while to import.
+    from eskin.page.server import open_server
+    from eskin.viewer.editing import LabelEditor, load_replayed
+    from eskin.viewer.timeline import Timeline
+
     replayed, editor = load_replayed(recording), LabelEditor(recording)
     token = make_token()
     server = open_server(port, token)

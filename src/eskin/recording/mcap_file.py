@@ -47,6 +47,8 @@ CHUNK_HEADER = struct.Struct("<QQQII")
 the compression, at the start of a chunk."""
 CHUNK_HEAD_BYTES = 100
 """Number of bytes at the start of a chunk that hold its header and that of its data."""
+NO_OPCODE = 0
+"""Opcode of no record: a disk that was full, or lost power, leaves a hole of zeros."""
 READ_OPCODES = (
     Opcode.HEADER,
     Opcode.METADATA,
@@ -66,7 +68,7 @@ MAX_CHUNK_BYTES = 64 << 20
 """Largest chunk that is read, before compression [bytes]."""
 MAX_RECORD_BYTES = 80 << 20
 """Largest record that is read, such as an attachment [bytes]."""
-MAX_CHUNK_MESSAGES = 300_000
+MAX_CHUNK_MESSAGES = 100_000
 """Largest number of messages in a chunk."""
 MAX_MESSAGE_BYTES = 4 << 20
 """Largest message, which holds one reading of at most 200,000 taxels [bytes]."""
@@ -146,7 +148,7 @@ class McapReader:
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
             end = file.tell() + length
-            if end > size or opcode == Opcode.FOOTER:
+            if end > size or opcode in (NO_OPCODE, Opcode.FOOTER):
                 return
             if opcode == Opcode.CHUNK:
                 stated = read_unpacked_size(file.read(min(length, CHUNK_HEAD_BYTES)))
@@ -170,7 +172,7 @@ class McapReader:
             )
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
-            if file.tell() + length > size:
+            if file.tell() + length > size or opcode == NO_OPCODE:
                 return
             if opcode == Opcode.FOOTER:
                 file.seek(length, 1)

@@ -65,6 +65,7 @@ class MeshReader:
             RobotError: there is no such mesh, or it cannot be used.
         """
         path = self.find(address, place)
+        data = None if path in self.files else self.read_bytes(path, place)
         try:
             trimesh = importlib.import_module("trimesh")
         except ImportError:
@@ -72,8 +73,7 @@ class MeshReader:
                 f"{place} has mesh {address}, which needs trimesh: "
                 "pip install 'eskin[models]', or load the URDF with meshes=False"
             ) from None
-        if path not in self.files:
-            data = self.read_bytes(path, place)
+        if data is not None:
             self.files[path] = parse_mesh(trimesh, data, path, place)
         found = self.files[path]
         self.triangles += len(found.faces)
@@ -85,6 +85,10 @@ class MeshReader:
 
     def read_bytes(self, path: Path, place: str) -> bytes:
         """Read a file, and count its size."""
+        if path.suffix.lower() not in FORMATS:
+            raise RobotError(
+                f"{place}: mesh {path} is no {', '.join(FORMATS)}; convert it to one"
+            )
         try:
             data = read_file(path, MAX_MESH_BYTES)
         except OSError as error:
@@ -150,10 +154,6 @@ def is_package(folder: Path) -> bool:
 def parse_mesh(trimesh: Any, data: bytes, path: Path, place: str) -> Triangles:  # noqa: ANN401
     """Parse a mesh file, whose triangles are joined."""
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise RobotError(
-            f"{place}: mesh {path} is no {', '.join(FORMATS)}; convert it to one"
-        )
     if suffix == ".dae":
         check_collada(data, path, place)
     try:

@@ -1,0 +1,208 @@
+"""Hostile models, skins and texts: small files that once hung or crashed a reader.
+
+Each is written by a function that takes its path.
+"""
+
+import gzip
+import json
+import os
+import random
+import socket
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import save_file
+
+from eskin.skin import build_grid_skin, save_skin
+
+Write = Callable[[Path], object]
+"""Function that writes a file, or a folder of files, at a path."""
+MEGABYTE = 1 << 20
+SMALL = build_grid_skin(5, 6, name="small")
+
+
+def write_text(text: str) -> Write:
+    """Return a function that writes a text."""
+    return lambda path: path.write_text(text)
+
+
+def write_hole(size: int, head: bytes = b"") -> Write:
+    """Return a function that writes a head, and a hole up to a size [bytes]."""
+
+    def write(path: Path) -> None:
+        path.write_bytes(head)
+        os.truncate(path, size)
+
+    return write
+
+
+def write_noise(path: Path) -> None:
+    """Write a megabyte of random bytes."""
+    path.write_bytes(random.Random(0).randbytes(MEGABYTE))
+
+
+def write_special(kind: int) -> Write:
+    """Return a function that makes what is no regular file, by its kind in `stat`."""
+
+    def write(path: Path) -> None:
+        if kind == stat.S_IFIFO:
+            os.mkfifo(path)
+        elif kind == stat.S_IFSOCK:
+            # The name of a socket may be no longer than a hundred characters.
+            with socket.socket(socket.AF_UNIX) as listener:
+                listener.bind(os.path.relpath(path))
+        elif kind == stat.S_IFDIR:
+            path.mkdir()
+        else:
+            path.symlink_to("/dev/zero")
+
+    return write
+
+
+SPECIAL: dict[str, Write] = {
+    "a FIFO": write_special(stat.S_IFIFO),
+    "/dev/zero": write_special(stat.S_IFCHR),
+    "a socket": write_special(stat.S_IFSOCK),
+    "a folder": write_special(stat.S_IFDIR),
+}
+"""What is no regular file, for every reader."""
+
+
+def write_card(**entries: Any) -> Write:  # noqa: ANN401
+    """Return a function that writes a model with a card of some entries."""
+
+    def write(path: Path) -> None:
+        card = {"vocabulary": ["none", "poke"]} | entries
+        weights = {"w": np.zeros(2, np.float32)}
+        save_file(weights, path, metadata={"eskin": json.dumps(card)})
+
+    return write
+
+
+def write_tare(**entries: float) -> Write:
+    """Return a function that writes a model with settings of the calibration."""
+    return write_card(pipeline={"calibration": entries})
+
+
+MODELS: dict[str, Write] = {
+    "tare_rank of 1e12": write_tare(tare_rank=1e12),
+    "tare_rank of 1e6": write_tare(tare_rank=1e6),
+    "tare_rank of -1e6": write_tare(tare_rank=-1e6),
+    "tare_samples of 1e9": write_tare(tare_samples=10**9),
+    "1e9 layers": write_card(network={"layers": 10**9}),
+    "a width of 1e7": write_card(network={"width": 10**7}),
+    "1e7 channels": write_card(network={"channels": 10**7}),
+    "1e9 slots": write_card(network={"slots": 10**9}),
+    "1e9 fixed neighbours": write_card(graph={"fixed": 10**9}),
+    "1e9 live neighbours": write_card(graph={"live": 10**9}),
+    "contacts that reach 1e9": write_card(pipeline={"contacts": {"reach": 1e9}}),
+    "a temperature of 0": write_card(temperature=0),
+    "weights that are not those of its card": write_card(),
+    "a card of 2 MB": write_card(training={"a": "a" * 2 * MEGABYTE}),
+    "a header of 2^63 bytes": write_hole(4096, b"\xff" * 7 + b"\x7f"),
+    "a hole of 1 TB": write_hole(1 << 40),
+    "noise": write_noise,
+}
+
+LAUGHS = "\n".join(
+    ["- &a0 {start_s: 1, end_s: 2, gesture: poke}"]
+    + [f"- &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
+)
+"""YAML of 430 bytes with billions of values."""
+YAML: dict[str, str] = {
+    "aliases of aliases": LAUGHS,
+    "200,000 brackets": "[" * 200_000,
+    "200,000 values": "[" + "1," * 200_000 + "1]",
+    "a number of 200,000 digits to the base 60": "- 1" + ":1" * 200_000,
+    "16 MB of spaces": " " * 16 * MEGABYTE,
+}
+TEXTS: dict[str, Write] = {
+    **{name: write_text(text) for name, text in YAML.items()},
+    "a hole of 1 TB": write_hole(1 << 40),
+    "noise": write_noise,
+}
+"""Ranges and command maps."""
+
+CALIBRATIONS: dict[str, Write] = {
+    "100,000 brackets": write_text("[" * 100_000),
+    "10,000,000 gains": write_text('{"gain": [' + "1," * 10_000_000 + "1]}"),
+}
+
+
+def write_skin(
+    taxels: Callable[[str], str] = str, manifest: Callable[[str], str] = str
+) -> Write:
+    """Return a function that writes a small skin, with the texts of its files changed.
+
+    Args:
+        taxels: function that changes `taxels.csv`.
+        manifest: function that changes `skin.yaml`.
+    """
+
+    def write(path: Path) -> None:
+        save_skin(SMALL, path)
+        for file, change in (("taxels.csv", taxels), ("skin.yaml", manifest)):
+            (path / file).write_text(change((path / file).read_text()))
+
+    return write
+
+
+def write_skin_without_table(write: Write) -> Write:
+    """Return a function that writes a skin with something in place of its taxels."""
+
+    def write_folder(path: Path) -> None:
+        save_skin(SMALL, path)
+        (path / "taxels.csv").unlink()
+        write(path / "taxels.csv")
+
+    return write_folder
+
+
+PATCH = "- {id: p%d, link: table, address: %d, rows: 1, columns: 1}\n"
+PATCHES = "name: a\npatches:\n" + "".join(PATCH % (n, n) for n in range(1500))
+OUTSIDE = "../" * 20 + "etc/passwd"
+
+SKINS: dict[str, Write] = {
+    **{
+        f"skin.yaml with {name}": write_skin(manifest=lambda _, text=text: text)
+        for name, text in YAML.items()
+    },
+    "1,500 patches": write_skin(manifest=lambda text: PATCHES),
+    "taxels in /etc/passwd": write_skin(
+        manifest=lambda text: text.replace("taxels.csv", OUTSIDE)
+    ),
+    "500,000 lines": write_skin(lambda text: text + "\n" * 500_000),
+    "a line of 32 MB": write_skin(lambda text: text + "," * (1 << 25)),
+    "a cell over 99,999 lines": write_skin(lambda text: text + '"\n' * 99_999),
+    "100,000 wrong rows": write_skin(lambda text: text + "x\n" * 100_000),
+    "a taxels.csv of 1 TB": write_skin_without_table(write_hole(1 << 40)),
+    **{
+        f"{name} as taxels.csv": write_skin_without_table(write)
+        for name, write in SPECIAL.items()
+    },
+}
+
+
+def write_dataset(content: bytes, suffix: str = ".json") -> Write:
+    """Return a function that writes a folder of the sleeve dataset with one file."""
+
+    def write(path: Path) -> None:
+        path.mkdir()
+        (path / f"tap_20250101000000{suffix}").write_bytes(content)
+
+    return write
+
+
+def write_many_zeros(path: Path) -> None:
+    """Write a gzipped file of a gigabyte of zeros."""
+    write_dataset(gzip.compress(bytes(MEGABYTE << 8), 9) * 4, ".json.gz")(path)
+
+
+DATASETS: dict[str, Write] = {
+    "1 GB of zeros in 1 MB": write_many_zeros,
+    "5,000,000 lists": write_dataset(b'{"frames": [' + b"[]," * 5_000_000 + b"[]]}"),
+    "100,000 brackets": write_dataset(b"[" * 100_000),
+}

@@ -1,0 +1,125 @@
+"""Tests of hostile files: every reader refuses them in one line, with its own error."""
+
+import pytest
+from benchmarks.attacks.files import FILES, NAMES
+from benchmarks.attacks.hostile_recordings import (
+    spread_rows,
+    stack_taxels,
+    write_skin_of,
+)
+from benchmarks.attacks.hostile_texts import SMALL, write_card
+
+from eskin.app import SourceConfig, load_calibration
+from eskin.cli.checks import check_files
+from eskin.command import load_commands
+from eskin.errors import (
+    CommandError,
+    DeviceError,
+    ImportSourceError,
+    ModelError,
+    RecordingError,
+    RobotError,
+    SkinError,
+)
+from eskin.model import check_weights, load_model
+from eskin.recording import convert_sleeve, load_ranges, read_recording
+from eskin.robot import load_robot, load_urdf
+from eskin.skin import MountedSkin, load_skin
+from eskin.touch import TouchPipeline
+from eskin.viewer.editing import load_replayed
+
+
+def view(path):
+    """Read a recording as `eskin view` does, and make its pipeline."""
+    recording = read_recording(path)
+    load_replayed(recording)
+    mounted = MountedSkin(recording.skin, load_robot("table"))
+    TouchPipeline(mounted, recording.calibration)
+
+
+READERS = {
+    "model": (lambda path: check_weights(load_model(path)), ModelError),
+    "ranges": (lambda path: load_ranges(path, 0), RecordingError),
+    "commands": (
+        lambda path: load_commands(path, ("none", "poke"), SMALL),
+        CommandError,
+    ),
+    "calibration": (
+        lambda path: load_calibration(SourceConfig(calibration=path), SMALL),
+        (RecordingError, DeviceError),
+    ),
+    "skin": (load_skin, SkinError),
+    "robot": (load_urdf, RobotError),
+    "recording": (view, (RecordingError, SkinError)),
+    "set": (lambda path: convert_sleeve(path, path / "out"), ImportSourceError),
+}
+LONG = {
+    "1 GB of zeros in 1 MB",
+    "a 3MF of 300 MB in 300 kB",
+    "20,000 taxels in one point",
+    "20,000 taxels, of them four far away",
+    "20,000 rows and columns",
+    "1,000,000 elements",
+    "250,000 equal labels",
+    "20,000 links",
+    "a skin of 200 MB",
+    "1,500 patches",
+    "a mesh of 64 MB",
+}
+"""Files that take long to write, or to read with checked types; the command tries them,
+and smaller ones are below."""
+SLOW = ("200,000", "32 MB", "5,000,000", "10,000,000", "60 MB", "512 MB", "1 MB")
+"""Parts of the names of files that take half a second."""
+CASES = [
+    pytest.param(
+        kind,
+        write,
+        id=f"{kind}: {name}",
+        marks=[pytest.mark.slow] if any(part in name for part in SLOW) else [],
+    )
+    for kind, files in FILES.items()
+    for name, write in files.items()
+    if name not in LONG
+]
+
+
+@pytest.mark.parametrize(("kind", "write"), CASES)
+def test_hostile_file_is_refused_in_one_line(tmp_path, monkeypatch, kind, write):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / NAMES[kind]
+    write(path)
+    read, error = READERS[kind]
+    with pytest.raises(error) as caught:
+        read(path)
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 2000
+
+
+@pytest.mark.parametrize(
+    ("skin", "limit", "part"),
+    [
+        (stack_taxels(40), "adjacency.MAX_PAIRS", "1,600 neighbours"),
+        (stack_taxels(40, far=1e3), "adjacency.MAX_PAIRS", "neighbours"),
+        (spread_rows(40), "calibrator.FREE_CELLS", "40 rows and 40 columns"),
+    ],
+)
+def test_skin_of_too_many_pairs_or_crossings_is_refused(
+    tmp_path, monkeypatch, skin, limit, part
+):
+    path = tmp_path / NAMES["recording"]
+    write_skin_of(skin, matrix=True)(path)
+    if skin.patches[0].rows == 1:
+        check_files([str(path)])
+    monkeypatch.setattr(f"eskin.touch.{limit}", 1)
+    with pytest.raises(SkinError, match=part):
+        check_files([str(path)])
+
+
+def test_slow_commands_check_the_files_that_they_read_first(tmp_path, monkeypatch):
+    """But not those that they write, nor options and folders."""
+    monkeypatch.chdir(tmp_path)
+    write_card()(tmp_path / "new.safetensors")
+    (tmp_path / "set").mkdir()
+    check_files(["--json", "set", "gone.mcap", "--out", "new.safetensors"])
+    with pytest.raises(ModelError, match="lacks parameter"):
+        check_files(["set", "new.safetensors"])
