@@ -72,6 +72,8 @@ fuzz: $(READY)
 	$(BIN)/python -m benchmarks.fuzz skin --inputs 4000
 	$(BIN)/python -m benchmarks.fuzz recording --inputs 5000
 	$(BIN)/python -m benchmarks.fuzz commands --inputs 4000
+	$(BIN)/python -m benchmarks.fuzz model --inputs 2000
+	$(BIN)/python -m benchmarks.fuzz urdf --inputs 2000
 
 # Faults, forgeries, delays and hostile files: an hour on two cores; docs/threats.md.
 attack: $(READY)

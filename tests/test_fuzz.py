@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from benchmarks.fuzz.command_maps import CommandsTarget
 from benchmarks.fuzz.decoder import DecoderTarget
+from benchmarks.fuzz.models import ModelTarget
 from benchmarks.fuzz.recordings import RecordingTarget
+from benchmarks.fuzz.robots import RobotTarget
 from benchmarks.fuzz.run import HangError, fuzz, where
 from benchmarks.fuzz.skin_files import BETWEEN, SkinTarget
 from benchmarks.fuzz.target import Target
@@ -23,6 +25,8 @@ from eskin.skin import build_grid_skin, load_skin, skin_from_bytes, skin_to_byte
         (SkinTarget, 40),
         (RecordingTarget, 40),
         (CommandsTarget, 200),
+        (ModelTarget, 40),
+        (RobotTarget, 40),
     ],
 )
 def test_no_mutated_input_breaks_a_reader(kind, inputs, tmp_path):

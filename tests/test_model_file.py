@@ -191,6 +191,7 @@ def test_invalid_card_entry_is_named(path, entries, place, value):
         ("decision.hold_seconds", 1e300),
         ("decision.thresholds.poke", -1.0),
         ("temperature", 0.0),
+        ("network.width", 10**400),
     ],
 )
 def test_number_of_a_card_beyond_its_limits_is_refused(path, place, value):

@@ -1,6 +1,8 @@
 """Fuzz the readers with mutated inputs.
 
-    python -m benchmarks.fuzz decoder|skin|recording|commands [--inputs N] [--seed N]
+    python -m benchmarks.fuzz READER [--inputs N] [--seed N]
+
+READER is decoder, skin, recording, commands, model or urdf.
 
 Every input must be read, or refused with the documented error of the reader in one
 line. Anything else is a finding: it is printed with the command that reproduces it, and
@@ -20,12 +22,14 @@ from benchmarks.fuzz.guided import guide
 from benchmarks.fuzz.run import Outcome, fuzz
 from benchmarks.fuzz.target import Target
 
-Name = Literal["decoder", "skin", "recording", "commands"]
+Name = Literal["decoder", "skin", "recording", "commands", "model", "urdf"]
 TARGETS: dict[Name, tuple[str, str]] = {
     "decoder": ("benchmarks.fuzz.decoder", "DecoderTarget"),
     "skin": ("benchmarks.fuzz.skin_files", "SkinTarget"),
     "recording": ("benchmarks.fuzz.recordings", "RecordingTarget"),
     "commands": ("benchmarks.fuzz.command_maps", "CommandsTarget"),
+    "model": ("benchmarks.fuzz.models", "ModelTarget"),
+    "urdf": ("benchmarks.fuzz.robots", "RobotTarget"),
 }
 
 

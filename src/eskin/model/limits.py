@@ -123,7 +123,7 @@ def find_limit_problem(part: Any, path: str = "") -> str | None:  # noqa: ANN401
             if not low <= number <= high and not math.isinf(low):
                 entry = place + (f".{shorten(name)}" if name else "")
                 most = f"to {high:g}" if math.isfinite(high) else "and more"
-                return f"'{entry}' is {number:g}; allowed is {low:g} {most}"
+                return f"'{entry}' is {shorten(number)}; allowed is {low:g} {most}"
     return None
 
 
