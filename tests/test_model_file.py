@@ -182,6 +182,7 @@ def test_invalid_card_entry_is_named(path, entries, place, value):
         ("pipeline.calibration.tare_rank", 1e12),
         ("pipeline.calibration.tare_rank", -1e6),
         ("pipeline.calibration.tare_samples", 10**9),
+        ("pipeline.calibration.drift_seconds", 0.0),
         ("pipeline.contacts.reach", 1e9),
         ("pipeline.touches.near", float("nan")),
         ("graph.fixed", 10**9),
@@ -191,7 +192,7 @@ def test_invalid_card_entry_is_named(path, entries, place, value):
         ("decision.hold_seconds", 1e300),
         ("decision.thresholds.poke", -1.0),
         ("temperature", 0.0),
-        ("network.width", 10**400),
+        ("network.width", "9" * 400),
     ],
 )
 def test_number_of_a_card_beyond_its_limits_is_refused(path, place, value):

@@ -22,9 +22,11 @@ def check_limits(settings: object, limits: Limits) -> None:
     """
     for name, (low, high) in limits.items():
         value = getattr(settings, name)
-        if not (np.isfinite(value) and low <= value <= high):
+        if not (low <= value <= high and value != np.inf):
             allowed = f"{low:g} to {high:g}" if high < np.inf else f"from {low:g}"
-            raise ValueError(f"{name} is {value}; allowed is {allowed}; change it")
+            raise ValueError(
+                f"{name} is {value!s:.40}; allowed is {allowed}; change it"
+            )
 
 
 @dataclass(frozen=True)
