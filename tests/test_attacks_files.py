@@ -2,16 +2,18 @@
 
 import pytest
 from benchmarks.attacks.files import FILES, NAMES
-from benchmarks.attacks.hostile_recordings import (
-    spread_rows,
+from benchmarks.attacks.hostile_recordings import spread_rows, write_skin_of
+from benchmarks.attacks.hostile_texts import (
+    SMALL,
+    squeeze_taxels,
     stack_taxels,
-    write_skin_of,
+    write_card,
 )
-from benchmarks.attacks.hostile_texts import SMALL, write_card
 
 from eskin.app import SourceConfig, load_calibration
 from eskin.cli.checks import check_files
 from eskin.command import load_commands
+from eskin.drivers.seal import read_key
 from eskin.errors import (
     CommandError,
     DeviceError,
@@ -23,6 +25,7 @@ from eskin.errors import (
 )
 from eskin.model import check_weights, load_model
 from eskin.recording import convert_sleeve, load_ranges, read_recording
+from eskin.recording.reader import parse_shared_skin
 from eskin.robot import load_robot, load_urdf
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import TouchPipeline
@@ -48,17 +51,19 @@ READERS = {
         lambda path: load_calibration(SourceConfig(calibration=path), SMALL),
         (RecordingError, DeviceError),
     ),
+    "key": (read_key, DeviceError),
     "skin": (load_skin, SkinError),
     "robot": (load_urdf, RobotError),
     "recording": (view, (RecordingError, SkinError)),
+    "matrix": (view, SkinError),
     "set": (lambda path: convert_sleeve(path, path / "out"), ImportSourceError),
 }
 LONG = {
     "1 GB of zeros in 1 MB",
     "a 3MF of 300 MB in 300 kB",
-    "20,000 taxels in one point",
-    "20,000 taxels, of them four far away",
-    "20,000 rows and columns",
+    "10,000 taxels in one point",
+    "10,000 taxels, of them four far away",
+    "10,000 rows and columns",
     "1,000,000 elements",
     "250,000 equal labels",
     "20,000 links",
@@ -98,9 +103,10 @@ def test_hostile_file_is_refused_in_one_line(tmp_path, monkeypatch, kind, write)
 @pytest.mark.parametrize(
     ("skin", "limit", "part"),
     [
-        (stack_taxels(40), "adjacency.MAX_PAIRS", "1,600 neighbours"),
-        (stack_taxels(40, far=1e3), "adjacency.MAX_PAIRS", "neighbours"),
-        (spread_rows(40), "calibrator.FREE_CELLS", "40 rows and 40 columns"),
+        (squeeze_taxels(49), "touch.adjacency.MAX_PAIRS", "neighbours"),
+        (squeeze_taxels(49, far=1e3), "touch.adjacency.MAX_PAIRS", "neighbours"),
+        (stack_taxels(40), "skin.check.MAX_COINCIDENT", "40 taxels in one place"),
+        (spread_rows(40), "touch.calibrator.FREE_CELLS", "40 rows and 40 columns"),
     ],
 )
 def test_skin_of_too_many_pairs_or_crossings_is_refused(
@@ -108,10 +114,9 @@ def test_skin_of_too_many_pairs_or_crossings_is_refused(
 ):
     path = tmp_path / NAMES["recording"]
     write_skin_of(skin, matrix=True)(path)
-    if skin.patches[0].rows == 1:
-        check_files([str(path)])
-    monkeypatch.setattr(f"eskin.touch.{limit}", 1)
-    with pytest.raises(SkinError, match=part):
+    monkeypatch.setattr(f"eskin.{limit}", 1)
+    parse_shared_skin.cache_clear()
+    with pytest.raises((SkinError, RecordingError), match=part):
         check_files([str(path)])
 
 

@@ -1,6 +1,6 @@
 """Give hostile files to the commands of eskin.
 
-    python -m benchmarks.attacks files [--only TEXT]
+    python -m benchmarks.attacks files [--only TEXT] [--brief]
 
 Each file must be refused with one line and exit code 2, in less than 2 s of processor
 time and 500 MB, of which 1 s and 150 MB are those of Python and its imports. Processor
@@ -15,17 +15,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from benchmarks.attacks.hostile_recordings import RECORDINGS, write_skin_of
+from benchmarks.attacks.hostile_recordings import MATRICES, RECORDINGS, write_skin_of
 from benchmarks.attacks.hostile_robots import ROBOTS
 from benchmarks.attacks.hostile_texts import (
     CALIBRATIONS,
     DATASETS,
+    KEYS,
     MODELS,
     SKINS,
     SMALL,
@@ -40,16 +41,27 @@ MAX_SECONDS, MAX_MEGABYTES = 2.0, 500.0
 PATIENCE = 60.0
 """Time after which a command is killed [s]."""
 Kind = Literal[
-    "model", "ranges", "commands", "calibration", "skin", "robot", "recording", "set"
+    "model",
+    "ranges",
+    "commands",
+    "calibration",
+    "key",
+    "skin",
+    "robot",
+    "recording",
+    "matrix",
+    "set",
 ]
 FILES: dict[Kind, dict[str, Write]] = {
     "model": MODELS | SPECIAL,
     "ranges": TEXTS | SPECIAL,
     "commands": TEXTS | SPECIAL,
     "calibration": CALIBRATIONS | SPECIAL,
+    "key": KEYS | SPECIAL,
     "skin": SKINS,
     "robot": ROBOTS | SPECIAL,
     "recording": RECORDINGS | SPECIAL,
+    "matrix": MATRICES,
     "set": DATASETS,
 }
 """Functions that write the files of each kind, by what is wrong with them."""
@@ -58,9 +70,11 @@ NAMES: dict[Kind, str] = {
     "ranges": "hostile.yaml",
     "commands": "hostile.yaml",
     "calibration": "hostile.json",
+    "key": "hostile.key",
     "skin": "hostile",
     "robot": "hostile.urdf",
     "recording": "hostile.mcap",
+    "matrix": "hostile.mcap",
     "set": "hostile",
 }
 COMMANDS: dict[Kind, tuple[str, ...]] = {
@@ -76,6 +90,9 @@ COMMANDS: dict[Kind, tuple[str, ...]] = {
         "demo --headless --seconds 1 --commands {}",
     ),
     "calibration": ("device good --udp 127.0.0.1:9750 --calibration {}",),
+    "key": (
+        "run --skin good --robot-urdf table --source udp://127.0.0.1:9750 --key {}",
+    ),
     "skin": ("skin check {}", "device {} --pty"),
     "robot": (
         "skin check good --robot {}",
@@ -88,6 +105,7 @@ COMMANDS: dict[Kind, tuple[str, ...]] = {
         "evaluate ur5 {}",
         "train {} --out new.safetensors",
     ),
+    "matrix": ("replay {}", "evaluate ur5 {}", "train {} --out new.safetensors"),
     "set": ("convert sleeve {} out",),
 }
 """Commands that open a file of each kind. They run in a folder with a good recording
@@ -100,6 +118,8 @@ class AttackCommand:
 
     only: str = ""
     """Part of the names of the files or commands to try; by default all."""
+    brief: bool = False
+    """Print one row a file, with the largest figures of all commands."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +147,17 @@ class Refusal:
         small = self.seconds < MAX_SECONDS and self.megabytes < MAX_MEGABYTES
         return self.code == 2 and len(self.lines) == 1 and small
 
+    def shorten_command(self) -> str:
+        """Return the words that name the command."""
+        if "{}" not in self.command:  # Several commands, in short already.
+            return self.command
+        words = self.command.split()
+        return " ".join(words[: 2 if words[0] == "skin" else 1])
+
     def format(self) -> str:
         """Return a row of the table."""
         cells = (
-            *(self.kind, self.name, self.command.split(" {}")[0].split(" --")[0]),
+            *(self.kind, self.name, self.shorten_command()),
             *(str(self.code), str(len(self.lines))),
             *(f"{self.seconds:.1f}", f"{self.megabytes:.0f}"),
         )
@@ -141,13 +168,16 @@ def main(words: Sequence[str]) -> None:
     """Try the files, print a table, and exit with 1 where one was not refused."""
     command = tyro.cli(AttackCommand, args=words)
     found: list[Refusal] = []
-    print(format_head(("file", "", "command", "code", "lines", "s", "MB")))
+    what = "commands" if command.brief else "command"
+    print(format_head(("file", "", what, "code", "lines", "s", "MB")))
     for kind, files in FILES.items():
         for name, write in files.items():
-            for line in COMMANDS[kind]:
-                if command.only in f"{kind} {name} {line}":
-                    found.append(attack(kind, name, write, line))
-                    print(found[-1].format(), flush=True)
+            lines = [x for x in COMMANDS[kind] if command.only in f"{kind} {name} {x}"]
+            tries = [attack(kind, name, write, line) for line in lines]
+            found += tries
+            rows = [summarise(tries)] if command.brief and tries else tries
+            for row in rows:
+                print(row.format(), flush=True)
     bad = [refusal for refusal in found if not refusal.is_good]
     slowest = max((refusal.seconds for refusal in found), default=0.0)
     largest = max((refusal.megabytes for refusal in found), default=0.0)
@@ -159,6 +189,16 @@ def main(words: Sequence[str]) -> None:
         print(f"{refusal.kind}, {refusal.name}, {refusal.command}:")
         print("\n".join(f"  {line:.300}" for line in refusal.lines[-3:]))
     sys.exit(bool(bad))
+
+
+def summarise(tries: Sequence[Refusal]) -> Refusal:
+    """Return one refusal with the largest figures of several of a file."""
+    return replace(
+        next((refusal for refusal in tries if not refusal.is_good), tries[0]),
+        command=", ".join(map(Refusal.shorten_command, tries)),
+        seconds=max(refusal.seconds for refusal in tries),
+        megabytes=max(refusal.megabytes for refusal in tries),
+    )
 
 
 def attack(kind: Kind, name: str, write: Write, command: str) -> Refusal:

@@ -15,6 +15,8 @@ from benchmarks.attacks.hostile_texts import (
     MEGABYTE,
     SMALL,
     Write,
+    squeeze_taxels,
+    stack_taxels,
     write_hole,
     write_noise,
 )
@@ -111,14 +113,6 @@ def write_skin_of(skin: Skin, matrix: bool = False) -> Write:
     return write
 
 
-def stack_taxels(count: int, far: float = 0.0) -> Skin:
-    """Build a skin whose taxels lie in one point, but for four at a distance [m]."""
-    skin = build_grid_skin(1, count, name="stack")
-    positions = np.zeros((count, 3))
-    positions[:4, 0] = far * np.arange(4)
-    return replace(skin, positions=positions)
-
-
 def spread_rows(count: int) -> Skin:
     """Build a skin whose taxels share no row and no column."""
     skin = build_grid_skin(1, count, name="spread")
@@ -143,9 +137,13 @@ RECORDINGS: dict[str, Write] = {
     "a calibration of 20 MB": write_head(
         calibration=b'{"gain": [' + b"1," * 10 * MEGABYTE
     ),
-    "20,000 taxels in one point": write_skin_of(stack_taxels(20_000)),
-    "20,000 taxels, of them four far away": write_skin_of(stack_taxels(20_000, 1e3)),
-    "20,000 rows and columns": write_skin_of(spread_rows(20_000), matrix=True),
+    "10,000 taxels in one point": write_skin_of(stack_taxels(10_000)),
+    "10,000 taxels, of them four far away": write_skin_of(squeeze_taxels(10_000, 1e3)),
     "a hole of 1 TB": write_hole(1 << 40, MAGIC),
     "noise": write_noise,
 }
+
+MATRICES: dict[str, Write] = {
+    "10,000 rows and columns": write_skin_of(spread_rows(10_000), matrix=True)
+}
+"""Recordings that only a command can refuse which estimates crosstalk."""

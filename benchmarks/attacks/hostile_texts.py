@@ -5,18 +5,20 @@ Each is written by a function that takes its path.
 
 import gzip
 import json
+import math
 import os
 import random
 import socket
 import stat
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from safetensors.numpy import save_file
 
-from eskin.skin import build_grid_skin, save_skin
+from eskin.skin import Skin, build_grid_skin, save_skin
 
 Write = Callable[[Path], object]
 """Function that writes a file, or a folder of files, at a path."""
@@ -126,6 +128,8 @@ TEXTS: dict[str, Write] = {
 }
 """Ranges and command maps."""
 
+KEYS: dict[str, Write] = {"a hole of 1 TB": write_hole(1 << 40), "noise": write_noise}
+
 CALIBRATIONS: dict[str, Write] = {
     "100,000 brackets": write_text("[" * 100_000),
     "10,000,000 gains": write_text('{"gain": [' + "1," * 10_000_000 + "1]}"),
@@ -161,6 +165,23 @@ def write_skin_without_table(write: Write) -> Write:
     return write_folder
 
 
+def stack_taxels(count: int, far: float = 0.0) -> Skin:
+    """Build a skin whose taxels lie in one point, but for four at a distance [m]."""
+    skin = build_grid_skin(1, count, name="stack")
+    positions = np.zeros((count, 3))
+    positions[:4, 0] = far * np.arange(4)
+    return replace(skin, positions=positions)
+
+
+def squeeze_taxels(count: int, far: float = 0.0) -> Skin:
+    """Build a skin of taxels 0.3 mm apart, but for four at a distance [m]."""
+    side = math.isqrt(count)
+    skin = build_grid_skin(side, side, 3e-4, name="squeezed", calibrated=True)
+    positions = skin.positions.copy()
+    positions[:4, 2] = far * np.arange(4)
+    return replace(skin, positions=positions)
+
+
 PATCH = "- {id: p%d, link: table, address: %d, rows: 1, columns: 1}\n"
 PATCHES = "name: a\npatches:\n" + "".join(PATCH % (n, n) for n in range(1500))
 OUTSIDE = "../" * 20 + "etc/passwd"
@@ -175,6 +196,7 @@ SKINS: dict[str, Write] = {
         manifest=lambda text: text.replace("taxels.csv", OUTSIDE)
     ),
     "500,000 lines": write_skin(lambda text: text + "\n" * 500_000),
+    "10,000 taxels in one point": lambda path: save_skin(stack_taxels(10_000), path),
     "a line of 32 MB": write_skin(lambda text: text + "," * (1 << 25)),
     "a cell over 99,999 lines": write_skin(lambda text: text + '"\n' * 99_999),
     "100,000 wrong rows": write_skin(lambda text: text + "x\n" * 100_000),

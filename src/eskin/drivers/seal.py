@@ -21,9 +21,12 @@ from eskin.drivers.packet import (
     VERSION_2,
 )
 from eskin.errors import DeviceError, PacketError
+from eskin.files import read_file
 
 KEY_BYTES = 32
 """Size of a key, the largest that BLAKE2s takes."""
+MAX_KEY_FILE = 1000
+"""Largest size of a file that may hold a key [bytes]."""
 TAG_BYTES = 16
 """Size of a tag: a forger who guesses is right once in 2**128 packets."""
 NO_CHALLENGE = bytes(CHALLENGE_BYTES)
@@ -108,7 +111,7 @@ def read_key(path: Path) -> bytes:
         DeviceError: the file cannot be read, is open to others or holds no key.
     """
     try:
-        mode, text = path.stat().st_mode, path.read_bytes().strip()
+        mode, text = path.stat().st_mode, read_file(path, MAX_KEY_FILE).strip()
     except OSError as error:
         raise DeviceError(
             f"key {path} cannot be read ({error.strerror}); allowed is a file of 64 "

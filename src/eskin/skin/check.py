@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
+from eskin.errors import SkinError
 from eskin.robot import Robot, compute_surface_distance
 from eskin.skin.skin import Skin
 
@@ -72,6 +73,45 @@ def check_skin(
         problems += find_link_problems(skin, robot)
         problems += find_surface_problems(skin, robot, config)
     return problems
+
+
+MAX_COINCIDENT = 64
+"""Largest number of taxels in one point."""
+MAX_CLOSE, FREE_CLOSE = 10, 100_000
+"""Largest mean number of taxels within `CheckConfig.min_taxel_distance` of one, beyond
+a number of pairs that is free."""
+
+
+def check_crowding(skin: Skin, file: str) -> None:
+    """Raise where so many taxels lie in one place that pairs of them fill the memory.
+
+    Args:
+        skin: the skin.
+        file: where it is from, for messages.
+
+    Raises:
+        SkinError: More than a few share a point, or lie closer than taxels can.
+    """
+    if not skin.count:
+        return
+    names = list(dict.fromkeys(skin.link_names))
+    link_index = np.array([names.index(name) for name in skin.link_names])
+    links = link_index[skin.patch_index]
+    # The squares of distances must be finite.
+    points = np.clip(skin.positions, -1e100, 1e100).round(6)
+    _, counts = np.unique(np.column_stack([links, points]), axis=0, return_counts=True)
+    close, most = 0, MAX_CLOSE * skin.count + FREE_CLOSE
+    if counts.max() <= MAX_COINCIDENT:
+        trees = [KDTree(points[links == number]) for number in np.unique(links)]
+        distance = CheckConfig.min_taxel_distance
+        close = sum(int(tree.count_neighbors(tree, distance)) for tree in trees)
+    if counts.max() > MAX_COINCIDENT or close > most:
+        raise SkinError(
+            f"{file}: got {max(counts.max(), close // skin.count)} taxels in one "
+            f"place, allowed are up to {MAX_COINCIDENT} in a point, and {MAX_CLOSE} "
+            f"within {1e3 * CheckConfig.min_taxel_distance:g} mm of one; correct the "
+            "positions"
+        )
 
 
 def find_patch_problems(skin: Skin) -> Iterator[SkinProblem]:

@@ -19,7 +19,7 @@ from eskin.plain_yaml import (
     load_plain_yaml,
     shorten,
 )
-from eskin.skin.check import SkinProblem, find_direction_problems
+from eskin.skin.check import SkinProblem, check_crowding, find_direction_problems
 from eskin.skin.presets import SKIN_PRESETS
 from eskin.skin.skin import Patch, Skin
 from eskin.skin.taxel_table import (
@@ -157,7 +157,11 @@ def parse_skin_folder(path: Path) -> ParsedSkin:
 
 
 def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin:
-    """Build a skin from a manifest and the text of its taxels; list the problems."""
+    """Build a skin from a manifest and the text of its taxels; list the problems.
+
+    Raises:
+        SkinError: It is no table of taxels, or many of them lie in one place.
+    """
     patches = tuple(Patch(**entry.model_dump()) for entry in manifest.patches)
     table, problems = parse_taxels(table_text, patches, file)
     ids_wrong = find_id_problems(table, problems, file)
@@ -178,6 +182,7 @@ def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin
         ),
         calibrated=manifest.calibrated,
     )
+    check_crowding(skin, file)
     return ParsedSkin(skin, table.ids[order], tuple(problems))
 
 
