@@ -50,6 +50,8 @@ class ModelTarget(Target):
         skin = small_skin()
         self.mounted = MountedSkin(skin, load_robot("table"))
         self.calibration = Calibration.uniform(skin.count, 4095, 100.0)
+        # Code is compiled before the time of an input is measured.
+        assert self.feed(self.whole)
 
     def encode(self, card: object) -> bytes:
         """Encode the weights with a card."""
