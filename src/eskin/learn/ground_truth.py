@@ -11,10 +11,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError
+from eskin.files import read_file
 from eskin.recording import NONE, Label, Recording, select_labels
 from eskin.units import NS_PER_S
 
 INDEX_NAME = "clips.jsonl"
+MAX_INDEX_BYTES = 256 << 20
+"""Largest size of an index; a clip takes about 1.5 kB [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ def read_clips(path: Path) -> tuple[Clip, ...]:
 def read_clip_index(index: Path) -> dict[str, tuple[Clip, ...]]:
     """Return the clips of every file that an index lists."""
     found: dict[str, list[Clip]] = {}
-    for number, line in enumerate(index.read_text(encoding="utf-8").splitlines(), 1):
+    text = read_file(index, MAX_INDEX_BYTES).decode("utf-8", "replace")
+    for number, line in enumerate(text.splitlines(), 1):
         try:
             facts = json.loads(line)
             if facts["gesture"]:
@@ -57,7 +61,7 @@ def read_clip_index(index: Path) -> dict[str, tuple[Clip, ...]]:
                 end = start + round(seconds * NS_PER_S)
                 clip = Clip(start, end, str(facts["gesture"]), str(facts["kind"]))
                 found.setdefault(str(facts["file"]), []).append(clip)
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise RecordingError(
                 f"{index} line {number} is no clip ({type(error).__name__}: {error}); "
                 "run the same eskin generate again to repair it"

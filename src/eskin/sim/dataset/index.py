@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from eskin.errors import GenerationError
+from eskin.files import read_file
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, PairMember
 
 INDEX_NAME = "clips.jsonl"
+MAX_INDEX_BYTES = 256 << 20
+"""Largest size of an index; a clip takes about 1.5 kB [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +203,8 @@ def read_index(folder: Path | str) -> tuple[ClipRow, ...]:
     """
     path = Path(folder) / INDEX_NAME
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        text = read_file(path, MAX_INDEX_BYTES).decode("utf-8", "replace")
+        lines = text.splitlines()
     except OSError as error:
         raise GenerationError(
             f"no index {path} ({error.strerror}); generate the set: eskin generate"
@@ -209,7 +213,7 @@ def read_index(folder: Path | str) -> tuple[ClipRow, ...]:
     for number, line in enumerate(lines, 1):
         try:
             rows.append(ClipRow.from_line(line))
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise GenerationError(
                 f"{path} line {number} is no clip ({type(error).__name__}: {error}); "
                 "run the same eskin generate again to repair it"

@@ -7,7 +7,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from eskin.errors import GenerationError
-from eskin.files import atomic_path
+from eskin.files import atomic_path, read_file
 from eskin.sim.constants import CONSTANTS_FILE, Constants, load_constants
 from eskin.sim.dataset.index import INDEX_NAME
 from eskin.sim.dataset.plan import SIDE_SKINS, ClipPlan
@@ -23,6 +23,8 @@ from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resize_set
 from eskin.skin import load_robot_for_skin
 
 SETTINGS_NAME = "generation.json"
+MAX_SETTINGS_BYTES = 16 << 20
+"""Largest size of the settings of a folder [bytes]."""
 VERSION = 1
 MAX_DIFFICULTY = 10.0
 """Difficulty above which distributions are meaningless."""
@@ -155,9 +157,9 @@ def claim_folder(folder: Path, settings: GenerationSettings) -> None:
 def check_same_settings(path: Path, wanted: dict[str, object]) -> None:
     """Raise an error if a folder was generated with other settings."""
     try:
-        found = json.loads(path.read_text())
+        found = json.loads(read_file(path, MAX_SETTINGS_BYTES))
         differing = [name for name in wanted if found.get(name) != wanted[name]]
-    except (ValueError, AttributeError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise GenerationError(
             f"{path} cannot be read ({error}); give a new folder"
         ) from error
