@@ -108,7 +108,7 @@ class RunCommand:
 def run(command: RunCommand) -> dict[str, object]:
     """Stream until the end; print detections and events as they come."""
     from eskin.app import SourceConfig, open_source
-    from eskin.drivers import HostClock
+    from eskin.drivers import HostClock, read_key
     from eskin.live import Recognizer, mount_skin, warm_up
     from eskin.model import load_model
     from eskin.robot import load_recorded_robot
@@ -132,7 +132,7 @@ def run(command: RunCommand) -> dict[str, object]:
         seed=command.seed,
         baud=command.baud,
         allow_remote=command.allow_remote,
-        key=command.key,
+        key=None if command.key is None else read_key(command.key),
     )
     with ExitStack() as stack:
         # Devices send at any time, so code is compiled before they are opened.
