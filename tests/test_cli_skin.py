@@ -25,7 +25,7 @@ CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
 REST, PRESSED = 200, 1200
 UNTOUCHED = 155
 """Scans before the first press, for taring."""
-INTERVAL, LENGTH = 36, 8
+INTERVAL, LENGTH = 36, 10
 """Scans from press to press, and of each."""
 
 

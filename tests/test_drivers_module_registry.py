@@ -60,7 +60,6 @@ def test_hellos_decide_which_module_has_an_address(hellos, kinds, port, serial):
         (("udp://a:1", "udp://b:1"), True),
         (("/dev/a", "/dev/b"), False),
         (("/dev/a", "udp://b:1"), True),
-        (("key:1", "key:1"), False),
     ],
 )
 def test_serial_number_at_another_network_address_is_held_like_another(ports, held):

@@ -23,6 +23,7 @@ from helpers.worlds import SMALL_POOL
 
 RATE = 50
 REST, NOISE, HIGH = 100, 2, 900
+RAMP = np.array([0.25, 0.5, 0.25])
 FULL_SCALE, PRESSURE = 4095, 100.0
 
 
@@ -87,7 +88,9 @@ class StandIn(ClipGenerator):
         truths = () if plan.kind == "idle" else tuple(self.touches(plan, times, rng))
         counts = REST + noise
         for truth in truths:
-            counts[:, truth.number % count] += (HIGH * (truth.force > 0)).astype(int)
+            # No finger lands or lifts within one scan.
+            press = np.convolve(truth.force > 0, RAMP, "same")
+            counts[:, truth.number % count] += (HIGH * press).astype(int)
         received = rng.random(counts.shape) < 0.99
         counts[~received] = FULL_SCALE
         return SimulatedClip(

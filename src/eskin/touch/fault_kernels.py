@@ -24,6 +24,8 @@ STEP_FACTOR = 4.0
 """Smallest step, in units of the running median of the deviations."""
 RECENT = 4
 """Number of scans whose counts are compared."""
+MAX_STEP_INTERVAL = 0.03
+"""Largest time between two scans in which no finger lands or lifts completely [s]."""
 FLAT = 0.25
 """Largest change of the counts before and after a step, in units of the step."""
 FOLLOWS = 0.2
@@ -201,6 +203,7 @@ def update_noise(
     forget = np.exp(-elapsed / limits.step_seconds)
     if elapsed > MAX_GAP:
         first[:] = np.nan
+    is_slow = elapsed > MAX_STEP_INTERVAL
     low = 0
     for i in range(len(counts)):
         if not received[i]:
@@ -222,7 +225,7 @@ def update_noise(
             last_straight[i] = now
         steps[i] *= forget
         step = abs(first[i] - second[i])
-        if step < contact or step < STEP_FACTOR * usual:
+        if is_slow or step < contact or step < STEP_FACTOR * usual:
             continue
         stays = min(abs(count - first[i]), abs(count - second[i]))
         flat = FLAT * step

@@ -10,6 +10,7 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
+    MAX_STEP_INTERVAL,
     RECENT,
     CountHistory,
     NoiseLimits,
@@ -39,8 +40,6 @@ NOISIER = 2.0
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
 SAME_SECONDS = 0.5
 """Time without a change of the counts in which a still taxel remains a fault [s]."""
-MAX_SPIKE_INTERVAL = 0.03
-"""Largest time between two readings at which a spike is withheld [s]."""
 NEVER = -1e9
 """Time before all others [s]."""
 
@@ -534,7 +533,7 @@ class SpikeFilter:
             self.withheld[:] = False
             self.touched[:] = False
             return reading
-        slow = last is None or reading.stamp - last > MAX_SPIKE_INTERVAL * NS_PER_S
+        slow = last is None or reading.stamp - last > MAX_STEP_INTERVAL * NS_PER_S
         pressure = pressure.copy()
         count = withhold_spikes(
             pressure,
