@@ -47,6 +47,8 @@ def call_kernel(tmp_path, monkeypatch):
     """
     monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
     monkeypatch.setattr(sys.modules["eskin"], "__path__", [str(tmp_path)])
+    # Bytecode of a source of the same second and size would be taken for its own.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     (tmp_path / "compiled.py").touch()
 
     def forget():
