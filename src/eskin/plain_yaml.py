@@ -12,8 +12,10 @@ MAX_DEPTH = 20
 """Largest depth of nested collections in a file."""
 MAX_YAML_BYTES = 1 << 19
 """Largest size of a file [bytes]."""
-MAX_VALUES = 20_000
+MAX_VALUES = 16_000
 """Largest number of values in a file; keys and collections count too."""
+MAX_SCALAR = 10_000
+"""Largest number of characters of a single value."""
 NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 MAX_DIGITS = 400
 """Largest number of characters of a number."""
@@ -61,6 +63,10 @@ class PlainLoader(yaml.SafeLoader):
         for is_wrong, problem in (
             (event.anchor is not None, "anchors and aliases are not allowed"),
             (self.values > MAX_VALUES, f"more than {MAX_VALUES:,} values"),
+            (
+                len(getattr(event, "value", "")) > MAX_SCALAR,
+                f"a value has more than {MAX_SCALAR:,} characters",
+            ),
             (self.depth > MAX_DEPTH, f"more than {MAX_DEPTH} nested collections"),
         ):
             if is_wrong:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eskin.errors import EskinError
+from eskin.files import read_file
 
 if TYPE_CHECKING:
     from eskin.learn.dataset import Dataset
@@ -47,9 +48,23 @@ def check_files(words: Sequence[str]) -> None:
 
             check_weights(load_model(path))
         elif path.suffix in (".yaml", ".yml"):
-            from eskin.command.command_map import parse_commands, read_map_text
+            check_yaml(path)
 
-            parse_commands(read_map_text(path), str(path))
+
+def check_yaml(path: Path) -> None:
+    """Raise if a file is no plain YAML; what is in it is checked by its reader."""
+    from eskin.plain_yaml import MAX_YAML_BYTES, load_plain_yaml
+
+    try:
+        load_plain_yaml(read_file(path, MAX_YAML_BYTES).decode())
+    except OSError as error:
+        raise EskinError(
+            f"{path} cannot be read ({error.strerror}); allowed is a YAML file"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise EskinError(f"{path}: byte {error.start} is no UTF-8") from None
+    except ValueError as error:
+        raise EskinError(f"{path}{error}") from None
 
 
 def check_recording(path: Path) -> None:
