@@ -27,6 +27,7 @@ from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.sim.people.gesture_sample import build_minimum_jerk
 from eskin.sim.scene.motion import compute_max_speed
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
+from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
@@ -72,9 +73,15 @@ class RunRecord:
 class Run:
     """Runs one skin with a recogniser, and collects the results."""
 
-    def __init__(self, live: InteractiveSkin, model: Model, path: Path) -> None:
-        """Wait until the skin is tared."""
-        self.live, self.path = live, path
+    def __init__(
+        self,
+        live: InteractiveSkin,
+        model: Model,
+        path: Path,
+        corrupt: Callable[[Scan], Scan] = lambda scan: scan,
+    ) -> None:
+        """Wait until the skin is tared; every scan is corrupted by a function."""
+        self.live, self.path, self.corrupt = live, path, corrupt
         self.recognizer = Recognizer(model, live.mounted, live.calibration)
         self.time, self.record = 0.0, RunRecord()
         self.wait(QUIET)
@@ -84,7 +91,7 @@ class Run:
         self.time += self.live.period
         q = self.path(self.time)
         begun = time.thread_time()
-        scan = self.live.scan(round(self.time * NS_PER_S), q)
+        scan = self.corrupt(self.live.scan(round(self.time * NS_PER_S), q))
         self.record.scans.append(time.thread_time() - begun)
         self.record.truths += self.live.hand.truths()
         self.record.detections += self.recognizer.push(scan)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from eskin.touch import Fault
 from helpers.commands import (
     FINGERTIP,
     PATCH,
@@ -69,18 +68,12 @@ def test_doubtful_taxels_are_no_evidence():
     assert command(scene, "double_pat") == []
 
 
-def test_taxels_of_a_faulty_row_are_no_evidence(monkeypatch):
+def test_taxels_of_a_faulty_row_are_no_evidence():
     scene = Scene(make_map(double_pat="slow"))
     wide = find_block(PATCH, 1, 2)
-    update = scene.policy.evidence.find_sound
-    row = int(SKIN.rows[wide[0]])
-
-    def find_sound(state):
-        fault = Fault("row", PATCH.id, row, None, None, 0)
-        object.__setattr__(state, "faults", (fault,))
-        return update(state)
-
-    monkeypatch.setattr(scene.policy.evidence, "find_sound", find_sound)
+    scene.doubtful = (SKIN.rows == SKIN.rows[wide[0]]) & np.isin(
+        np.arange(SKIN.count), WHOLE
+    )
     assert command(scene, "double_pat", taxels=wide) == []
 
 

@@ -47,6 +47,8 @@ PAUSE_SECONDS = 5.0
 """Time after which the operator lets a paused arm go on [s]."""
 ACTIONS = ("pause", "resume", "slow", "normal", "next_waypoint", "gripper")
 """Columns of the table for commands."""
+RECALL_SKINS = 9
+"""Number of builds on which gestures are performed."""
 RECALL_PAUSE = (1.5, 3.0)
 """Range of the time between two gestures [s]."""
 
@@ -269,36 +271,28 @@ def print_attacks(command: Command, names: list[str]) -> None:
             print(f"<!-- {name}: held {count} times: {reason} -->")
 
 
-@final
-class FaultyRun(Run):
-    """A run performs gestures on a faulty skin."""
-
-    def __init__(
-        self, live: InteractiveSkin, model: Model, fault: str, seed: int
-    ) -> None:
-        """Wait until the skin is tared."""
-        target = build_target(live.mounted.skin, live.calibration, seed)
-        self.faulty = FaultySkin(fault, target)
-        scan = live.scan
-        live.scan = lambda stamp, q: self.faulty.corrupt(scan(stamp, q))  # type: ignore[method-assign]
-        q = draw_pose(live.env, POSE_GROUPS, np.random.default_rng((seed, 25)))
-        super().__init__(live, model, stand_still(q, live))
+def run_gestures(fault: str, gestures: int, first: int, seed: int, model: Model) -> Run:
+    """Perform gestures in turn on a standing arm in a faulty skin."""
+    rng = np.random.default_rng((seed, 26))
+    live = InteractiveSkin("ur5", seed)
+    faulty = FaultySkin(fault, build_target(live.mounted.skin, live.calibration, seed))
+    q = draw_pose(live.env, POSE_GROUPS, np.random.default_rng((seed, 25)))
+    run = Run(live, model, stand_still(q, live), faulty.corrupt)
+    for k in range(gestures):
+        run.live.hand.perform(GESTURES[(first + k) % len(GESTURES)])
+        run.finish()
+        run.wait(rng.uniform(*RECALL_PAUSE))
+    return run
 
 
 def measure_recall(fault: str, command: Command, model: Model) -> tuple[int, int, int]:
     """Return gestures recognised, performed, and detections of what nobody did."""
-    skins = 9
-    each = command.gestures // skins
-    streams = []
-    for number in range(skins):
-        seed = 5000 + 100 * command.first_seed + number
-        rng = np.random.default_rng((seed, 26))
-        run = FaultyRun(InteractiveSkin("ur5", seed), model, fault, seed)
-        for k in range(each):
-            run.live.hand.perform(GESTURES[(number + k) % len(GESTURES)])
-            run.finish()
-            run.wait(rng.uniform(*RECALL_PAUSE))
-        streams.append(run.take())
+    seeds = 5000 + 100 * command.first_seed + np.arange(RECALL_SKINS)
+    each = command.gestures // RECALL_SKINS
+    streams = [
+        run_gestures(fault, each, number, int(seed), model).take()
+        for number, seed in enumerate(seeds)
+    ]
     total = score_events(streams, model.card.vocabulary).total
     return total.matched, total.matched + total.missed, total.false
 

@@ -24,7 +24,6 @@ from eskin.drivers import (
     SourceInfo,
     Transport,
     UdpTransport,
-    read_key,
     replay_source,
 )
 from eskin.errors import ArmError, DeviceError, RecordingError
@@ -80,9 +79,9 @@ class SourceConfig:
     """Whether UDP packets from other computers are accepted: they do not tell their
     sender."""
 
-    key: Path | bytes | None = None
-    """Key of the patches, or its file: packets without a valid seal are refused. None
-    accepts packets that are not authenticated."""
+    key: bytes | None = None
+    """Key of the patches: packets without a valid seal are refused. None accepts
+    packets that are not authenticated."""
 
 
 def open_source(
@@ -171,7 +170,6 @@ def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sour
     mounted = mount_skin(config.skin, config.robot)
     calibration = load_calibration(config, mounted.skin)
     joints = config.joints or FixedJoints(fixed_positions(config, mounted))
-    key = read_key(config.key) if isinstance(config.key, Path) else config.key
     with ExitStack() as stack:
         transport = open_transport(uris, config, clock)
         stack.callback(transport.close)
@@ -183,7 +181,7 @@ def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sour
             clock,
             " ".join(uris),
             config.rate,
-            key=key,
+            key=config.key,
         )
         stack.pop_all()
     return source

@@ -12,7 +12,13 @@ from pathlib import Path
 from numba.core import event
 
 from eskin.app import SourceConfig, open_source
-from eskin.drivers import DeviceSource, ScanRateMeter, SerialPortInfo, list_serial_ports
+from eskin.drivers import (
+    DeviceSource,
+    ScanRateMeter,
+    SerialPortInfo,
+    list_serial_ports,
+    read_key,
+)
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Recognizer, warm_up
 from eskin.model import MODELS
@@ -104,7 +110,8 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
     """Check rate and age of the scans of the patches that were asked about."""
     if not command.source:
         return
-    config = SourceConfig(command.skin, command.robot_urdf, key=command.key)
+    key = None if command.key is None else read_key(command.key)
+    config = SourceConfig(command.skin, command.robot_urdf, key=key)
     with open_source(*command.source, config=config) as source:
         if not isinstance(source, DeviceSource):
             raise DeviceError(

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
-from eskin.touch import Adjacency, Fault, TouchRecord, TouchState
+from eskin.touch import Adjacency, TouchRecord, TouchState
 from eskin.units import NS_PER_S
 
 
@@ -57,19 +57,18 @@ class EvidenceMonitor:
 
     In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
     too. If all of the touch lies in one row or column, it covers a small part of it,
-    and the rest is not pressed. Taxels that are doubtful, of a faulty row, column or
-    patch, or of a patch that is active as a whole, do not count. A touch starts anew
-    when a taxel that it has covered becomes doubtful.
+    and the rest is not pressed. Taxels that are doubtful, as faulty ones are, or of a
+    patch that is active as a whole, do not count. A touch starts anew when a taxel that
+    it has covered becomes doubtful.
     """
 
     def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
         """Start without touches."""
-        self.skin = skin
         self.config = config
         self.adjacency = Adjacency.build(skin)
         self.patch_index = np.asarray(skin.patch_index)
         self.rows, self.columns = np.asarray(skin.rows), np.asarray(skin.columns)
-        self.patch_ids = tuple(patch.id for patch in skin.patches)
+        self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
         self.touches: dict[int, Evidence] = {}
 
@@ -159,22 +158,9 @@ class EvidenceMonitor:
     def find_sound(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
         """Find the taxels whose pressure can be believed."""
         reading, config = state.reading, self.config
-        sound = reading.valid & ~state.doubtful
-        for fault in state.faults:
-            if fault.taxel is None:
-                sound &= ~self.find_members(fault)
-        count = len(self.patch_ids)
+        count = self.patch_count
         active = reading.pressure >= config.weak
         sizes = np.bincount(self.patch_index[reading.valid], minlength=count)
         shares = np.bincount(self.patch_index[active], minlength=count)
         whole = (sizes >= config.min_patch) & (shares >= config.patch_share * sizes)
-        return sound & ~whole[self.patch_index]
-
-    def find_members(self, fault: Fault) -> Bool[np.ndarray, "taxel"]:
-        """Find the taxels of a faulty row, column or patch."""
-        members = self.patch_index == self.patch_ids.index(fault.patch)
-        if fault.row is not None:
-            members &= self.rows == fault.row
-        if fault.column is not None:
-            members &= self.columns == fault.column
-        return members
+        return reading.valid & ~state.doubtful & ~whole[self.patch_index]

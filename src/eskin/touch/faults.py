@@ -125,8 +125,8 @@ class FaultConfig:
     stuck_factor: float = 20.0
     """Smallest ratio of that time to the third quartile of its patch."""
     offset: float = 0.01
-    """Part of full scale from which rest differs from zero. A
-    taxel with such an offset must not read zero; one that rests about zero may."""
+    """Part of full scale from which rest differs from zero. A taxel with such an offset
+    must not read zero; one that rests about zero may."""
     offset_share: float = 0.7
     """Share of a patch with such an offset from which a taxel that was always at zero
     is dead."""
@@ -189,18 +189,12 @@ class SwingDetector:
         found: taxels of the patches that swing at present.
     """
 
-    def __init__(
-        self,
-        groups: TaxelGroups,
-        contact: Float[np.ndarray, "taxel"],
-        config: FaultConfig,
-    ) -> None:
-        """Start with patches at rest; `contact` are the counts where contact begins."""
+    def __init__(self, groups: TaxelGroups, config: FaultConfig) -> None:
+        """Start with patches at rest."""
         self.groups = groups
-        self.half = contact / 2.0
         self.config = config
         self.going = False
-        self.found = np.zeros(len(contact), bool)
+        self.found = np.zeros(len(groups.group_index), bool)
         self.sign = np.zeros(len(groups.sizes), np.int64)
         self.swings = np.zeros(len(groups.sizes))
         self.turned_at = np.full(len(groups.sizes), NEVER)
@@ -208,16 +202,14 @@ class SwingDetector:
 
     def update(
         self,
-        above: Float[np.ndarray, "taxel"],
-        received: Bool[np.ndarray, "taxel"],
+        high: Bool[np.ndarray, "taxel"],
+        low: Bool[np.ndarray, "taxel"],
         now: float,
     ) -> None:
-        """Update by the counts above rest of a scan at a time [s]."""
+        """Update by the taxels above rest and below it in a scan at a time [s]."""
         share, groups = self.config.swing_share, self.groups
-        low = received & (above < -self.half)
         self.swings *= np.exp(-(now - self.last) / self.config.step_seconds)
         self.last = now
-        high = received & (above > self.half)
         sign = np.where(groups.flagged_share(high) >= share, 1, 0)
         sign = np.where(groups.flagged_share(low) >= share, -1, sign)
         turned = (sign != 0) & (sign != self.sign)
@@ -264,7 +256,7 @@ class FaultDetector:
         self.adjacency = Adjacency.build(skin)
         self.grouper = FaultGrouper(skin)
         index = np.asarray(skin.patch_index)
-        self.swings = SwingDetector(self.grouper.patches, counts, self.config)
+        self.swings = SwingDetector(self.grouper.patches, self.config)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.history = build_count_history(skin.count)
         self.code = np.full(skin.count, -1)
@@ -308,7 +300,7 @@ class FaultDetector:
             self.mask,
         )
         self.turn = (self.turn + 1) % RECENT
-        low = update_noise(
+        low_count = update_noise(
             scan.counts,
             scan.received,
             rest,
@@ -320,10 +312,11 @@ class FaultDetector:
             self.adjacency.neighbours,
             self.history,
         )
-        if low or self.swings.going:
-            above = scan.counts - rest
-            self.swings.update(above, scan.received, now)
-            self.doubt_mixed_lines(above, scan.received, now)
+        if low_count or self.swings.going:
+            above, half = scan.counts - rest, self.limits.contact / 2.0
+            high, low = scan.received & (above > half), scan.received & (above < -half)
+            self.swings.update(high, low, now)
+            self.doubt_mixed_lines(high, low, now)
         if now - self.last_check >= self.config.check_seconds - 1e-6:
             self.check(scan, pressure, rest, now)
         return self.mask, self.faults
@@ -368,12 +361,13 @@ class FaultDetector:
         history = self.history
         zero = history.counts == 0
         still, lost = self.find_still(), self.find_lost_lines()
+        noise = self.measure_noise()
         evidence = {
             STUCK: (still & ~zero, history.last_changed),
             DEAD: ((still & zero) | lost, history.last_changed),
             NEGATIVE: (history.last_negative > self.last_check, history.last_negative),
             SATURATED: (self.find_saturated(), history.last_below_full),
-            NOISY: (self.find_noisy(1.0), history.last_straight),
+            NOISY: (noise >= 1.0, history.last_straight),
         }
         for code, (flags, begun) in evidence.items():
             found = flags & (history.last_received > NEVER)
@@ -385,13 +379,13 @@ class FaultDetector:
         negative = self.code == NEGATIVE
         recover = np.where(negative, self.config.negative_seconds, latch)
         self.code[now - self.last_found > recover] = -1
-        self.last_doubted[self.find_noisy(self.config.doubtful)] = now
+        self.last_doubted[noise >= self.config.doubtful] = now
         self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
 
     def doubt_mixed_lines(
         self,
-        above: Float[np.ndarray, "taxel"],
-        received: Bool[np.ndarray, "taxel"],
+        high: Bool[np.ndarray, "taxel"],
+        low: Bool[np.ndarray, "taxel"],
         now: float,
     ) -> None:
         """Doubt rows and columns that are partly above rest and partly below it.
@@ -399,8 +393,7 @@ class FaultDetector:
         So does a line that is not connected; a hand presses, and presses nothing below
         rest.
         """
-        half, share = self.limits.contact / 2.0, self.config.line_share
-        high, low = received & (above > half), received & (above < -half)
+        share = self.config.line_share
         for groups in (self.grouper.rows, self.grouper.columns):
             mixed = groups.sizes >= MIN_LINE
             for flags in (high, low):
@@ -489,20 +482,22 @@ class FaultDetector:
         long = history.last_received - begun >= limit
         return full & (long | (self.code == SATURATED))
 
-    def find_noisy(self, share: float) -> Bool[np.ndarray, "taxel"]:
-        """Find taxels that jump by a share of what makes them noisy, or more."""
+    def measure_noise(self) -> Float[np.ndarray, "taxel"]:
+        """Measure the noise of each taxel in units of what makes it noisy."""
         history, config = self.history, self.config
         level = config.noisy_level * history.level
-        limit = share * np.maximum(self.limits.deviation, level)
-        result = (history.steps >= share * config.lone_steps) | self.swings.found
-        for i in np.flatnonzero(history.deviation >= limit).tolist():
+        deviation = history.deviation / np.maximum(self.limits.deviation, level)
+        result = history.steps / config.lone_steps
+        for i in np.flatnonzero(deviation >= config.doubtful).tolist():
             near = self.adjacency.neighbours[slice(*self.adjacency.starts[i : i + 2])]
             patch = self.members[self.skin.patch_index[i]]
             usual = max(
                 float(np.median(history.deviation[others])) if len(others) else 0.0
                 for others in (near, patch)
             )
-            result[i] |= history.deviation[i] >= NOISIER * usual
+            if history.deviation[i] >= NOISIER * usual:
+                result[i] = max(result[i], deviation[i])
+        result[self.swings.found] = np.inf
         return result
 
 
