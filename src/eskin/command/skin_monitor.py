@@ -108,7 +108,9 @@ class SkinMonitor:
         if not state.open:
             return None
         for row in state.rows:
-            if row.closed or row.last < self.latest or row.id in self.recognised:
+            if row.closed or not row.confirmed or row.last < self.latest:
+                continue
+            if row.id in self.recognised:
                 continue
             seconds = (self.latest - row.onset) / NS_PER_S
             if row.force > self.config.max_force:

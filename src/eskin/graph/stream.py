@@ -93,12 +93,14 @@ class GraphStream:
             nodes = TouchNodes(self.find_active_taxels(state), self.earlier, NO_HISTORY)
             self.earlier = nodes.taxels
             return pack_touch_nodes({WHOLE_SKIN: nodes})
-        if not state.open:
+        if not state.tracking.open:
             return self.no_nodes
         packed, max_taxels = collect_touch_nodes(
             state.tracking.packed, state.reading.stamp
         )
-        return PackedTouchNodes([touch.id for touch in state.open], max_taxels, packed)
+        return PackedTouchNodes(
+            [touch.id for touch in state.tracking.open], max_taxels, packed
+        )
 
     def find_active_taxels(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """Return all taxels in contact or under shear, whatever their touch."""

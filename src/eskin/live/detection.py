@@ -86,10 +86,10 @@ class DirectionTracker:
 
     def update(self, state: TouchState) -> None:
         """Keep the state of the touches that are in contact at this reading."""
-        if not state.open:
+        if not state.tracking.open:
             return
         contact = state, self.poses.get(state.reading.q)
-        for touch in state.open:
+        for touch in state.tracking.open:
             if touch.last == state.reading.stamp:
                 self.contacts[touch.id] = contact
 

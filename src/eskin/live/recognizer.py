@@ -182,7 +182,7 @@ class Recognizer:
         if decisions:  # else the touches, which are costly to unpack, are not needed
             touches = (*state.touches, *state.closed_touches)
             detections = self.build_detections(decisions, touches)
-        self.directions.forget(state.closed)
+        self.directions.forget(state.tracking.closed)
         return detections
 
     def finish(self) -> list[Detection]:

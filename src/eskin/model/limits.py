@@ -55,6 +55,9 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "off": PRESSURE,
         "on_share": SHARE,
         "off_share": SHARE,
+        "part_on": SHARE,
+        "part_off": SHARE,
+        "near_share": SHARE,
         "fade_seconds": DURATION,
         "hold_seconds": PAUSE,
         "reach": (0.0, 4.0),  # pairs of taxels grow with its square
@@ -66,7 +69,17 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "coast_seconds": PAUSE,
         "gap_seconds": PAUSE,
     },
-    TouchConfig: {"near": DISTANCE, "pause_seconds": PAUSE, "beside": DISTANCE},
+    TouchConfig: {
+        "near": DISTANCE,
+        "pause_seconds": PAUSE,
+        "beside": DISTANCE,
+        "restart": (1.0, math.inf),
+        "settle_seconds": PAUSE,
+        "enough": FACTOR,
+        "most": FACTOR,
+        "moves": SHARE,
+        "doubt_seconds": PAUSE,
+    },
     GraphConfig: {
         "fixed": (0, 64),
         "live": (0, 64),

@@ -17,6 +17,8 @@ from eskin.touch.records import (
 )
 
 PA_PER_KPA = 1000.0
+HELD_FLOOR = 0.5
+"""Floor of the noise of an active taxel, in units of that of others."""
 Vector = Float[np.ndarray, "3"]
 Indices = Int[np.ndarray, "active"]
 Points = Float[np.ndarray, "point 3"]
@@ -152,25 +154,88 @@ def select_active(
         if not reading.valid[i]:
             continue
         taxel, pressure = state.taxels[i], reading.pressure[i]
-        recent = (
-            taxel.peak
-            * parameters.fade_seconds
-            / (parameters.fade_seconds + now - taxel.active_at)
-        )
+        recent = compute_recent_peak(taxel, now, parameters.fade_seconds)
         if taxel.held and taxel.active_at >= since:
-            enough = pressure >= max(parameters.off, parameters.off_share * recent)
+            least = max(parameters.off, HELD_FLOOR * reading.floor[i])
+            enough = pressure >= max(least, parameters.off_share * recent)
         else:
-            enough = pressure >= max(parameters.on, parameters.on_share * recent)
+            least = max(parameters.on, reading.floor[i])
+            enough = pressure >= max(least, parameters.on_share * recent)
         if enough:
             chosen[count] = i
             count += 1
-            if taxel.active_at != reading.previous:
-                taxel.onset = reading.stamp
-            taxel.peak = max(recent, pressure)
-            taxel.active_at = now
-    active = chosen[:count]
+    return chosen[:count]
+
+
+@compiled
+@no_type_check
+def compute_recent_peak(taxel: np.void, now: float, fade_seconds: float) -> float:
+    """Return the recent peak of a taxel and its neighbours, which fades [kPa]."""
+    return taxel.peak * fade_seconds / (fade_seconds + now - taxel.peak_at)
+
+
+@compiled
+@no_type_check
+def select_strong(
+    active: Indices,
+    labels: Indices,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    state: TrackerState,
+) -> Bool[np.ndarray, "active"]:
+    """Return which active taxels have enough of the pressure of their component.
+
+    The threshold is a share of the peak of the component, so that what a contact
+    covers does not depend on the gain of the sensor.
+    """
+    peaks = np.zeros(labels.max() + 1 if len(labels) else 0)
+    since = min(reading.previous, reading.now - parameters.hold_seconds)
+    for a in range(len(active)):
+        peaks[labels[a]] = max(peaks[labels[a]], reading.pressure[active[a]])
+    strong = np.empty(len(active), np.bool_)
+    for a in range(len(active)):
+        taxel = state.taxels[active[a]]
+        is_held = taxel.held and taxel.active_at >= since
+        share = parameters.part_off if is_held else parameters.part_on
+        strong[a] = reading.pressure[active[a]] >= share * peaks[labels[a]]
+    return strong
+
+
+@compiled
+@no_type_check
+def update_active(
+    active: Indices, reading: KernelReading, context: TrackerContext
+) -> None:
+    """Update the states of the active taxels and of their neighbours."""
+    parameters, state, now = context.parameters, context.state, reading.now
+    since = min(reading.previous, now - parameters.hold_seconds)
+    for i in active:
+        taxel, pressure = state.taxels[i], reading.pressure[i]
+        if taxel.active_at != reading.previous:
+            taxel.onset = reading.stamp
+            taxel.pressure = 0.0
+        change = abs(pressure - taxel.pressure)
+        taxel.changed = change >= parameters.moves * pressure
+        taxel.pressure = pressure
+        taxel.active_at = now
+        raise_peak(taxel, pressure, now, parameters.fade_seconds)
+        span = context.geometry[i].neighbours
+        for k in range(span[0], span[1]):
+            near = state.taxels[context.neighbours[k]]
+            raise_peak(
+                near, parameters.near_share * pressure, now, parameters.fade_seconds
+            )
     update_held(active, reading.valid, since, state)
-    return active
+
+
+@compiled
+@no_type_check
+def raise_peak(
+    taxel: np.void, pressure: float, now: float, fade_seconds: float
+) -> None:
+    """Set the recent peak of a taxel to a pressure [kPa] that exceeds it."""
+    if pressure >= compute_recent_peak(taxel, now, fade_seconds):
+        taxel.peak, taxel.peak_at = pressure, now
 
 
 @compiled
@@ -325,6 +390,11 @@ def find_contacts(
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
     n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     labels = label_components(active, p_world, context)
+    strong = select_strong(active, labels, reading, context.parameters, state)
+    if not strong.all():
+        active, p_world, n_world = active[strong], p_world[strong], n_world[strong]
+        labels = label_components(active, p_world, context)
+    update_active(active, reading, context)
     contacts = allocate_contacts(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
     largest = np.full(len(contacts), -1.0)

@@ -16,6 +16,11 @@ begins and ends change it by less than what is noisy."""
 DEVIATION_STEP = 0.016
 """Largest change from one scan to the next, in the same units: at low rates the median
 needs as many scans."""
+NOISE_PART, NOISE_LEAST = 0.25, 0.1
+"""Speed of the noise in units of that of the deviation, and the counts at which contact
+begins that limit it from below."""
+START_SECONDS = 1.5
+"""Time in which the noise is learned at first [s]."""
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
 MAX_STEPS = 3.0
@@ -63,6 +68,8 @@ class CountHistory(NamedTuple):
     was not received, or the scan lies too far back."""
     deviation: np.ndarray
     """Running median of the deviation of the counts from a straight course."""
+    noise: np.ndarray
+    """The same, followed more slowly, so that touches hardly change it."""
     level: np.ndarray
     """Mean counts above rest of the latest scans."""
     last_straight: np.ndarray
@@ -139,7 +146,7 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.last_unpressed[i] = -np.inf
     history.unanswered[i] = 0.0
     history.recent[:, i] = np.nan
-    history.deviation[i] = 0.0
+    history.deviation[i] = history.noise[i] = 0.0
     history.level[i] = 0.0
     history.last_straight[i] = now
     history.steps[i] = 0.0
@@ -196,7 +203,8 @@ def update_noise(
     second = history.recent[(turn - 2) % RECENT]
     third = history.recent[(turn - 3) % RECENT]
     deviation, level, steps = history.deviation, history.level, history.steps
-    last_straight = history.last_straight
+    last_straight, noise = history.last_straight, history.noise
+    first_received = history.first_received
     contacts, noisy = limits.contact, limits.deviation
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
@@ -220,6 +228,13 @@ def update_noise(
         elif bend < usual:
             usual = max(usual - change, bend)
         deviation[i] = usual
+        slow = NOISE_PART * speed * max(NOISE_LEAST * contact, noise[i])
+        if now - first_received[i] < START_SECONDS:
+            noise[i] = usual
+        elif bend > noise[i]:
+            noise[i] = min(noise[i] + slow, bend)
+        else:
+            noise[i] = max(noise[i] - slow, bend)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
         if usual < noisy[i]:
             last_straight[i] = now

@@ -38,6 +38,12 @@ noise of one or two."""
 NOISIER = 2.0
 """Ratio of a taxel's deviation to the median of its neighbours, and to that of its
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
+SIGMA_DEVIATION = 1.65
+"""Median deviation of white noise from a straight course, in units of its standard
+deviation: that of the second difference is the square root of 6, and its median is
+0.674 of that."""
+FLOOR_SIGMAS = 6.0
+"""Pressure that may be noise, in units of the standard deviation."""
 SAME_SECONDS = 0.5
 """Time without a change of the counts in which a still taxel remains a fault [s]."""
 NEVER = -1e9
@@ -264,6 +270,8 @@ class FaultDetector:
         self.last_found = np.full(skin.count, NEVER)
         self.last_doubted = np.full(skin.count, NEVER)
         self.doubtful = np.zeros(skin.count, bool)
+        self.floor = np.zeros(skin.count)
+        self.calibration = calibration
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
         self.first: int | None = None
@@ -344,6 +352,9 @@ class FaultDetector:
         )
         self.doubt_even_lines(scan.counts - rest, scan.received, now)
         self.update_codes(now)
+        self.floor = self.calibration.compute_pressure(
+            FLOOR_SIGMAS * self.history.noise / SIGMA_DEVIATION
+        )
         self.last_check = now
         self.mask = self.code >= 0
         received = np.maximum(self.history.last_received, 0.0)
@@ -554,6 +565,6 @@ def build_count_history(count: int) -> CountHistory:
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
-    for name in ("deviation", "level", "steps"):
+    for name in ("deviation", "noise", "level", "steps"):
         history[name] = np.zeros(count)
     return CountHistory(**history)

@@ -105,14 +105,21 @@ class TouchTracker:
         least = np.float32(min(contacts.on, contacts.off))
         self.least = np.nextafter(least, np.float32(-np.inf))
         self.candidates = np.empty(skin.count, np.int64)
+        self.no_floor = np.zeros(skin.count)
         self.state = build_tracker_state(skin.count)
         parameters = build_parameters(
             TrackingParameters,
             contacts,
             tracks,
+            restart=touches.restart,
+            enough=touches.enough,
+            most=touches.most,
+            moves=touches.moves,
+            doubt_ns=round(touches.doubt_seconds * NS_PER_S),
             near=touches.near + MICROMETRE,
             pause_ns=round(touches.pause_seconds * NS_PER_S),
             beside=touches.beside + MICROMETRE,
+            settle_ns=round(touches.settle_seconds * NS_PER_S),
             calibrated=skin.calibrated,
         )
         geometry = build_taxel_geometry(mounted, adjacency)
@@ -124,8 +131,14 @@ class TouchTracker:
         self.first: int | None = None
         self.last: int | None = None
 
-    def push(self, reading: Reading) -> TrackingResult:
+    def push(
+        self, reading: Reading, floor: Float[np.ndarray, "taxel"] | None = None
+    ) -> TrackingResult:
         """Process the next reading.
+
+        Args:
+            reading: the reading.
+            floor: pressure of each taxel up to which it may be noise [kPa]; 0 for None.
 
         Raises:
             ReadingError: It is of another skin or robot, or not later than the last
@@ -137,12 +150,15 @@ class TouchTracker:
         found = find_candidates(reading.pressure, self.least, self.candidates)
         touched = self.result is not self.no_touches
         if found or touched or self.state.counts[HELD]:
-            self.result = self.track(reading, self.candidates[:found])
+            floor = self.no_floor if floor is None else floor
+            self.result = self.track(reading, self.candidates[:found], floor)
         self.first = reading.stamp if self.first is None else self.first
         self.last = reading.stamp
         return self.result
 
-    def track(self, reading: Reading, candidates: np.ndarray) -> TrackingResult:
+    def track(
+        self, reading: Reading, candidates: np.ndarray, floor: np.ndarray
+    ) -> TrackingResult:
         """Return the touches of the next reading from the taxels that may be active."""
         stamp = reading.stamp
         first = stamp if self.first is None else self.first
@@ -153,6 +169,7 @@ class TouchTracker:
             now=(stamp - first) / NS_PER_S,
             previous=(last - first) / NS_PER_S,
             pressure=reading.pressure,
+            floor=floor,
             valid=reading.valid,
             T_world_link=self.poses.get(reading.q),
         )
@@ -262,7 +279,7 @@ class TouchPipeline:
         Raises:
             ReadingError: As for `push`.
         """
-        result = self.tracker.push(reading)
+        result = self.tracker.push(reading, self.faults.floor)
         self.reading = reading
         return self.build_state(reading, faults, result)
 

@@ -63,6 +63,10 @@ TOUCH = np.dtype(
         ("force", "f8"),
         ("contacts", "i8"),
         ("farthest", "f8"),
+        ("settled", "f8"),
+        ("settled_at", "i8"),
+        ("evidence", "f8"),
+        ("confirmed", "i8"),
         ("loads", *SPAN),
         ("before", *SPAN),
         ("tracks", *SPAN),
@@ -105,6 +109,7 @@ class TouchStatus(NamedTuple):
     last: int
     merged_into: int
     closed: int
+    confirmed: int
 
 
 class TrackingResult(NamedTuple):
@@ -147,8 +152,11 @@ TAXEL_STATE = np.dtype(
     [
         ("active_at", "f8"),
         ("peak", "f8"),
+        ("peak_at", "f8"),
         ("onset", "i8"),
         ("held", "i8"),
+        ("pressure", "f8"),
+        ("changed", "i8"),
         ("slot", "i8"),
     ]
 )
@@ -183,6 +191,9 @@ class TrackingParameters(NamedTuple):
     off: float
     on_share: float
     off_share: float
+    part_on: float
+    part_off: float
+    near_share: float
     fade_seconds: float
     hold_seconds: float
     gate: float
@@ -192,6 +203,12 @@ class TrackingParameters(NamedTuple):
     near: float
     pause_ns: int
     beside: float
+    restart: float
+    settle_ns: int
+    enough: float
+    most: float
+    moves: float
+    doubt_ns: int
     calibrated: bool
 
 
@@ -221,6 +238,8 @@ class KernelReading(NamedTuple):
     """Time of the previous reading, or of this one if it is the first [s]."""
     pressure: np.ndarray
     """(taxel) pressure [kPa]."""
+    floor: np.ndarray
+    """(taxel) pressure up to which it is noise [kPa]."""
     valid: np.ndarray
     """(taxel) whether the pressure is valid."""
     T_world_link: np.ndarray
@@ -244,6 +263,6 @@ def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarr
 def build_tracker_state(count: int) -> TrackerState:
     """Build the state of a skin that was never touched."""
     taxels = np.zeros(count, TAXEL_STATE)
-    taxels["active_at"] = -np.inf
+    taxels["active_at"] = taxels["peak_at"] = -np.inf
     taxels["slot"] = -1
     return TrackerState(taxels, np.empty(count, np.int64), np.array([0, 1, 1]))

@@ -75,13 +75,17 @@ class TouchUpdate(NamedTuple):
 @compiled
 @no_type_check
 def begin_update(
-    tracks: np.ndarray, ongoing: int, before: TouchRecords, stamp: int, pause: int
+    tracks: np.ndarray,
+    ongoing: int,
+    before: TouchRecords,
+    stamp: int,
+    parameters: TrackingParameters,
 ) -> TouchUpdate:
     """Begin with the touches that were open, and close those after the pause."""
     count = 0
     while count < len(before.touches) and not before.touches[count].closed:
         count += 1
-    most = count + ongoing
+    most = count + 2 * ongoing
     update = TouchUpdate(
         np.empty(most, TOUCH),
         np.full(most, NO_INDEX),
@@ -93,6 +97,8 @@ def begin_update(
     )
     update.touches[:count] = before.touches[:count]
     for touch in range(count):
+        confirmed = update.touches[touch].confirmed
+        pause = parameters.pause_ns if confirmed else parameters.doubt_ns
         if stamp - update.touches[touch].last > pause:
             close_touch(touch, 0, update)
             continue
@@ -129,6 +135,8 @@ def start_touch(
     touch.closed = touch.merged_into = 0
     touch.impulse = touch.peak_force = touch.peak = 0.0
     touch.force = touch.farthest = 0.0
+    touch.settled, touch.settled_at = 0.0, track.onset
+    touch.evidence, touch.confirmed = 0.0, 0
     for r in range(3):
         touch.start[r] = touch.latest[r] = contact.p_link[r]
     return place
@@ -136,16 +144,26 @@ def start_touch(
 
 @compiled
 @no_type_check
-def merge_touches(older: int, younger: int, update: TouchUpdate) -> None:
-    """Merge a touch into an older one."""
+def merge_touches(older: int, younger: int, restart: float, update: TouchUpdate) -> int:
+    """Merge two touches into the older one, or into the one that is far stronger.
+
+    Returns:
+        The touch that remains.
+    """
+    forces = update.touches[older].peak_force, update.touches[younger].peak_force
+    if forces[1] > restart * forces[0]:
+        older, younger = younger, older
     touch, gone = update.touches[older], update.touches[younger]
     touch.last = max(touch.last, gone.last)
     touch.impulse += gone.impulse
     touch.force += gone.force
     touch.peak_force = max(touch.peak_force, gone.peak_force)
     touch.peak = max(touch.peak, gone.peak)
+    touch.evidence += gone.evidence
+    touch.confirmed = max(touch.confirmed, gone.confirmed)
     update.survivors[younger] = older
     close_touch(younger, touch.id, update)
+    return older
 
 
 @compiled
@@ -189,7 +207,7 @@ def group_tracks(
     touch. `points` are the positions of the loads in the world [m].
     """
     parameters = context.parameters
-    update = begin_update(tracks, ongoing, before, reading.stamp, parameters.pause_ns)
+    update = begin_update(tracks, ongoing, before, reading.stamp, parameters)
     boxes = np.empty((ongoing, 2, 3))
     for track in range(ongoing):
         span = buffer.contacts[tracks[track].contact].loads
@@ -200,8 +218,9 @@ def group_tracks(
         if update.owners[track] == NO_INDEX:
             assign_touch(track, tracks, regions, reading, context, buffer, update)
     current = tracks[:ongoing]
-    merge_near(current, regions, reading.stamp, buffer, update)
-    update_open_touches(current, before, reading, parameters, buffer, update)
+    merge_near(current, regions, reading.stamp, parameters.restart, buffer, update)
+    restart_touches(current, reading, context, buffer, update)
+    update_open_touches(current, before, reading, context, buffer, update)
     return update
 
 
@@ -228,7 +247,8 @@ def assign_touch(
     first = NO_INDEX
     for touch in range(len(fitting)):
         if fitting[touch] and first != NO_INDEX:
-            merge_touches(first, touch, update)
+            restart = context.parameters.restart
+            first = merge_touches(first, touch, restart, update)
         elif fitting[touch]:
             first = touch
     if first == NO_INDEX:
@@ -290,6 +310,7 @@ def merge_near(
     tracks: np.ndarray,
     regions: ContactRegions,
     stamp: int,
+    restart: float,
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
@@ -303,7 +324,72 @@ def merge_near(
             if a == b or min(tracks[one].last, tracks[other].last) < stamp:
                 continue
             if are_near(one, other, tracks, regions, buffer):
-                merge_touches(min(a, b), max(a, b), update)
+                merge_touches(min(a, b), max(a, b), restart, update)
+
+
+@compiled
+@no_type_check
+def restart_touches(
+    tracks: np.ndarray,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
+) -> None:
+    """Start a new touch where the force grows far beyond that of the touch so far.
+
+    What came before was noise, a hand that hovers or a light touch; it gives the
+    stronger one neither its age nor its place.
+    """
+    parameters = context.parameters
+    for n in range(update.counts[PREVIOUS]):
+        touch = update.touches[n]
+        if touch.closed or touch.settled == 0.0:
+            continue
+        force, largest, strongest = 0.0, 0.0, NO_INDEX
+        for track in range(len(tracks)):
+            is_current = tracks[track].last == reading.stamp
+            if is_current and find_survivor(update.owners[track], update) == n:
+                contact = buffer.contacts[tracks[track].contact]
+                force += contact.force
+                if contact.force > largest:
+                    largest, strongest = contact.force, track
+        if strongest == NO_INDEX or force < parameters.restart * touch.settled:
+            continue
+        new = start_touch(tracks[strongest], context.state, buffer, update)
+        update.touches[new].onset = reading.stamp
+        for track in range(len(tracks)):
+            is_current = tracks[track].last == reading.stamp
+            if is_current and find_survivor(update.owners[track], update) == n:
+                update.owners[track] = update.joined[track] = new
+        close_touch(n, 0, update)
+
+
+@compiled
+@no_type_check
+def weigh_contact(
+    contact: np.void,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+) -> float:
+    """Return the evidence of a contact in one reading that it is no noise.
+
+    Each taxel adds the logarithm of its pressure over the least that is active, within
+    limits. A single taxel adds it only while its pressure changes, since the
+    offset of a taxel may jump, and then stays.
+    """
+    parameters, evidence = context.parameters, 0.0
+    span = contact.loads
+    alone = span[1] - span[0] == 1
+    for k in range(span[0], span[1]):
+        load = buffer.loads[k]
+        if alone and not context.state.taxels[load.taxel].changed:
+            return 0.0
+        least = max(parameters.on, reading.floor[load.taxel])
+        strength = 1.0 + np.log(max(load.pressure / least, 1.0))
+        evidence += min(strength, parameters.most)
+    return evidence
 
 
 @compiled
@@ -312,11 +398,12 @@ def update_open_touches(
     tracks: np.ndarray,
     before: TouchRecords,
     reading: KernelReading,
-    parameters: TrackingParameters,
+    context: TrackerContext,
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
     """Update every open touch with the contacts of ongoing tracks."""
+    parameters = context.parameters
     count = update.counts[ALL]
     force, centre = np.zeros(count), np.zeros((count, 3))
     # The force in a longer gap between readings is unknown.
@@ -332,6 +419,7 @@ def update_open_touches(
             for r in range(3):
                 centre[n, r] += contact.force * contact.p_world[r]
             touch.peak = max(touch.peak, contact.peak)
+            touch.evidence += weigh_contact(contact, reading, context, buffer)
             best = strongest[n]
             if best == NO_INDEX or contact.force > buffer.contacts[best].force:
                 strongest[n] = tracks[track].contact
@@ -339,6 +427,8 @@ def update_open_touches(
         touch = update.touches[n]
         if touch.closed:
             continue
+        if touch.evidence >= parameters.enough:
+            touch.confirmed = 1
         touch.impulse += 0.5 * (force[n] + touch.force) * seconds
         touch.force = force[n]
         if strongest[n] != NO_INDEX:
@@ -348,6 +438,8 @@ def update_open_touches(
             centre[n] /= force[n]
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
         touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
+        if reading.stamp - touch.settled_at >= parameters.settle_ns:
+            touch.settled, touch.settled_at = touch.peak_force, reading.stamp
         if n < update.counts[PREVIOUS]:
             last = before.touches[n].last
             lifted = last < reading.stamp - reading.elapsed
@@ -524,6 +616,7 @@ def build_statuses(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
         touch, status = touches[n], statuses[n]
         status[0], status[1], status[2] = touch.id, touch.onset, touch.last
         status[3], status[4] = touch.merged_into, touch.closed
+        status[5] = touch.confirmed
     return statuses
 
 

@@ -58,6 +58,13 @@ class ContactConfig:
     """Fraction of its recent peak that a released taxel must reach to become active."""
     off_share: float = 0.1
     """Fraction of its recent peak that an active taxel must reach to stay active."""
+    part_on: float = 0.0
+    """Fraction of the recent peak of its contact that a taxel must have to become part
+    of it."""
+    part_off: float = 0.0
+    """Fraction that it must have to stay part of it."""
+    near_share: float = 0.0
+    """part"""
     fade_seconds: float = 5.0
     """Time after which the recent peak counts half [s]."""
     hold_seconds: float = 0.1
@@ -156,6 +163,21 @@ class TouchConfig:
     [s]."""
     beside: float = 0.1
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
+    restart: float = 1e9
+    """Force, in units of the greatest force of the touch so far, at which another touch
+    begins."""
+    settle_seconds: float = 0.1
+    """Time after which a force counts for that [s]."""
+    enough: float = 6.0
+    """Evidence from which a touch is confirmed: the sum over readings and taxels of 1
+    plus the natural logarithm of the pressure in units of the least that is active."""
+    most: float = 4.0
+    """Largest evidence of one taxel in one reading."""
+    moves: float = 0.08
+    """Smallest change of a single pressed taxel that is evidence, in units of its
+    pressure."""
+    doubt_seconds: float = 0.1
+    """Time without contact after which a touch that is not confirmed closes [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,15 +199,15 @@ class TouchState:
     """Whether contacts were found in the robot's pose. Else they were found with every
     joint at 0; the objects built here, but not the records, are moved to its pose."""
 
-    @property
+    @cached_property
     def open(self) -> tuple[TouchStatus, ...]:
-        """Status of the open touches."""
-        return self.tracking.open
+        """Status of the open touches that are confirmed."""
+        return tuple(touch for touch in self.tracking.open if touch.confirmed)
 
-    @property
+    @cached_property
     def closed(self) -> tuple[TouchStatus, ...]:
-        """Status of the touches that closed with this reading."""
-        return self.tracking.closed
+        """Status of the confirmed touches that closed with this reading."""
+        return tuple(touch for touch in self.tracking.closed if touch.confirmed)
 
     @cached_property
     def records(self) -> TouchRecords:
@@ -222,13 +244,19 @@ class TouchState:
 
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
-        """Open touches."""
-        return tuple(self.build_touch(row) for row in self.rows if not row.closed)
+        """Open touches that are confirmed."""
+        return tuple(
+            self.build_touch(row)
+            for row in self.rows
+            if row.confirmed and not row.closed
+        )
 
     @cached_property
     def closed_touches(self) -> tuple[Touch, ...]:
-        """Touches that closed with this reading."""
-        return tuple(self.build_touch(row) for row in self.rows if row.closed)
+        """Confirmed touches that closed with this reading."""
+        return tuple(
+            self.build_touch(row) for row in self.rows if row.confirmed and row.closed
+        )
 
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:
