@@ -76,6 +76,8 @@ class InteractiveSkin:
         period: time between two scans [s].
         hand: hand that touches the skin.
         wrenches: wrenches of touches on links, means over the latest scan.
+        taxel_force: sum of the normal forces on all taxels, mean over the latest scan
+            [N].
     """
 
     def __init__(
@@ -132,6 +134,7 @@ class InteractiveSkin:
         self.feels = self.sensor.readout.feels.copy()
         self.rng = build_role_rng("kill", seed)
         self.wrenches: tuple[Wrench, ...] = ()
+        self.taxel_force = 0.0
 
     def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
         """Simulate the next scan.
@@ -167,7 +170,9 @@ class InteractiveSkin:
         pressure, taxels = compute_scene_pressure(
             touch_presses, scene.steps, self.build.film_sigma, skin
         )
-        self.wrenches = compute_wrenches(pressure.mean(axis=0), taxels, skin)
+        mean = pressure.mean(axis=0)
+        self.wrenches = compute_wrenches(mean, taxels, skin)
+        self.taxel_force = float(PA_PER_KPA * mean @ skin.areas[taxels])
         self.sensor.push(pressure, taxels)
         truths: tuple[TrueTouchSeries, ...] = ()
         if numbers:
