@@ -1,6 +1,6 @@
 """Watch a recogniser: count what it says at rest, and follow its touches."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import final
 
 from benchmarks.flaws.scoring import Sample, Trail
