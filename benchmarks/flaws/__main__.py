@@ -1,7 +1,7 @@
 """Run one of the parts: `python -m benchmarks.flaws PART ...`.
 
     python -m benchmarks.flaws touches --builds 20 --minutes 3 --keep FILE
-    python -m benchmarks.flaws touches --builds 2 --minutes 1 --rows fresh shifted
+    python -m benchmarks.flaws touches --builds 2 --minutes 1 --rows none "all typical"
 
 `touches` has untouched skins and touches for each flaw. `--help` after a part lists its
 options.

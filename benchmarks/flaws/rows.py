@@ -1,28 +1,65 @@
-"""Rows of the table: what is wrong with the sensor, build by build."""
+"""Rows of the tables: what is wrong with the sensor, build by build."""
 
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Mapping
+from typing import get_args
 
-from benchmarks.attacks.skin_faults import FaultySkin, build_target
-from eskin.sim.interactive import InteractiveSkin
-from eskin.touch import Scan
+import numpy as np
 
-BuildKind = Literal["fresh", "shifted"]
+from eskin.sim.constants import Constants
+from eskin.sim.sensor import (
+    FLAWS,
+    BuildKind,
+    Family,
+    FlawLevel,
+    SensorBuild,
+    draw_build,
+    draw_flawed_build,
+)
+from eskin.skin import Skin
 
-KINDS: tuple[BuildKind, ...] = ("fresh", "shifted")
-FAULTS = ("0.2 % noisy, sigma 9", "1 % noisy, sigma 9", "telegraph, 0.2 %")
-ROWS = (*KINDS, *FAULTS)
-"""Names of the rows; the first is that without flaw, which others are compared to."""
+INTACT, ALL = "none", "all typical"
+LEVELS: tuple[FlawLevel, ...] = get_args(FlawLevel)
+FLAWED: dict[str, Mapping[str, FlawLevel]] = {
+    INTACT: {},
+    ALL: dict.fromkeys(FLAWS, "typical"),
+    **{f"{flaw} {level}": {flaw: level} for flaw in FLAWS for level in LEVELS},
+}
+"""Flaws of the builds of a row; their families take turns."""
+KINDS: tuple[BuildKind, ...] = ("fresh", "shifted", *get_args(Family))
+"""Rows whose builds have all flaws, drawn from the laws of a kind."""
+ROWS = (*FLAWED, *KINDS)
+"""Names of all rows."""
+REFERENCES = {
+    **dict.fromkeys(FLAWED, INTACT),
+    **dict.fromkeys(KINDS, INTACT),
+    "fresh": "fresh",
+    "shifted": "fresh",
+}
+"""Row that each row is compared to."""
 
 
-def build_row_skin(
-    row: str, seed: int
-) -> tuple[InteractiveSkin, Callable[[Scan], Scan]]:
-    """Build the skin of a row, and what corrupts its scans."""
-    if row == "shifted":
-        return InteractiveSkin("ur5", seed, "shifted"), lambda scan: scan
-    live = InteractiveSkin("ur5", seed)
-    if row == "fresh":
-        return live, lambda scan: scan
-    target = build_target(live.mounted.skin, live.calibration, seed)
-    return live, FaultySkin(row, target).corrupt
+def find_family(number: int) -> Family:
+    """Return the family of a build of a row whose families take turns."""
+    families: tuple[Family, ...] = get_args(Family)
+    return families[number % len(families)]
+
+
+def draw_row_build(
+    row: str, number: int, skin: Skin, constants: Constants, seed: int
+) -> SensorBuild:
+    """Draw a build of a row.
+
+    Args:
+        row: one of `ROWS`.
+        number: number of the build, by which families take turns.
+        skin: skin of the taxels.
+        constants: constants of the simulation.
+        seed: seed of the build.
+    """
+    rng = np.random.default_rng((seed, 25))
+    name = f"flaws-b{number}"
+    if row in FLAWED:
+        family = find_family(number)
+        return draw_flawed_build(name, family, FLAWED[row], skin, constants, rng)
+    kind = next(kind for kind in KINDS if kind == row)
+    return draw_build(name, kind, skin, constants, rng)

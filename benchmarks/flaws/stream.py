@@ -1,24 +1,29 @@
 """Run one build: minutes in which nobody touches it, then touches of a person."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.flaws.rows import build_row_skin
+from benchmarks.flaws.rows import draw_row_build
 from benchmarks.flaws.scoring import TouchScore, TrueContact, score_touch
 from benchmarks.flaws.watch import RestCount, Watcher
 from eskin.live import Recognizer
 from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord
+from eskin.sim.interactive import InteractiveSkin
+from eskin.sim.scene.environment import load_environment
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.units import NS_PER_S
 
+SKIN = "ur5"
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 SETTLING = 5.0
 """Time after the start that is counted apart, in which rest is learned [s]."""
 PAUSE = (1.5, 3.0)
 """Range of the time between two touches [s]."""
+MOST_JITTER = 0.4
+"""Largest error of a stamp, by the period of the scans."""
 FIRST_SEED = 70_000
 """Seed of the first build; no other test draws from it."""
 
@@ -59,6 +64,16 @@ def get_model(name: str) -> Model:
     return load_model(name)
 
 
+def build_live_skin(row: str, number: int, seed: int) -> InteractiveSkin:
+    """Build the skin of a row; it is read as often as the sets are."""
+    env = load_environment(SKIN)
+    build = draw_row_build(row, number, env.mounted.skin, env.constants, seed)
+    period = env.constants.value("sensor.period")
+    electronics = replace(build.electronics, period=period)
+    build = replace(build, electronics=electronics)
+    return InteractiveSkin(SKIN, seed, build=build)
+
+
 class BuildRun:
     """A run pushes the scans of one build to a recogniser that watches it."""
 
@@ -66,7 +81,10 @@ class BuildRun:
         """Draw build, person and pose."""
         seed = FIRST_SEED + plan.number
         self.rng = np.random.default_rng(seed)
-        self.live, self.corrupt = build_row_skin(plan.row, seed)
+        self.live = build_live_skin(plan.row, plan.number, seed)
+        flaws = self.live.build.flaws
+        self.stamp_jitter = flaws.stamp_jitter if flaws else 0.0
+        self.jitter_rng = np.random.default_rng((seed, 26))
         self.q = draw_pose(self.live.env, POSE_GROUPS, self.rng)
         model = get_model(plan.model)
         recognizer = Recognizer(model, self.live.mounted, self.live.calibration)
@@ -79,8 +97,11 @@ class BuildRun:
     def scan(self) -> None:
         """Simulate and recognise the next scan."""
         self.scans += 1
-        stamp = round(self.scans * self.live.period * NS_PER_S)
-        scan = self.corrupt(self.live.scan(stamp, self.q))
+        most = MOST_JITTER * self.live.period
+        late = self.stamp_jitter * self.jitter_rng.standard_normal()
+        seconds = self.scans * self.live.period + float(np.clip(late, -most, most))
+        stamp = round(seconds * NS_PER_S)
+        scan = self.live.scan(stamp, self.q)
         self.stamps.append(stamp)
         self.forces.append(self.live.taxel_force)
         self.truths += self.live.hand.truths()

@@ -21,7 +21,7 @@ from eskin.sim.scene.scene import (
     compute_true_series,
     count_steps_per_reading,
 )
-from eskin.sim.sensor.sensor import Sensor
+from eskin.sim.sensor import Sensor, SensorBuild
 from eskin.skin import SKIN_PRESETS, Skin
 from eskin.touch import Scan
 
@@ -87,6 +87,7 @@ class InteractiveSkin:
         build_kind: Literal["fresh", "shifted"] = "fresh",
         person: Person | None = None,
         loses: bool = True,
+        build: SensorBuild | None = None,
     ) -> None:
         """Build a skin that is in no set that recognisers are trained or tested on.
 
@@ -96,6 +97,7 @@ class InteractiveSkin:
             build_kind: distribution that the sensor is drawn from.
             person: person who touches it; None draws one that is in no such set.
             loses: whether scans of patches are lost at random, as on a real skin.
+            build: sensor build; None draws one of `build_kind`.
 
         Raises:
             ValueError: there is no such skin, or the seed is negative.
@@ -111,7 +113,7 @@ class InteractiveSkin:
         self.env = load_environment(name)
         self.mounted, constants = self.env.mounted, self.env.constants
         origin = f"build {DEMO_ROLE} {build_kind}"
-        self.build = get_build(
+        self.build = build or get_build(
             BuildOrigin(
                 f"{DEMO_ROLE}-b{seed}", build_seed(origin, 0, 0, seed), build_kind
             ),
