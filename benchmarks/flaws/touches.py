@@ -137,7 +137,7 @@ def describe_touches(results: Sequence[BuildResult]) -> list[str]:
     """Return the cells of a row about when touches were found."""
     scores = list_scores(results)
     strong = [score for score in scores if score.peak >= STRONG_FORCE]
-    pats = [score for score in strong if score.gesture == "double_pat"]
+    pats = [s for s in strong if s.gesture == "double_pat" and s.presses > 1]
     return [
         format_share(score.is_onset_found for score in strong),
         format_share(score.is_end_found for score in strong),
