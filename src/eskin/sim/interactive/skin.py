@@ -21,7 +21,7 @@ from eskin.sim.scene.scene import (
     compute_true_series,
     count_steps_per_reading,
 )
-from eskin.sim.sensor.sensor import Sensor
+from eskin.sim.sensor import Sensor, SensorBuild
 from eskin.skin import SKIN_PRESETS, Skin
 from eskin.touch import Scan
 
@@ -76,6 +76,8 @@ class InteractiveSkin:
         period: time between two scans [s].
         hand: hand that touches the skin.
         wrenches: wrenches of touches on links, means over the latest scan.
+        taxel_force: sum of the normal forces on all taxels, mean over the latest scan
+            [N].
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class InteractiveSkin:
         build_kind: Literal["fresh", "shifted"] = "fresh",
         person: Person | None = None,
         loses: bool = True,
+        build: SensorBuild | None = None,
     ) -> None:
         """Build a skin that is in no set that recognisers are trained or tested on.
 
@@ -94,6 +97,7 @@ class InteractiveSkin:
             build_kind: distribution that the sensor is drawn from.
             person: person who touches it; None draws one that is in no such set.
             loses: whether scans of patches are lost at random, as on a real skin.
+            build: sensor build; None draws one of `build_kind`.
 
         Raises:
             ValueError: there is no such skin, or the seed is negative.
@@ -109,7 +113,7 @@ class InteractiveSkin:
         self.env = load_environment(name)
         self.mounted, constants = self.env.mounted, self.env.constants
         origin = f"build {DEMO_ROLE} {build_kind}"
-        self.build = get_build(
+        self.build = build or get_build(
             BuildOrigin(
                 f"{DEMO_ROLE}-b{seed}", build_seed(origin, 0, 0, seed), build_kind
             ),
@@ -132,6 +136,7 @@ class InteractiveSkin:
         self.feels = self.sensor.readout.feels.copy()
         self.rng = build_role_rng("kill", seed)
         self.wrenches: tuple[Wrench, ...] = ()
+        self.taxel_force = 0.0
 
     def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
         """Simulate the next scan.
@@ -167,7 +172,9 @@ class InteractiveSkin:
         pressure, taxels = compute_scene_pressure(
             touch_presses, scene.steps, self.build.film_sigma, skin
         )
-        self.wrenches = compute_wrenches(pressure.mean(axis=0), taxels, skin)
+        mean = pressure.mean(axis=0)
+        self.wrenches = compute_wrenches(mean, taxels, skin)
+        self.taxel_force = float(PA_PER_KPA * mean @ skin.areas[taxels])
         self.sensor.push(pressure, taxels)
         truths: tuple[TrueTouchSeries, ...] = ()
         if numbers:

@@ -1,0 +1,1 @@
+"""Measure what flaws of sensors do to touches, at rest and while touched."""
