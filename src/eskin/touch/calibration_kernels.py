@@ -39,6 +39,10 @@ class BaselineParameters(NamedTuple):
     after_fraction: float
     fade_seconds: float
     steady_seconds: float
+    residual: float
+    alone_seconds: float
+    dip_seconds: float
+    dip_share: float
     still: float
     kept: float
     settle_seconds: float
@@ -51,8 +55,11 @@ class BaselineState(NamedTuple):
 
     baseline: np.ndarray
     """Counts at rest."""
+    above: np.ndarray
+    """Counts above the baseline at the last scan."""
     peak: np.ndarray
-    """Recent peak of the counts above the baseline, which decays."""
+    """Recent peak of the counts of it and its neighbours above the baseline, which
+    decays."""
     low: np.ndarray
     """Counts of the last scan where they were below the baseline, else infinite."""
     last_received: np.ndarray
@@ -73,6 +80,8 @@ class BaselineState(NamedTuple):
     """(taxel, sample) samples of the tare, ascending."""
 
 
+PRESSED_SHARE = 0.5
+"""Smallest part of its recent peak at which a neighbour is still pressed."""
 MIN_TARE_SAMPLES = 4
 """Number of samples from which one above the margin no longer raises the tare."""
 MAX_SCALE_SHARE = 0.999
@@ -107,6 +116,7 @@ def calibrate(
     margin: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
+    held: Int[np.ndarray, "held"],
     state: BaselineState,
     parameters: BaselineParameters,
     out: Float[np.ndarray, "taxel"],
@@ -114,12 +124,13 @@ def calibrate(
     """Update the baselines with one scan and write the pressures [kPa] to `out`.
 
     `starts` and `neighbours` are those of `Adjacency`; taxels with `use` False are not
-    received or faulty; `margin` is in counts.
+    received or faulty; `margin` is in counts; `held` are those that were in contact at
+    the last reading.
     """
     # Local references to the arrays make the compiled loops faster.
     baseline, peak = state.baseline, state.peak
     last_received, sample_count = state.last_received, state.sample_count
-    touched_since, last_touched = state.touched_since, state.last_touched
+    touched_since = state.touched_since
     after, silence = parameters.after_fraction, parameters.silence_seconds
     size = state.samples.shape[1]
     for i in range(len(counts)):
@@ -129,18 +140,39 @@ def calibrate(
         if sample_count[i] < size or now - last_received[i] > silence:
             update_tare(i, counts[i], now, margin[i], state, parameters)
         above = counts[i] - baseline[i]
+        state.above[i] = above
         felt = linearise_counts(above, curve) * gain[i]
         out[i] = felt + min(felt, curve.unfelt)
         if above > margin[i] and above > after * peak[i]:
             if touched_since[i] == np.inf:
                 touched_since[i] = now
-            if not is_residual(i, above, now, margin, state, parameters):
-                last_touched[i] = now
-                for k in range(starts[i], starts[i + 1]):
-                    last_touched[neighbours[k]] = now
+            near = neighbours[starts[i] : starts[i + 1]]
+            if not is_residual(i, above, now, near, margin, state, parameters):
+                mark_touched(i, above, now, near, state)
         else:
             touched_since[i] = np.inf
-    update_baselines(counts, use, now, margin, state, parameters)
+    for i in held:
+        above = counts[i] - baseline[i]
+        near = neighbours[starts[i] : starts[i + 1]]
+        if use[i] and not is_residual(i, above, now, near, margin, state, parameters):
+            mark_touched(i, above, now, near, state)
+    update_baselines(counts, use, now, margin, starts, neighbours, state, parameters)
+
+
+@compiled
+@no_type_check
+def mark_touched(
+    i: int,
+    above: float,
+    now: float,
+    near: Int[np.ndarray, "neighbour"],
+    state: BaselineState,
+) -> None:
+    """Mark a taxel and its neighbours as touched, and raise their peaks."""
+    state.last_touched[i] = now
+    for j in near:
+        state.last_touched[j] = now
+        state.peak[j] = max(state.peak[j], above)
 
 
 @compiled
@@ -183,14 +215,28 @@ def is_residual(
     i: int,
     above: float,
     now: float,
+    near: Int[np.ndarray, "neighbour"],
     margin: Float[np.ndarray, "taxel"],
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> bool:
-    """Return whether counts above the baseline are steady, and may be a residual."""
-    if now - state.steady_since[i] <= parameters.steady_seconds:
+    """Return whether counts above the baseline are steady, and no touch.
+
+    They are the residual of a touch that pressed far more, or the offset of a single
+    taxel.
+    """
+    steady = now - state.steady_since[i]
+    if steady <= parameters.steady_seconds:
         return False
-    return parameters.still * margin[i] < above < parameters.kept * margin[i]
+    if not parameters.still * margin[i] < above < parameters.kept * margin[i]:
+        return False
+    is_alone, is_pressed = True, False
+    for j in near:
+        is_alone &= state.touched_since[j] == np.inf
+        is_pressed |= state.above[j] > PRESSED_SHARE * state.peak[i]
+    if is_alone and steady > parameters.alone_seconds:
+        return True
+    return above < parameters.residual * state.peak[i] and not is_pressed
 
 
 @compiled
@@ -200,6 +246,8 @@ def update_baselines(
     use: Bool[np.ndarray, "taxel"],
     now: float,
     margin: Float[np.ndarray, "taxel"],
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> None:
@@ -228,13 +276,21 @@ def update_baselines(
         was_low = low[i]
         low[i] = np.inf
         step = 0.0
-        if above < -margin[i] or (was_low < np.inf and above < 0.0):
+        lowered = now - last_touched[i] <= parameters.dip_seconds
+        dip = max(margin[i], parameters.dip_share * peak[i]) if lowered else margin[i]
+        if above < -dip or (was_low < np.inf and above < 0.0):
             low[i] = counts[i]
             if was_low < np.inf:
                 above = max(above, was_low - baseline[i])
                 step = dt / (parameters.low_seconds + dt)
         elif last_touched[i] < now and is_residual(
-            i, above, now, margin, state, parameters
+            i,
+            above,
+            now,
+            neighbours[starts[i] : starts[i + 1]],
+            margin,
+            state,
+            parameters,
         ):
             step = dt / (parameters.settle_seconds + dt)
         elif touched_since[i] < np.inf:

@@ -26,6 +26,7 @@ from eskin.units import NS_PER_S
 
 MIN_CROSSTALK_PRESSURE = 1.5
 """Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
+NO_TAXELS = np.empty(0, np.int64)
 MAX_OBSERVATIONS = 200
 """Number of latest observations whose median is the estimate."""
 MAX_CELLS_PER_TAXEL, FREE_CELLS = 20, 1000
@@ -65,6 +66,16 @@ class CalibrationConfig:
     """Time without change above the baseline from which a taxel counts as at rest. No
     finger keeps so still, while the residual after a touch, or the response to a bend
     of the skin, remains."""
+    residual: float = 0.25
+    """Largest residual of a touch, in units of its peak."""
+    alone_seconds: float = 3.0
+    """Time without change from which a single taxel above the baseline, beside which
+    none is touched, has a new offset [s]."""
+    dip_seconds: float = 20.0
+    """Time after a touch in which counts may be below the baseline, to which they
+    recover [s]."""
+    dip_share: float = 0.15
+    """Largest such dip, in units of the peak of the touch."""
     still: float = 0.25
     """Largest difference that counts as no change, in units of `margin`."""
     kept: float = 5.0
@@ -111,9 +122,19 @@ class Calibrator:
         self.last: int | None = None
 
     def push(
-        self, scan: Scan, faulty: Bool[np.ndarray, "taxel"] | None = None
+        self,
+        scan: Scan,
+        faulty: Bool[np.ndarray, "taxel"] | None = None,
+        held: Int[np.ndarray, "held"] | None = None,
     ) -> Reading:
-        """Calibrate the next scan; faulty taxels are not valid, and not tracked."""
+        """Calibrate the next scan.
+
+        Args:
+            scan: the scan.
+            faulty: faulty taxels, which are not valid and not tracked.
+            held: indices of the taxels that were in contact at the last reading: their
+                baselines stay.
+        """
         check_count(scan, self.skin)
         check_order(self.last, scan.stamp)
         if self.first is None:
@@ -132,6 +153,7 @@ class Calibrator:
             self.margin,
             self.adjacency.starts,
             self.adjacency.neighbours,
+            NO_TAXELS if held is None else held,
             self.state,
             self.parameters,
             pressure,
@@ -162,6 +184,7 @@ def build_baseline_state(count: int, samples: int) -> BaselineState:
     """Build the state of a skin before its first scan."""
     return BaselineState(
         baseline=np.zeros(count),
+        above=np.zeros(count),
         peak=np.zeros(count),
         low=np.full(count, np.inf),
         last_received=np.full(count, -np.inf),

@@ -213,9 +213,11 @@ def update_active(
         taxel, pressure = state.taxels[i], reading.pressure[i]
         if taxel.active_at != reading.previous:
             taxel.onset = reading.stamp
+        if taxel.active_at < since:
             taxel.pressure = 0.0
         change = abs(pressure - taxel.pressure)
-        taxel.changed = change >= parameters.moves * pressure
+        least = max(parameters.moves * pressure, reading.floor[i])
+        taxel.changed = change >= least
         taxel.pressure = pressure
         taxel.active_at = now
         raise_peak(taxel, pressure, now, parameters.fade_seconds)

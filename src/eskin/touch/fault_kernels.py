@@ -19,7 +19,9 @@ needs as many scans."""
 NOISE_PART, NOISE_LEAST = 0.25, 0.1
 """Speed of the noise in units of that of the deviation, and the counts at which contact
 begins that limit it from below."""
-START_SECONDS = 1.5
+MEDIAN_SHARE = 0.85
+"""Median of the deviations of white noise, in units of their mean."""
+START_SECONDS = 1.0
 """Time in which the noise is learned at first [s]."""
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
@@ -229,8 +231,11 @@ def update_noise(
             usual = max(usual - change, bend)
         deviation[i] = usual
         slow = NOISE_PART * speed * max(NOISE_LEAST * contact, noise[i])
-        if now - first_received[i] < START_SECONDS:
-            noise[i] = usual
+        since = now - first_received[i]
+        if since < START_SECONDS:
+            part = elapsed / (since + elapsed)
+            if bend == bend:
+                noise[i] += part * (MEDIAN_SHARE * bend - noise[i])
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
         else:

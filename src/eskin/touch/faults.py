@@ -12,6 +12,7 @@ from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
     MAX_STEP_INTERVAL,
     RECENT,
+    START_SECONDS,
     CountHistory,
     NoiseLimits,
     update_history,
@@ -146,7 +147,9 @@ class FaultConfig:
     """Time at full scale, from the start on, that is no fault."""
     saturated_seconds: float = 60.0
     """Time at full scale, later on, that is no fault."""
-    noisy: float = 0.35
+    start_floor: float = 7.0
+    """Pressure that may be noise while the noise is not known yet [kPa]."""
+    noisy: float = 1.5
     """Running median of the deviation of three scans from a straight course that makes
     a taxel noisy, in units of the counts at which contact begins."""
     noisy_level: float = 0.25
@@ -270,7 +273,7 @@ class FaultDetector:
         self.last_found = np.full(skin.count, NEVER)
         self.last_doubted = np.full(skin.count, NEVER)
         self.doubtful = np.zeros(skin.count, bool)
-        self.floor = np.zeros(skin.count)
+        self.floor = np.full(skin.count, self.config.start_floor)
         self.calibration = calibration
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
@@ -352,9 +355,7 @@ class FaultDetector:
         )
         self.doubt_even_lines(scan.counts - rest, scan.received, now)
         self.update_codes(now)
-        self.floor = self.calibration.compute_pressure(
-            FLOOR_SIGMAS * self.history.noise / SIGMA_DEVIATION
-        )
+        self.floor = self.measure_floor(now)
         self.last_check = now
         self.mask = self.code >= 0
         received = np.maximum(self.history.last_received, 0.0)
@@ -366,6 +367,13 @@ class FaultDetector:
                 np.round(begun).astype(np.int64) + (self.first or 0),
             )
         )
+
+    def measure_floor(self, now: float) -> Float[np.ndarray, "taxel"]:
+        """Measure the pressure of each taxel that may be noise [kPa]."""
+        counts = FLOOR_SIGMAS / SIGMA_DEVIATION * self.history.noise
+        floor = self.calibration.compute_pressure(counts)
+        starts = now - self.history.first_received < START_SECONDS
+        return np.where(starts, np.maximum(floor, self.config.start_floor), floor)
 
     def update_codes(self, now: float) -> None:
         """Update the code of each taxel's fault, -1 for none."""

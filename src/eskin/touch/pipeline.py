@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from eskin.compiled import build_parameters
 from eskin.errors import ReadingError
@@ -181,6 +181,11 @@ class TouchTracker:
         statuses = tuple(map(TouchStatus._make, rows.tolist()))
         return TrackingResult(packed, statuses[:open_count], statuses[open_count:])
 
+    @property
+    def held(self) -> Int[np.ndarray, "held"]:
+        """Indices of the taxels that were in contact at the last reading."""
+        return self.state.held[: self.state.counts[HELD]]
+
     def finish(self) -> TrackingResult:
         """Drop all tracks and touches, and return the touches of the last reading."""
         result, self.result = self.result, self.no_touches
@@ -264,7 +269,8 @@ class TouchPipeline:
         check_count(scan, self.calibrator.skin)
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
-        reading = self.calibrator.push(scan, self.faults.mask | (scan.counts < 0))
+        invalid = self.faults.mask | (scan.counts < 0)
+        reading = self.calibrator.push(scan, invalid, self.tracker.held)
         rest = self.calibrator.state.baseline
         mask, faults = self.faults.push(scan, reading.pressure, rest)
         if mask.any():

@@ -48,6 +48,10 @@ STATUS_SIZE = len(TouchStatus._fields)
 MIN_LIFT_NS = 60_000_000
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
+CLEAR = 0.7
+"""Smallest evidence of a taxel that is well above its noise, twice of it."""
+MIN_NOISE = 0.1
+"""Smallest pressure that is taken for noise [kPa]."""
 ALL, CLOSED, PREVIOUS = 0, 1, 2
 """Indices of `TouchUpdate.counts`: number of all touches, of those that have closed,
 and of those that were open at the previous reading."""
@@ -375,21 +379,23 @@ def weigh_contact(
 ) -> float:
     """Return the evidence of a contact in one reading that it is no noise.
 
-    Each taxel adds the logarithm of its pressure over the least that is active, within
-    limits. A single taxel adds it only while its pressure changes, since the
-    offset of a taxel may jump, and then stays.
+    Each taxel adds the logarithm of its pressure in units of its noise, within limits.
+    Where only one of them is well above its noise, that counts only while its pressure
+    changes, since the offset of a taxel may jump, and then stays.
     """
-    parameters, evidence = context.parameters, 0.0
+    parameters, state = context.parameters, context.state
+    evidence, clear, strongest, changed = 0.0, 0, 0.0, False
     span = contact.loads
-    alone = span[1] - span[0] == 1
     for k in range(span[0], span[1]):
         load = buffer.loads[k]
-        if alone and not context.state.taxels[load.taxel].changed:
-            return 0.0
-        least = max(parameters.on, reading.floor[load.taxel])
-        strength = 1.0 + np.log(max(load.pressure / least, 1.0))
-        evidence += min(strength, parameters.most)
-    return evidence
+        noise = max(reading.floor[load.taxel], MIN_NOISE)
+        strength = np.log(max(load.pressure / noise, 1.0))
+        strength = min(strength, parameters.most)
+        evidence += strength
+        clear += strength >= CLEAR
+        if strength > strongest:
+            strongest, changed = strength, state.taxels[load.taxel].changed
+    return evidence if clear > 1 or changed else 0.0
 
 
 @compiled

@@ -63,7 +63,7 @@ class ContactConfig:
     of it."""
     part_off: float = 0.0
     """Fraction that it must have to stay part of it."""
-    near_share: float = 0.0
+    near_share: float = 1.0
     """part"""
     fade_seconds: float = 5.0
     """Time after which the recent peak counts half [s]."""
@@ -163,20 +163,20 @@ class TouchConfig:
     [s]."""
     beside: float = 0.1
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
-    restart: float = 1e9
+    restart: float = 6.0
     """Force, in units of the greatest force of the touch so far, at which another touch
     begins."""
     settle_seconds: float = 0.1
     """Time after which a force counts for that [s]."""
-    enough: float = 6.0
-    """Evidence from which a touch is confirmed: the sum over readings and taxels of 1
-    plus the natural logarithm of the pressure in units of the least that is active."""
-    most: float = 4.0
+    enough: float = 5.0
+    """Evidence from which a touch is confirmed: the sum over readings and taxels of the
+    natural logarithm of the pressure in units of what may be noise."""
+    most: float = 3.0
     """Largest evidence of one taxel in one reading."""
-    moves: float = 0.08
+    moves: float = 0.2
     """Smallest change of a single pressed taxel that is evidence, in units of its
     pressure."""
-    doubt_seconds: float = 0.1
+    doubt_seconds: float = 0.5
     """Time without contact after which a touch that is not confirmed closes [s]."""
 
 
