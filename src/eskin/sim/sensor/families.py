@@ -1,4 +1,4 @@
-"""This module draws the parts of a build of a family: layer, readout, defects, flaws."""
+"""This module draws the parts of a build of a family of sensors."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
