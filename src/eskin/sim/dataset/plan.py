@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from eskin.sim.sensor import BuildKind
+from eskin.sim.sensor.build import BuildKind
 
 PairKind = Literal["bending", "merging"]
 Side = Literal["bent", "flat", "folded", "apart"]

@@ -5,7 +5,7 @@ from typing import Literal
 
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
-from eskin.sim.sensor import FAMILIES, Family
+from eskin.sim.sensor.flaws import FAMILIES, Family
 
 PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
 """Gestures of the paper."""

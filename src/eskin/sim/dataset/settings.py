@@ -20,7 +20,7 @@ from eskin.sim.dataset.session_plan import (
     plan_sessions,
 )
 from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resize_set
-from eskin.sim.sensor import FAMILIES, Family
+from eskin.sim.sensor.flaws import FAMILIES, Family
 from eskin.skin import load_robot_for_skin
 
 SETTINGS_NAME = "generation.json"

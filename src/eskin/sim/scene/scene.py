@@ -306,7 +306,7 @@ def compute_true_series(
     step = env.constants.value("time.step")
     if edges is None:
         every = count_steps_per_reading(env)
-        edges = find_reading_edges(lead, (scene.steps - lead) // every, every)
+        edges = find_reading_edges(lead, (scene.steps - lead) // every, float(every))
     T_world_link = mounted.kinematics.poses(scene.q)
     return tuple(
         build_true_series(
