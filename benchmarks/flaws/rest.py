@@ -37,6 +37,7 @@ from benchmarks.flaws.hands import (
 from benchmarks.flaws.rows import ALL, FLAWED, INTACT
 from benchmarks.tables import format_head, format_row
 from eskin.model import load_model
+from eskin.sim.interactive.skin import round_period
 from eskin.sim.scene.environment import SimEnvironment, load_environment
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.sim.sensor import FAMILIES, SensorBuild, draw_flawed_build
@@ -136,9 +137,7 @@ def build_creeping(plan: RestPlan, env: SimEnvironment) -> SensorBuild:
         env.constants,
         rng,
     )
-    period = env.constants.value("sensor.period")
-    electronics = replace(build.electronics, period=period)
-    return set_creep(replace(build, electronics=electronics), CREEP, 1.0, RESTING)
+    return set_creep(round_period(build), CREEP, 1.0, RESTING)
 
 
 def find_touch(touches: Sequence[Touch], hand: Hand, now: int) -> Touch | None:

@@ -1,4 +1,4 @@
-"""This module draws the parts of a build of a family: layer, readout, defects, flaws."""
+"""This module draws the parts of a build of a family of sensors."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -9,7 +9,7 @@ from eskin.sim.sensor.electronics import Electronics
 from eskin.sim.sensor.flaws import FlawDraw, Flaws
 from eskin.sim.sensor.velostat import Velostat, draw_bend
 from eskin.skin import Skin
-from eskin.touch import Curve
+from eskin.touch.calibration import Curve
 
 CURVES: dict[str, Curve] = {
     "divider": "divider",

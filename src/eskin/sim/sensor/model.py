@@ -17,7 +17,7 @@ from eskin.sim.sensor.kernels import (
     TaxelArrays,
 )
 from eskin.skin import Skin
-from eskin.touch import Curve
+from eskin.touch.calibration import Curve
 
 
 @dataclass(frozen=True)
