@@ -21,7 +21,8 @@ from eskin.sim.scene.scene import (
     compute_touch_presses,
     compute_true_series,
 )
-from eskin.sim.sensor import BuildKind, Sensor, SensorBuild
+from eskin.sim.sensor import Sensor, SensorBuild
+from eskin.sim.sensor.build import BuildKind
 from eskin.skin import SKIN_PRESETS, Skin
 from eskin.touch import Scan
 
