@@ -87,7 +87,7 @@ FAMILY_SETS = {
     **{f"test-{family}": "test-p" for family in FAMILIES},
 }
 """Sets of builds of families, each with the set that it is otherwise like. The tests of
-all families have the same people and plans."""
+all families have the same people."""
 
 PAIRS = "pairs"
 """Name of the set of pairs of clips with the same counts but not the same label."""
