@@ -8,10 +8,11 @@ import pytest
 from benchmarks.flaws.hands import Hand, set_creep
 from benchmarks.flaws.kept import append_result, read_results
 from benchmarks.flaws.real import keep_apart
+from benchmarks.flaws.report import describe_details, describe_figures, list_misses
 from benchmarks.flaws.rows import FLAWED, REFERENCES, ROWS
 from benchmarks.flaws.scoring import Sample, Trail, TrueContact, score_touch
 from benchmarks.flaws.stream import BuildPlan, BuildResult
-from benchmarks.flaws.touches import Command, describe_answers, describe_rest
+from benchmarks.flaws.touches import Command
 from benchmarks.flaws.watch import RestCount, Watcher
 
 from eskin.sim.constants import load_constants
@@ -150,15 +151,30 @@ def test_each_touch_opens_once_and_every_word_counts():
 
 def test_rates_are_of_an_hour():
     result = BuildResult("none", 0, rest=RestCount(180.0, 3, 1, 18.0))
-    assert describe_rest([result])[:3] == ["20.0", "60.0", "10.0 %"]
+    assert describe_figures([result], [])[:2] == ["20.0", "60.0"]
+    assert describe_details([result])[4] == "10.0 %"
 
 
 def test_points_are_lost_between_builds_of_the_same_number():
     right, wrong = (replace(score(make_trail()), forced=f) for f in ("poke", "grab"))
     before = [BuildResult("none", 3, touches=[right, right])]
     after = [BuildResult("x", 3, touches=[right, wrong])]
-    assert describe_answers(after, before)[2].startswith("+50.0")
-    assert describe_answers(after, [replace(before[0], number=4)])[2] == ""
+    assert describe_figures(after, before)[4].startswith("+50.0")
+    assert describe_figures(after, [replace(before[0], number=4)])[4] == ""
+
+
+def test_figures_that_miss_what_is_wanted_are_listed():
+    late, rest = score(make_trail(first=FIRST + 9)), RestCount(180.0, 2, 1)
+    found = {
+        "none": [BuildResult("none", 0, touches=[replace(late, forced="poke")])],
+        "all typical": [BuildResult("all typical", 0, rest=rest, touches=[late])],
+        "noise high": [BuildResult("noise high", 0, rest=rest)],
+    }
+    assert list(list_misses(found)) == [
+        "all typical: 20.0 detections an hour, wanted at most 0.2",
+        "all typical: 40.0 openings an hour, wanted at most 10",
+        "all typical: 0.0 % of onsets, wanted 95%",
+    ]
 
 
 def test_kept_results_are_read_back(tmp_path):
