@@ -38,21 +38,21 @@ def pair_right(
     results: Sequence[BuildResult],
     reference: Sequence[BuildResult],
     is_right: Callable[[TouchScore], bool],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Tell which touches have right answers in a reference, and in the same builds."""
+) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
+    """Tell which answers are right in a reference and in results; return the builds."""
     others = {
         (result.number, place): score
         for result in reference
         for place, score in enumerate(result.touches)
     }
     pairs = [
-        (is_right(others[result.number, place]), is_right(score))
+        (is_right(others[result.number, place]), is_right(score), result.number)
         for result in results
         for place, score in enumerate(result.touches)
         if (result.number, place) in others
     ]
-    before, after = np.array(pairs, bool).reshape(-1, 2).T
-    return before, after
+    before, after, builds = np.array(pairs, int).reshape(-1, 3).T
+    return before > 0, after > 0, tuple(builds.tolist())
 
 
 def is_forced_right(score: TouchScore) -> bool:
@@ -109,11 +109,11 @@ def describe_extent(results: Sequence[BuildResult]) -> list[str]:
     return [f"{rest.seconds / 60:.0f}", f"{len(list_strong(results))}/{len(scores)}"]
 
 
-def format_lost(before: np.ndarray, after: np.ndarray) -> str:
-    """Format the points that a share of right answers lost, with their interval."""
+def format_lost(before: np.ndarray, after: np.ndarray, builds: tuple[int, ...]) -> str:
+    """Format the points that right answers lost, with their interval over builds."""
     if not len(before):
         return ""
-    low, high = bootstrap_difference(before, after)
+    low, high = bootstrap_difference(before, after, cluster=builds)
     lost = before.mean() - after.mean()
     return f"{100 * lost:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
 
