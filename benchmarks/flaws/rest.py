@@ -17,13 +17,14 @@ onset within 0.1 s, the place within 10 mm and the peak force within 20 % of wha
 same skin says if it was switched on untouched.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from multiprocessing import get_context
 
 import numpy as np
 import tyro
+from jaxtyping import Int
 
 from benchmarks.flaws.hands import (
     LANDING,
@@ -34,6 +35,7 @@ from benchmarks.flaws.hands import (
     draw_block,
     set_creep,
 )
+from benchmarks.flaws.report import format_share
 from benchmarks.flaws.rows import ALL, FLAWED, INTACT
 from benchmarks.tables import format_head, format_row
 from eskin.model import load_model
@@ -41,6 +43,8 @@ from eskin.sim.interactive.skin import round_period
 from eskin.sim.scene.environment import SimEnvironment, load_environment
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.sim.sensor import FAMILIES, SensorBuild, draw_flawed_build
+from eskin.sim.sensor.flaws import Family
+from eskin.skin import Skin
 from eskin.touch import Touch, TouchPipeline
 from eskin.units import NS_PER_S
 
@@ -56,6 +60,8 @@ CREEP = 0.1
 SWITCHED_ON, PAUSE, PRESS = 5.0, 1.0, 0.6
 """Time that a hand rests after the skin is switched on, until the next press, and the
 duration of that [s]."""
+FINGER = 4
+"""Number of taxels that a finger presses."""
 PRESS_FACTOR = 5.0
 """Pressure of that press, by activation pressure."""
 NEAR, FORCE_SHARE, ONSET_SECONDS = 0.010, 0.2, 0.1
@@ -75,7 +81,7 @@ class Command:
     """Builds of each row of the second table."""
     flaws: tuple[str, ...] = (INTACT, ALL)
     """Flaws of the builds besides creep, names of rows of `touches`."""
-    families: tuple[str, ...] = FAMILIES
+    families: tuple[Family, ...] = FAMILIES
     """Families of sensors."""
     seed: int = 0
     """Random seed."""
@@ -87,7 +93,7 @@ class Command:
 class RestPlan:
     """A plan says on which build hands rest, and how still they are."""
 
-    family: str
+    family: Family
     flaws: str
     sway: float
     number: int
@@ -127,11 +133,10 @@ class StartResult:
 
 def build_creeping(plan: RestPlan, env: SimEnvironment) -> SensorBuild:
     """Draw the build of a plan."""
-    family = next(family for family in FAMILIES if family == plan.family)
     rng = np.random.default_rng((plan.seed, plan.number, 30))
     build = draw_flawed_build(
         f"rest-b{plan.number}",
-        family,
+        plan.family,
         FLAWED[plan.flaws],
         env.mounted.skin,
         env.constants,
@@ -249,6 +254,15 @@ def find_press(
     return FoundPress(open_before, best.onset, best.contact.force, place)
 
 
+def choose_finger(
+    taxels: Int[np.ndarray, "pressed"], skin: Skin
+) -> Int[np.ndarray, "some"]:
+    """Return the taxels in the middle of a hand that a finger presses."""
+    places = skin.positions[taxels]
+    gaps = np.linalg.norm(places - places[len(taxels) // 2], axis=1)
+    return taxels[np.argsort(gaps, kind="stable")[:FINGER]]
+
+
 def start_under_hand(plan: RestPlan) -> StartResult:
     """Switch a build on under a hand; compare what follows to an untouched start."""
     env = load_environment("ur5")
@@ -262,13 +276,7 @@ def start_under_hand(plan: RestPlan) -> StartResult:
         taxels, compute_hand_pressure(factor, taxels, build), -2.5, SWITCHED_ON
     )
     lands = SWITCHED_ON + LANDING + PAUSE
-    finger = taxels[:: max(len(taxels) // 4, 1)][:4] if shape == "fingers" else None
-    skin = env.mounted.skin
-    if finger is None:
-        near = np.linalg.norm(
-            skin.positions[taxels] - skin.positions[taxels[len(taxels) // 2]], axis=1
-        )
-        finger = taxels[np.argsort(near)[:4]]
+    finger = choose_finger(taxels, env.mounted.skin)
     pressed = compute_hand_pressure(PRESS_FACTOR, finger, build)
     press = Hand(finger, pressed, lands, lands + LANDING + PRESS)
     away = replace(resting, pressure=0.0)
@@ -279,17 +287,11 @@ def start_under_hand(plan: RestPlan) -> StartResult:
     ratio = after.peak_force / usual.peak_force
     return StartResult(
         closed=after.open_before == 0,
-        onset=abs(late) <= ONSET_SECONDS,
+        onset=bool(np.isfinite(ratio)) and abs(late) <= ONSET_SECONDS,
         place=apart <= NEAR,
         force=abs(ratio - 1.0) <= FORCE_SHARE,
         ratio=ratio,
     )
-
-
-def format_share(hits: Iterable[bool]) -> str:
-    """Format a share of true values; empty without values."""
-    values = list(hits)
-    return f"{100 * np.mean(values):.1f} %" if values else ""
 
 
 def plan_rows(command: Command, sways: Sequence[float]) -> Iterator[RestPlan]:

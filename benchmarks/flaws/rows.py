@@ -60,5 +60,5 @@ def draw_row_build(
     if row in FLAWED:
         family = find_family(number)
         return draw_flawed_build(name, family, FLAWED[row], skin, constants, rng)
-    kind = next(kind for kind in KINDS if kind == row)
+    kind = KINDS[KINDS.index(row)]
     return draw_build(name, kind, skin, constants, rng)
