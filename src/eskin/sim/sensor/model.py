@@ -180,7 +180,7 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
 
 
 TOUCHED_LEVEL = 0.005
-"""Least level relative to full scale at which a taxel has the noise of a touched one."""
+"""Least level by full scale at which a taxel has the noise of a touched one."""
 
 REST_MARGIN = 1.2
 """Factor on the level of a bent taxel at rest from which it counts as touched."""
