@@ -179,11 +179,11 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
     )
 
 
-TOUCHED_LEVEL = 0.005
-"""Least level by full scale at which a taxel has the noise of a touched one."""
+TOUCHED_CONDUCTANCE = 0.005
+"""Least conductance at which a taxel has the noise of a touched one."""
 
 REST_MARGIN = 1.2
-"""Factor on the level of a bent taxel at rest from which it counts as touched."""
+"""Factor on the conductance of a bent taxel from which it counts as touched."""
 
 
 def compute_touched_level(
@@ -194,14 +194,15 @@ def compute_touched_level(
     load = np.maximum(compute_free_load(build, stages), 0.0)
     grown = 1.0 + velostat.creep.sum(axis=1)
     rest = velostat.gain * load**velostat.exponent * grown
+    least = TOUCHED_CONDUCTANCE + REST_MARGIN * rest
     match electronics.curve:
         case "divider":
-            level = rest / (1.0 + rest)
+            level = least / (1.0 + least)
         case "logarithmic":
-            level = np.log1p(electronics.span * rest) / np.log1p(electronics.span)
+            level = np.log1p(electronics.span * least) / np.log1p(electronics.span)
         case _:
-            level = rest
-    return (TOUCHED_LEVEL + REST_MARGIN * level).astype(np.float32)
+            level = least
+    return level.astype(np.float32)
 
 
 CURVE_NUMBERS: dict[Curve, int] = {
