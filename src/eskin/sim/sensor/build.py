@@ -187,7 +187,7 @@ def assemble_family_build(name: str, draw: FlawDraw, skin: Skin) -> SensorBuild:
         nominal_activation=activation,
         nominal_half=half,
         calibrated_at=draw.constants.value("sensor.calibrated_at"),
-        flaws=draw_flaws(draw, skin, electronics.full_scale),
+        flaws=draw_flaws(draw, skin, electronics),
     )
 
 

@@ -75,7 +75,7 @@ class Flaws:
     noise_factor: Float[np.ndarray, "taxel"]
     """Noise of each taxel by that of the electronics."""
     touched_noise: float
-    """Noise of a touched taxel by its own at rest."""
+    """Noise that a touch adds, by full scale, the same at every level."""
     line_noise: float
     """Share of the variance at rest that the taxels of a row have in common."""
     drift: Float[np.ndarray, "process"]
