@@ -98,8 +98,8 @@ def set_creep(
     return replace(build, velostat=changed)
 
 
-class HandStream:
-    """A hand stream reads the scans of a sensor that hands press."""
+class PressedSensor:
+    """A pressed sensor is one that hands press, read scan by scan."""
 
     def __init__(
         self,

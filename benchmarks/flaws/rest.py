@@ -30,7 +30,7 @@ from benchmarks.flaws.hands import (
     LANDING,
     SHAPES,
     Hand,
-    HandStream,
+    PressedSensor,
     compute_hand_pressure,
     draw_block,
     set_creep,
@@ -189,7 +189,7 @@ def rest_hands(plan: RestPlan) -> list[HandResult]:
     rng = np.random.default_rng((plan.seed, plan.number, 31))
     q, hands = draw_hands(plan, build, env, rng)
     skin = env.mounted.skin
-    stream = HandStream(build, skin, hands, plan.sway, plan.number)
+    stream = PressedSensor(build, skin, hands, plan.sway, plan.number)
     config = load_model("ur5").card.pipeline
     pipeline = TouchPipeline(env.mounted, build.calibration(skin), config)
     felt: dict[int, int | None] = {}
@@ -234,7 +234,7 @@ def find_press(
 ) -> FoundPress:
     """Play hands to a new pipeline; say what it makes of the last of them."""
     skin = env.mounted.skin
-    stream = HandStream(build, skin, hands, 0.06, seed, before=3.0)
+    stream = PressedSensor(build, skin, hands, 0.06, seed, before=3.0)
     config = load_model("ur5").card.pipeline
     pipeline = TouchPipeline(env.mounted, build.calibration(skin), config)
     press = hands[-1]
