@@ -195,6 +195,28 @@ def test_poke_is_felt_at_its_place_and_nothing_without_it(patch, motion):
     assert np.linalg.norm(live.mounted.skin.positions[taxel] - point.p_link) < 0.03
 
 
+def test_taxels_bear_the_normal_part_of_the_wrenches_of_a_poke():
+    live = InteractiveSkin()
+    live.hand.poke(find_point(live, "forearm_back"), 8.0, 0.2)
+    found = []
+    for reading in range(1, 21):
+        live.scan(PERIOD * reading, Q)
+        pushes = [np.linalg.norm(wrench.force_link) for wrench in live.wrenches]
+        found.append((live.taxel_force, sum(pushes)))
+    force, push = np.array(found).T
+    assert push.max() > 4.0 and force[-1] == 0.0
+    np.testing.assert_allclose(force, push, rtol=0.1)
+    assert np.all(force >= push - 1e-9)
+
+
+def test_given_build_is_touched():
+    skin = InteractiveSkin().mounted.skin
+    build = draw_build("given", "linear", skin, CONSTANTS, np.random.default_rng(5))
+    live = InteractiveSkin(build=build)
+    assert live.build.velostat is build.velostat
+    np.testing.assert_array_equal(live.calibration.gain, build.calibration(skin).gain)
+
+
 @pytest.mark.slow
 def test_dragged_finger_follows_its_target_at_limited_speed():
     live = InteractiveSkin()

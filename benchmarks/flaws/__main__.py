@@ -10,7 +10,7 @@ options.
 import sys
 from importlib import import_module
 
-PARTS = ("touches",)
+PARTS = ("real", "rest", "touches")
 """Modules of this package that have a `main`."""
 
 

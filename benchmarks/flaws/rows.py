@@ -7,14 +7,14 @@ import numpy as np
 
 from eskin.sim.constants import Constants
 from eskin.sim.sensor import (
+    FAMILIES,
     FLAWS,
-    BuildKind,
-    Family,
-    FlawLevel,
     SensorBuild,
     draw_build,
     draw_flawed_build,
 )
+from eskin.sim.sensor.build import BuildKind
+from eskin.sim.sensor.flaws import Family, FlawLevel
 from eskin.skin import Skin
 
 INTACT, ALL = "none", "all typical"
@@ -25,7 +25,7 @@ FLAWED: dict[str, Mapping[str, FlawLevel]] = {
     **{f"{flaw} {level}": {flaw: level} for flaw in FLAWS for level in LEVELS},
 }
 """Flaws of the builds of a row; their families take turns."""
-KINDS: tuple[BuildKind, ...] = ("fresh", "shifted", *get_args(Family))
+KINDS: tuple[BuildKind, ...] = ("fresh", "shifted", *FAMILIES)
 """Rows whose builds have all flaws, drawn from the laws of a kind."""
 ROWS = (*FLAWED, *KINDS)
 """Names of all rows."""
@@ -40,8 +40,7 @@ REFERENCES = {
 
 def find_family(number: int) -> Family:
     """Return the family of a build of a row whose families take turns."""
-    families: tuple[Family, ...] = get_args(Family)
-    return families[number % len(families)]
+    return FAMILIES[number % len(FAMILIES)]
 
 
 def draw_row_build(
@@ -61,5 +60,5 @@ def draw_row_build(
     if row in FLAWED:
         family = find_family(number)
         return draw_flawed_build(name, family, FLAWED[row], skin, constants, rng)
-    kind = next(kind for kind in KINDS if kind == row)
+    kind = KINDS[KINDS.index(row)]
     return draw_build(name, kind, skin, constants, rng)

@@ -1,6 +1,6 @@
 """Run one build: minutes in which nobody touches it, then touches of a person."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -65,12 +65,9 @@ def get_model(name: str) -> Model:
 
 
 def build_live_skin(row: str, number: int, seed: int) -> InteractiveSkin:
-    """Build the skin of a row; it is read as often as the sets are."""
+    """Build the skin of a row."""
     env = load_environment(SKIN)
     build = draw_row_build(row, number, env.mounted.skin, env.constants, seed)
-    period = env.constants.value("sensor.period")
-    electronics = replace(build.electronics, period=period)
-    build = replace(build, electronics=electronics)
     return InteractiveSkin(SKIN, seed, build=build)
 
 

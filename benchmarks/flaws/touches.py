@@ -12,32 +12,28 @@ pairs. The recogniser is handed the nominal calibration. An arm at rest is untou
 some minutes, then the person touches it: pokes, double pats, grabs and strokes, with
 pauses between them.
 
-The first table counts what is said of the untouched skin after the first 5 s, and how
-many touches open in these. The second scores touches of at least 1 N: onset and end of
-the touch that covers the true contact (true force on taxels above 0.2 N), and how many
-double pats are one touch with as many contacts. The third has the answers: forced
-choice 0.3 s after the true end, and the first gesture detected live, with the points
-lost to builds without flaw (`shifted` to `fresh`).
+The first table has what is said of the untouched skin after the first 5 s, the onset
+and the end of touches of at least 1 N (of the touch that covers the true contact, where
+the true force on taxels is above 0.2 N), and the points of accuracy that are lost to
+builds without flaw (`shifted` to `fresh`): by forced choice 0.3 s after the true end,
+and by the first gesture detected live. The second has further counts. A double pat is
+one touch where that has as many contacts as the true one. At the end are the figures
+that miss what is wanted.
 
 With `--keep` results are appended to a file, and what is there already is not run
 again; with `--before` the figures of another such file stand in brackets.
 """
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 from benchmarks.flaws.kept import append_result, read_results
-from benchmarks.flaws.rows import REFERENCES, ROWS
-from benchmarks.flaws.scoring import STRONG_FORCE, TouchScore
-from benchmarks.flaws.stream import BuildPlan, BuildResult, run_build
-from benchmarks.flaws.watch import RestCount
-from benchmarks.tables import format_head, format_row
-from eskin.learn.metrics import bootstrap_difference
+from benchmarks.flaws.report import Results, print_report
+from benchmarks.flaws.rows import ROWS
+from benchmarks.flaws.stream import BuildPlan, run_build
 
 
 @dataclass(frozen=True)
@@ -81,10 +77,6 @@ class Command:
         ]
 
 
-Results = dict[str, list[BuildResult]]
-"""Results of each row, by build."""
-
-
 def run_builds(command: Command) -> Results:
     """Run the builds that are not kept yet; return all."""
     plans = command.plans
@@ -101,141 +93,6 @@ def run_builds(command: Command) -> Results:
     return found
 
 
-def add_up(counts: Iterable[RestCount]) -> RestCount:
-    """Return the sum of counts."""
-    total = RestCount()
-    for count in counts:
-        total.add(count)
-    return total
-
-
-def list_scores(results: Sequence[BuildResult]) -> list[TouchScore]:
-    """Return the scores of all touches."""
-    return [score for result in results for score in result.touches]
-
-
-def format_share(hits: Iterable[bool]) -> str:
-    """Format a share of true values; empty without values."""
-    values = list(hits)
-    return f"{100 * np.mean(values):.1f} %" if values else ""
-
-
-def describe_rest(results: Sequence[BuildResult]) -> list[str]:
-    """Return the cells of a row about untouched skins."""
-    rest = add_up(result.rest for result in results)
-    start = add_up(result.start for result in results)
-    return [
-        f"{rest.rate(rest.detections):.1f}",
-        f"{rest.rate(rest.openings):.1f}",
-        f"{100 * rest.open_seconds / rest.seconds:.1f} %" if rest.seconds else "",
-        f"{start.openings / len(results):.2f}",
-        f"{rest.seconds / 60:.0f}",
-    ]
-
-
-def describe_touches(results: Sequence[BuildResult]) -> list[str]:
-    """Return the cells of a row about when touches were found."""
-    scores = list_scores(results)
-    strong = [score for score in scores if score.peak >= STRONG_FORCE]
-    pats = [s for s in strong if s.gesture == "double_pat" and s.presses > 1]
-    return [
-        format_share(score.is_onset_found for score in strong),
-        format_share(score.is_end_found for score in strong),
-        format_share(score.is_one_touch for score in pats),
-        f"{np.mean([score.extra for score in scores]):.2f}" if scores else "",
-        str(len(strong)),
-    ]
-
-
-def describe_answers(
-    results: Sequence[BuildResult], reference: Sequence[BuildResult] | None
-) -> list[str]:
-    """Return the cells of a row about answers, and the points lost to another row."""
-    scores = list_scores(results)
-    forced = np.array([score.forced == score.gesture for score in scores])
-    live = np.array([score.live == score.gesture for score in scores])
-    cells = [format_share(forced), format_share(live), "", "", str(len(scores))]
-    others = {
-        (result.number, place): score
-        for result in reference or ()
-        for place, score in enumerate(result.touches)
-    }
-    pairs = [
-        (others[result.number, place], score)
-        for result in results
-        for place, score in enumerate(result.touches)
-        if (result.number, place) in others
-    ]
-    if pairs:
-        cells[2] = format_lost(
-            [other.forced == other.gesture for other, _ in pairs],
-            [score.forced == score.gesture for _, score in pairs],
-        )
-        cells[3] = format_lost(
-            [other.live == other.gesture for other, _ in pairs],
-            [score.live == score.gesture for _, score in pairs],
-        )
-    return cells
-
-
-def format_lost(before: Sequence[bool], after: Sequence[bool]) -> str:
-    """Format the points that a share of right answers lost, with their interval."""
-    ours, theirs = np.array(before), np.array(after)
-    low, high = bootstrap_difference(ours, theirs)
-    lost = ours.mean() - theirs.mean()
-    return f"{100 * lost:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
-
-
-REST_HEAD = (
-    "untouched",
-    "detections an hour",
-    "openings an hour",
-    "time with an open touch",
-    "openings in the first 5 s, a build",
-    "minutes",
-)
-TOUCH_HEAD = (
-    "touches from 1 N",
-    "onset within 0.1 s",
-    "end within 0.3 s",
-    "double pats that are one touch",
-    "other touches beside, each",
-    "touches",
-)
-ANSWER_HEAD = (
-    "answers",
-    "forced choice right",
-    "live right",
-    "points lost, forced",
-    "points lost, live",
-    "touches",
-)
-
-
-def print_table(
-    head: Sequence[str],
-    found: Results,
-    before: Results,
-    describe: Callable[[str, Results], list[str]],
-) -> None:
-    """Print a table of all rows, with the figures of before in brackets."""
-    print("\n" + format_head(head))
-    for row in found:
-        cells = describe(row, found)
-        if row in before:
-            olds = describe(row, before)
-            cells = [
-                f"{new} ({old})" if old and number < len(cells) - 1 else new
-                for number, (new, old) in enumerate(zip(cells, olds, strict=True))
-            ]
-        print(format_row([row, *cells]))
-
-
-def find_reference(row: str) -> str:
-    """Return the row to which points are lost; empty where it is the row itself."""
-    return "" if REFERENCES[row] == row else REFERENCES[row]
-
-
 def group_by_row(path: Path | None) -> Results:
     """Return the results of a file by row."""
     found: Results = {}
@@ -248,17 +105,4 @@ def main(args: list[str] | None = None) -> None:
     """Run the builds and print the tables."""
     command = tyro.cli(Command, args=args)
     found, before = run_builds(command), group_by_row(command.before)
-    print_table(
-        REST_HEAD, found, before, lambda row, results: describe_rest(results[row])
-    )
-    print_table(
-        TOUCH_HEAD, found, before, lambda row, results: describe_touches(results[row])
-    )
-    print_table(
-        ANSWER_HEAD,
-        found,
-        before,
-        lambda row, results: describe_answers(
-            results[row], results.get(find_reference(row))
-        ),
-    )
+    print_report(found, before)
