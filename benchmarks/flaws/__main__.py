@@ -2,8 +2,11 @@
 
     python -m benchmarks.flaws touches --builds 20 --minutes 3 --keep FILE
     python -m benchmarks.flaws touches --builds 2 --minutes 1 --rows none "all typical"
+    python -m benchmarks.flaws rest --builds 3 --starts 3
+    python -m benchmarks.flaws real --sets shearsense
 
-`touches` has untouched skins and touches for each flaw. `--help` after a part lists its
+`touches` has untouched skins and touches for each flaw, `rest` hands that rest on a
+skin, `real` untouched stretches of real recordings. `--help` after a part lists its
 options.
 """
 
