@@ -54,9 +54,9 @@ class ContactConfig:
     """Pressure from which a taxel becomes active [kPa]."""
     off: float = 0.5
     """Pressure from which an active taxel stays active [kPa]."""
-    on_share: float = 0.15
+    on_share: float = 0.25
     """Fraction of its recent peak that a released taxel must reach to become active."""
-    off_share: float = 0.1
+    off_share: float = 0.2
     """Fraction of its recent peak that an active taxel must reach to stay active."""
     part_on: float = 0.0
     """Fraction of the recent peak of its contact that a taxel must have to become part
