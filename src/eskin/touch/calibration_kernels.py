@@ -228,7 +228,7 @@ def is_residual(
     steady = now - state.steady_since[i]
     if steady <= parameters.steady_seconds:
         return False
-    if not parameters.still * margin[i] < above < parameters.kept * margin[i]:
+    if above <= parameters.still * margin[i]:
         return False
     is_alone, is_pressed = True, False
     for j in near:
@@ -236,7 +236,8 @@ def is_residual(
         is_pressed |= state.above[j] > PRESSED_SHARE * state.peak[i]
     if is_alone and steady > parameters.alone_seconds:
         return True
-    return above < parameters.residual * state.peak[i] and not is_pressed
+    limit = min(parameters.residual * state.peak[i], parameters.kept * margin[i])
+    return above < limit and not is_pressed
 
 
 @compiled

@@ -68,7 +68,7 @@ class CalibrationConfig:
     of the skin, remains."""
     residual: float = 0.25
     """Largest residual of a touch, in units of its peak."""
-    alone_seconds: float = 3.0
+    alone_seconds: float = 1.0
     """Time without change from which a single taxel above the baseline, beside which
     none is touched, has a new offset [s]."""
     dip_seconds: float = 20.0

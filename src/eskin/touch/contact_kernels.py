@@ -214,10 +214,10 @@ def update_active(
         if taxel.active_at != reading.previous:
             taxel.onset = reading.stamp
         if taxel.active_at < since:
-            taxel.pressure = 0.0
+            taxel.pressure, taxel.moved = 0.0, 0
         change = abs(pressure - taxel.pressure)
         least = max(parameters.moves * pressure, reading.floor[i])
-        taxel.changed = change >= least
+        taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.pressure = pressure
         taxel.active_at = now
         raise_peak(taxel, pressure, now, parameters.fade_seconds)

@@ -371,7 +371,7 @@ class FaultDetector:
     def measure_floor(self, now: float) -> Float[np.ndarray, "taxel"]:
         """Measure the pressure of each taxel that may be noise [kPa]."""
         counts = FLOOR_SIGMAS / SIGMA_DEVIATION * self.history.noise
-        floor = self.calibration.compute_pressure(counts)
+        floor = self.calibration.compute_pressure(np.maximum(counts, MIN_DEVIATION))
         starts = now - self.history.first_received < START_SECONDS
         return np.where(starts, np.maximum(floor, self.config.start_floor), floor)
 

@@ -157,6 +157,7 @@ TAXEL_STATE = np.dtype(
         ("held", "i8"),
         ("pressure", "f8"),
         ("changed", "i8"),
+        ("moved", "i8"),
         ("slot", "i8"),
     ]
 )

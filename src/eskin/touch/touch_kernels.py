@@ -433,7 +433,7 @@ def update_open_touches(
         touch = update.touches[n]
         if touch.closed:
             continue
-        if touch.evidence >= parameters.enough:
+        if touch.evidence >= parameters.enough and touch.onset < reading.stamp:
             touch.confirmed = 1
         touch.impulse += 0.5 * (force[n] + touch.force) * seconds
         touch.force = force[n]
