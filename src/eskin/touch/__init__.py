@@ -3,7 +3,7 @@
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import MAX_CALIBRATION_BYTES, Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
-from eskin.touch.faults import Fault, FaultConfig, FaultDetector, SpikeFilter
+from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
 from eskin.touch.records import (
@@ -44,7 +44,6 @@ __all__ = [
     "PressDetector",
     "Reading",
     "Scan",
-    "SpikeFilter",
     "Touch",
     "TouchConfig",
     "TouchPipeline",

@@ -1,6 +1,6 @@
 """This module detects taxels, rows, columns and patches with invalid data."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
@@ -10,7 +10,6 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
-    MAX_STEP_INTERVAL,
     RECENT,
     START_SECONDS,
     CountHistory,
@@ -18,9 +17,8 @@ from eskin.touch.fault_kernels import (
     update_history,
     update_noise,
     update_unanswered,
-    withhold_spikes,
 )
-from eskin.touch.reading import Reading, Scan, check_order
+from eskin.touch.reading import Scan, check_order
 from eskin.units import NS_PER_S
 
 FaultKind = Literal[
@@ -518,49 +516,6 @@ class FaultDetector:
                 result[i] = max(result[i], deviation[i])
         result[self.swings.found] = np.inf
         return result
-
-
-@final
-class SpikeFilter:
-    """A filter withholds pressure that rises alone, until the next reading confirms it.
-
-    A spike of one scan rises on one taxel, while nothing touches its neighbours or its
-    patch. A finger that presses one taxel is felt one reading later. At a low rate
-    nothing is withheld, since a short poke may last for one reading.
-    """
-
-    def __init__(self, skin: Skin, on: float, off: float) -> None:
-        """Start with an untouched skin; contact begins at `on`, ends at `off` [kPa]."""
-        self.on, self.off = on, off
-        self.adjacency = Adjacency.build(skin)
-        self.patch_index = np.asarray(skin.patch_index)
-        self.withheld = np.zeros(skin.count, bool)
-        self.touched = np.zeros(len(skin.patches), bool)
-        self.last: int | None = None
-
-    def push(self, reading: Reading) -> Reading:
-        """Return the next reading without the pressure that is withheld."""
-        last, self.last = self.last, reading.stamp
-        pressure = reading.pressure
-        risen = pressure >= self.on
-        if not risen.any():
-            self.withheld[:] = False
-            self.touched[:] = False
-            return reading
-        slow = last is None or reading.stamp - last > MAX_STEP_INTERVAL * NS_PER_S
-        pressure = pressure.copy()
-        count = withhold_spikes(
-            pressure,
-            self.on,
-            self.off,
-            slow,
-            self.patch_index,
-            self.adjacency.starts,
-            self.adjacency.neighbours,
-            self.withheld,
-            self.touched,
-        )
-        return replace(reading, pressure=pressure) if count else reading
 
 
 def build_count_history(count: int) -> CountHistory:

@@ -14,7 +14,7 @@ from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import find_candidates
-from eskin.touch.faults import Fault, FaultConfig, FaultDetector, SpikeFilter
+from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
     HELD,
@@ -240,7 +240,6 @@ class TouchPipeline:
             mounted.skin, calibration, FaultConfig(), contacts.on
         )
         self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
-        self.spikes = SpikeFilter(mounted.skin, contacts.on, contacts.off)
         self.tracker = TouchTracker(
             mounted,
             contacts,
@@ -275,7 +274,7 @@ class TouchPipeline:
         mask, faults = self.faults.push(scan, reading.pressure, rest)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
-        return self.spikes.push(self.crosstalk.compensate(reading)), faults
+        return self.crosstalk.compensate(reading), faults
 
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()

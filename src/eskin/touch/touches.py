@@ -173,7 +173,7 @@ class TouchConfig:
     natural logarithm of the pressure in units of what may be noise."""
     most: float = 3.0
     """Largest evidence of one taxel in one reading."""
-    moves: float = 0.2
+    moves: float = 0.12
     """Smallest change of a single pressed taxel that is evidence, in units of its
     pressure."""
     doubt_seconds: float = 0.5
