@@ -135,18 +135,18 @@ def find_candidates(
 @compiled
 @no_type_check
 def select_active(
-    candidates: Indices,
-    reading: KernelReading,
-    parameters: TrackingParameters,
-    state: TrackerState,
+    candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> Indices:
-    """Select the active taxels among ascending candidates, and update their states.
+    """Select the active taxels among ascending candidates.
 
     For a taxel that is held, which was active and has not been released, the threshold
     is the lower one. A taxel that is not received stays held for a short time. Both
-    thresholds rise with the recent peak of the taxel, so that the residual of a sensor
-    after a release is no contact.
+    thresholds rise with the noise of the taxel, and with the recent peak of it and its
+    neighbours, so that the residual of a sensor after a release is no contact. A taxel
+    that rises alone becomes active with the next reading that confirms it: corrupt
+    values last for one.
     """
+    parameters, state = context.parameters, context.state
     chosen = np.empty(len(candidates), np.int64)
     count, now = 0, reading.now
     since = min(reading.previous, now - parameters.hold_seconds)
@@ -161,10 +161,25 @@ def select_active(
         else:
             least = max(parameters.on, reading.floor[i])
             enough = pressure >= max(least, parameters.on_share * recent)
+            if enough and taxel.risen_at < since and rises_alone(i, reading, context):
+                taxel.risen_at, taxel.pressure, taxel.moved = now, pressure, 1
+                enough = False
         if enough:
             chosen[count] = i
             count += 1
     return chosen[:count]
+
+
+@compiled
+@no_type_check
+def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool:
+    """Return whether no neighbour of a taxel is pressed."""
+    span = context.geometry[i].neighbours
+    for k in range(span[0], span[1]):
+        j = context.neighbours[k]
+        if reading.valid[j] and reading.pressure[j] >= context.parameters.off:
+            return False
+    return True
 
 
 @compiled
@@ -213,7 +228,7 @@ def update_active(
         taxel, pressure = state.taxels[i], reading.pressure[i]
         if taxel.active_at != reading.previous:
             taxel.onset = reading.stamp
-        if taxel.active_at < since:
+        if max(taxel.active_at, taxel.risen_at) < since:
             taxel.pressure, taxel.moved = 0.0, 0
         change = abs(pressure - taxel.pressure)
         least = max(parameters.moves * pressure, reading.floor[i])
@@ -387,7 +402,7 @@ def find_contacts(
     """
     geometry, state = context.geometry, context.state
     links, T_world_link = geometry.link, reading.T_world_link
-    active = select_active(candidates, reading, context.parameters, state)
+    active = select_active(candidates, reading, context)
     active = sort_by_rank(active, geometry)
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
     n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)

@@ -158,6 +158,7 @@ TAXEL_STATE = np.dtype(
         ("pressure", "f8"),
         ("changed", "i8"),
         ("moved", "i8"),
+        ("risen_at", "f8"),
         ("slot", "i8"),
     ]
 )
@@ -264,6 +265,7 @@ def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarr
 def build_tracker_state(count: int) -> TrackerState:
     """Build the state of a skin that was never touched."""
     taxels = np.zeros(count, TAXEL_STATE)
-    taxels["active_at"] = taxels["peak_at"] = -np.inf
+    for name in ("active_at", "peak_at", "risen_at"):
+        taxels[name] = -np.inf
     taxels["slot"] = -1
     return TrackerState(taxels, np.empty(count, np.int64), np.array([0, 1, 1]))
