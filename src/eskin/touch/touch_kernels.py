@@ -48,6 +48,8 @@ STATUS_SIZE = len(TouchStatus._fields)
 MIN_LIFT_NS = 60_000_000
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
+SLOW_NS = 30_000_000
+"""Time between two readings from which a touch may last for one of them [ns]."""
 CLEAR = 0.7
 """Smallest evidence of a taxel that is well above its noise, twice of it."""
 MIN_NOISE = 0.1
@@ -433,8 +435,6 @@ def update_open_touches(
         touch = update.touches[n]
         if touch.closed:
             continue
-        if touch.evidence >= parameters.enough and touch.onset < reading.stamp:
-            touch.confirmed = 1
         touch.impulse += 0.5 * (force[n] + touch.force) * seconds
         touch.force = force[n]
         if strongest[n] != NO_INDEX:
@@ -443,6 +443,10 @@ def update_open_touches(
             touch.peak_force = max(touch.peak_force, force[n])
             centre[n] /= force[n]
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
+        lasts = touch.onset < reading.stamp or reading.elapsed > SLOW_NS
+        if touch.last == reading.stamp and lasts:
+            if touch.evidence >= parameters.enough:
+                touch.confirmed = 1
         touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
         if reading.stamp - touch.settled_at >= parameters.settle_ns:
             touch.settled, touch.settled_at = touch.peak_force, reading.stamp
