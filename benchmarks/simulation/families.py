@@ -27,8 +27,8 @@ CHIP = 405
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """A recording holds readings of one build under a known load."""
+class LoadRecording:
+    """A load recording holds readings of one build under a known load."""
 
     build: SensorBuild
     """Build that was read."""
@@ -95,14 +95,14 @@ def find_block(skin: Skin) -> Int[np.ndarray, "pressed"]:
 
 def record(
     build: SensorBuild, load: Float[np.ndarray, "time"], skin: Skin, seed: int
-) -> Recording:
+) -> LoadRecording:
     """Record a build under a load on a block of taxels [kPa], step by step."""
     block = find_block(skin)
     pressure = np.repeat(load[:, None], len(block), axis=1)
     counts, received = sense(pressure, block, build, skin, np.random.default_rng(seed))
     full = build.electronics.full_scale
     level = fill_lost(counts / full, received)
-    return Recording(build, level, received, block, skin)
+    return LoadRecording(build, level, received, block, skin)
 
 
 def build_loads(step: float) -> dict[str, Float[np.ndarray, "time"]]:
@@ -119,13 +119,13 @@ def build_loads(step: float) -> dict[str, Float[np.ndarray, "time"]]:
     }
 
 
-def measure_noise(rest: Recording) -> Float[np.ndarray, "taxel"]:
+def measure_noise(rest: LoadRecording) -> Float[np.ndarray, "taxel"]:
     """Measure the noise of each taxel by successive differences."""
     level = rest.level
     return np.diff(level, axis=0).std(axis=0) / np.sqrt(2.0)
 
 
-def measure_spectrum(rest: Recording) -> float:
+def measure_spectrum(rest: LoadRecording) -> float:
     """Measure the exponent of 1/f below 5 Hz, of the mean spectrum of taxels."""
     level = rest.level[:, rest.working]
     power = (abs(np.fft.rfft(level - level.mean(axis=0), axis=0)) ** 2).mean(axis=1)
@@ -136,7 +136,7 @@ def measure_spectrum(rest: Recording) -> float:
     return -float(np.polyfit(np.log(f[part]), np.log(power[part]), 1)[0])
 
 
-def measure_shared(rest: Recording) -> float:
+def measure_shared(rest: LoadRecording) -> float:
     """Measure the share of the variance of differences that rows have in common."""
     patch = np.intersect1d(rest.skin.find_taxels(PATCH), rest.working)
     fast = np.diff(rest.level[:, patch], axis=0)
@@ -152,7 +152,7 @@ def measure_shared(rest: Recording) -> float:
     return float(np.mean(found)) if found else 0.0
 
 
-def measure_minutes(rest: Recording) -> float:
+def measure_minutes(rest: LoadRecording) -> float:
     """Measure how far medians of 1 s move within the recording, at the 99th place."""
     second = round(rest.rate)
     whole = len(rest.level) // second * second
@@ -160,13 +160,13 @@ def measure_minutes(rest: Recording) -> float:
     return float(np.quantile(np.ptp(np.median(level, axis=1), axis=0), 0.99))
 
 
-def measure_swinging(rest: Recording) -> float:
+def measure_swinging(rest: LoadRecording) -> float:
     """Measure the share of taxels that swing by more than 16 % at rest."""
     level = rest.level
     return float(np.mean(np.ptp(level, axis=0) > 0.16))
 
 
-def measure_touched_noise(hold: Recording, rest: Recording) -> float:
+def measure_touched_noise(hold: LoadRecording, rest: LoadRecording) -> float:
     """Measure the noise of pressed taxels by their own at rest."""
     first = round(10.0 * hold.rate)
     level = hold.level[first:, hold.pressed]
@@ -175,7 +175,7 @@ def measure_touched_noise(hold: Recording, rest: Recording) -> float:
     return float(np.median(touched) / max(np.median(own), 1e-9))
 
 
-def measure_creep(hold: Recording) -> float:
+def measure_creep(hold: LoadRecording) -> float:
     """Measure the growth of the summed signal in a doubling of time, from 1 to 64 s."""
     signal, start = hold.sum_signal(), round(4.0 * hold.rate)
     at = [start + round(2.0**n * hold.rate) for n in range(7)]
@@ -183,24 +183,24 @@ def measure_creep(hold: Recording) -> float:
     return float(np.mean(np.diff(np.log(smooth))))
 
 
-def measure_gain(hold: Recording) -> float:
+def measure_gain(hold: LoadRecording) -> float:
     """Measure the deviation of ln conductance inside the contact."""
     part = slice(round(5.0 * hold.rate), round(6.0 * hold.rate))
     signal = np.median(hold.find_conductance()[part], axis=0)
     return float(np.log(signal[signal > 0.0]).std())
 
 
-def measure_column_leak(hold: Recording) -> float:
+def measure_column_leak(hold: LoadRecording) -> float:
     """Measure what free taxels of pressed columns read, by the sum pressed there."""
     return measure_leak(hold, hold.skin.columns, hold.skin.rows)
 
 
-def measure_row_leak(hold: Recording) -> float:
+def measure_row_leak(hold: LoadRecording) -> float:
     """Measure what free taxels of pressed rows read, by the sum pressed there."""
     return measure_leak(hold, hold.skin.rows, hold.skin.columns)
 
 
-def measure_leak(hold: Recording, line: np.ndarray, along: np.ndarray) -> float:
+def measure_leak(hold: LoadRecording, line: np.ndarray, along: np.ndarray) -> float:
     """Measure leakage along lines, at least three taxels from the block."""
     rest = np.median(hold.level[: round(2.0 * hold.rate)], axis=0)
     first = slice(round(5.0 * hold.rate), round(15.0 * hold.rate))
@@ -216,7 +216,7 @@ def measure_leak(hold: Recording, line: np.ndarray, along: np.ndarray) -> float:
     return float(np.median(shares))
 
 
-def measure_edges(presses: Recording) -> tuple[float, float]:
+def measure_edges(presses: LoadRecording) -> tuple[float, float]:
     """Measure the medians of the time to rise 10-90 % and to fall 90-10 % [s]."""
     signal = presses.sum_signal()
     rises, falls = [], []
@@ -238,7 +238,7 @@ def find_last(flags: np.ndarray) -> int:
     return int(np.argmin(flags)) if not flags.all() else len(flags)
 
 
-def measure_left(presses: Recording, seconds: float) -> float:
+def measure_left(presses: LoadRecording, seconds: float) -> float:
     """Measure what is left of the peak so long after a press, at the median."""
     signal, left = presses.sum_signal(), []
     for press in range(PRESSES):
@@ -250,7 +250,7 @@ def measure_left(presses: Recording, seconds: float) -> float:
     return float(np.median(left))
 
 
-def measure_shift(presses: Recording) -> float:
+def measure_shift(presses: LoadRecording) -> float:
     """Measure the share of pressed taxels off by more than 2 % after 1 s."""
     level = presses.level
     off = []
@@ -264,7 +264,7 @@ def measure_shift(presses: Recording) -> float:
     return float(np.mean(abs(np.array(off)) > 0.02))
 
 
-def measure_corrupt(rest: Recording) -> float:
+def measure_corrupt(rest: LoadRecording) -> float:
     """Measure the wrong values in a reading of an array of 405 taxels."""
     level = rest.level[:, rest.working]
     spike = abs(level[1:-1] - level[:-2]) > 0.3
@@ -272,20 +272,20 @@ def measure_corrupt(rest: Recording) -> float:
     return float(CHIP * spike.mean())
 
 
-def measure_repeated(rest: Recording) -> float:
+def measure_repeated(rest: LoadRecording) -> float:
     """Measure the share of readings of a patch that are equal to the last."""
     patch = np.asarray(rest.skin.find_taxels(PATCH))
     level = rest.level[rest.received[:, patch[0]]][:, patch]
     return float(np.mean((np.diff(level, axis=0) == 0.0).all(axis=1)))
 
 
-def measure_jitter(rest: Recording) -> float:
+def measure_jitter(rest: LoadRecording) -> float:
     """Measure the deviation of stamps [ms]."""
     times = draw_reading_times(rest.build, 2000, np.random.default_rng(0))
     return 1e3 * float((times - np.arange(2000) / rest.rate).std())
 
 
-Measure = Callable[[dict[str, Recording]], float]
+Measure = Callable[[dict[str, LoadRecording]], float]
 ROWS: tuple[tuple[str, str, float, float, Measure], ...] = (
     ("noise at rest, % of full scale", "S F C L: .02 to 1.7", 0.02, 1.7,
      lambda of: 100 * float(np.median(measure_noise(of["rest"])[of["rest"].working]))),
@@ -335,7 +335,7 @@ ROWS: tuple[tuple[str, str, float, float, Measure], ...] = (
 """Rows of the table: quantity, measured range with its recordings, how to measure."""
 
 
-def count_noisy(rest: Recording, factor: float) -> float:
+def count_noisy(rest: LoadRecording, factor: float) -> float:
     """Return the share of working taxels so much noisier than the median."""
     noise = measure_noise(rest)[rest.working]
     return float(np.mean(noise > factor * max(np.median(noise), 1e-9)))

@@ -378,7 +378,7 @@ class Readout(NamedTuple):
     """Standard deviation of what a touch adds to the noise [counts]."""
     touched_level: np.ndarray
     """Level relative to full scale from which it does (taxel)."""
-    cut: float
+    cut: int
     """Counts below which it gives zero."""
     feels: np.ndarray
     """Sensitivity of a taxel: 1, or 0 if it is dead (taxel)."""
@@ -411,24 +411,27 @@ def convert_to_counts(
         out: counts, written.
     """
     full, walk = np.float32(readout.full), np.float32(readout.walk)
-    part, cut = np.float32(readout.noise_relative), np.float32(readout.cut)
-    touched_noise = np.float32(readout.touched_noise)
+    part, added = np.float32(readout.noise_relative), np.float32(readout.touched_noise)
+    added *= added
     zero, half = np.float32(0.0), np.float32(0.5)
+    squares = readout.noise * readout.noise
     for r in range(len(level)):
+        if added > zero:
+            for i in range(level.shape[1]):
+                own = readout.noise[i]
+                is_touched = level[r, i] > readout.touched_level[i]
+                squares[i] = own * own + (added if is_touched else zero)
         for i in range(level.shape[1]):
             is_up = (signs[r, i >> 6] >> np.uint64(i & 63)) & np.uint64(1)
             drift[i] += walk if is_up else -walk
             signal = full * (level[r, i] + shifts[r, i]) * readout.feels[i]
             value = readout.base[i] + drift[i] + signal
             rough = part * value
-            own = readout.noise[i]
-            if touched_noise > zero and level[r, i] > readout.touched_level[i]:
-                own = np.sqrt(own * own + touched_noise * touched_noise)
-            value += np.sqrt(own * own + rough * rough) * quantiles[chances[r, i]]
-            value = np.floor(value + half)
-            if value < cut:
-                value = zero
-            out[r, i] = np.int32(min(max(value, zero), full))
+            value += np.sqrt(squares[i] + rough * rough) * quantiles[chances[r, i]]
+            out[r, i] = np.int32(min(max(np.floor(value + half), zero), full))
+        if readout.cut > 0:
+            for i in range(level.shape[1]):
+                out[r, i] *= out[r, i] >= readout.cut
         for i in range(level.shape[1]):
             if readout.stuck[i] >= 0:
                 out[r, i] = readout.stuck[i]

@@ -173,7 +173,7 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
         noise_relative=electronics.noise_relative * stages.noise,
         touched_noise=touched_noise * stages.noise,
         touched_level=compute_touched_level(build, stages),
-        cut=float(cut),
+        cut=cut,
         feels=feels.astype(np.float32),
         stuck=(stuck if stages.faults else np.full(len(stuck), -1.0)).astype(np.int32),
     )
