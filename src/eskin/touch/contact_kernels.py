@@ -163,6 +163,7 @@ def select_active(
             enough = pressure >= max(least, parameters.on_share * recent)
             if enough and taxel.risen_at < since and rises_alone(i, reading, context):
                 taxel.risen_at, taxel.pressure, taxel.moved = now, pressure, 1
+                taxel.onset = reading.stamp
                 enough = False
         if enough:
             chosen[count] = i
@@ -226,7 +227,7 @@ def update_active(
     since = min(reading.previous, now - parameters.hold_seconds)
     for i in active:
         taxel, pressure = state.taxels[i], reading.pressure[i]
-        if taxel.active_at != reading.previous:
+        if max(taxel.active_at, taxel.risen_at) != reading.previous:
             taxel.onset = reading.stamp
         if max(taxel.active_at, taxel.risen_at) < since:
             taxel.pressure, taxel.moved = 0.0, 0

@@ -136,6 +136,8 @@ def start_touch(
     touch.id = state.counts[NEXT_TOUCH]
     state.counts[NEXT_TOUCH] += 1
     touch.onset, touch.last = track.onset, track.last
+    for k in range(contact.loads[0], contact.loads[1]):
+        touch.onset = min(touch.onset, buffer.loads[k].onset)
     touch.contact, touch.link = track.contact, contact.link
     touch.contacts = 1
     touch.closed = touch.merged_into = 0
