@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.touch import Calibrator, FaultDetector, Reading, SpikeFilter
+from eskin.touch import Calibrator, FaultDetector
 from helpers.touch import SECOND, START, build_grid_skin, calibration_of, scan_at
 
 SKIN = build_grid_skin(patches=2)
@@ -231,42 +231,6 @@ def test_row_that_no_hand_presses_so_is_doubtful_at_once(counts, doubted):
         all_counts[ROW] += counts
 
     np.testing.assert_array_equal(find_doubtful(change), ROW & doubted)
-
-
-def filter_spikes(pressures, period=0.02):
-    """Return the pressure on all taxels after the filter, reading by reading."""
-    spikes = SpikeFilter(SKIN, 0.7, 0.5)
-    stamps = START + np.arange(len(pressures)) * round(period * SECOND)
-    valid, result = np.ones(SKIN.count, bool), []
-    for stamp, pressure in zip(stamps, pressures, strict=True):
-        full = np.zeros(SKIN.count, np.float32)
-        for taxel, value in pressure.items():
-            full[taxel] = value
-        result.append(spikes.push(Reading(int(stamp), full, valid, np.zeros(0))))
-    return [reading.pressure for reading in result]
-
-
-def test_spike_of_one_reading_is_withheld():
-    found = filter_spikes([{}, {TAXEL: 30.0}, {}, {TAXEL: 30.0}, {}])
-    assert not np.any(found)
-
-
-def test_press_of_one_taxel_is_felt_one_reading_later():
-    found = filter_spikes([{}, {TAXEL: 30.0}, {TAXEL: 40.0}, {TAXEL: 50.0}])
-    assert [pressure[TAXEL] for pressure in found] == [0.0, 0.0, 40.0, 50.0]
-
-
-@pytest.mark.parametrize(
-    ("pressures", "period"),
-    [
-        ([{}, {TAXEL: 30.0, TAXEL + 1: 5.0}], 0.02),
-        ([{TAXEL + 10: 9.0}, {TAXEL + 10: 9.0}, {TAXEL + 10: 9.0, TAXEL: 30.0}], 0.02),
-        ([{}, {TAXEL: 30.0}], 0.08),
-    ],
-    ids=["neighbour rises too", "patch is touched", "low rate"],
-)
-def test_pressure_is_not_withheld_where_it_may_be_a_touch(pressures, period):
-    assert filter_spikes(pressures, period)[-1][TAXEL] == 30.0
 
 
 @pytest.mark.parametrize(

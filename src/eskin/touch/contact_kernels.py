@@ -143,8 +143,8 @@ def select_active(
     is the lower one. A taxel that is not received stays held for a short time. Both
     thresholds rise with the noise of the taxel, and with the recent peak of it and its
     neighbours, so that the residual of a sensor after a release is no contact. A taxel
-    that rises alone becomes active with the next reading that confirms it: corrupt
-    values last for one.
+    that rises alone becomes active with the next reading that confirms it, since corrupt
+    values last for one; not so in readings without noise.
     """
     parameters, state = context.parameters, context.state
     chosen = np.empty(len(candidates), np.int64)
@@ -161,7 +161,8 @@ def select_active(
         else:
             least = max(parameters.on, reading.floor[i])
             enough = pressure >= max(least, parameters.on_share * recent)
-            if enough and taxel.risen_at < since and rises_alone(i, reading, context):
+            is_new = taxel.risen_at < since and reading.floor[i] > 0.0
+            if enough and is_new and rises_alone(i, reading, context):
                 taxel.risen_at, taxel.pressure, taxel.moved = now, pressure, 1
                 taxel.onset = reading.stamp
                 enough = False

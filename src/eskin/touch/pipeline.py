@@ -256,7 +256,7 @@ class TouchPipeline:
             ReadingError: The scan is of another skin or robot, or not later than the
                 last one. The state is then unchanged.
         """
-        return self.push_reading(*self.calibrate(scan))
+        return self.push_reading(*self.calibrate(scan), self.faults.floor)
 
     def calibrate(self, scan: Scan) -> tuple[Reading, tuple[Fault, ...]]:
         """Calibrate the next scan, and mark data that cannot be trusted as not valid.
@@ -277,14 +277,23 @@ class TouchPipeline:
         return self.crosstalk.compensate(reading), faults
 
     def push_reading(
-        self, reading: Reading, faults: tuple[Fault, ...] = ()
+        self,
+        reading: Reading,
+        faults: tuple[Fault, ...] = (),
+        floor: Float[np.ndarray, "taxel"] | None = None,
     ) -> TouchState:
         """Process the next reading, which is calibrated already.
+
+        Args:
+            reading: the reading.
+            faults: faults of the skin.
+            floor: pressure of each taxel up to which it may be noise [kPa]; None for
+                readings without noise, in which every contact is a touch.
 
         Raises:
             ReadingError: As for `push`.
         """
-        result = self.tracker.push(reading, self.faults.floor)
+        result = self.tracker.push(reading, floor)
         self.reading = reading
         return self.build_state(reading, faults, result)
 

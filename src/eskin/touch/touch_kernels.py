@@ -385,13 +385,16 @@ def weigh_contact(
 
     Each taxel adds the logarithm of its pressure in units of its noise, within limits.
     Where only one of them is well above its noise, that counts only while its pressure
-    changes, since the offset of a taxel may jump, and then stays.
+    changes, since the offset of a taxel may jump, and then stays. In readings without
+    noise every contact is evidence enough.
     """
     parameters, state = context.parameters, context.state
     evidence, clear, strongest, changed = 0.0, 0, 0.0, False
     span = contact.loads
     for k in range(span[0], span[1]):
         load = buffer.loads[k]
+        if reading.floor[load.taxel] == 0.0:
+            return np.inf
         noise = max(reading.floor[load.taxel], MIN_NOISE)
         strength = np.log(max(load.pressure / noise, 1.0))
         strength = min(strength, parameters.most)
@@ -446,7 +449,7 @@ def update_open_touches(
             centre[n] /= force[n]
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
         lasts = touch.onset < reading.stamp or reading.elapsed > SLOW_NS
-        if touch.last == reading.stamp and lasts:
+        if touch.last == reading.stamp and (lasts or touch.evidence == np.inf):
             if touch.evidence >= parameters.enough:
                 touch.confirmed = 1
         touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
