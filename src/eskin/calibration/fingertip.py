@@ -1,15 +1,19 @@
-"""This module computes which part of a fingertip's force the taxels measure.
+"""This module computes what taxels show of the press of a fingertip.
 
 A fingertip presses with the pressure of an inverted paraboloid (Pawluk and Howe 1999)
-on an area that grows with a power of its force. Where it presses less than closes the
-layers of the sensor, taxels measure nothing; the smaller the force, and the larger the
-taxels, the more is lost.
+on an area that grows with a power of its force. What taxels of a trial calibration show
+of it is read with the calibration that was assumed. Where a fingertip presses less than
+closes the layers of the sensor, taxels show nothing; the smaller the force, and the
+larger the taxels, the more is lost.
 """
 
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
+
+from eskin.touch import Calibration, ContactConfig
 
 AREA_AT_1_N = 90e-6
 """Contact area of a fingertip on a flat at 1 N [m2]."""
@@ -21,86 +25,87 @@ SENSING_SHARE = 0.65
 """Share of the area of a taxel, in its middle, that senses."""
 FILM = (0.5e-3, 3e-3)
 """Least and largest standard deviation of the spread of pressure by a film [m]."""
-FORCES = np.geomspace(0.05, 100.0, 20)
-"""Forces for which the response is tabulated [N]."""
-ACTIVATIONS = np.geomspace(0.1, 20.0, 9)
-"""Pressures that close the layers for which it is tabulated [kPa]."""
-DRAWS = 96
+FORCES = np.geomspace(0.3, 40.0, 14)
+"""Forces that are computed [N]."""
+DRAWS = 64
 """Number of places and sizes of the fingertip that are drawn for each."""
-REACH = 4
-"""Number of taxels on each side of the middle one that are computed."""
+RADIUS = 0.014
+"""Distance from the middle of a fingertip within which taxels are computed [m]."""
+MAX_REACH = 8
+"""Largest number of taxels on each side of the middle one."""
 POINTS = 4
 """Number of points along each side of a taxel at which pressure is averaged."""
-LEAST_SHARE = 0.01
-"""Share of the force that is taken for measured where nothing is."""
-MIN_SLOPE = 0.3
-"""Least growth of the measured force with the true one, both as logarithms."""
+LEAST_FORCE = 0.1
+"""Force that is taken for shown where less is [N]; such presses are not noticed."""
 PA_PER_KPA = 1000.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class TaxelConstants:
+    """The constants of a trial that all taxels of a patch share."""
+
+    ln_gain: float
+    """ln of the gain over the one that is assumed."""
+    exponent: float
+    unfelt: float
+    """Activation pressure [kPa]."""
+
+
+@final
 class FingertipResponse:
-    """A response is the force that taxels of one size measure, over that applied."""
+    """A response tells what taxels of one size show of a fingertip by its force.
 
-    mean: Float[np.ndarray, "activation force"]
-    """Mean of ln(measured force / N) at each of `ACTIVATIONS` and `FORCES`."""
-    deviation: Float[np.ndarray, "activation force"]
-    """Standard deviation of it over places and fingers."""
-
-    def at(
-        self, unfelt: float
-    ) -> tuple[Float[np.ndarray, "force"], Float[np.ndarray, "force"]]:
-        """Return mean and deviation at an activation pressure [kPa]."""
-        last = len(ACTIVATIONS) - 1
-        ratio = np.log(max(unfelt, ACTIVATIONS[0]) / ACTIVATIONS[0])
-        place = min(ratio / np.log(ACTIVATIONS[1] / ACTIVATIONS[0]), last)
-        low = min(int(place), last - 1)
-        part = place - low
-        return (
-            (1 - part) * self.mean[low] + part * self.mean[low + 1],
-            (1 - part) * self.deviation[low] + part * self.deviation[low + 1],
-        )
-
-    def infer_force(self, measured: float, unfelt: float) -> tuple[float, float, float]:
-        """Infer the force of a press from the force that was measured [N].
-
-        Returns:
-            ln of the true force; its standard deviation by place and finger; and the
-            growth of ln measured force with ln true force.
-        """
-        mean, deviation = self.at(unfelt)
-        forces, value = np.log(FORCES), np.log(measured)
-        n = int(np.clip(np.searchsorted(mean, value), 1, len(forces) - 1))
-        slope = (mean[n] - mean[n - 1]) / (forces[n] - forces[n - 1])
-        slope = max(slope, MIN_SLOPE)
-        force = forces[n] + (value - mean[n]) / slope
-        return force, float(np.interp(force, forces, deviation)) / slope, slope
-
-
-def tabulate_response(area: float, felt_from_zero: bool = False) -> FingertipResponse:
-    """Tabulate the response of taxels of an area [m2].
-
-    Args:
-        area: area of one taxel, taken as square.
-        felt_from_zero: whether the sensor has no activation pressure.
+    Places, sizes and gains of single taxels are drawn once, so that it is a smooth
+    function of the constants.
     """
-    rng = np.random.default_rng(0)
-    pitch = np.sqrt(area)
-    offset = rng.uniform(-0.5, 0.5, (DRAWS, 2)) * pitch
-    scale = np.exp(AREA_DEVIATION * rng.standard_normal(DRAWS))
-    film = rng.uniform(*FILM, DRAWS) / (np.sqrt(2.0 * np.pi) * pitch)
-    mean = np.empty((len(ACTIVATIONS), len(FORCES)))
-    deviation = np.empty_like(mean)
-    for n, force in enumerate(FORCES):
-        size = AREA_AT_1_N * force**AREA_EXPONENT * scale
-        pressure = spread_pressure(press_taxels(force, size, offset, pitch), film)
-        for m, unfelt in enumerate(ACTIVATIONS):
-            felt = np.maximum(pressure - unfelt * (not felt_from_zero), 0.0)
-            shown = felt + np.minimum(felt, unfelt) * (not felt_from_zero)
-            total = PA_PER_KPA * area * shown.sum(axis=(1, 2))
-            logs = np.log(np.maximum(total, LEAST_SHARE * force))
-            mean[m, n], deviation[m, n] = logs.mean(), logs.std()
-    return FingertipResponse(np.maximum.accumulate(mean, axis=1), deviation)
+
+    def __init__(
+        self, area: float, calibration: Calibration, gain: float, scatter: float
+    ) -> None:
+        """Draw the presses.
+
+        Args:
+            area: area of one taxel, taken as square [m2].
+            calibration: calibration that is assumed.
+            gain: gain that is assumed [kPa/count].
+            scatter: standard deviation of ln gain of a taxel in its patch.
+        """
+        rng = np.random.default_rng(0)
+        pitch = float(np.sqrt(area))
+        offset = rng.uniform(-0.5, 0.5, (DRAWS, 2)) * pitch
+        scale = np.exp(AREA_DEVIATION * rng.standard_normal(DRAWS))
+        film = rng.uniform(*FILM, DRAWS) / (np.sqrt(2.0 * np.pi) * pitch)
+        film = np.minimum(film, 0.2)
+        fields = []
+        for force in FORCES:
+            size = AREA_AT_1_N * force**AREA_EXPONENT * scale
+            pressed = press_taxels(float(force), size, offset, pitch)
+            fields.append(spread_pressure(pressed, film).reshape(DRAWS, -1))
+        self.pressure = np.stack(fields)
+        single = rng.standard_normal(self.pressure.shape[1:])
+        self.half_scale = gain * calibration.full_scale * np.exp(scatter * single)
+        self.read_scale = gain * calibration.full_scale
+        self.calibration = calibration
+        self.area = area
+        self.cache: dict[TaxelConstants, tuple[np.ndarray, np.ndarray]] = {}
+
+    def compute(
+        self, constants: TaxelConstants
+    ) -> tuple[Float[np.ndarray, "force"], Float[np.ndarray, "force"]]:
+        """Return mean and variance of ln(force shown / N) at each of `FORCES`."""
+        found = self.cache.get(constants)
+        if found is not None:
+            return found
+        felt = np.maximum(self.pressure - constants.unfelt, 0.0)
+        power = constants.exponent / self.calibration.exponent
+        share = felt / (self.half_scale * np.exp(constants.ln_gain))
+        read = self.read_scale * share**power
+        shown = read + np.minimum(read, self.calibration.unfelt)
+        shown[shown < ContactConfig().off] = 0.0
+        total = PA_PER_KPA * self.area * shown.sum(axis=2)
+        logs = np.log(np.maximum(total, LEAST_FORCE))
+        self.cache[constants] = logs.mean(axis=1), logs.var(axis=1)
+        return self.cache[constants]
 
 
 def press_taxels(
@@ -117,7 +122,8 @@ def press_taxels(
         offset: its centre from that of the middle taxel [m].
         pitch: distance of the taxels [m].
     """
-    centres = pitch * np.arange(-REACH, REACH + 1)
+    reach = min(int(np.ceil(RADIUS / pitch)), MAX_REACH)
+    centres = pitch * np.arange(-reach, reach + 1)
     side = pitch * np.sqrt(SENSING_SHARE)
     inside = side * ((np.arange(POINTS) + 0.5) / POINTS - 0.5)
     lines = (centres[:, None] + inside).ravel()

@@ -1,8 +1,7 @@
 """This module estimates gains, exponent and activation from presses of a fingertip.
 
-What is measured of a press under a trial calibration gives the force that a fingertip
-must have had; the estimate is the calibration under which these forces agree best with
-the known ones, or with those that people usually apply, and with the data sheet.
+The estimate is the calibration under which fingertips of the known forces, or of those
+that people usually apply, show what was measured, as far as the data sheet allows.
 """
 
 from dataclasses import dataclass, replace
@@ -14,17 +13,25 @@ from jaxtyping import Float, Int
 from scipy.optimize import least_squares
 
 from eskin.calibration.fingertip import (
+    FORCES,
+    LEAST_FORCE,
     PA_PER_KPA,
     FingertipResponse,
-    tabulate_response,
+    TaxelConstants,
 )
 from eskin.skin import Skin
 from eskin.touch import Calibration
 
-ROUNDS = 2
+ROUNDS = 3
 """Number of estimates, each with the deviations of the presses under the last one."""
-LEAST_FORCE = 1e-3
-"""Force that is taken for measured where nothing is [N]."""
+SHARED = 4
+"""Number of deviates that are not those of a patch."""
+STEP = 1e-3
+"""Step of the numerical derivatives, in deviations of the prior."""
+LN_FORCES = np.log(FORCES)
+NODES, NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+WEIGHTS = NODE_WEIGHTS / NODE_WEIGHTS.sum()
+"""Nodes and weights of means over a standard normal law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +54,15 @@ class GainPrior:
 
     device: float = 0.4
     """Standard deviation of the gain of a whole skin from its data sheet."""
-    patch: float = 0.35
-    """Standard deviation of the gain of a patch from that of the skin."""
+    patch: float = 0.4
+    """Standard deviation of the gain of a patch from that of the skin, where what its
+    own exponent and activation change counts as gain."""
     taxel: float = 0.35
     """Standard deviation of the gain of a taxel from that of its patch."""
     exponent: float = 0.12
-    """Standard deviation of the exponent."""
+    """Standard deviation of the exponent of a whole skin."""
     unfelt: float = 0.7
-    """Standard deviation of the activation pressure."""
+    """Standard deviation of the activation pressure of a whole skin."""
     force: float = 4.0
     """Median force of a fingertip that is asked to press [N]."""
     person: float = 0.5
@@ -123,7 +131,9 @@ def estimate_gains(
     jacobian = np.eye(problem.size)
     for _ in range(ROUNDS if presses else 0):
         problem.update_deviations(found)
-        result = least_squares(problem.compute_residuals, found)
+        result = least_squares(
+            problem.compute_residuals, found, problem.compute_jacobian
+        )
         found, jacobian = result.x, result.jac
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     return problem.build_estimate(found, covariance)
@@ -133,8 +143,11 @@ def estimate_gains(
 class PressProblem:
     """The residuals of a trial calibration, each in units of its deviation.
 
-    A trial is a vector of standard normal deviates: gain of the skin, usual force of
-    the person, exponent, activation, then gain of each patch.
+    What is compared is the force that the assumed calibration shows of a press, which
+    is the same in every trial. A trial is a vector of standard normal deviates: gain of
+    the skin, usual force of the person, exponent, activation, then gain of each patch.
+    Exponent and activation are those of the whole skin: a few presses of one patch tell
+    hardly more about them than the data sheet.
     """
 
     def __init__(
@@ -144,104 +157,104 @@ class PressProblem:
         presses: tuple[Press, ...],
         prior: GainPrior,
     ) -> None:
-        """Join the presses."""
+        """Measure the presses with the assumed calibration."""
         self.skin, self.calibration = skin, calibration
         self.presses, self.prior = presses, prior
-        self.size = 4 + len(skin.patches)
-        empty = np.zeros(0, np.int64)
-        self.taxels = np.concatenate([empty, *(press.taxels for press in presses)])
-        self.above = np.concatenate([np.zeros(0), *(press.above for press in presses)])
-        sizes = [len(press.taxels) for press in presses]
-        self.press_of = np.repeat(np.arange(len(presses)), sizes)
-        self.areas = PA_PER_KPA * skin.areas[self.taxels]
-        self.patch_of = skin.patch_index[self.taxels]
+        self.size = SHARED + len(skin.patches)
+        self.shown = np.array([self.measure(press) for press in presses])
         self.deviation = np.ones(len(presses))
         self.has_exponent = calibration.curve == "divider"
         self.has_unfelt = calibration.unfelt > 0.0
 
+    def measure(self, press: Press) -> float:
+        """Return ln of the force that the assumed calibration shows of a press."""
+        assumed = replace(
+            self.calibration,
+            gain=self.calibration.gain[press.taxels],
+            noise=None,
+            rest=None,
+        )
+        areas = self.skin.areas[press.taxels]
+        force = PA_PER_KPA * float(areas @ assumed.compute_pressure(press.above))
+        return float(np.log(max(force, LEAST_FORCE)))
+
     @cached_property
     def responses(self) -> dict[int, FingertipResponse]:
         """Response of the taxels of each patch that was pressed."""
-        patches = {press.patch for press in self.presses}
-        areas = {n: self.skin.areas[self.skin.patch_index == n] for n in patches}
-        return {
-            n: tabulate_response(float(area.mean()), not self.has_unfelt)
-            for n, area in areas.items()
-        }
+        found = {}
+        for patch in {press.patch for press in self.presses}:
+            members = self.skin.patch_index == patch
+            found[patch] = FingertipResponse(
+                float(self.skin.areas[members].mean()),
+                self.calibration,
+                float(np.exp(np.log(self.calibration.gain[members]).mean())),
+                self.prior.taxel,
+            )
+        return found
 
     def get_constants(
         self, trial: Float[np.ndarray, "size"]
     ) -> tuple[Float[np.ndarray, "patch"], float, float]:
         """Return ln gain of each patch, exponent and activation [kPa] of a trial."""
         prior = self.prior
-        ln_gain = prior.device * trial[0] + prior.patch * trial[4:]
+        ln_gain = prior.device * trial[0] + prior.patch * trial[SHARED:]
         exponent = self.calibration.exponent
         exponent *= np.exp(prior.exponent * trial[2] * self.has_exponent)
         unfelt = self.calibration.unfelt
         unfelt *= np.exp(prior.unfelt * trial[3] * self.has_unfelt)
         return ln_gain, float(exponent), float(unfelt)
 
-    def measure(self, trial: Float[np.ndarray, "size"]) -> Float[np.ndarray, "pressed"]:
-        """Return the force on each pressed taxel under a trial [N]."""
-        ln_gain, exponent, unfelt = self.get_constants(trial)
-        gain = self.calibration.gain[self.taxels] * np.exp(ln_gain)[self.patch_of]
-        changed = replace(
-            self.calibration,
-            gain=gain,
-            exponent=exponent,
-            unfelt=unfelt,
-            noise=None,
-            rest=None,
-        )
-        return self.areas * changed.compute_pressure(self.above)
-
-    def infer_forces(
+    def predict(
         self, trial: Float[np.ndarray, "size"]
     ) -> tuple[Float[np.ndarray, "press"], Float[np.ndarray, "press"]]:
-        """Return ln force of each press under a trial, and its deviation."""
-        forces = self.measure(trial)
-        unfelt = self.get_constants(trial)[2]
-        count, prior = len(self.presses), self.prior
-        total = np.maximum(
-            np.bincount(self.press_of, forces, minlength=count), LEAST_FORCE
-        )
-        squares = np.bincount(self.press_of, forces**2, minlength=count) / total**2
-        result, deviation = np.empty(count), np.empty(count)
+        """Return mean and deviation of what a trial shows of each press."""
+        prior = self.prior
+        ln_gain, exponent, unfelt = self.get_constants(trial)
+        usual = np.log(prior.force) + prior.person * trial[1]
+        mean, deviation = np.empty(len(self.presses)), np.empty(len(self.presses))
         for n, press in enumerate(self.presses):
             response = self.responses[press.patch]
-            result[n], by_place, slope = response.infer_force(total[n], unfelt)
-            measured = prior.taxel**2 * squares[n] + prior.repeat**2
-            deviation[n] = np.sqrt(by_place**2 + measured / slope**2)
-        return result, deviation
+            constants = TaxelConstants(float(ln_gain[press.patch]), exponent, unfelt)
+            means, variances = response.compute(constants)
+            is_known = press.force is not None
+            middle = np.log(press.force) if is_known else usual
+            spread = prior.known if is_known else prior.press
+            forces = middle + spread * NODES
+            shown = np.interp(forces, LN_FORCES, means)
+            mean[n] = WEIGHTS @ shown
+            variance = WEIGHTS @ ((shown - mean[n]) ** 2)
+            variance += WEIGHTS @ np.interp(forces, LN_FORCES, variances)
+            deviation[n] = np.sqrt(variance + prior.repeat**2)
+        return mean, deviation
 
     def update_deviations(self, trial: Float[np.ndarray, "size"]) -> None:
         """Set the deviation of each press to that under a trial."""
-        deviation = self.infer_forces(trial)[1]
-        usual = [
-            self.prior.press if press.force is None else self.prior.known
-            for press in self.presses
-        ]
-        self.deviation = np.hypot(deviation, usual)
+        self.deviation = self.predict(trial)[1]
 
     def compute_residuals(
         self, trial: Float[np.ndarray, "size"]
     ) -> Float[np.ndarray, "residual"]:
         """Return the residuals of the presses, then those of the prior."""
-        forces = self.infer_forces(trial)[0]
-        usual = np.log(self.prior.force) + self.prior.person * trial[1]
-        expected = np.array(
-            [usual if p.force is None else np.log(p.force) for p in self.presses]
-        )
-        return np.concatenate([(forces - expected) / self.deviation, trial])
+        mean = self.predict(trial)[0]
+        return np.concatenate([(self.shown - mean) / self.deviation, trial])
+
+    def compute_jacobian(
+        self, trial: Float[np.ndarray, "size"]
+    ) -> Float[np.ndarray, "residual size"]:
+        """Return the derivatives of the residuals by each deviate."""
+        base = self.compute_residuals(trial)
+        steps = trial + STEP * np.eye(self.size)
+        moved = np.stack([self.compute_residuals(step) for step in steps], axis=1)
+        return (moved - base[:, None]) / STEP
 
     def build_estimate(
         self, trial: Float[np.ndarray, "size"], covariance: Float[np.ndarray, "n n"]
     ) -> GainEstimate:
         """Build the estimate of the best trial from the covariance of its deviates."""
-        prior, patches = self.prior, len(self.skin.patches)
-        linear = np.zeros((patches, self.size))
+        prior, count = self.prior, len(self.skin.patches)
+        linear = np.zeros((count, self.size))
         linear[:, 0] = prior.device
-        linear[:, 4:] = prior.patch * np.eye(patches)
+        linear[:, SHARED:] = prior.patch * np.eye(count)
         ln_gain, exponent, unfelt = self.get_constants(trial)
         gains = linear @ covariance @ linear.T
         spread = np.sqrt(np.diag(covariance))
