@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from eskin.sim.sensor.build import draw_build, find_line_taxels
+from eskin.sim.sensor.build import draw_build
+from eskin.sim.sensor.defects import find_line_taxels
 from eskin.sim.sensor.electrical import ELECTRICAL_EVENTS, add_electrical_event
 from eskin.sim.sensor.kernels import read_array
 from eskin.sim.sensor.sensor import sense

@@ -163,7 +163,7 @@ class PressProblem:
         self.size = SHARED + len(skin.patches)
         self.shown = np.array([self.measure(press) for press in presses])
         self.deviation = np.ones(len(presses))
-        self.has_exponent = calibration.curve == "divider"
+        self.has_exponent = calibration.curve != "linear"
         self.has_unfelt = calibration.unfelt > 0.0
 
     def measure(self, press: Press) -> float:

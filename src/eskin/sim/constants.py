@@ -19,6 +19,9 @@ CONSTANTS_FILE = Path(__file__).with_name("constants.yaml")
 MM = 1e-3
 """Metres in a millimetre."""
 
+RANGE_DEVIATION = 0.4
+"""Standard deviation of a range, where its typical value is 0 and its ends are +-1."""
+
 MAX_DRAWS = 1000
 """Draws after which a distribution counts as outside its own limits."""
 
@@ -32,7 +35,7 @@ class StrictModel(BaseModel):
 class Distribution(StrictModel):
     """A distribution of one number is drawn again until it lies in `low` to `high`."""
 
-    law: Literal["normal", "lognormal", "uniform"]
+    law: Literal["normal", "lognormal", "uniform", "range"]
     mean: float | None = None
     """Mean of a normal law."""
     sd: float | None = None
@@ -41,6 +44,8 @@ class Distribution(StrictModel):
     """Median of a lognormal law."""
     gsd: float | None = None
     """Geometric standard deviation of a lognormal law."""
+    typical: float | None = None
+    """Median of a range, whose ends are `low` and `high`."""
     low: float = -np.inf
     high: float = np.inf
 
@@ -51,9 +56,12 @@ class Distribution(StrictModel):
             "normal": (self.mean, self.sd),
             "lognormal": (self.median, self.gsd),
             "uniform": (self.low, self.high),
+            "range": (self.low, self.typical, self.high),
         }[self.law]
         if any(part is None or not np.isfinite(part) for part in needed):
             raise ValueError(f"a {self.law} law lacks a parameter")
+        if not self.low <= (self.typical or self.low) <= self.high:
+            raise ValueError(f"typical is {self.typical}; allowed is low to high")
         return self
 
 
@@ -148,6 +156,14 @@ class Constants:
         number = draw_within(spread, rng, widen)
         return number * self.factors.get(name, 1.0)
 
+    def at_level(self, name: str, level: Literal["low", "typical", "high"]) -> float:
+        """Return an end of a range, or its typical value."""
+        spread = self.get_constant(name).spread
+        if spread is None or spread.law != "range":
+            raise ValueError(f"constant '{name}' is not a range; take its value")
+        number = getattr(spread, level)
+        return float(number) * self.factors.get(name, 1.0)
+
     def choose(self, name: str, rng: np.random.Generator) -> str:
         """Draw one of the names of a set of weights."""
         weights = self.weights(name)
@@ -181,8 +197,22 @@ def draw_once(spread: Distribution, rng: np.random.Generator, widen: float) -> f
         case "lognormal":
             sigma = np.log(spread.gsd or 1.0) * widen
             return float((spread.median or 0.0) * np.exp(sigma * rng.normal()))
+        case "range":
+            return place_in_range(spread, RANGE_DEVIATION * widen * rng.normal())
         case _:
             return float(rng.uniform(spread.low, spread.high))
+
+
+def place_in_range(spread: Distribution, place: float) -> float:
+    """Return the number at a place of a range: its ends at -1 and 1, typical at 0.
+
+    Between two positive numbers the logarithm grows evenly. To or from zero the number
+    grows with the cube, so that it is near the typical one for most places.
+    """
+    typical, end = spread.typical or 0.0, spread.high if place > 0.0 else spread.low
+    if typical > 0.0 and end > 0.0:
+        return typical * (end / typical) ** abs(place)
+    return typical + (end - typical) * abs(place) ** 3
 
 
 @lru_cache(maxsize=1)

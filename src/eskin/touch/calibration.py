@@ -15,7 +15,7 @@ MAX_CALIBRATION_BYTES = 8 << 20
 """Largest size of a calibration as text, with 200,000 gains [bytes]."""
 PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueError)
 """Exceptions that JSON of another structure raises."""
-Curve = Literal["linear", "divider"]
+Curve = Literal["linear", "divider", "logarithmic"]
 CalibrationSource = Literal["nominal", "rest", "presses", "exact"]
 MEASURED = ("noise", "rest", "gain_deviation")
 """Fields that hold numbers of taxels or patches, or None."""
@@ -30,7 +30,7 @@ def parse_curve(name: object) -> Curve:
         if name == curve:
             return curve
     raise ValueError(
-        f"curve is {name!r}; allowed are 'linear' and 'divider'; correct it"
+        f"curve is {name!r}; allowed are {', '.join(get_args(Curve))}; correct it"
     )
 
 
@@ -63,8 +63,8 @@ class Calibration:
     """
 
     gain: Float[np.ndarray, "taxel"]
-    """Pressure of one count [kPa/count]. Where `curve` is "divider", gain times full
-    scale is the pressure at half scale."""
+    """Pressure of one count [kPa/count]. Gain times full scale is the pressure at full
+    scale, or at half scale where `curve` is "divider"."""
     full_scale: int
     """Counts at which the converter saturates."""
     shear_gain: float = 1.0
@@ -75,14 +75,18 @@ class Calibration:
     """Pressure below which the signal does not distinguish a touch from rest, such as
     that of a tight sleeve [kPa]; the thresholds of contact rise with it."""
     curve: Curve = "linear"
-    """Counts over pressure: proportional, or those of a voltage divider with a resistor
-    whose conductance is a power of the pressure."""
+    """Counts over pressure: proportional; those of a voltage divider with a resistor
+    whose conductance is a power of the pressure, which with an exponent of 1 is also
+    the curve of a capacitor on a spring; or the logarithm of such a conductance."""
     exponent: float = 1.0
     """Exponent of that power; unused where the curve is linear."""
     unfelt: float = 0.0
     """Pressure that closes the layers of the sensor without a change of the counts
     [kPa]. It is added to the measured pressure, which it at most doubles, so that noise
     stays small."""
+    span: float = 0.0
+    """Conductance at full scale of a logarithmic converter, by that from which counts
+    grow as its logarithm; unused with other curves."""
     matrix: bool = False
     """Whether taxels are read out by rows and columns, with crosstalk between them that
     `CrosstalkCompensator` estimates and subtracts."""
@@ -124,7 +128,11 @@ class Calibration:
                 f"exponent is {self.exponent}; allowed is a finite positive number; "
                 "correct it"
             )
-        parse_curve(self.curve)
+        if parse_curve(self.curve) == "logarithmic" and not 0 < self.span < np.inf:
+            raise ValueError(
+                f"span is {self.span} with a logarithmic curve; allowed is a finite "
+                "positive number; take it from the data sheet"
+            )
         parse_source(self.source)
         self.check_measured(len(gain))
 
@@ -160,17 +168,23 @@ class Calibration:
     def pressure_curve(self) -> PressureCurve:
         """The parameters of the curve for compiled code."""
         if self.curve == "linear":
-            return PressureCurve(np.inf, 1.0, self.unfelt)
-        return PressureCurve(float(self.full_scale), self.exponent, self.unfelt)
+            return PressureCurve(np.inf, 1.0, self.unfelt, 0.0)
+        span = self.span if self.curve == "logarithmic" else 0.0
+        return PressureCurve(float(self.full_scale), self.exponent, self.unfelt, span)
 
     def compute_counts(
         self, pressure: float | Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Compute the counts above rest at a pressure [kPa], or at one a taxel."""
         conductance = self.compute_conductance(pressure)
-        if self.curve == "linear":
-            return self.full_scale * conductance
-        return self.full_scale * conductance / (1.0 + conductance)
+        match self.curve:
+            case "linear":
+                return self.full_scale * conductance
+            case "logarithmic":
+                grown = np.log1p(self.span * conductance)
+                return self.full_scale * grown / np.log1p(self.span)
+            case _:
+                return self.full_scale * conductance / (1.0 + conductance)
 
     def compute_pressure(
         self, above: Float[np.ndarray, "*batch taxel"]
@@ -179,6 +193,9 @@ class Calibration:
         share = np.maximum(above, 0.0) / self.full_scale
         if self.curve == "linear":
             return self.invert_conductance(share)
+        if self.curve == "logarithmic":
+            grown = np.expm1(np.minimum(share, 1.0) * np.log1p(self.span))
+            return self.invert_conductance(grown / self.span)
         share = np.minimum(share, MAX_SCALE_SHARE)
         return self.invert_conductance(share / (1.0 - share))
 
@@ -187,7 +204,8 @@ class Calibration:
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Compute the conductance at a pressure [kPa], relative to that at half scale.
 
-        For a linear device it is counts above rest divided by full scale.
+        For a logarithmic device it is relative to that at full scale, and for a linear
+        one it is counts above rest divided by full scale.
         """
         felt = np.maximum(pressure - self.unfelt, 0.5 * pressure)
         linear = felt / (np.asarray(self.gain, np.float64) * self.full_scale)
@@ -210,6 +228,8 @@ class Calibration:
         for name in DEFAULT_FREE:
             if content[name] == getattr(Calibration, name):
                 del content[name]
+        if self.curve != "logarithmic":
+            del content["span"]
         return json.dumps(content).encode()
 
     @classmethod
@@ -236,6 +256,7 @@ class Calibration:
                 curve=parse_curve(content.get("curve", "linear")),
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
+                span=float(content.get("span", 0.0)),
                 matrix=bool(content.get("matrix", False)),
                 source=parse_source(content.get("source", "nominal")),
                 **{name: parse_numbers(content.get(name)) for name in MEASURED},

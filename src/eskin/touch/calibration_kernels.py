@@ -3,6 +3,7 @@
 `no_type_check` keeps the type checks of the tests off compiled functions.
 """
 
+import math
 from typing import NamedTuple, no_type_check
 
 import numpy as np
@@ -15,11 +16,13 @@ class PressureCurve(NamedTuple):
     """A curve holds the relation of pressure and counts; see `Calibration`."""
 
     full_scale: float
-    """Counts at which a divider saturates; infinite for a linear device."""
+    """Counts at which the device saturates; infinite for a linear one."""
     exponent: float
     """Exponent of conductance over pressure; 1 for a linear device."""
     unfelt: float
     """Pressure that closes the sensor without a change of the counts [kPa]."""
+    span: float
+    """Range of a logarithmic converter; 0 for other devices."""
 
 
 class BaselineParameters(NamedTuple):
@@ -82,8 +85,12 @@ def linearise_counts(above: float, curve: PressureCurve) -> float:
     """Return the counts above rest that a linear device of the same gain would give."""
     if above <= 0.0 or curve.full_scale == np.inf:
         return max(above, 0.0)
-    share = min(above / curve.full_scale, MAX_SCALE_SHARE)
-    conductance = share / (1.0 - share)
+    if curve.span > 0.0:
+        share = min(above / curve.full_scale, 1.0)
+        conductance = math.expm1(share * math.log1p(curve.span)) / curve.span
+    else:
+        share = min(above / curve.full_scale, MAX_SCALE_SHARE)
+        conductance = share / (1.0 - share)
     if curve.exponent != 1.0:
         conductance **= 1.0 / curve.exponent
     return curve.full_scale * conductance

@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import Constants, load_constants
-from eskin.sim.sensor.build import SensorBuild, draw_line, find_line_taxels
+from eskin.sim.sensor.build import SensorBuild
+from eskin.sim.sensor.defects import draw_line, find_line_taxels
 from eskin.skin import Skin
 
 ELECTRICAL_EVENTS = ("line_step", "stuck_line", "dropout", "burst")

@@ -1,5 +1,6 @@
 """Compiled kernels that simulate the sensor over time and taxels."""
 
+import math
 from typing import NamedTuple, no_type_check
 
 import numpy as np
@@ -279,6 +280,30 @@ def interpolate_series(
     return (1.0 - part) * series[before, a] + part * series[before + 1, a]
 
 
+class Converter(NamedTuple):
+    """This tuple holds the curve of a converter for `scan_arrays`."""
+
+    curve: int
+    """`IN_PROPORTION`, `DIVIDER` or `LOGARITHMIC`."""
+    span: float
+    """Span of a logarithmic converter."""
+
+
+IN_PROPORTION, DIVIDER, LOGARITHMIC = 0, 1, 2
+"""Curves of converters, from conductance to a level relative to full scale."""
+
+
+@compiled(error_model="numpy")
+@no_type_check
+def convert_conductance(x: float, converter: Converter) -> float:
+    """Return the level of a conductance in single precision."""
+    if converter.curve == DIVIDER:
+        return x / (x + np.float32(1.0))
+    if converter.curve == LOGARITHMIC:
+        return np.float32(math.log1p(converter.span * x) / math.log1p(converter.span))
+    return x
+
+
 @compiled(error_model="numpy")
 @no_type_check
 def scan_arrays(
@@ -290,7 +315,7 @@ def scan_arrays(
     step: float,
     ghost: float,
     leak: float,
-    divide: bool,
+    converter: Converter,
     first: int,
     level: Float[np.ndarray, "reading taxel"],
     shifts: Float[np.ndarray, "reading taxel"],
@@ -306,7 +331,7 @@ def scan_arrays(
         step: step of the series [s].
         ghost: part of detours that is read.
         leak: part of rows and columns that is read.
-        divide: whether there is a divider.
+        converter: converter after the arrays.
         first: step since the beginning at which the series start.
         level: zeros that are written to.
         shifts: zeros that are written to.
@@ -334,9 +359,12 @@ def scan_arrays(
                 for j in range(columns):
                     x = read[i, j]
                     if x > 0.0 and arrays.taxel[m, i, j] >= 0:
-                        if divide:
-                            x = x / (x + np.float32(1.0))
+                        x = convert_conductance(x, converter)
                         level[r, arrays.taxel[m, i, j]] = x
+
+
+TOUCHED_LEVEL = np.float32(0.005)
+"""Level relative to full scale from which a taxel has the noise of a touched one."""
 
 
 class Readout(NamedTuple):
@@ -347,9 +375,13 @@ class Readout(NamedTuple):
     """Baseline [counts] (taxel)."""
     walk: float
     """Step of the random walk [counts]."""
-    noise: float
-    """Standard deviation of a reading [counts]."""
+    noise: np.ndarray
+    """Standard deviation of a reading [counts] (taxel)."""
     noise_relative: float
+    touched_noise: float
+    """Noise of a touched taxel by that at rest."""
+    cut: float
+    """Counts below which it gives zero."""
     feels: np.ndarray
     """Sensitivity of a taxel: 1, or 0 if it is dead (taxel)."""
     stuck: np.ndarray
@@ -381,8 +413,9 @@ def convert_to_counts(
         out: counts, written.
     """
     full, walk = np.float32(readout.full), np.float32(readout.walk)
-    own, part = np.float32(readout.noise), np.float32(readout.noise_relative)
-    zero, half = np.float32(0.0), np.float32(0.5)
+    part, cut = np.float32(readout.noise_relative), np.float32(readout.cut)
+    touched_noise = np.float32(readout.touched_noise)
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     for r in range(len(level)):
         for i in range(level.shape[1]):
             is_up = (signs[r, i >> 6] >> np.uint64(i & 63)) & np.uint64(1)
@@ -390,8 +423,14 @@ def convert_to_counts(
             signal = full * (level[r, i] + shifts[r, i]) * readout.feels[i]
             value = readout.base[i] + drift[i] + signal
             rough = part * value
+            own = readout.noise[i]
+            if touched_noise != one and level[r, i] > TOUCHED_LEVEL:
+                own *= touched_noise
             value += np.sqrt(own * own + rough * rough) * quantiles[chances[r, i]]
-            out[r, i] = np.int32(min(max(np.floor(value + half), zero), full))
+            value = np.floor(value + half)
+            if value < cut:
+                value = zero
+            out[r, i] = np.int32(min(max(value, zero), full))
         for i in range(level.shape[1]):
             if readout.stuck[i] >= 0:
                 out[r, i] = readout.stuck[i]

@@ -6,8 +6,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.sim.sensor.build import SensorBuild
-from eskin.sim.sensor.kernels import LayerState, Readout, SensorLayer, TaxelArrays
+from eskin.sim.sensor.kernels import (
+    DIVIDER,
+    IN_PROPORTION,
+    LOGARITHMIC,
+    Converter,
+    LayerState,
+    Readout,
+    SensorLayer,
+    TaxelArrays,
+)
 from eskin.skin import Skin
+from eskin.touch import Curve
 
 
 @dataclass(frozen=True)
@@ -29,7 +39,7 @@ class SensorStages:
     ghosting: bool = True
     """A taxel reads others of its patch."""
     divider: bool = True
-    """A divider stands before the converter."""
+    """A divider, or what a family has in its place, stands before the converter."""
     drift: bool = True
     """Temperature, wandering baselines, and shifts of them after a touch."""
     noise: bool = True
@@ -48,6 +58,8 @@ class SensorSession:
     """Factor on the conductance of each taxel."""
     temperature_offset: float
     """Temperature above that of calibration [K]."""
+    warming: float = 0.0
+    """Rate at which it rises [K/s]."""
 
 
 def draw_session(build: SensorBuild, rng: np.random.Generator) -> SensorSession:
@@ -55,9 +67,9 @@ def draw_session(build: SensorBuild, rng: np.random.Generator) -> SensorSession:
     velostat = build.velostat
     mean, deviation = velostat.session_gain
     drift = mean + deviation * rng.standard_normal(len(velostat.gain))
-    return SensorSession(
-        np.exp(drift), velostat.temperature * float(rng.standard_normal())
-    )
+    temperature = velostat.temperature * float(rng.standard_normal())
+    warming = build.flaws.warming * float(rng.standard_normal()) if build.flaws else 0.0
+    return SensorSession(np.exp(drift), temperature, warming)
 
 
 def build_taxel_arrays(
@@ -149,15 +161,35 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
     full = electronics.full_scale
     stuck = np.where(np.isnan(defects.stuck), -1.0, np.round(full * defects.stuck))
     feels = np.where(defects.dead & stages.faults, 0.0, 1.0)
+    factor, touched_noise, cut = np.ones(len(stuck)), 1.0, 0
+    if build.flaws:
+        factor = build.flaws.noise_factor * np.sqrt(1.0 - build.flaws.line_noise)
+        touched_noise, cut = build.flaws.touched_noise, build.flaws.cut
     return Readout(
         full=float(full),
         base=(electronics.base * full).astype(np.float32),
         walk=electronics.walk * stages.drift,
-        noise=electronics.noise * stages.noise,
+        noise=(electronics.noise * stages.noise * factor).astype(np.float32),
         noise_relative=electronics.noise_relative * stages.noise,
+        touched_noise=touched_noise,
+        cut=float(cut),
         feels=feels.astype(np.float32),
         stuck=(stuck if stages.faults else np.full(len(stuck), -1.0)).astype(np.int32),
     )
+
+
+CURVE_NUMBERS: dict[Curve, int] = {
+    "linear": IN_PROPORTION,
+    "divider": DIVIDER,
+    "logarithmic": LOGARITHMIC,
+}
+
+
+def build_converter(build: SensorBuild, stages: SensorStages) -> Converter:
+    """Build the curve of the converter, in proportion without that stage."""
+    electronics = build.electronics
+    curve = CURVE_NUMBERS[electronics.curve] if stages.divider else IN_PROPORTION
+    return Converter(curve, electronics.span)
 
 
 def get_crosstalk(build: SensorBuild, stages: SensorStages) -> tuple[float, float]:

@@ -8,10 +8,13 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri
 
 from eskin.sim.sensor.build import SensorBuild
+from eskin.sim.sensor.flaw_kernels import lag_conductance
+from eskin.sim.sensor.flawed_readings import FlawedReadings
 from eskin.sim.sensor.kernels import convert_to_counts, scan_arrays, update_conductance
 from eskin.sim.sensor.model import (
     SensorSession,
     SensorStages,
+    build_converter,
     build_layer_state,
     build_readout,
     build_sensor_layer,
@@ -37,6 +40,10 @@ MAX_JITTER_DEVIATIONS = 6.0
 
 MAX_DELAY_PERIODS = 2
 """Periods within which a reading must be read."""
+
+
+ROUNDING = 1e-9
+"""Part of a reading by which its last step may be missing, by rounding."""
 
 
 @final
@@ -79,9 +86,7 @@ class Sensor:
         electronics = build.electronics
         if live is None:
             live = np.argsort(skin.patch_index, kind="stable")
-        after = electronics.after * streams[1].standard_normal(
-            (DRAWN_TOUCHES, skin.count)
-        )
+        after = draw_after(build, skin.count, streams[1])
         ages = compute_taxel_ages(build, skin, stages)
         self.count = skin.count
         self.live = live
@@ -96,7 +101,7 @@ class Sensor:
         self.arrays = build_taxel_arrays(live, ages, skin)
         self.readout = build_readout(build, stages)
         self.crosstalk = get_crosstalk(build, stages)
-        self.divides = stages.divider
+        self.converter = build_converter(build, stages)
         self.jitter = electronics.jitter * stages.skew
         self.step = electronics.step
         reach = (
@@ -106,6 +111,13 @@ class Sensor:
         self.kept = self.reach + MAX_DELAY_PERIODS * round(
             electronics.period / self.step
         )
+        self.flawed = None
+        if build.flaws:
+            seed = streams[0].spawn(1)[0]
+            self.flawed = FlawedReadings(
+                build, build.flaws, skin, session, stages, seed
+            )
+            self.release = self.flawed.build_release(self.layer)
         self.drift = np.zeros(skin.count, np.float32)
         self.conductance = np.zeros((0, len(live)), np.float32)
         self.shift = np.zeros_like(self.conductance)
@@ -144,6 +156,8 @@ class Sensor:
             conductance[kept:],
             shift[kept:],
         )
+        if self.flawed:
+            lag_conductance(*self.release, conductance[kept:])
 
     def read(
         self, places: Float[np.ndarray, "reading"]
@@ -173,11 +187,15 @@ class Sensor:
             noise.late * self.jitter,
             self.step,
             *self.crosstalk,
-            self.divides,
+            self.converter,
             self.first,
             level,
             shifts,
         )
+        block = None
+        if self.flawed:
+            block = self.flawed.take(len(places))
+            self.flawed.add_to_levels(block, self.arrays, level, shifts)
         counts = np.zeros(shape, np.int32)
         convert_to_counts(
             level,
@@ -189,12 +207,26 @@ class Sensor:
             self.readout,
             counts,
         )
+        if self.flawed and block:
+            self.flawed.change_counts(block, counts)
         return counts
 
 
 def draw_seeds(rng: np.random.Generator) -> list[int]:
     """Draw a seed for each thing that is random."""
     return [int(seed) for seed in rng.integers(2**63, size=6)]
+
+
+def draw_after(
+    build: SensorBuild, count: int, rng: np.random.Generator
+) -> Float[np.ndarray, "touch taxel"]:
+    """Draw the shifts of the baseline after each touch of each taxel."""
+    shape = (DRAWN_TOUCHES, count)
+    after = build.electronics.after * rng.standard_normal(shape)
+    if build.flaws and build.flaws.after_tail:
+        large = build.flaws.after_tail_size * rng.choice([-1.0, 1.0], shape)
+        after = np.where(rng.random(shape) < build.flaws.after_tail, large, after)
+    return after
 
 
 @lru_cache(maxsize=1)
@@ -238,8 +270,8 @@ def sense(
     live = find_live_taxels(pressure, taxels, build, skin, stages)
     sensor = Sensor(build, skin, rng, stages, session, live)
     sensor.push(pressure, taxels)
-    ratio = round(build.electronics.period / build.electronics.step)
-    readings = (len(pressure) - lead) // ratio
+    ratio = build.electronics.period / build.electronics.step
+    readings = int((len(pressure) - lead) / ratio + ROUNDING)
     places = lead + ratio * np.arange(readings, dtype=np.float64)
     counts = np.zeros((readings, skin.count), np.int32)
     for start in range(0, readings, NOISE_BLOCK):

@@ -75,7 +75,13 @@ def draw_velostat(
     """Draw the laminate of a build of some kind."""
     return Velostat(
         half_pressure=constants.draw(f"sensor.half_pressure.{kind}", rng),
-        bend=draw_bend(kind, skin, constants, rng),
+        bend=draw_bend(
+            constants.draw(f"sensor.bent.{kind}", rng),
+            f"sensor.bend.{kind}",
+            skin,
+            constants,
+            rng,
+        ),
         activation=draw_activation(kind, skin, constants, rng),
         play_widths=constants.array("sensor.play"),
         play_weights=constants.array(f"sensor.play_weights.{kind}"),
@@ -139,14 +145,13 @@ def draw_activation(
 
 
 def draw_bend(
-    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+    share: float, name: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
     """Draw the preload of a share of the taxels, nearest the edges of their patches."""
-    share = constants.draw(f"sensor.bent.{kind}", rng)
     rank = count_steps_from_edge(skin) + rng.random(skin.count)
     bent = np.argsort(rank)[: round(share * skin.count)]
     bend = np.zeros(skin.count)
-    bend[bent] = [constants.draw(f"sensor.bend.{kind}", rng) for _ in bent]
+    bend[bent] = [constants.draw(name, rng) for _ in bent]
     return bend
 
 
