@@ -1,9 +1,9 @@
 """This package estimates the calibration of a skin from rest and a few presses."""
 
 from eskin.calibration.gains import (
+    FingertipPress,
     GainEstimate,
     GainPrior,
-    Press,
     estimate_gains,
 )
 from eskin.calibration.guide import (
@@ -21,7 +21,7 @@ __all__ = [
     "GainPrior",
     "GuideConfig",
     "GuideEvent",
-    "Press",
+    "FingertipPress",
     "RestEstimate",
     "RestRecord",
     "estimate_gains",

@@ -35,7 +35,7 @@ WEIGHTS = NODE_WEIGHTS / NODE_WEIGHTS.sum()
 
 
 @dataclass(frozen=True, eq=False)
-class Press:
+class FingertipPress:
     """A press of one fingertip at its greatest force."""
 
     patch: int
@@ -111,7 +111,7 @@ class GainEstimate:
 def estimate_gains(
     skin: Skin,
     calibration: Calibration,
-    presses: tuple[Press, ...],
+    presses: tuple[FingertipPress, ...],
     prior: GainPrior | None = None,
 ) -> GainEstimate:
     """Estimate the gain of each patch, and exponent and activation of the skin.
@@ -141,7 +141,7 @@ def estimate_gains(
 
 @final
 class PressProblem:
-    """The residuals of a trial calibration, each in units of its deviation.
+    """A problem computes the residuals of a trial calibration, by their deviations.
 
     What is compared is the force that the assumed calibration shows of a press, which
     is the same in every trial. A trial is a vector of standard normal deviates: gain of
@@ -154,7 +154,7 @@ class PressProblem:
         self,
         skin: Skin,
         calibration: Calibration,
-        presses: tuple[Press, ...],
+        presses: tuple[FingertipPress, ...],
         prior: GainPrior,
     ) -> None:
         """Measure the presses with the assumed calibration."""
@@ -166,7 +166,7 @@ class PressProblem:
         self.has_exponent = calibration.curve != "linear"
         self.has_unfelt = calibration.unfelt > 0.0
 
-    def measure(self, press: Press) -> float:
+    def measure(self, press: FingertipPress) -> float:
         """Return ln of the force that the assumed calibration shows of a press."""
         assumed = replace(
             self.calibration,

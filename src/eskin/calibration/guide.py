@@ -6,7 +6,12 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.calibration.gains import GainEstimate, GainPrior, Press, estimate_gains
+from eskin.calibration.gains import (
+    FingertipPress,
+    GainEstimate,
+    GainPrior,
+    estimate_gains,
+)
 from eskin.calibration.rest import (
     RestEstimate,
     RestRecord,
@@ -103,7 +108,7 @@ class CalibrationResult:
     """Faults at the end of rest, whole lines and patches as one."""
     codes: Int[np.ndarray, "taxel"]
     """Index in `TAXEL_KINDS` of the fault of each taxel at the end of rest, or -1."""
-    presses: tuple[Press, ...]
+    presses: tuple[FingertipPress, ...]
     gains: GainEstimate | None
     """Gains; None without a press."""
 
@@ -143,7 +148,7 @@ class PressScans:
 
     def build_press(
         self, calibration: Calibration, patch: int, force: float | None
-    ) -> Press:
+    ) -> FingertipPress:
         """Build the press from the mean counts of its scans of greatest force."""
         taxels = self.taxels[int(np.argmax(self.forces))]
         firm = np.flatnonzero(np.array(self.forces) >= TOP * max(self.forces))
@@ -151,7 +156,7 @@ class PressScans:
             calibration, gain=calibration.gain[taxels], noise=None, rest=None
         )
         above = [pressed.compute_counts(self.pressures[n][taxels]) for n in firm]
-        return Press(patch, taxels, np.mean(above, axis=0), force)
+        return FingertipPress(patch, taxels, np.mean(above, axis=0), force)
 
 
 @final
@@ -194,7 +199,7 @@ class CalibrationGuide:
         self.rest: RestEstimate | None = None
         self.detector = PressDetector()
         self.pressing = PressScans()
-        self.presses: list[Press] = []
+        self.presses: list[FingertipPress] = []
         self.skipped: set[int] = set()
         self.touched = False
 
