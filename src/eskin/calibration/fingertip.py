@@ -25,7 +25,7 @@ SENSING_SHARE = 0.65
 """Share of the area of a taxel, in its middle, that senses."""
 FILM = (0.5e-3, 3e-3)
 """Least and largest standard deviation of the spread of pressure by a film [m]."""
-FORCES = np.geomspace(0.3, 40.0, 14)
+FORCES = np.geomspace(0.3, 40.0, 12)
 """Forces that are computed [N]."""
 DRAWS = 64
 """Number of places and sizes of the fingertip that are drawn for each."""
@@ -99,7 +99,7 @@ class FingertipResponse:
         felt = np.maximum(self.pressure - constants.unfelt, 0.0)
         power = constants.exponent / self.calibration.exponent
         share = felt / (self.half_scale * np.exp(constants.ln_gain))
-        read = self.read_scale * share**power
+        read = self.read_scale * (share if power == 1.0 else share**power)
         shown = read + np.minimum(read, self.calibration.unfelt)
         shown[shown < ContactConfig().off] = 0.0
         total = PA_PER_KPA * self.area * shown.sum(axis=2)

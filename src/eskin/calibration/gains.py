@@ -22,12 +22,16 @@ from eskin.calibration.fingertip import (
 from eskin.skin import Skin
 from eskin.touch import Calibration
 
-ROUNDS = 3
+ROUNDS = 6
 """Number of estimates, each with the deviations of the presses under the last one."""
+FREEDOM = 4.0
+"""Degrees of freedom of the errors of presses."""
 SHARED = 4
 """Number of deviates that are not those of a patch."""
 STEP = 1e-3
 """Step of the numerical derivatives, in deviations of the prior."""
+TOLERANCE = 1e-4
+"""Relative change of the estimate, or of what it minimises, that is none."""
 LN_FORCES = np.log(FORCES)
 NODES, NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 WEIGHTS = NODE_WEIGHTS / NODE_WEIGHTS.sum()
@@ -71,9 +75,9 @@ class GainPrior:
     """Standard deviation of the force between presses of one person."""
     known: float = 0.05
     """Standard deviation of a force that is given."""
-    repeat: float = 0.1
-    """Standard deviation of what is measured of the same force again: creep and
-    hysteresis."""
+    repeat: float = 0.2
+    """Standard deviation of what is measured of the same force again: creep,
+    hysteresis, and how the finger is held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +136,11 @@ def estimate_gains(
     for _ in range(ROUNDS if presses else 0):
         problem.update_deviations(found)
         result = least_squares(
-            problem.compute_residuals, found, problem.compute_jacobian
+            problem.compute_residuals,
+            found,
+            problem.compute_jacobian,
+            xtol=TOLERANCE,
+            ftol=TOLERANCE,
         )
         found, jacobian = result.x, result.jac
     covariance = np.linalg.inv(jacobian.T @ jacobian)
@@ -228,8 +236,15 @@ class PressProblem:
         return mean, deviation
 
     def update_deviations(self, trial: Float[np.ndarray, "size"]) -> None:
-        """Set the deviation of each press to that under a trial."""
-        self.deviation = self.predict(trial)[1]
+        """Set the deviation of each press to that under a trial.
+
+        It is larger for a press that hardly fits, such as one beside a dead taxel, as
+        by a t distribution of few degrees of freedom.
+        """
+        mean, deviation = self.predict(trial)
+        squares = ((self.shown - mean) / deviation) ** 2
+        worse = np.maximum((FREEDOM + squares) / (FREEDOM + 1.0), 1.0)
+        self.deviation = deviation * np.sqrt(worse)
 
     def compute_residuals(
         self, trial: Float[np.ndarray, "size"]

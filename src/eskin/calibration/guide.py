@@ -33,6 +33,7 @@ from eskin.touch import (
     TouchState,
 )
 from eskin.touch.faults import TAXEL_KINDS
+from eskin.units import NS_PER_S
 
 PLACES = ((0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25))
 """Rows and columns of the presses that are asked for, as fractions of a patch's grid.
@@ -45,6 +46,8 @@ TOUCH_TAXELS = 2
 """Number of taxels from which a contact is a touch and no noisy taxel."""
 LIFTED_TAXELS = 3
 """Number of taxels of a patch below rest from which a hand has been lifted."""
+APART = 1.0
+"""Time without touch after which another one is told [s]."""
 TOP = 0.9
 """Share of the greatest force above which scans of a press are averaged."""
 TIP_LEVEL = 0.2
@@ -201,7 +204,7 @@ class CalibrationGuide:
         self.pressing = PressScans()
         self.presses: list[FingertipPress] = []
         self.skipped: set[int] = set()
-        self.touched = False
+        self.touched_at: int | None = None
 
     def build_fault_detector(self) -> FaultDetector:
         """Build a detector that finds stuck taxels within the time at rest."""
@@ -223,8 +226,7 @@ class CalibrationGuide:
         """Collect a scan of the time at rest, which begins again after a touch."""
         text = self.describe_touch(scan, state)
         if text:
-            return self.restart_rest(text)
-        self.touched = False
+            return self.restart_rest(text, scan.stamp)
         self.record.add(scan)
         baseline = self.pipeline.calibrator.state.baseline
         self.faults.push(scan, state.reading.pressure, baseline)
@@ -234,7 +236,8 @@ class CalibrationGuide:
         hand = find_resting_hand(rest, self.skin, self.assumed)
         if hand.any():
             patch = self.skin.patches[self.skin.patch_index[np.argmax(hand)]].id
-            return self.restart_rest(f"a hand seems to rest on patch '{patch}'")
+            text = f"a hand seems to rest on patch '{patch}'"
+            return self.restart_rest(text, scan.stamp)
         self.rest, self.record = rest, RestRecord()
         self.phase = "press" if self.config.presses and self.wanted else "done"
         return GuideEvent("rested")
@@ -253,11 +256,12 @@ class CalibrationGuide:
                 return f"a hand has left patch '{patch}'"
         return ""
 
-    def restart_rest(self, text: str) -> GuideEvent | None:
+    def restart_rest(self, text: str, stamp: int) -> GuideEvent | None:
         """Forget the time at rest so far; tell it once for each touch."""
         self.record, self.faults = RestRecord(), self.build_fault_detector()
-        told, self.touched = self.touched, True
-        return None if told else GuideEvent("touched", text)
+        last, self.touched_at = self.touched_at, stamp
+        apart = last is None or stamp - last > APART * NS_PER_S
+        return GuideEvent("touched", text) if apart else None
 
     def push_press(self, state: TouchState) -> GuideEvent | None:
         """Follow a press, and measure it at its end."""
