@@ -10,9 +10,9 @@ presses, with other forces and places, and clips of gestures are read with the n
 calibration (what a data sheet says), both measured ones and the exact one. It prints,
 with intervals over builds:
 
-- the error of the scale of force, as the mean over patches of |m|, where m is the median
-  over presses of ln(measured / expected force); expected is what a fingertip of the true
-  force shows on taxels of this calibration;
+- the error of the scale of force, as the mean over patches of |m|, where m is the
+  median over presses of ln(measured / expected force); expected is what a fingertip of
+  the true force shows on taxels of this calibration;
 - the accuracy of the shipped weights on the clips;
 - the share of patches whose true scale of force lies in the 95 % interval of the
   calibration.

@@ -8,11 +8,13 @@ import pytest
 from eskin.calibration import (
     FingertipPress,
     GainPrior,
+    RestEstimate,
     RestRecord,
     estimate_gains,
     estimate_rest,
 )
 from eskin.calibration.fingertip import press_taxels
+from eskin.calibration.rest import find_resting_hand
 from eskin.touch import Calibration
 from helpers.touch import build_grid_skin, scan_at
 
@@ -77,6 +79,17 @@ def test_taxels_that_are_not_received_have_the_rest_of_their_patch():
     assert abs(found.rest[3] - 200.3) < 0.5
 
 
+@pytest.mark.parametrize(("higher", "noisier"), [(20, 1), (0, 5), (20, 5)])
+def test_hand_has_rested_where_taxels_are_both_higher_and_noisier(higher, noisier):
+    hand = (SKIN.patch_index == 1) & (SKIN.rows < 3) & (SKIN.columns < 3)
+    rest = RestEstimate(
+        200.0 + higher * hand, np.where(hand, noisier, 1.0), np.ones(SKIN.count, bool)
+    )
+    found = find_resting_hand(rest, SKIN, Calibration.uniform(SKIN.count, 1000, 100.0))
+    expected = hand if higher and noisier > 1 else np.zeros(SKIN.count, bool)
+    np.testing.assert_array_equal(found, expected)
+
+
 DIVIDER = Calibration(
     np.full(SKIN.count, 20.0 / 4095), 4095, curve="divider", exponent=0.85, unfelt=2.0
 )
@@ -99,9 +112,10 @@ def press(calibration, truth, patch, force, rng):
     """Press the middle of a patch: taxels under their activation show nothing."""
     gains, exponent, unfelt = truth
     members = np.flatnonzero(SKIN.patch_index == patch)
+    force_felt = force * np.exp(PRIOR.repeat * rng.standard_normal())
     offset = rng.uniform(-0.005, 0.005, (1, 2))
-    size = np.array([90e-6 * force**0.42 * np.exp(0.25 * rng.standard_normal())])
-    middle = press_taxels(force, size, offset, 0.01)[0]
+    size = np.array([90e-6 * force_felt**0.42 * np.exp(0.25 * rng.standard_normal())])
+    middle = press_taxels(force_felt, size, offset, 0.01)[0]
     taxels = members.reshape(6, 6)[:5, :5].ravel()
     felt = np.maximum(middle.ravel() - unfelt, 0.0)
     half = calibration.gain[taxels] * calibration.full_scale

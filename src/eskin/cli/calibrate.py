@@ -196,15 +196,16 @@ def guide_person(source: "Source", guide: "CalibrationGuide", wait: float) -> No
     since: int | None = None
     for scan in source:
         since = scan.stamp if since is None else since
-        event = guide.push(scan)
+        was_rest, event = guide.phase == "rest", guide.push(scan)
+        limit = wait + guide.config.seconds * was_rest
         if event is not None:
             print_event(event, guide)
         if event is not None and event.kind != "touched":
             since = scan.stamp
             if asks:
                 print_request(guide)
-        elif scan.stamp - since > wait * NS_PER_S:
-            if guide.phase == "rest":
+        elif scan.stamp - since > limit * NS_PER_S:
+            if was_rest:
                 return
             since = scan.stamp
             skip_patch(guide)
