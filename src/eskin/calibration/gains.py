@@ -138,7 +138,7 @@ def estimate_gains(
         result = least_squares(
             problem.compute_residuals,
             found,
-            problem.compute_jacobian,
+            jac=problem.compute_jacobian,  # type: ignore[arg-type]
             xtol=TOLERANCE,
             ftol=TOLERANCE,
         )
@@ -224,9 +224,9 @@ class PressProblem:
             response = self.responses[press.patch]
             constants = TaxelConstants(float(ln_gain[press.patch]), exponent, unfelt)
             means, variances = response.compute(constants)
-            is_known = press.force is not None
-            middle = np.log(press.force) if is_known else usual
-            spread = prior.known if is_known else prior.press
+            middle, spread = usual, prior.press
+            if press.force is not None:
+                middle, spread = np.log(press.force), prior.known
             forces = middle + spread * NODES
             shown = np.interp(forces, LN_FORCES, means)
             mean[n] = WEIGHTS @ shown
