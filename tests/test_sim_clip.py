@@ -10,13 +10,19 @@ from eskin.sim import TrueTouch
 from eskin.sim.dataset import GenerationSettings, get_build
 from eskin.sim.dataset.clip import make_clip
 from eskin.sim.dataset.session_file import (
+    build_metadata,
     build_ranges,
     build_true_labels,
     compute_peak_pressures,
     compute_rest_counts,
 )
 from eskin.sim.dataset.staging import draw_accident, draw_start, set_up_clip
-from eskin.sim.scene.scene import find_contact_steps, shift_touch
+from eskin.sim.scene.scene import (
+    average_readings,
+    find_contact_steps,
+    find_reading_edges,
+    shift_touch,
+)
 from eskin.sim.scene.validity import find_self_contact_sites
 from eskin.touch import Calibration
 from helpers.contacts import TIP, press
@@ -246,3 +252,32 @@ def test_peak_is_the_largest_pressure_of_what_was_received(curve):
     peaks = compute_peak_pressures(counts, received, rest, calibration)
     np.testing.assert_allclose(peaks, pressure.max(axis=1), rtol=1e-6)
     assert peaks[4] == 0
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0, 2.7, 10.0])
+def test_truth_of_a_reading_is_the_mean_over_its_steps(ratio):
+    series = np.arange(60.0)
+    readings = int(50 / ratio)
+    edges = find_reading_edges(5, readings, ratio)
+    means = average_readings(series, edges)
+    # Of a ramp, the mean is half a step before the middle of the reading.
+    middle = 5 + ratio * (np.arange(readings) + 0.5) - 0.5
+    assert len(means) == readings
+    assert abs(means - middle).max() <= 0.76
+    pairs = average_readings(np.stack([series, -series], axis=1), edges)
+    np.testing.assert_array_equal(pairs, np.stack([means, -means], axis=1))
+
+
+def test_clip_of_a_family_has_its_own_rate_and_says_its_family():
+    settings = GenerationSettings("test-capacitive", clips=5, subjects=1)
+    session = settings.sessions[0]
+    lead, plan, *_ = settings.plan_clips(session)
+    build = get_build(plan.build, world())
+    clip = make_clip(plan, world())
+    assert clip.times is not None and (np.diff(clip.times) > 0.0).all()
+    assert len(clip.times) == len(clip.counts) == len(clip.q)
+    assert len(clip.times) == int(2.0 / build.electronics.period + 1e-9)
+    assert {len(truth.force) for truth in clip.truths} <= {len(clip.counts)}
+    notes = build_metadata(settings, session).notes
+    assert notes["family"] == notes["build_kind"] == "capacitive"
+    assert "family" not in build_metadata(SETTINGS, SETTINGS.sessions[0]).notes

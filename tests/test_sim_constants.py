@@ -61,6 +61,20 @@ def test_draws_follow_their_law_within_its_limits(widen):
     assert np.log(drawn).std() == pytest.approx(widen * np.log(law.gsd), rel=0.2)
 
 
+def test_range_is_typical_in_the_middle_and_ends_where_it_says():
+    rng = np.random.default_rng(0)
+    for name in ("flaw.creep", "flaw.lost", "flaw.row_leak", "flaw.repeated"):
+        low, typical, high = (
+            CONSTANTS.at_level(name, level) for level in ("low", "typical", "high")
+        )
+        drawn = np.array([CONSTANTS.draw(name, rng) for _ in range(1000)])
+        assert low <= drawn.min() and drawn.max() <= high
+        assert np.median(drawn) == pytest.approx(typical, rel=0.1, abs=1e-4 * high)
+        assert drawn.max() > 0.5 * high
+    with pytest.raises(ValueError, match=r"'poke.force' is not a range"):
+        CONSTANTS.at_level("poke.force", "high")
+
+
 def test_law_outside_its_limits_is_refused():
     law = Distribution(law="normal", mean=0.0, sd=1.0, low=99.0)
     with pytest.raises(ValueError, match="limits"):

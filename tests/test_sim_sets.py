@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 from eskin.sim import load_constants
+from eskin.sim.dataset import GenerationSettings
 from eskin.sim.dataset.session_plan import plan_clips, plan_sessions
-from eskin.sim.dataset.sets import CLASSES, PAPER_GESTURES, SETS, load_set, resize_set
+from eskin.sim.dataset.sets import (
+    CLASSES,
+    FAMILY_SETS,
+    PAPER_GESTURES,
+    SETS,
+    load_set,
+    resize_set,
+)
+from eskin.sim.sensor import FAMILIES
 from eskin.units import NS_PER_S
 
 CONSTANTS = load_constants()
@@ -127,6 +136,43 @@ def test_streams_have_their_kind_and_length(name, kind, hours):
     if name == "streams":
         assert sum(seconds) == pytest.approx(7200.0, abs=1.0)
         assert 60 <= min(seconds) < 62 and 118 < max(seconds) <= 120
+
+
+@pytest.mark.parametrize("name", FAMILY_SETS)
+def test_every_session_of_a_family_set_has_a_build_of_its_own(name):
+    settings = GenerationSettings(name, clips=200)
+    builds = [session.build for session in settings.sessions]
+    assert len(set(builds)) == len({build.seed for build in builds}) == len(builds) >= 8
+    kinds = Counter(build.kind for build in builds)
+    expected = {name.removeprefix("test-")} & set(FAMILIES) or set(FAMILIES)
+    assert set(kinds) == expected
+    assert max(kinds.values()) - min(kinds.values()) <= 1
+    assert {
+        session.person.name.rpartition("-")[0] for session in settings.sessions
+    } == {"test-families" if name.startswith("test") else name}
+
+
+def test_any_set_can_be_made_of_chosen_families():
+    usual = GenerationSettings("test-p", clips=200)
+    chosen = GenerationSettings("test-p", clips=200, families=("linear", "divider"))
+    assert {session.build.kind for session in chosen.sessions} == {"linear", "divider"}
+    assert {session.build.kind for session in usual.sessions} == {"fresh"}
+    assert {s.person for s in chosen.sessions} == {s.person for s in usual.sessions}
+    assert chosen.to_json()["families"] == ["linear", "divider"]
+    assert "families" not in usual.to_json()
+
+
+@pytest.mark.parametrize(
+    ("name", "families", "message"),
+    [
+        ("train", (), "families are none; allowed are one or more of divider"),
+        ("train", ("linear", "linear"), "families are linear, linear; allowed"),
+        ("pairs", ("linear",), "families requested of set 'pairs'"),
+    ],
+)
+def test_families_that_make_no_set_are_refused(name, families, message):
+    with pytest.raises(ValueError, match=message):
+        GenerationSettings(name, families=families)
 
 
 def test_no_two_clips_people_or_builds_have_the_same_seed():

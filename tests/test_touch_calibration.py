@@ -13,6 +13,7 @@ from eskin.touch import (
     Calibrator,
     ContactConfig,
 )
+from eskin.touch.calibration_kernels import linearise_counts
 from helpers.touch import (
     REST,
     SECOND,
@@ -252,6 +253,38 @@ def test_calibration_survives_its_bytes(calibration):
     again = Calibration.from_bytes(calibration.to_bytes())
     assert vars(again) == vars(calibration) | {"gain": again.gain}
     np.testing.assert_array_equal(again.gain, calibration.gain)
+
+
+CURVES = {
+    "linear": {},
+    "divider": {"exponent": 0.8, "unfelt": 2.0},
+    "logarithmic": {"exponent": 0.7, "unfelt": 2.0, "span": 300.0},
+}
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_counts_and_pressure_are_inverse_for_every_curve(curve):
+    options: dict = CURVES[curve]
+    calibration = Calibration(np.full(3, 0.02), 4095, curve=curve, **options)
+    pressure = np.array([[0.0, 0.5, 3.0], [5.0, 20.0, 80.0]])
+    counts = calibration.compute_counts(pressure)
+    assert (counts >= 0).all() and (counts <= 4095).all()
+    np.testing.assert_allclose(calibration.compute_pressure(counts), pressure)
+    linear = [
+        linearise_counts(float(count), calibration.pressure_curve)
+        for count in counts.flat
+    ]
+    felt = 0.02 * np.array(linear)
+    found = felt + np.minimum(felt, calibration.unfelt)
+    np.testing.assert_allclose(found, pressure.ravel())
+    again = Calibration.from_bytes(calibration.to_bytes())
+    assert again.to_bytes() == calibration.to_bytes()
+    assert (again.curve, again.span) == (curve, options.get("span", 0.0))
+
+
+def test_logarithmic_curve_without_a_span_is_refused():
+    with pytest.raises(ValueError, match="span is 0.0 .*data sheet"):
+        Calibration(np.ones(3), 1023, curve="logarithmic")
 
 
 def test_calibration_without_a_curve_is_linear():

@@ -1,7 +1,7 @@
 """Check the simulation against measured and published properties.
 
 python -m benchmarks.simulation [PART], where PART is physics, rig, bands, sensor,
-reference, difficulty, ceiling, leakage, sweep, speed or all.
+families, reference, difficulty, ceiling, leakage, sweep, speed or all.
 """
 
 from collections.abc import Callable
@@ -15,6 +15,7 @@ from benchmarks.simulation.ceiling import ceiling_tables
 from benchmarks.simulation.check import as_table
 from benchmarks.simulation.confusion import confusion_tables
 from benchmarks.simulation.element import element_checks
+from benchmarks.simulation.families import family_table
 from benchmarks.simulation.forest import difficulty_tables
 from benchmarks.simulation.leakage import leakage_checks
 from benchmarks.simulation.physics import physics_checks
@@ -29,6 +30,7 @@ Part = Literal[
     "rig",
     "bands",
     "sensor",
+    "families",
     "reference",
     "difficulty",
     "ceiling",
@@ -41,6 +43,10 @@ Part = Literal[
 
 REPEATS = 8
 """Clips of every touch on every surface that are compared with MuJoCo."""
+
+
+BUILDS = 6
+"""Builds of each family that are measured."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,11 @@ def sensor(command: Command) -> str:
     return as_table("One element", element_checks(load_constants(), command.seed))
 
 
+def families(command: Command) -> str:
+    """Measure builds of every family as real arrays were measured."""
+    return family_table(load_constants(), BUILDS, command.seed)
+
+
 def difficulty(command: Command) -> str:
     """Measure the difficulty of clips, and the confusions."""
     levels = difficulty_tables(command.clips, command.seed)
@@ -119,6 +130,7 @@ PARTS: dict[str, Callable[[Command], str]] = {
     "rig": rig,
     "bands": bands,
     "sensor": sensor,
+    "families": families,
     "reference": reference,
     "difficulty": difficulty,
     "ceiling": ceiling,

@@ -26,8 +26,19 @@ SetName = Literal[
     "streams-fresh",
     "accidents",
     "quiet",
+    "train-families",
+    "val-families",
+    "streams-families",
+    "accidents-families",
+    "quiet-families",
+    "test-divider",
+    "test-logarithmic",
+    "test-capacitive",
+    "test-linear",
     "pairs",
 ]
+
+FamilyName = Literal["divider", "logarithmic", "capacitive", "linear"]
 
 SkinName = Literal[
     "ur5",
@@ -70,6 +81,10 @@ class GenerateCommand:
     workers: int | None = None
     """Number of processes; by default one for each core."""
 
+    families: tuple[FamilyName, ...] | None = None
+    """Families of sensors: each session has a new build of one of them, in turn. By
+    default the builds are those of the set."""
+
     difficulty: float | None = None
     """Width of the spreads, where 0 is the easiest; by default the published one."""
 
@@ -86,6 +101,7 @@ def run(command: GenerateCommand) -> dict[str, object]:
         command.clips,
         command.subjects,
         command.difficulty,
+        command.families,
     )
     with show_progress(settings.clip_set.clips) as update:
         result = generate(command.out, settings, workers, on_progress=update)

@@ -1,7 +1,7 @@
 """This package computes touches from counts: calibration, faults, contacts, tracks."""
 
 from eskin.touch.adjacency import Adjacency
-from eskin.touch.calibration import MAX_CALIBRATION_BYTES, Calibration, Curve
+from eskin.touch.calibration import MAX_CALIBRATION_BYTES, Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector, SpikeFilter
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
@@ -36,7 +36,6 @@ __all__ = [
     "Contact",
     "ContactConfig",
     "CrosstalkCompensator",
-    "Curve",
     "Fault",
     "FaultConfig",
     "FaultDetector",

@@ -28,12 +28,12 @@ from eskin.sim.scene.scene import (
     compute_scene_pressure,
     compute_touch_presses,
     compute_true_series,
-    count_steps_per_reading,
+    find_reading_edges,
 )
 from eskin.sim.sensor.build import SensorBuild, draw_build
 from eskin.sim.sensor.electrical import ELECTRICAL_EVENTS, add_electrical_event
 from eskin.sim.sensor.model import SensorSession, SensorStages, draw_session
-from eskin.sim.sensor.sensor import sense
+from eskin.sim.sensor.sensor import draw_reading_times, sense
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,9 @@ class SimulatedClip:
     """Group of the pose at the start of the clip."""
     drawn: dict[str, float | str]
     """Every parameter that was drawn for the clip, by name."""
+    times: Float[np.ndarray, "reading"] | None = None
+    """Time of each reading since the start of the clip [s]; None where readings are
+    `sensor.period` apart."""
 
 
 @lru_cache(maxsize=16)
@@ -93,12 +96,14 @@ def simulate_clip(
         touch_presses, scene.steps, build.film_sigma, skin
     )
     counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
-    every = count_steps_per_reading(env)
+    ratio = build.electronics.period / build.electronics.step
+    edges = find_reading_edges(lead, len(counts), ratio)
     truths = compute_true_series(
-        scene, touch_presses, env.charts, env.mounted, lead, env
+        scene, touch_presses, env.charts, env.mounted, lead, env, edges
     )
-    q = scene.q[lead::every][: len(counts)]
-    return SimulatedClip(counts, received, q, truths, pose_group=0, drawn={})
+    q = scene.q[edges[:-1]]
+    times = draw_reading_times(build, len(counts), rng) if build.flaws else None
+    return SimulatedClip(counts, received, q, truths, 0, {}, times)
 
 
 SECONDS_PER_HOUR = 3600.0

@@ -5,6 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from eskin.sim.sensor.build import BuildKind
+
 PairKind = Literal["bending", "merging"]
 Side = Literal["bent", "flat", "folded", "apart"]
 
@@ -97,7 +99,7 @@ class Origin:
 class BuildOrigin(Origin):
     """A build origin is the name, seed and kind of a sensor build."""
 
-    kind: Literal["fresh", "shifted"]
+    kind: BuildKind
     """Laws that it is drawn from."""
 
 

@@ -23,6 +23,7 @@ from eskin.sim.dataset.plan import ClipPlan
 from eskin.sim.dataset.session_plan import SessionPlan
 from eskin.sim.dataset.settings import GenerationSettings
 from eskin.sim.scene.scene import TrueTouchSeries
+from eskin.sim.sensor import FAMILIES
 from eskin.touch import Calibration
 from eskin.units import NS_PER_S
 
@@ -156,12 +157,15 @@ def write_session(
 
 def build_metadata(settings: GenerationSettings, session_plan: SessionPlan) -> Metadata:
     """Build the metadata of a recording."""
+    kind = session_plan.build.kind
+    family = {"family": kind} if kind in FAMILIES else {}
     notes = {
         "build": session_plan.build.name,
-        "build_kind": session_plan.build.kind,
+        "build_kind": kind,
         "difficulty": f"{settings.level:g}",
         "seed": str(settings.seed),
         "simulated": "true",
+        **family,
     }
     return Metadata(
         dataset=settings.set_name,
@@ -219,9 +223,12 @@ class SessionWriter:
     def add(self, number: int, plan: ClipPlan, clip: SimulatedClip) -> None:
         """Write a clip; the first one, number -1, is the lead-in."""
         start = self.session_plan.start + round(plan.at * NS_PER_S)
-        period = round(self.period * NS_PER_S)
-        stamps = start + period * np.arange(len(clip.counts), dtype=np.int64)
-        self.write_scans(stamps, clip)
+        times = self.period * np.arange(len(clip.counts))
+        period = self.period
+        if clip.times is not None:
+            times, period = clip.times, float(np.median(np.diff(clip.times)))
+        stamps = start + np.rint(times * NS_PER_S).astype(np.int64)
+        self.write_scans(stamps, clip, period)
         if number < 0:
             self.rest = compute_rest_counts(clip)
             return
@@ -236,15 +243,15 @@ class SessionWriter:
         self.peaks.append(peaks)
         file, skin = self.session_plan.file, self.writer.skin.name
         self.rows.append(
-            build_row(file, number, start, skin, self.touches, self.period, plan, clip)
+            build_row(file, number, start, skin, self.touches, period, plan, clip)
         )
         self.touches += len(clip.truths)
 
     def write_scans(
-        self, stamps: Int[np.ndarray, "reading"], clip: SimulatedClip
+        self, stamps: Int[np.ndarray, "reading"], clip: SimulatedClip, period: float
     ) -> None:
         """Write the scans of a clip and its true touches, one second at a time."""
-        readings = round(1 / self.period)
+        readings = round(1 / period)
         for first in range(0, len(stamps), readings):
             part = slice(first, first + readings)
             self.writer.write_block(

@@ -85,7 +85,7 @@ def plan_sessions(
                     clips=clips,
                     person=people[subject],
                     others=tuple(others),
-                    build=plan_build(clip_set, subject, seed),
+                    build=plan_build(clip_set, subject, number, seed),
                     session=Origin(
                         name, build_seed(f"session {clip_set.name}", number, 0, seed)
                     ),
@@ -96,8 +96,15 @@ def plan_sessions(
     return tuple(found)
 
 
-def plan_build(clip_set: ClipSet, subject: int, seed: int) -> BuildOrigin:
-    """Return the sensor build that a person touches."""
+def plan_build(clip_set: ClipSet, subject: int, session: int, seed: int) -> BuildOrigin:
+    """Return the sensor build that a person touches in a session."""
+    if clip_set.families:
+        family = clip_set.families[session % len(clip_set.families)]
+        return BuildOrigin(
+            f"{clip_set.builds}-{family}-b{session}",
+            build_seed(f"build {clip_set.builds} {family}", session, 0, seed),
+            family,
+        )
     number = subject % clip_set.build_count
     role = f"build {clip_set.builds}"
     return BuildOrigin(
@@ -111,7 +118,8 @@ def split_clips(
     clip_set: ClipSet, clips: int, constants: Constants
 ) -> Iterator[tuple[int, int]]:
     """Split the clips of a part into sessions; yield person and number of clips."""
-    most = int(constants.value("clip.most")) if clip_set.classes else 1
+    name = "sets.family_session" if clip_set.families else "clip.most"
+    most = int(constants.value(name)) if clip_set.classes else 1
     for subject, share in enumerate(split_evenly(clips, clip_set.subjects)):
         for count in split_evenly(share, -(-share // most)):
             yield subject, count

@@ -5,6 +5,7 @@ from typing import Literal
 
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
+from eskin.sim.sensor.flaws import FAMILIES, Family
 
 PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
 """Gestures of the paper."""
@@ -39,6 +40,9 @@ class ClipSet:
     """Number of builds."""
     build_kind: Literal["fresh", "shifted"]
     """Distribution that the builds are drawn from."""
+    families: tuple[Family, ...] = ()
+    """Families of sensors in turn, of which each session has a build of its own; empty
+    where builds are of `build_kind` and sessions share them."""
     groups: tuple[int, ...]
     """Pose groups."""
     poses: int | None = None
@@ -74,6 +78,17 @@ SETS = (
 )
 """Names of all sets that recognisers are trained and tested on."""
 
+FAMILY_SETS = {
+    "train-families": "train",
+    "val-families": "val",
+    "streams-families": "streams",
+    "accidents-families": ACCIDENTS,
+    "quiet-families": QUIET,
+    **{f"test-{family}": "test-p" for family in FAMILIES},
+}
+"""Sets of builds of families, each with the set that it is otherwise like. The tests of
+all families have the same people."""
+
 PAIRS = "pairs"
 """Name of the set of pairs of clips with the same counts but not the same label."""
 
@@ -86,8 +101,11 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     """
     if name == PAIRS:
         return build_pair_set(constants)
+    if name in FAMILY_SETS:
+        return build_family_set(name, constants)
     if name not in SETS:
-        raise ValueError(f"no set '{name}'; allowed are {', '.join((*SETS, PAIRS))}")
+        allowed = (*SETS, *FAMILY_SETS, PAIRS)
+        raise ValueError(f"no set '{name}'; allowed are {', '.join(allowed)}")
     if name.startswith("paper"):
         return build_paper_set(name, constants)
     if name.startswith("streams"):
@@ -164,6 +182,19 @@ def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
         still=constants.value("sets.still_gestureless"),
         parts=(SetPart("", int(constants.value(f"sets.clips.{name}"))),),
         stream=name,
+    )
+
+
+def build_family_set(name: str, constants: Constants) -> ClipSet:
+    """Build a set of builds of all families, or of the one that its name ends with."""
+    of_test = tuple(family for family in FAMILIES if name == f"test-{family}")
+    role = "test-families" if of_test else name
+    return replace(
+        load_set(FAMILY_SETS[name], constants),
+        name=name,
+        people=role,
+        builds=role,
+        families=of_test or FAMILIES,
     )
 
 

@@ -20,6 +20,7 @@ from eskin.sim.dataset.session_plan import (
     plan_sessions,
 )
 from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resize_set
+from eskin.sim.sensor.flaws import FAMILIES, Family
 from eskin.skin import load_robot_for_skin
 
 SETTINGS_NAME = "generation.json"
@@ -47,6 +48,9 @@ class GenerationSettings:
     """Number of people; None chooses it by the number of clips."""
     difficulty: float | None = None
     """Difficulty; None is the published one."""
+    families: tuple[Family, ...] | None = None
+    """Families that each session's build is drawn from; None keeps the builds of the
+    published set."""
 
     def __post_init__(self) -> None:
         """Refuse settings that no set can be generated with."""
@@ -57,6 +61,8 @@ class GenerationSettings:
                 f"difficulty is {self.difficulty}; allowed are 0 (easiest) to "
                 f"{MAX_DIFFICULTY:g}; change it"
             )
+        if self.families is not None:
+            check_families(self.families, self.set_name)
         if self.has_pairs and not has_joints(self.skin):
             raise ValueError(
                 f"set '{PAIRS}' requested on skin '{self.skin}', whose robot has no "
@@ -86,6 +92,8 @@ class GenerationSettings:
         if not has_joints(self.skin):
             classes = tuple(name for name in published.classes if name != "grab")
             published = replace(published, classes=classes)
+        if self.families is not None:
+            published = replace(published, families=self.families)
         return resize_set(published, self.clips, self.subjects, self.constants)
 
     @cached_property
@@ -116,8 +124,26 @@ class GenerationSettings:
         facts["clips"] = self.clip_set.clips
         facts["subjects"] = self.clip_set.subjects
         facts["difficulty"] = self.level
+        facts["families"] = list(self.clip_set.families)
+        if not self.clip_set.families:
+            del facts["families"]
         facts["constants"] = sha256(CONSTANTS_FILE.read_bytes()).hexdigest()
         return facts
+
+
+def check_families(families: tuple[Family, ...], set_name: str) -> None:
+    """Refuse families that are none, unknown or named twice, and families of pairs."""
+    known = [family for family in FAMILIES if family in families]
+    if not families or len(known) != len(families):
+        raise ValueError(
+            f"families are {', '.join(families) or 'none'}; allowed are one or more of "
+            f"{', '.join(FAMILIES)}, each once; change --families"
+        )
+    if set_name == PAIRS:
+        raise ValueError(
+            f"families requested of set '{PAIRS}', whose clips share their builds; "
+            "allowed are all other sets; leave --families out"
+        )
 
 
 def has_joints(skin: str) -> bool:

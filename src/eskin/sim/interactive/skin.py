@@ -1,6 +1,7 @@
 """An interactive skin simulates scans of a robot that callers move and touch."""
 
-from typing import Literal, final
+from dataclasses import replace
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,9 +20,9 @@ from eskin.sim.scene.scene import (
     compute_scene_pressure,
     compute_touch_presses,
     compute_true_series,
-    count_steps_per_reading,
 )
-from eskin.sim.sensor.sensor import Sensor
+from eskin.sim.sensor import Sensor, SensorBuild
+from eskin.sim.sensor.build import BuildKind
 from eskin.skin import SKIN_PRESETS, Skin
 from eskin.touch import Scan
 
@@ -82,7 +83,7 @@ class InteractiveSkin:
         self,
         name: str = "ur5",
         seed: int = 0,
-        build_kind: Literal["fresh", "shifted"] = "fresh",
+        build_kind: BuildKind = "fresh",
         person: Person | None = None,
         loses: bool = True,
     ) -> None:
@@ -91,7 +92,8 @@ class InteractiveSkin:
         Args:
             name: name of a preset skin.
             seed: seed of everything that is drawn.
-            build_kind: distribution that the sensor is drawn from.
+            build_kind: distribution that the sensor is drawn from; a build of a family
+                scans at the rate nearest to its own that has whole steps.
             person: person who touches it; None draws one that is in no such set.
             loses: whether scans of patches are lost at random, as on a real skin.
 
@@ -109,24 +111,24 @@ class InteractiveSkin:
         self.env = load_environment(name)
         self.mounted, constants = self.env.mounted, self.env.constants
         origin = f"build {DEMO_ROLE} {build_kind}"
-        self.build = get_build(
+        build = get_build(
             BuildOrigin(
                 f"{DEMO_ROLE}-b{seed}", build_seed(origin, 0, 0, seed), build_kind
             ),
             self.env,
         )
+        self.build = round_period(build)
         skin = self.mounted.skin
         self.calibration = self.build.calibration(skin)
-        self.period = constants.value("sensor.period")
+        self.period = self.build.electronics.period
         self.sensor = Sensor(self.build, skin, build_role_rng("sensor", seed))
         person = person or draw_demo_person(self.env, seed)
         self.hand = InteractiveHand(self.env, person, build_role_rng("hand", seed))
         delay = constants.get_constant("motion.delay").spread
         assert delay is not None
         step = constants.value("time.step")
-        self.track = MotionTrack(
-            count_steps_per_reading(self.env), round(delay.high / step) + 1
-        )
+        self.steps = round(self.period / step)
+        self.track = MotionTrack(self.steps, round(delay.high / step) + 1)
         self.loses = loses
         self.unplugged = np.zeros(len(skin.patches), dtype=bool)
         self.feels = self.sensor.readout.feels.copy()
@@ -172,7 +174,8 @@ class InteractiveSkin:
         truths: tuple[TrueTouchSeries, ...] = ()
         if numbers:
             truths = compute_true_series(
-                scene, touch_presses, self.env.charts, self.mounted, 0, self.env
+                *(scene, touch_presses, self.env.charts, self.mounted, 0, self.env),
+                np.array([0, self.steps]),
             )
         self.hand.set_truths(
             tuple(
@@ -232,6 +235,14 @@ class InteractiveSkin:
                 f"no patch '{patch}'; allowed are {', '.join(ids)}; name one of them"
             )
         return ids.index(patch)
+
+
+def round_period(build: SensorBuild) -> SensorBuild:
+    """Return a build that scans after whole steps."""
+    electronics = build.electronics
+    steps = max(round(electronics.period / electronics.step), 1)
+    period = steps * electronics.step
+    return replace(build, electronics=replace(electronics, period=period))
 
 
 def build_role_rng(what: str, seed: int) -> np.random.Generator:

@@ -192,10 +192,10 @@ def build_true_series(
     mounted: MountedSkin,
     T_world_link: Float[np.ndarray, "time link 4 4"],
     lead: int,
-    every: int,
+    edges: Int[np.ndarray, "reading_and_one"],
     step: float,
 ) -> TrueTouchSeries:
-    """Build force, area and centre of a touch, as means over `every` steps."""
+    """Build force, area and centre of a touch, as means over the steps of readings."""
     steps = len(T_world_link)
     force, area = np.zeros(steps), np.zeros(steps)
     moment = np.zeros((steps, 3))
@@ -212,10 +212,7 @@ def build_true_series(
     first, end = find_contact_steps(touch)
     # Means over the steps of a reading, since a bump may last a single step.
     force, area, moment = (
-        series[lead : lead + (steps - lead) // every * every]
-        .reshape(-1, every, *series.shape[1:])
-        .mean(axis=1)
-        for series in (force, area, moment)
+        average_readings(series, edges) for series in (force, area, moment)
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         centroid = np.nan_to_num(moment / force[:, None])
@@ -231,6 +228,35 @@ def build_true_series(
         onset=(first - lead) * step,
         end=(end - lead) * step,
     )
+
+
+def find_reading_edges(
+    lead: int, readings: int, ratio: float
+) -> Int[np.ndarray, "reading_and_one"]:
+    """Return the first step of each reading, and the step after the last.
+
+    Args:
+        lead: steps before the first reading.
+        readings: number of readings.
+        ratio: steps in a reading, perhaps not whole, or less than one.
+    """
+    edges = np.floor(ratio * np.arange(readings + 1) + EDGE_ROUNDING)
+    return lead + edges.astype(np.int64)
+
+
+EDGE_ROUNDING = 1e-6
+"""Part of a step by which the edge of a reading may be too low, by rounding."""
+
+
+def average_readings(
+    series: Float[np.ndarray, "time *more"], edges: Int[np.ndarray, "reading_and_one"]
+) -> Float[np.ndarray, "reading *more"]:
+    """Return the means over the steps of readings; of less than a step, its value."""
+    if len(edges) < 2:
+        return series[:0]
+    steps = np.maximum(np.diff(edges), 1)
+    sums = np.add.reduceat(series[: edges[-2] + steps[-1]], edges[:-1])
+    return sums / steps.reshape(-1, *[1] * (series.ndim - 1))
 
 
 @lru_cache(maxsize=4)
@@ -263,6 +289,7 @@ def compute_true_series(
     mounted: MountedSkin,
     lead: int,
     env: SimEnvironment,
+    edges: Int[np.ndarray, "reading_and_one"] | None = None,
 ) -> tuple[TrueTouchSeries, ...]:
     """Compute the ground truth of every touch of a scene that has presses.
 
@@ -273,12 +300,17 @@ def compute_true_series(
         mounted: skin of these charts on its robot.
         lead: steps of the scene before the clip.
         env: environment, whose constants give the length of a step.
+        edges: first step of each reading, and the step after the last; a sensor period
+            apart unless given.
     """
-    every, step = count_steps_per_reading(env), env.constants.value("time.step")
+    step = env.constants.value("time.step")
+    if edges is None:
+        every = count_steps_per_reading(env)
+        edges = find_reading_edges(lead, (scene.steps - lead) // every, float(every))
     T_world_link = mounted.kinematics.poses(scene.q)
     return tuple(
         build_true_series(
-            number, touch, presses, charts, mounted, T_world_link, lead, every, step
+            number, touch, presses, charts, mounted, T_world_link, lead, edges, step
         )
         for number, (touch, presses) in enumerate(
             zip(scene.touches, touch_presses, strict=True)

@@ -1,22 +1,13 @@
 """This package simulates the sensor, from pressure on taxels to counts."""
 
-from eskin.sim.sensor.build import (
-    BuildKind,
-    Family,
-    SensorBuild,
-    draw_build,
-    draw_flawed_build,
-)
-from eskin.sim.sensor.flaws import FAMILIES, FLAWS, FlawLevel, Flaws
+from eskin.sim.sensor.build import SensorBuild, draw_build, draw_flawed_build
+from eskin.sim.sensor.flaws import FAMILIES, FLAWS, Flaws
 from eskin.sim.sensor.model import SensorSession, SensorStages, draw_session
 from eskin.sim.sensor.sensor import Sensor, sense
 
 __all__ = [
     "FAMILIES",
     "FLAWS",
-    "BuildKind",
-    "Family",
-    "FlawLevel",
     "Flaws",
     "Sensor",
     "SensorBuild",

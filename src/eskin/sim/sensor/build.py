@@ -22,13 +22,11 @@ from eskin.sim.sensor.families import (
     draw_flaws,
     get_span,
 )
-from eskin.sim.sensor.flaws import FlawDraw, FlawLevel, Flaws
+from eskin.sim.sensor.flaws import Family, FlawDraw, FlawLevel, Flaws
 from eskin.sim.sensor.velostat import Velostat, build_nominal_velostat, draw_velostat
 from eskin.skin import Skin
 from eskin.touch import Calibration
 
-Family = Literal["divider", "logarithmic", "capacitive", "linear"]
-"""Name of a family of sensors."""
 BuildKind = Literal[
     "fresh", "shifted", "divider", "logarithmic", "capacitive", "linear"
 ]
@@ -192,7 +190,7 @@ def assemble_family_build(name: str, draw: FlawDraw, skin: Skin) -> SensorBuild:
         nominal_activation=activation,
         nominal_half=half,
         calibrated_at=draw.constants.value("sensor.calibrated_at"),
-        flaws=draw_flaws(draw, skin, electronics.full_scale),
+        flaws=draw_flaws(draw, skin, electronics),
     )
 
 

@@ -1,4 +1,4 @@
-"""This module draws lasting faults of taxels and lines, and of readings on their way."""
+"""This module draws lasting faults of taxels and lines, and losses of readings."""
 
 from dataclasses import dataclass
 

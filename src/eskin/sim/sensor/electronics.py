@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from eskin.sim.constants import Constants
 from eskin.skin import Skin
-from eskin.touch import Curve
+from eskin.touch.calibration import Curve
 
 
 @dataclass(frozen=True, eq=False)

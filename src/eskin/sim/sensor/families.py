@@ -1,4 +1,4 @@
-"""This module draws the parts of a build of a family: layer, readout, defects, flaws."""
+"""This module draws the parts of a build of a family of sensors."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -9,7 +9,7 @@ from eskin.sim.sensor.electronics import Electronics
 from eskin.sim.sensor.flaws import FlawDraw, Flaws
 from eskin.sim.sensor.velostat import Velostat, draw_bend
 from eskin.skin import Skin
-from eskin.touch import Curve
+from eskin.touch.calibration import Curve
 
 CURVES: dict[str, Curve] = {
     "divider": "divider",
@@ -21,6 +21,9 @@ CURVES: dict[str, Curve] = {
 
 RESISTIVE = ("divider", "logarithmic")
 """Families of piezoresistive layers, with a gap to close and detours through others."""
+
+MAX_EARLY_CREEP = 0.7
+"""Largest part of the conductance at the time of calibration that is creep."""
 
 RISE_SPAN = float(np.log(9.0))
 """Time from 10 to 90 % of an exponential, by its time constant."""
@@ -50,10 +53,10 @@ def draw_family_velostat(
         1.0 - lagging, np.full(len(play) - 1, lagging / (len(play) - 1))
     )
     creep_times = constants.array("flaw.creep_times")
-    creep = draw_family_creep(draw, skin, creep_times)
+    risen = 1.0 - np.exp(-constants.value("sensor.calibrated_at") / creep_times)
+    creep = draw_family_creep(draw, skin, creep_times, risen)
     own = exponent * np.exp(draw_exponent_deviation(draw, skin))
-    seconds = constants.value("sensor.calibrated_at")
-    grown = 1.0 + creep @ (1.0 - np.exp(-seconds / creep_times))
+    grown = 1.0 + creep @ risen
     held = float(np.sum(weights * (1.0 - play)))
     return Velostat(
         half_pressure=half_pressure,
@@ -82,14 +85,26 @@ def draw_exponent_deviation(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "ta
 
 
 def draw_family_creep(
-    draw: FlawDraw, skin: Skin, times: Float[np.ndarray, "process"]
+    draw: FlawDraw,
+    skin: Skin,
+    times: Float[np.ndarray, "process"],
+    risen: Float[np.ndarray, "process"],
 ) -> Float[np.ndarray, "taxel process"]:
-    """Draw creep that grows about evenly with the logarithm of time."""
-    doublings = float(np.log2(times[1] / times[0]))
-    rate = draw.take("creep", "creep")
+    """Draw creep that grows about evenly with the logarithm of time.
+
+    Args:
+        draw: draw of the build's flaws.
+        skin: skin of the taxels.
+        times: time constants of the processes [s].
+        risen: share of each that has risen at the time of calibration, by which the
+            growth in a doubling of time is meant.
+    """
+    rate = draw.take("creep", "creep") * float(np.log2(times[1] / times[0]))
     scatter = np.log(draw.constants.value("sensor.creep_scatter.fresh"))
-    patches = rate * np.exp(scatter * draw.rng.standard_normal(len(skin.patches)))
-    return np.repeat(doublings * patches[skin.patch_index][:, None], len(times), axis=1)
+    drawn = np.exp(scatter * draw.rng.standard_normal(len(skin.patches)))
+    patches = np.minimum(rate * drawn, MAX_EARLY_CREEP / risen.sum())
+    growth = patches / (1.0 - patches * risen.sum())
+    return np.repeat(growth[skin.patch_index][:, None], len(times), axis=1)
 
 
 def draw_family_gain(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
@@ -184,7 +199,7 @@ def draw_noise(draw: FlawDraw) -> float:
     """
     factors = ("noisy_taxels", "touched_noise", "line_noise")
     level = "typical" if any(draw.has(flaw) for flaw in factors) else "low"
-    least = draw.constants.at_level("flaw.noise", level)
+    least = draw.constants.at_level(draw.find_name("flaw.noise"), level)
     return max(draw.take("noise", "noise", least), least * (draw.levels is not None))
 
 
@@ -237,8 +252,17 @@ def draw_some(draw: FlawDraw, skin: Skin, flaw: str) -> Bool[np.ndarray, "taxel"
     return some
 
 
-def draw_flaws(draw: FlawDraw, skin: Skin, full_scale: int) -> Flaws:
-    """Draw the flaws of a build of a family."""
+def draw_touched_noise(draw: FlawDraw, noise: float) -> float:
+    """Draw the noise that a touch adds to that of a usual taxel, by full scale."""
+    factor = draw.take("touched_noise", "touched_noise", 1.0)
+    most = draw.constants.value("flaw.touched_most")
+    return min(noise * float(np.sqrt(max(factor**2 - 1.0, 0.0))), most)
+
+
+def draw_flaws(draw: FlawDraw, skin: Skin, electronics: Electronics) -> Flaws:
+    """Draw the flaws of a build of a family with this readout."""
+    full_scale = electronics.full_scale
+    noise = electronics.noise / full_scale
     constants, take = draw.constants, draw.take
     intermittent = np.flatnonzero(draw_some(draw, skin, "intermittent"))
     swings = [constants.draw("flaw.intermittent_swing", draw.rng) for _ in intermittent]
@@ -256,7 +280,7 @@ def draw_flaws(draw: FlawDraw, skin: Skin, full_scale: int) -> Flaws:
         column_leak=take("lines", "column_leak"),
         row_leak=take("lines", "row_leak"),
         noise_factor=draw_noise_factor(draw, skin),
-        touched_noise=take("touched_noise", "touched_noise", 1.0),
+        touched_noise=draw_touched_noise(draw, noise),
         line_noise=take("line_noise", "line_noise"),
         drift=draw_drift(draw),
         drift_times=constants.array("flaw.drift_times"),

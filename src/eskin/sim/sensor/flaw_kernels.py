@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
-from eskin.sim.sensor.kernels import MIN_STATE, TaxelArrays
+from eskin.sim.sensor.kernels import TaxelArrays
 
 
 class Release(NamedTuple):

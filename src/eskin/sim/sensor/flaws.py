@@ -2,14 +2,17 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import Literal, final, get_args
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.sim.constants import Constants
 
-FAMILIES = ("divider", "logarithmic", "capacitive", "linear")
+Family = Literal["divider", "logarithmic", "capacitive", "linear"]
+"""Name of a family of sensors."""
+
+FAMILIES: tuple[Family, ...] = get_args(Family)
 """Families of sensors: piezoresistive with a divider or a logarithmic converter,
 capacitive, and linear (barometric or strain)."""
 
@@ -62,7 +65,7 @@ class Flaws:
     after_tail: float
     """Share of touches of a taxel that leave a large shift of the baseline."""
     after_tail_size: float
-    """That shift, of either sign, by full scale."""
+    """Size of that shift, of either sign, by full scale."""
     neighbours: float
     """Part of each of its four neighbours that a taxel reads."""
     column_leak: float
@@ -72,7 +75,7 @@ class Flaws:
     noise_factor: Float[np.ndarray, "taxel"]
     """Noise of each taxel by that of the electronics."""
     touched_noise: float
-    """Noise of a touched taxel by its own at rest."""
+    """Noise that a touch adds, by full scale, the same at every level."""
     line_noise: float
     """Share of the variance at rest that the taxels of a row have in common."""
     drift: Float[np.ndarray, "process"]
@@ -111,7 +114,7 @@ class FlawDraw:
 
     def __init__(
         self,
-        family: str,
+        family: Family,
         levels: Mapping[str, FlawLevel] | None,
         constants: Constants,
         rng: np.random.Generator,

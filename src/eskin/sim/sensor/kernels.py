@@ -363,10 +363,6 @@ def scan_arrays(
                         level[r, arrays.taxel[m, i, j]] = x
 
 
-TOUCHED_LEVEL = np.float32(0.005)
-"""Level relative to full scale from which a taxel has the noise of a touched one."""
-
-
 class Readout(NamedTuple):
     """This tuple holds the converter for `convert_to_counts`."""
 
@@ -379,7 +375,9 @@ class Readout(NamedTuple):
     """Standard deviation of a reading [counts] (taxel)."""
     noise_relative: float
     touched_noise: float
-    """Noise of a touched taxel by that at rest."""
+    """Standard deviation of what a touch adds to the noise [counts]."""
+    touched_level: np.ndarray
+    """Level relative to full scale from which it does (taxel)."""
     cut: float
     """Counts below which it gives zero."""
     feels: np.ndarray
@@ -415,7 +413,7 @@ def convert_to_counts(
     full, walk = np.float32(readout.full), np.float32(readout.walk)
     part, cut = np.float32(readout.noise_relative), np.float32(readout.cut)
     touched_noise = np.float32(readout.touched_noise)
-    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    zero, half = np.float32(0.0), np.float32(0.5)
     for r in range(len(level)):
         for i in range(level.shape[1]):
             is_up = (signs[r, i >> 6] >> np.uint64(i & 63)) & np.uint64(1)
@@ -424,8 +422,8 @@ def convert_to_counts(
             value = readout.base[i] + drift[i] + signal
             rough = part * value
             own = readout.noise[i]
-            if touched_noise != one and level[r, i] > TOUCHED_LEVEL:
-                own *= touched_noise
+            if touched_noise > zero and level[r, i] > readout.touched_level[i]:
+                own = np.sqrt(own * own + touched_noise * touched_noise)
             value += np.sqrt(own * own + rough * rough) * quantiles[chances[r, i]]
             value = np.floor(value + half)
             if value < cut:

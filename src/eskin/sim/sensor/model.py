@@ -17,7 +17,7 @@ from eskin.sim.sensor.kernels import (
     TaxelArrays,
 )
 from eskin.skin import Skin
-from eskin.touch import Curve
+from eskin.touch.calibration import Curve
 
 
 @dataclass(frozen=True)
@@ -161,21 +161,48 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
     full = electronics.full_scale
     stuck = np.where(np.isnan(defects.stuck), -1.0, np.round(full * defects.stuck))
     feels = np.where(defects.dead & stages.faults, 0.0, 1.0)
-    factor, touched_noise, cut = np.ones(len(stuck)), 1.0, 0
+    factor, touched_noise, cut = np.ones(len(stuck)), 0.0, 0
     if build.flaws:
         factor = build.flaws.noise_factor * np.sqrt(1.0 - build.flaws.line_noise)
-        touched_noise, cut = build.flaws.touched_noise, build.flaws.cut
+        touched_noise, cut = full * build.flaws.touched_noise, build.flaws.cut
     return Readout(
         full=float(full),
         base=(electronics.base * full).astype(np.float32),
         walk=electronics.walk * stages.drift,
         noise=(electronics.noise * stages.noise * factor).astype(np.float32),
         noise_relative=electronics.noise_relative * stages.noise,
-        touched_noise=touched_noise,
+        touched_noise=touched_noise * stages.noise,
+        touched_level=compute_touched_level(build, stages),
         cut=float(cut),
         feels=feels.astype(np.float32),
         stuck=(stuck if stages.faults else np.full(len(stuck), -1.0)).astype(np.int32),
     )
+
+
+TOUCHED_CONDUCTANCE = 0.005
+"""Least conductance at which a taxel has the noise of a touched one."""
+
+REST_MARGIN = 1.2
+"""Factor on the conductance of a bent taxel from which it counts as touched."""
+
+
+def compute_touched_level(
+    build: SensorBuild, stages: SensorStages
+) -> Float[np.ndarray, "taxel"]:
+    """Return the level from which a taxel has the noise of a touched one."""
+    velostat, electronics = build.velostat, build.electronics
+    load = np.maximum(compute_free_load(build, stages), 0.0)
+    grown = 1.0 + velostat.creep.sum(axis=1)
+    rest = velostat.gain * load**velostat.exponent * grown
+    least = TOUCHED_CONDUCTANCE + REST_MARGIN * rest
+    match electronics.curve:
+        case "divider":
+            level = least / (1.0 + least)
+        case "logarithmic":
+            level = np.log1p(electronics.span * least) / np.log1p(electronics.span)
+        case _:
+            level = least
+    return level.astype(np.float32)
 
 
 CURVE_NUMBERS: dict[Curve, int] = {

@@ -282,6 +282,25 @@ def sense(
     return counts, received
 
 
+def draw_reading_times(
+    build: SensorBuild, readings: int, rng: np.random.Generator
+) -> Float[np.ndarray, "reading"]:
+    """Draw the times of readings since the first [s], with jitter of their stamps.
+
+    They increase, and each is nearer to its nominal time than to any other.
+    """
+    period = build.electronics.period
+    late = np.zeros(readings)
+    if build.flaws:
+        late += build.flaws.stamp_jitter * rng.standard_normal(readings)
+    most = MAX_STAMP_JITTER * period
+    return np.maximum(period * np.arange(readings) + np.clip(late, -most, most), 0.0)
+
+
+MAX_STAMP_JITTER = 0.45
+"""Part of a period by which a stamp is off at most."""
+
+
 def check_pressure(
     pressure: Float[np.ndarray, "time active"],
     taxels: Int[np.ndarray, "active"],
