@@ -56,6 +56,10 @@ from eskin.units import NS_PER_S
 
 NOMINAL, PRESSES, GAUGE, EXACT = "nominal", "presses", "gauge", "exact"
 CALIBRATIONS = (NOMINAL, PRESSES, GAUGE, EXACT)
+MAX_MISSED = 3
+"""Number of presses in a row that are not felt before a patch is left out."""
+LONGEST_REST = 30.0
+"""Longest time in which rest is looked for [s]; then nothing is calibrated."""
 REST_SECONDS, PRESS_SECONDS, PAUSE_SECONDS = 6.0, 1.0, 0.7
 NEARBY = 0.004
 """Standard deviation of the place of a press from where it was asked for [m]."""
@@ -88,7 +92,7 @@ class Command:
 
 
 @dataclass(frozen=True)
-class BuildResult:
+class GainResult:
     """A result holds the figures of one build, by calibration."""
 
     kind: str
@@ -99,6 +103,8 @@ class BuildResult:
     """Accuracy on the clips; empty without clips."""
     inside: dict[str, list[bool]]
     """Of each patch, whether its scale of force lies in the 95 % interval."""
+    used: float
+    """Presses that were used, by those that were asked for."""
     deviation: dict[str, float]
     """Mean standard deviation of ln gain that the calibration states."""
 
@@ -147,22 +153,31 @@ def get_nominal(build: SensorBuild, skin: Skin, pressed: PressedSkin) -> Calibra
     return replace(calibration, gain=np.full(skin.count, half / calibration.full_scale))
 
 
-def calibrate(pressed: PressedSkin, nominal: Calibration) -> dict[str, Calibration]:
-    """Calibrate as a person does, without and with a gauge."""
+def calibrate(
+    pressed: PressedSkin, nominal: Calibration
+) -> tuple[dict[str, Calibration], float]:
+    """Calibrate without and with a gauge; return also the share of presses used."""
     skin, prior, rng = pressed.skin, GainPrior(), pressed.rng
     guide = CalibrationGuide(pressed.device.mounted, nominal, GuideConfig())
     usual = prior.force * np.exp(prior.person * rng.standard_normal())
     forces: list[float] = []
-    for scan in pressed.scans(REST_SECONDS):
+    missed = 0
+    for scan in pressed.scans(LONGEST_REST):
         guide.push(scan)
+        if guide.phase != "rest":
+            break
     while (request := guide.request) is not None and guide.phase == "press":
         force = float(usual * np.exp(prior.press * rng.standard_normal()))
         before = len(guide.presses)
         for scan in pressed.press(request.taxel, min(max(force, 0.7), 25.0)):
             guide.push(scan)
         forces += [pressed.force] * (len(guide.presses) - before)
-        if len(guide.presses) == before:
+        missed = missed + 1 if len(guide.presses) == before else 0
+        if missed == MAX_MISSED:
             guide.skip()
+            missed = 0
+    if guide.rest is None:
+        return dict.fromkeys((NOMINAL, PRESSES, GAUGE), nominal), 0.0
     result = guide.finish()
     read = np.array(forces) * np.exp(prior.known * rng.standard_normal(len(forces)))
     gauged: tuple[FingertipPress, ...] = tuple(
@@ -170,11 +185,13 @@ def calibrate(pressed: PressedSkin, nominal: Calibration) -> dict[str, Calibrati
         for press, force in zip(result.presses, read, strict=True)
     )
     gains = estimate_gains(skin, nominal, gauged)
-    return {
+    found = {
         NOMINAL: nominal,
         PRESSES: result.calibration,
         GAUGE: gains.apply(result.calibration, skin),
     }
+    asked = len(skin.patches) * guide.config.presses
+    return found, len(result.presses) / asked
 
 
 def press_for_test(
@@ -283,18 +300,18 @@ def measure_accuracy(
     return found
 
 
-def run_build(command: Command, kind: BuildKind, seed: int) -> BuildResult:
+def run_build(command: Command, kind: BuildKind, seed: int) -> GainResult:
     """Calibrate one build in all ways, and test them."""
     pressed = PressedSkin(command, kind, seed)
     build, skin = pressed.device.build, pressed.skin
-    calibrations = calibrate(pressed, get_nominal(build, skin, pressed))
+    calibrations, used = calibrate(pressed, get_nominal(build, skin, pressed))
     calibrations[EXACT] = build.exact_calibration(skin)
     rows = press_for_test(pressed, calibrations, command.tests)
     errors = {
         name: compare_with_expected(rows[name], calibration, skin)
         for name, calibration in calibrations.items()
     }
-    return BuildResult(
+    return GainResult(
         kind=kind,
         seed=seed,
         error={n: average_patches(rows[n], e) for n, e in errors.items()},
@@ -303,6 +320,7 @@ def run_build(command: Command, kind: BuildKind, seed: int) -> BuildResult:
             n: find_inside(rows[n], errors[n], calibrations[n])
             for n in (PRESSES, GAUGE)
         },
+        used=used,
         deviation={
             n: float(np.mean(deviation))
             for n, c in calibrations.items()
@@ -317,9 +335,16 @@ def format_mean(values: list[float]) -> str:
     return f"{np.mean(values):.3f} ({low:.3f} to {high:.3f})"
 
 
-def print_table(results: list[BuildResult]) -> None:
+def print_table(results: list[GainResult]) -> None:
     """Print one row for each kind and calibration."""
-    names = ("builds", "calibration", "error of ln scale", "accuracy", "in 95 %")
+    names = (
+        "builds",
+        "calibration",
+        "presses used",
+        "error of ln scale",
+        "accuracy",
+        "in 95 %",
+    )
     print(format_head(names))
     for kind in dict.fromkeys(result.kind for result in results):
         own = [result for result in results if result.kind == kind]
@@ -329,6 +354,7 @@ def print_table(results: list[BuildResult]) -> None:
             cells = (
                 f"{len(own)} {kind}",
                 name,
+                f"{np.mean([result.used for result in own]):.0%}",
                 format_mean([result.error[name] for result in own]),
                 format_mean(accuracy) if accuracy else "",
                 f"{np.mean(inside):.0%} of {len(inside)}" if inside else "",

@@ -40,10 +40,11 @@ PLACES = ((0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25))
 """
 STUCK_SHARE = 0.8
 """Share of the time at rest for which a stuck taxel keeps its counts."""
-TOUCH_FORCE = 0.3
-"""Force of a contact that is a touch during rest [N]."""
+TOUCH_PRESSURE = 2.0
+"""Pressure on a taxel that is touched during rest, and below rest where a hand has been
+lifted [kPa]: drift and noise stay below."""
 TOUCH_TAXELS = 2
-"""Number of taxels from which a contact is a touch and no noisy taxel."""
+"""Number of such taxels from which a contact is a touch and no noisy taxel."""
 LIFTED_TAXELS = 3
 """Number of taxels of a patch below rest from which a hand has been lifted."""
 APART = 1.0
@@ -195,8 +196,9 @@ class CalibrationGuide:
         self.wanted = find_patches(self.skin, self.config.patches)
         self.adjacency = Adjacency.build(self.skin)
         self.pipeline = TouchPipeline(mounted, calibration)
-        on = self.pipeline.config.contacts.with_floor(calibration.floor).on
-        self.on, self.contact = on, calibration.compute_counts(on)
+        self.on = self.pipeline.config.contacts.with_floor(calibration.floor).on
+        self.touched_from = TOUCH_PRESSURE + calibration.floor
+        self.least_touch = calibration.compute_counts(self.touched_from)
         self.phase = "rest"
         self.record, self.faults = RestRecord(), self.build_fault_detector()
         self.rest: RestEstimate | None = None
@@ -245,10 +247,11 @@ class CalibrationGuide:
     def describe_touch(self, scan: Scan, state: TouchState) -> str:
         """Describe what touches the skin, or has just left it; empty for nothing."""
         for contact in state.contacts:
-            if contact.force >= TOUCH_FORCE and len(contact.taxels) >= TOUCH_TAXELS:
+            pressure = state.reading.pressure[contact.taxels]
+            if np.count_nonzero(pressure >= self.touched_from) >= TOUCH_TAXELS:
                 return f"patch '{contact.patch}' is touched"
         above = scan.counts - self.pipeline.calibrator.state.baseline
-        low = scan.received & (above < -self.contact)
+        low = scan.received & (above < -self.least_touch)
         if np.count_nonzero(low) >= LIFTED_TAXELS:
             lifted = np.bincount(self.skin.patch_index[low])
             if lifted.max() >= LIFTED_TAXELS:
