@@ -36,7 +36,12 @@ from eskin.calibration import (
     GuideConfig,
     estimate_gains,
 )
-from eskin.calibration.fingertip import FORCES, FingertipResponse, TaxelConstants
+from eskin.calibration.fingertip import (
+    FORCES,
+    PA_PER_KPA,
+    FingertipResponse,
+    TaxelConstants,
+)
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import evaluate
@@ -63,6 +68,8 @@ LONGEST_REST = 30.0
 REST_SECONDS, PRESS_SECONDS, PAUSE_SECONDS = 6.0, 1.0, 0.7
 NEARBY = 0.004
 """Standard deviation of the place of a press from where it was asked for [m]."""
+NEAR = 0.02
+"""Distance from a press within which taxels measure its force [m]."""
 TEST_SPREAD = 0.5
 """Standard deviation of ln force of the presses that are tested."""
 WITHIN = 1.96
@@ -208,17 +215,22 @@ def press_for_test(
         inner = (skin.patch_index == patch) & (count_steps_from_edge(skin) >= 1)
         taxel = int(pressed.rng.choice(np.flatnonzero(inner)))
         force = 4.0 * np.exp(TEST_SPREAD * pressed.rng.standard_normal())
-        shown = dict.fromkeys(pipelines, 0.0)
+        place = skin.positions[taxel]
+        near = np.linalg.norm(skin.positions - place, axis=1) <= NEAR
+        near &= skin.patch_index == patch
+        areas = np.where(near, PA_PER_KPA * skin.areas, 0.0)
+        series: dict[str, list[float]] = {name: [] for name in pipelines}
         for scan in pressed.press(taxel, float(np.clip(force, 0.7, 20.0))):
             for name, pipeline in pipelines.items():
-                contacts = pipeline.push(scan).contacts
-                total = sum(contact.force for contact in contacts)
-                shown[name] = max(shown[name], total)
+                pressure = pipeline.push(scan).reading.pressure
+                series[name].append(float(areas @ pressure))
+        # What drift shows before the press is none of its force.
+        shown = {name: max(values) - values[0] for name, values in series.items()}
         for name, value in shown.items():
             if value > 0.0 and pressed.force > 0.0:
                 row = (float(patch), float(np.log(pressed.force)), float(np.log(value)))
                 rows[name].append(row)
-    return {name: np.array(found) for name, found in rows.items()}
+    return {name: np.array(found).reshape(-1, 3) for name, found in rows.items()}
 
 
 def compare_with_expected(
@@ -242,6 +254,8 @@ def compare_with_expected(
 
 def average_patches(rows: np.ndarray, errors: np.ndarray) -> float:
     """Return the mean over patches of their absolute median error."""
+    if not len(rows):
+        return np.nan
     medians = [np.median(errors[rows[:, 0] == n]) for n in np.unique(rows[:, 0])]
     return float(np.mean(np.abs(medians)))
 
