@@ -26,7 +26,7 @@ ROUNDS = 6
 """Number of estimates, each with the deviations of the presses under the last one."""
 FREEDOM = 4.0
 """Degrees of freedom of the errors of presses."""
-SHARED = 4
+SHARED = 5
 """Number of deviates that are not those of a patch."""
 STEP = 1e-3
 """Step of the numerical derivatives, in deviations of the prior."""
@@ -75,6 +75,9 @@ class GainPrior:
     """Standard deviation of the force between presses of one person."""
     known: float = 0.05
     """Standard deviation of a force that is given."""
+    finger: float = 0.15
+    """Standard deviation of what all presses together show by the law of a fingertip:
+    finger, layers of the skin, and pace differ from it."""
     repeat: float = 0.2
     """Standard deviation of what is measured of the same force again: creep,
     hysteresis, and how the finger is held."""
@@ -153,7 +156,8 @@ class PressProblem:
 
     What is compared is the force that the assumed calibration shows of a press, which
     is the same in every trial. A trial is a vector of standard normal deviates: gain of
-    the skin, usual force of the person, exponent, activation, then gain of each patch.
+    the skin, usual force of the person, exponent, activation, error of the law of a
+    fingertip, then gain of each patch.
     Exponent and activation are those of the whole skin: a few presses of one patch tell
     hardly more about them than the data sheet.
     """
@@ -231,6 +235,7 @@ class PressProblem:
             shown = np.interp(forces, LN_FORCES, means)
             mean[n] = WEIGHTS @ shown
             variance = WEIGHTS @ ((shown - mean[n]) ** 2)
+            mean[n] += prior.finger * trial[4]
             variance += WEIGHTS @ np.interp(forces, LN_FORCES, variances)
             deviation[n] = np.sqrt(variance + prior.repeat**2)
         return mean, deviation

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.calibration.gains import (
     FingertipPress,
@@ -43,6 +43,10 @@ STUCK_SHARE = 0.8
 TOUCH_PRESSURE = 2.0
 """Pressure on a taxel that is touched during rest, and below rest where a hand has been
 lifted [kPa]: drift and noise stay below."""
+RESTLESS = 0.02
+"""Share of the scans at rest in which a taxel may seem touched."""
+MAX_RESTLESS = 0.3
+"""Share of such taxels from which the whole skin is noisy, and none is left out."""
 TOUCH_TAXELS = 2
 """Number of such taxels from which a contact is a touch and no noisy taxel."""
 LIFTED_TAXELS = 3
@@ -202,6 +206,7 @@ class CalibrationGuide:
         self.phase = "rest"
         self.record, self.faults = RestRecord(), self.build_fault_detector()
         self.rest: RestEstimate | None = None
+        self.ignored = np.zeros(self.skin.count, bool)
         self.detector = PressDetector()
         self.pressing = PressScans()
         self.presses: list[FingertipPress] = []
@@ -217,6 +222,7 @@ class CalibrationGuide:
 
     def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan, and return what it has led to."""
+        scan = replace(scan, received=scan.received & ~self.ignored)
         state = self.pipeline.push(scan)
         if self.phase == "rest":
             return self.push_rest(scan, state)
@@ -240,9 +246,21 @@ class CalibrationGuide:
             patch = self.skin.patches[self.skin.patch_index[np.argmax(hand)]].id
             text = f"a hand seems to rest on patch '{patch}'"
             return self.restart_rest(text, scan.stamp)
+        self.ignored = self.faults.mask | self.find_restless(rest)
         self.rest, self.record = rest, RestRecord()
         self.phase = "press" if self.config.presses and self.wanted else "done"
         return GuideEvent("rested")
+
+    def find_restless(self, rest: RestEstimate) -> Bool[np.ndarray, "taxel"]:
+        """Find taxels that seemed touched in some scans at rest.
+
+        They would begin presses by themselves, so they are not used for any.
+        """
+        contact = self.assumed.compute_counts(self.on)
+        away = [np.abs(counts - rest.rest) > contact for counts in self.record.counts]
+        seen = np.maximum(np.sum(self.record.received, axis=0), 1)
+        share = np.sum(np.array(away) & self.record.received, axis=0) / seen
+        return (share >= RESTLESS) & (np.mean(share >= RESTLESS) < MAX_RESTLESS)
 
     def describe_touch(self, scan: Scan, state: TouchState) -> str:
         """Describe what touches the skin, or has just left it; empty for nothing."""
@@ -298,7 +316,7 @@ class CalibrationGuide:
 
     def has_fault(self, taxel: int) -> bool:
         """Tell whether a taxel or one of its neighbours is faulty."""
-        mask = self.faults.mask | self.pipeline.faults.mask
+        mask = self.ignored | self.pipeline.faults.mask
         starts = self.adjacency.starts
         near = self.adjacency.neighbours[starts[taxel] : starts[taxel + 1]]
         return bool(mask[taxel] or mask[near].any())
