@@ -344,7 +344,10 @@ def run_build(command: Command, kind: BuildKind, seed: int) -> GainResult:
 
 
 def format_mean(values: list[float]) -> str:
-    """Format a mean with its interval over builds."""
+    """Format a mean with its interval over builds, without those that felt nothing."""
+    values = [value for value in values if np.isfinite(value)]
+    if not values:
+        return ""
     low, high = bootstrap_mean(np.array(values), np.arange(len(values)), seed=0)
     return f"{np.mean(values):.3f} ({low:.3f} to {high:.3f})"
 
