@@ -12,6 +12,8 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri
+from scipy.stats.qmc import Sobol
 
 from eskin.touch import Calibration, ContactConfig
 
@@ -27,8 +29,8 @@ FILM = (0.5e-3, 3e-3)
 """Least and largest standard deviation of the spread of pressure by a film [m]."""
 FORCES = np.geomspace(0.3, 40.0, 12)
 """Forces that are computed [N]."""
-DRAWS = 64
-"""Number of places and sizes of the fingertip that are drawn for each."""
+DRAWS = 256
+"""Number of places and sizes of the fingertip that are drawn for each: a power of 2."""
 RADIUS = 0.014
 """Distance from the middle of a fingertip within which taxels are computed [m]."""
 MAX_REACH = 8
@@ -72,9 +74,12 @@ class FingertipResponse:
         """
         rng = np.random.default_rng(0)
         pitch = float(np.sqrt(area))
-        offset = rng.uniform(-0.5, 0.5, (DRAWS, 2)) * pitch
-        scale = np.exp(AREA_DEVIATION * rng.standard_normal(DRAWS))
-        film = rng.uniform(*FILM, DRAWS) / (np.sqrt(2.0 * np.pi) * pitch)
+        # Evenly spread points, so that means over few draws are precise.
+        even = Sobol(4, seed=0).random(DRAWS)
+        offset = (even[:, :2] - 0.5) * pitch
+        scale = np.exp(AREA_DEVIATION * ndtri(even[:, 2]))
+        film = FILM[0] + (FILM[1] - FILM[0]) * even[:, 3]
+        film = film / (np.sqrt(2.0 * np.pi) * pitch)
         film = np.minimum(film, 0.2)
         fields = []
         for force in FORCES:
