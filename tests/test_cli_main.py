@@ -18,6 +18,7 @@ ARGUMENTS = {
     "study": "a",
     "run": "--source replay:a.mcap",
     "device": "gone --play a.mcap",
+    "calibrate": "replay:gone.mcap --out a.json",
     "view": "a.mcap",
     "demo": "--headless",
     "replay": "a.mcap --model m",

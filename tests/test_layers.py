@@ -22,6 +22,7 @@ BELOW = {
     "robot": ("transforms", "errors", "extras", "files", "compiled"),
     "skin": ("robot", "files", "plain_yaml"),
     "touch": ("skin", "structref_kernels", "units"),
+    "calibration": ("touch",),
     "graph": ("touch",),
     "recording": ("touch",),
     "model": ("graph", "recording"),

@@ -351,3 +351,47 @@ def test_floor_raises_both_thresholds_of_contact():
     assert config.with_floor(0.0) == config
     raised = config.with_floor(12.0)
     assert (raised.on, raised.off) == (12.0, 8.0)
+
+
+MEASURED = replace(
+    CLOSING,
+    source="presses",
+    noise=np.linspace(0.3, 3.0, SKIN.count),
+    rest=np.full(SKIN.count, 200.25),
+    gain_deviation=np.array([0.2]),
+    exponent_deviation=0.1,
+    unfelt_deviation=0.5,
+)
+
+
+def test_measured_values_survive_the_file():
+    again = Calibration.from_bytes(MEASURED.to_bytes())
+    assert again.to_bytes() == MEASURED.to_bytes()
+    for name in ("noise", "rest", "gain_deviation"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(MEASURED, name))
+    assert (again.source, again.unfelt_deviation) == ("presses", 0.5)
+
+
+def test_nominal_calibration_is_written_as_before_and_older_files_open():
+    content = json.loads(CLOSING.to_bytes())
+    new = {"source", "noise", "rest", "gain_deviation"}
+    assert not new & content.keys()
+    again = Calibration.from_bytes(CLOSING.to_bytes())
+    assert (again.source, again.noise, again.rest) == ("nominal", None, None)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("source", "guess"),
+        ("noise", [1.0]),
+        ("rest", [float("nan")] * SKIN.count),
+        ("noise", [-1.0] * SKIN.count),
+        ("gain_deviation", [float("inf")]),
+        ("unfelt_deviation", -0.1),
+    ],
+)
+def test_measured_values_that_make_no_sense_are_refused(key, value):
+    content = json.loads(MEASURED.to_bytes()) | {key: value}
+    with pytest.raises(RecordingError, match=key):
+        Calibration.from_bytes(json.dumps(content).encode())

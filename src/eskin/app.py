@@ -26,12 +26,12 @@ from eskin.drivers import (
     UdpTransport,
     replay_source,
 )
-from eskin.errors import ArmError, DeviceError, RecordingError
-from eskin.files import read_file
+from eskin.errors import ArmError, DeviceError
 from eskin.live import mount_skin
+from eskin.recording import read_calibration
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
-from eskin.touch import MAX_CALIBRATION_BYTES, Calibration
+from eskin.touch import Calibration
 from eskin.ur import UrLink
 
 CALIBRATION = "calibration.json"
@@ -54,8 +54,9 @@ class SourceConfig:
     """Robot that wears the skin: a preset's name or a URDF; preset skins have one."""
 
     calibration: Path | Calibration | None = None
-    """Calibration of its electronics; else `calibration.json` in the skin's folder,
-    else the nominal calibration of the preset skins."""
+    """Calibration of its electronics; else that of the recording that is played, or
+    `calibration.json` in the skin's folder, else the nominal calibration of the preset
+    skins. A simulation has its own."""
 
     q: tuple[float, ...] | None = None
     """Joint positions of a robot that does not move [rad]; all zero where None."""
@@ -118,7 +119,10 @@ def open_source(
         return open_device(uris, config, clock)
     rest = uris[0].partition(":")[2]
     if kinds == {"replay"}:
-        return replay_source(rest, config.pace, clock, restamp=True)
+        calibration = config.calibration
+        if isinstance(calibration, Path):
+            calibration = read_calibration(calibration)
+        return replay_source(rest, config.pace, clock, True, calibration)
     return open_simulation(rest, config, clock)
 
 
@@ -248,15 +252,7 @@ def load_calibration(config: SourceConfig, skin: Skin) -> Calibration:
         path = beside if folder.exists() and beside.is_file() else None
     if path is None:
         return nominal_calibration(skin)
-    try:
-        return Calibration.from_bytes(read_file(Path(path), MAX_CALIBRATION_BYTES))
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
-    except OSError as error:
-        raise DeviceError(
-            f"calibration {path} cannot be read ({error.strerror}); allowed is a JSON "
-            "file as Calibration.to_bytes writes it; correct the path"
-        ) from error
+    return read_calibration(Path(path))
 
 
 def nominal_calibration(skin: Skin) -> Calibration:

@@ -10,6 +10,7 @@ from eskin.files import read_file
 
 if TYPE_CHECKING:
     from eskin.learn.dataset import Dataset
+    from eskin.touch import Calibration
 
 PICTURES = (".png", ".svg", ".pdf")
 MAX_CHECKED = 20
@@ -75,6 +76,19 @@ def check_recording(path: Path) -> None:
     recording = read_recording(path)
     Calibrator(recording.skin, recording.calibration)
     CrosstalkCompensator(recording.skin, recording.calibration)
+
+
+def load_override(path: Path | None) -> "Calibration | None":
+    """Load the calibration that --calibration names; None where it is not given.
+
+    Raises:
+        EskinError: if it is no calibration file.
+    """
+    if path is None:
+        return None
+    from eskin.recording import read_calibration
+
+    return read_calibration(path)
 
 
 def check_writable(target: Path) -> None:

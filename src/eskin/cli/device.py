@@ -79,6 +79,7 @@ def run(command: DeviceCommand) -> dict[str, object]:
     """Send until the end or until stopped; return the counts of what was sent."""
     from eskin.drivers import HostClock, read_key
     from eskin.drivers.virtual import VirtualSkin, parse_fault, resample_scans
+    from eskin.recording import write_calibration
     from eskin.skin import load_skin
     from eskin.stream import stop_on_signals
 
@@ -97,8 +98,7 @@ def run(command: DeviceCommand) -> dict[str, object]:
             skin, ports, rate, faults, command.seed, command.protocol, key
         )
         if command.calibration is not None:
-            command.calibration.parent.mkdir(parents=True, exist_ok=True)
-            command.calibration.write_bytes(calibration.to_bytes())
+            write_calibration(command.calibration, calibration)
         print_addresses(device)
         if command.udp is not None and not is_loopback(
             parse_udp_address(command.udp)[0]

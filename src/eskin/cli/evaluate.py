@@ -12,7 +12,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import check_picture, report_truncated
+from eskin.cli.checks import check_picture, load_override, report_truncated
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare, track_progress
@@ -179,6 +179,10 @@ class EvaluateCommand:
     """Path of a reliability diagram of detections on streams: accuracy by confidence
     (.png)."""
 
+    calibration: Path | None = None
+    """Calibration file, as eskin calibrate writes it, to use in place of the recorded
+    ones."""
+
     workers: int | None = None
     """Number of processes that replay streams; by default one for each core."""
 
@@ -256,7 +260,8 @@ def score_clips(
     command: EvaluateCommand, model: Model, paths: Sequence[Path]
 ) -> dict[str, object]:
     """Score recordings gesture by gesture."""
-    dataset = prepare(paths, model.card.pipeline, model.card.graph_used)
+    card, calibration = model.card, load_override(command.calibration)
+    dataset = prepare(paths, card.pipeline, card.graph_used, calibration=calibration)
     report_truncated(dataset)
     result = evaluate(to_network(model), model.card, dataset)
     print_clip_score(result)
@@ -291,9 +296,9 @@ def score_streams(
 ) -> dict[str, object]:
     """Score recordings by their events, with the detections that are made live."""
     decided = []
-    for stream in track_progress(
-        trace_recordings(paths, model, workers), "Replaying", len(paths)
-    ):
+    calibration = load_override(command.calibration)
+    traces = trace_recordings(paths, model, workers, calibration)
+    for stream in track_progress(traces, "Replaying", len(paths)):
         if stream.truncated:
             print(f"{stream.path} is cut or damaged: used up to there")
         decided.append(stream.decide())

@@ -34,6 +34,7 @@ COMMANDS = {
     "generate": "generate:run",
     "demo": "demo:run",
     "device": "device:run",
+    "calibrate": "calibrate:run",
     "skin show": "skin:run_show",
     "skin check": "skin:run_check",
     "bench latency": "bench_latency:run",

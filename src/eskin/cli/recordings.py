@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from eskin.cli.checks import check_writable
+from eskin.cli.checks import check_writable, load_override
 from eskin.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -191,6 +191,10 @@ class ReplayCommand:
     robot_urdf: str | None = None
     """URDF of the recorded robot, if that robot does not come with eskin."""
 
+    calibration: Path | None = None
+    """Calibration file, as eskin calibrate writes it, to use in place of the recorded
+    one."""
+
     record: Path | None = None
     """Path of a copy of the recording that holds these detections in place of any
     others."""
@@ -205,7 +209,8 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     from eskin.skin import MountedSkin
 
     check_replay(command)
-    recording = read_recording(command.recording)
+    override = load_override(command.calibration)
+    recording = read_recording(command.recording, override)
     model = load_model(command.model)
     mounted = MountedSkin(
         recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)

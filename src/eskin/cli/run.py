@@ -47,8 +47,9 @@ class RunCommand:
     have their own."""
 
     calibration: Path | None = None
-    """Calibration file of the electronics, as eskin device --calibration writes it. By
-    default it is calibration.json in the skin's folder, else a nominal calibration."""
+    """Calibration file of the electronics, as eskin calibrate writes it. By default it
+    is that of the recording, or calibration.json in the skin's folder, else a nominal
+    calibration."""
 
     q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
     """Joint positions [rad] of a robot that does not move; zeros by default."""

@@ -1,5 +1,6 @@
 """`eskin train` trains the recogniser on recordings."""
 
+import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_writable, report_truncated
+from eskin.cli.checks import check_writable, load_override, report_truncated
 from eskin.errors import ModelError, RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.checkpoint import to_model
@@ -53,6 +54,10 @@ class TrainCommand:
 
     seed: int = 0
     """Random seed."""
+
+    calibration: Path | None = None
+    """Calibration file, as eskin calibrate writes it, to use in place of the recorded
+    ones."""
 
     pack: Path | None = None
     """Folder that keeps prepared recordings, so that each is prepared only once."""
@@ -111,6 +116,7 @@ def run(command: TrainCommand) -> dict[str, object]:
     facts = f"{content} {vocabulary} {command.train} {command.seed} {skins}"
     facts += f" {hash_recordings(find_recordings(command.val))}" if command.val else ""
     facts += f" {start.digest}" if start else ""
+    facts += f" {describe_command(command).get('calibration', '')}"
     network = trainer.run(checkpoint=kept, facts=facts)
     accuracy = trainer.validation_accuracy()
     card = replace(
@@ -176,6 +182,9 @@ def describe_command(command: TrainCommand) -> dict[str, str]:
     """Return the options of the command that the card stores besides the training."""
     facts = {"seed": str(command.seed), "skins": str(command.skins)}
     facts |= {"start": str(command.start)} if command.start else {}
+    override = load_override(command.calibration)
+    if override is not None:
+        facts["calibration"] = hashlib.sha256(override.to_bytes()).hexdigest()
     return facts | (flatten(asdict(command.wear), "wear.") if command.skins else {})
 
 
@@ -184,7 +193,8 @@ def set_decision(model: Model, command: TrainCommand) -> Model:
     if not command.streams:
         return model
     paths = find_recordings(command.streams)
-    traces = list(trace_recordings(paths, model, command.train.workers))
+    calibration = load_override(command.calibration)
+    traces = list(trace_recordings(paths, model, command.train.workers, calibration))
     decision, score = choose_decision(traces)
     print(f"{decision}: F1 {score.total.f1:.3f} on {score.hours:.2f} h of streams")
     metrics = model.card.metrics | {"streams_f1": score.total.f1}
@@ -201,7 +211,12 @@ def prepare_dataset(
     workers = command.train.workers
     transforms = (None, *skins)
     return prepare(
-        paths, graph=graph, pack=command.pack, workers=workers, transforms=transforms
+        paths,
+        graph=graph,
+        pack=command.pack,
+        workers=workers,
+        transforms=transforms,
+        calibration=load_override(command.calibration),
     )
 
 

@@ -34,7 +34,7 @@ from eskin.learn.prepared_recording import (
 )
 from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import NONE, Recording, read_recording
-from eskin.touch import PipelineConfig
+from eskin.touch import Calibration, PipelineConfig
 
 T = TypeVar("T")
 
@@ -115,6 +115,7 @@ def prepare(
     pack: Path | None = None,
     workers: int = 1,
     transforms: Sequence[RecordingTransform | None] = (None,),
+    calibration: Calibration | None = None,
 ) -> Dataset:
     """Replay recordings through the same calibration, contacts and graphs as live.
 
@@ -127,13 +128,14 @@ def prepare(
         pack: folder that keeps prepared recordings, to be prepared once only.
         workers: how many processes prepare them; more than one needs `pack`.
         transforms: transforms, one copy of the recordings each; None changes nothing.
+        calibration: calibration to use in place of the recorded ones.
 
     Raises:
         RecordingError: if there is nothing to learn from.
     """
     if not paths:
         raise RecordingError("no recording given; give .mcap files or folders of them")
-    recordings = tuple(read_recording(path) for path in paths)
+    recordings = tuple(read_recording(path, calibration) for path in paths)
     pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
@@ -147,7 +149,7 @@ def prepare(
         parts = list(track_progress(prepared, "Reading", total))
     else:
         jobs = (
-            delayed(pack_recording)(path, pack, pipeline, graph, t)
+            delayed(pack_recording)(path, pack, pipeline, graph, t, calibration)
             for t in transforms
             for path in paths
         )

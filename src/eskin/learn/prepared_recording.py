@@ -26,7 +26,13 @@ from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import Recording, read_recording
 from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
-from eskin.touch import LinkPoseCache, PipelineConfig, TouchPipeline, TouchState
+from eskin.touch import (
+    Calibration,
+    LinkPoseCache,
+    PipelineConfig,
+    TouchPipeline,
+    TouchState,
+)
 
 NAN_POSITION = np.full(3, np.nan)
 
@@ -151,15 +157,17 @@ def pack_recording(
     pipeline: PipelineConfig,
     graph: GraphConfig,
     transform: RecordingTransform | None = None,
+    calibration: Calibration | None = None,
 ) -> Path:
     """Return the file of a prepared recording, and write it if it is missing.
 
     Its name is a digest of the recording's bytes, the settings and the code, so an
     existing file is always up to date.
     """
-    target = folder / f"{compute_pack_key(path, pipeline, graph, transform)}.npz"
+    key = compute_pack_key(path, pipeline, graph, transform, calibration)
+    target = folder / f"{key}.npz"
     if not target.exists():
-        recording = read_recording(path)
+        recording = read_recording(path, calibration)
         save_prepared(target, prepare_recording(recording, pipeline, graph, transform))
     return target
 
@@ -169,9 +177,13 @@ def compute_pack_key(
     pipeline: PipelineConfig,
     graph: GraphConfig,
     transform: RecordingTransform | None = None,
+    calibration: Calibration | None = None,
 ) -> str:
     """Return the file name, without suffix, of a recording prepared with settings."""
-    return compute_file_key(__name__, path, f"{pipeline} {graph}", transform)
+    settings = f"{pipeline} {graph}"
+    if calibration is not None:
+        settings += f" {hashlib.sha256(calibration.to_bytes()).hexdigest()}"
+    return compute_file_key(__name__, path, settings, transform)
 
 
 def compute_file_key(

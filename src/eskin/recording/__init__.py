@@ -7,6 +7,7 @@ from eskin.recording.autolabel import (
     label_automatically,
     label_recording,
 )
+from eskin.recording.calibration_file import read_calibration, write_calibration
 from eskin.recording.conversion import ConversionResult
 from eskin.recording.labels import (
     NONE,
@@ -56,9 +57,11 @@ __all__ = [
     "label_instants",
     "label_recording",
     "load_ranges",
+    "read_calibration",
     "read_recording",
     "rewrite_recording",
     "select_labels",
     "sort_labels",
     "write_all",
+    "write_calibration",
 ]

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from struct import error as StructError
@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from mcap.records import Attachment
 from mcap.records import Metadata as MetadataItem
 
-from eskin.errors import RecordingError, SkinError
+from eskin.errors import RecordingError, SkinError, SkinMismatchError
 from eskin.recording.cdr import MAX_STRINGS
 from eskin.recording.labels import Label, sort_labels
 from eskin.recording.mcap_file import McapReader, TopicMessage
@@ -209,11 +209,18 @@ def unusable_message(
     )
 
 
-def read_recording(path: Path | str) -> Recording:
+def read_recording(
+    path: Path | str, calibration: Calibration | None = None
+) -> Recording:
     """Read everything but the scans, which `Recording.scans` reads.
+
+    Args:
+        path: path of the recording.
+        calibration: calibration to use in place of the recorded one.
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.
+        SkinMismatchError: the calibration is not of the recorded skin.
     """
     path = Path(path)
     if not path.exists():
@@ -222,7 +229,16 @@ def read_recording(path: Path | str) -> Recording:
     parser = RecordingParser(path)
     for item in stream:
         parser.add(item)
-    return parser.build_recording(stream.truncated)
+    recording = parser.build_recording(stream.truncated)
+    if calibration is None:
+        return recording
+    if len(calibration.gain) != recording.skin.count:
+        raise SkinMismatchError(
+            f"calibration has {len(calibration.gain)} taxels, skin "
+            f"'{recording.skin.name}' of {path} has {recording.skin.count}; allowed is "
+            "one gain a taxel; use the skin's own"
+        )
+    return replace(recording, calibration=calibration)
 
 
 def check_room(found: Sequence[object], most: int, what: str) -> None:

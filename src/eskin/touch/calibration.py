@@ -16,6 +16,12 @@ MAX_CALIBRATION_BYTES = 8 << 20
 PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueError)
 """Exceptions that JSON of another structure raises."""
 Curve = Literal["linear", "divider", "logarithmic"]
+CalibrationSource = Literal["nominal", "rest", "presses", "exact"]
+MEASURED = ("noise", "rest", "gain_deviation")
+"""Fields that hold numbers of taxels or patches, or None."""
+DEFAULT_FREE = (*MEASURED, "exponent_deviation", "unfelt_deviation", "source")
+"""Keys that are left out of the text where they have their defaults, so that a nominal
+calibration is written as it always was."""
 
 
 def parse_curve(name: object) -> Curve:
@@ -26,6 +32,27 @@ def parse_curve(name: object) -> Curve:
     raise ValueError(
         f"curve is {name!r}; allowed are {', '.join(get_args(Curve))}; correct it"
     )
+
+
+def parse_source(name: object) -> CalibrationSource:
+    """Return the source of a name; raise `ValueError` where there is none."""
+    for source in get_args(CalibrationSource):
+        if name == source:
+            return source
+    raise ValueError(
+        f"source is {name!r}; allowed are {', '.join(get_args(CalibrationSource))}; "
+        "correct it"
+    )
+
+
+def parse_numbers(values: object) -> Float[np.ndarray, "number"] | None:
+    """Return a list of numbers as an array, and None as it is."""
+    return None if values is None else np.array(values, dtype=np.float64)
+
+
+def parse_number(value: object) -> float | None:
+    """Return a number as a float, and None as it is."""
+    return None if value is None else float(value)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +90,22 @@ class Calibration:
     matrix: bool = False
     """Whether taxels are read out by rows and columns, with crosstalk between them that
     `CrosstalkCompensator` estimates and subtracts."""
+    source: CalibrationSource = "nominal"
+    """Where the constants come from. `nominal`: a data sheet; `rest`: rest and noise of
+    this skin were measured; `presses`: its gains as well, from presses; `exact`: the
+    true constants of a simulated sensor."""
+    noise: Float[np.ndarray, "taxel"] | None = None
+    """Standard deviation of each taxel at rest, rounding included [counts]; None where
+    it was not measured."""
+    rest: Float[np.ndarray, "taxel"] | None = None
+    """Counts of each taxel at rest; None where they were not measured."""
+    gain_deviation: Float[np.ndarray, "patch"] | None = None
+    """Standard deviation of the natural logarithm of the gain of each patch, in the
+    skin's order, as presses leave it; None where no press was measured."""
+    exponent_deviation: float | None = None
+    """The same of the exponent; None where presses did not estimate it."""
+    unfelt_deviation: float | None = None
+    """The same of `unfelt`; None where presses did not estimate it."""
 
     def __post_init__(self) -> None:
         """Refuse constants that are not finite or not positive."""
@@ -90,6 +133,29 @@ class Calibration:
                 f"span is {self.span} with a logarithmic curve; allowed is a finite "
                 "positive number; take it from the data sheet"
             )
+        parse_source(self.source)
+        self.check_measured(len(gain))
+
+    def check_measured(self, count: int) -> None:
+        """Refuse measured values that are not finite, negative, or of other taxels."""
+        values = {name: getattr(self, name) for name in MEASURED}
+        for name in ("exponent_deviation", "unfelt_deviation"):
+            value = getattr(self, name)
+            values[name] = None if value is None else [value]
+        for name, value in values.items():
+            numbers = np.zeros(0) if value is None else np.asarray(value, np.float64)
+            low = -np.inf if name == "rest" else 0.0
+            fits = numbers.ndim == 1 and np.isfinite(numbers).all()
+            if not fits or numbers.min(initial=0.0) < low:
+                raise ValueError(
+                    f"{name} of the calibration has values that are not finite or "
+                    "negative, or no list; allowed are numbers; calibrate again"
+                )
+            if name in ("noise", "rest") and value is not None and len(value) != count:
+                raise ValueError(
+                    f"{name} has {len(value)} values, gain has {count}; allowed is one "
+                    "number a taxel; calibrate the skin again"
+                )
 
     @classmethod
     def uniform(
@@ -156,7 +222,12 @@ class Calibration:
     def to_bytes(self) -> bytes:
         """Encode the constants as JSON text."""
         content = {"version": VERSION, **vars(self)}
-        content["gain"] = [float(gain) for gain in self.gain]
+        for name in ("gain", *MEASURED):
+            values = content[name]
+            content[name] = None if values is None else [float(v) for v in values]
+        for name in DEFAULT_FREE:
+            if content[name] == getattr(Calibration, name):
+                del content[name]
         if self.curve != "logarithmic":
             del content["span"]
         return json.dumps(content).encode()
@@ -187,6 +258,10 @@ class Calibration:
                 unfelt=float(content.get("unfelt", 0.0)),
                 span=float(content.get("span", 0.0)),
                 matrix=bool(content.get("matrix", False)),
+                source=parse_source(content.get("source", "nominal")),
+                **{name: parse_numbers(content.get(name)) for name in MEASURED},
+                exponent_deviation=parse_number(content.get("exponent_deviation")),
+                unfelt_deviation=parse_number(content.get("unfelt_deviation")),
             )
         except PARSE_ERRORS as error:
             raise RecordingError(

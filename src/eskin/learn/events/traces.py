@@ -25,7 +25,7 @@ from eskin.model import DecisionConfig, Model
 from eskin.recording import Recording, read_recording
 from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
-from eskin.touch import Touch
+from eskin.touch import Calibration, Touch
 from eskin.units import NS_PER_S
 
 ANY_TRAVEL = DecisionConfig(still=float(np.finfo(float).tiny))
@@ -164,7 +164,10 @@ class TracedStream:
 
 
 def trace_recordings(
-    paths: Sequence[Path], model: Model, workers: int = 1
+    paths: Sequence[Path],
+    model: Model,
+    workers: int = 1,
+    calibration: Calibration | None = None,
 ) -> Iterator[TracedStream]:
     """Yield the traces of recordings, in their order.
 
@@ -172,20 +175,23 @@ def trace_recordings(
         paths: paths of the recordings.
         model: model to recognise with.
         workers: number of processes; 1 uses this process.
+        calibration: calibration to use in place of the recorded ones.
 
     Raises:
         RecordingError: if one of them has neither labels nor ground truth.
     """
     count = max(1, min(workers, len(paths)))
-    jobs = (delayed(trace_file)(path, model) for path in paths)
+    jobs = (delayed(trace_file)(path, model, calibration) for path in paths)
     with parallel_config("loky", inner_max_num_threads=1):
         found: Any = Parallel(count, return_as="generator")(jobs)
     yield from found
 
 
-def trace_file(path: Path, model: Model) -> TracedStream:
-    """Trace one recording."""
-    recording = read_recording(path)
+def trace_file(
+    path: Path, model: Model, calibration: Calibration | None = None
+) -> TracedStream:
+    """Trace one recording, with another calibration where one is given."""
+    recording = read_recording(path, calibration)
     if not recording.labels and not recording.metadata.simulated:
         raise RecordingError(
             f"{path} has no labels; scoring needs them; make some with: "

@@ -1,7 +1,7 @@
 """A build is one sensor as made: its laminate, its readout and its defects."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -85,7 +85,10 @@ class SensorBuild:
         held = float(np.sum(velostat.play_weights * (1.0 - velostat.play_widths)))
         grown = velostat.gain * self.compute_calibrated_creep()
         half = velostat.half_pressure / held * grown ** (-1.0 / velostat.exponent)
-        return self.build_calibration(half, exponent, float(velostat.activation.mean()))
+        activation = float(velostat.activation.mean())
+        return replace(
+            self.build_calibration(half, exponent, activation), source="exact"
+        )
 
     def compute_calibrated_creep(self) -> Float[np.ndarray, "taxel"]:
         """Return the growth of conductance by creep at the time of calibration."""

@@ -1,0 +1,334 @@
+"""`eskin calibrate` measures the calibration of a skin with a person's help."""
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tyro
+
+from eskin.cli.checks import check_writable
+from eskin.cli.skin import describe_taxel
+from eskin.errors import DeviceError, RecordingError
+
+if TYPE_CHECKING:
+    from eskin.calibration import (
+        CalibrationGuide,
+        CalibrationResult,
+        GuideConfig,
+        GuideEvent,
+    )
+    from eskin.drivers import Source
+    from eskin.skin import Skin
+
+MAX_SECONDS, MAX_PRESSES = 120.0, 50
+"""Longest time at rest [s], and most presses of a patch."""
+
+
+@dataclass(frozen=True)
+class CalibrateCommand:
+    """Measure rest, noise and gains of a skin, and write them to a calibration file.
+
+    Take all hands off first, then press each patch where you are asked to, with one
+    fingertip, firmly, for about a second. `eskin run`, `replay`, `train` and
+    `evaluate` use the file by --calibration. Ctrl-C writes nothing.
+    """
+
+    source: tyro.conf.Positional[tuple[str, ...]]
+    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE, a
+    recording of some seconds of rest and then presses."""
+
+    out: Path
+    """Path of the calibration file to write. As calibration.json in the skin's folder
+    it is found by itself."""
+
+    skin: str | None = None
+    """Skin of the device: a preset's name or a skin's folder. A recording has its own.
+    """
+
+    seconds: float = 5.0
+    """Time without touch [s]."""
+
+    presses: int = 5
+    """Number of presses of each patch; 0 measures rest and noise alone."""
+
+    patch: tuple[str, ...] = ()
+    """Patches to press; by default all."""
+
+    force: tuple[float, ...] = ()
+    """Force of the presses [N], as of a known weight or with a gauge. Several forces
+    are asked for in turn. By default the force is that of people, which varies."""
+
+    wait: float = 30.0
+    """Longest time to wait for rest, and for each press, before the patch is left out
+    [s]."""
+
+    calibration: Path | None = None
+    """Calibration file to start from; by default that of the recording, or
+    calibration.json in the skin's folder, else a nominal one."""
+
+    robot_urdf: str | None = None
+    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
+    have their own."""
+
+    rate: float | None = None
+    """Rate of the device's scans [1/s]; by default the one that it announces."""
+
+    baud: int = 1_000_000
+    """Baud rate of serial ports; ignored by ports that are USB only."""
+
+    allow_remote: bool = False
+    """Accept UDP packets from other computers without --key."""
+
+    key: Path | None = None
+    """Key file of the patches; packets without a valid seal are refused."""
+
+
+def run(command: CalibrateCommand) -> dict[str, object]:
+    """Guide through the calibration, write the file and return what was measured."""
+    from eskin.calibration import CalibrationGuide
+    from eskin.recording import write_calibration
+    from eskin.robot import load_recorded_robot
+    from eskin.skin import MountedSkin
+
+    check_options(command)
+    config = build_config(command)
+    is_live = not command.source[0].startswith("replay:")
+    with open_calibrated(command) as source:
+        info = source.info
+        robot = load_recorded_robot(info.robot_name, command.robot_urdf)
+        mounted = MountedSkin(info.skin, robot)
+        guide = CalibrationGuide(mounted, info.calibration, config)
+        print(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")
+        guide_person(source, guide, command.wait if is_live else math.inf)
+    if guide.rest is None:
+        raise (DeviceError if is_live else RecordingError)(
+            f"{info.uri} had no {command.seconds:g} s at rest; allowed is that time "
+            "without touch, at its beginning or later; take all hands off and repeat"
+        )
+    result = guide.finish()
+    print_result(result, info.skin)
+    write_calibration(command.out, result.calibration)
+    print(f"written to {command.out}")
+    return summarise(result, info.skin, command)
+
+
+def check_options(command: CalibrateCommand) -> None:
+    """Raise if an option is out of range, or the file cannot be written.
+
+    Raises:
+        ValueError: for an option.
+        EskinError: for the file.
+    """
+    if not command.source:
+        raise ValueError(
+            "no source given; allowed are serial:PATH, udp://HOST:PORT and replay:FILE"
+        )
+    limits = {
+        "seconds": (command.seconds, 1.0, MAX_SECONDS),
+        "presses": (command.presses, 0, MAX_PRESSES),
+        "wait": (command.wait, 1.0, math.inf),
+    }
+    limits |= {f"force {force:g}": (force, 0.1, 100.0) for force in command.force}
+    for name, (value, low, high) in limits.items():
+        if not low <= value <= high:
+            raise ValueError(
+                f"--{name.split()[0]} is {value:g}; allowed are {low:g} to {high:g}; "
+                "change it"
+            )
+    check_writable(command.out)
+
+
+def build_config(command: CalibrateCommand) -> "GuideConfig":
+    """Build what is asked of the person."""
+    from eskin.calibration import GuideConfig
+
+    return GuideConfig(command.seconds, command.presses, command.patch, command.force)
+
+
+def open_calibrated(command: CalibrateCommand) -> "Source":
+    """Open the device, or the recording as fast as it is read.
+
+    Raises:
+        DeviceError: the source is neither.
+    """
+    from eskin.app import SourceConfig, open_source
+    from eskin.drivers import read_key
+
+    kinds = {uri.partition(":")[0] for uri in command.source}
+    if not kinds <= {"serial", "udp", "replay"}:
+        raise DeviceError(
+            f"source is '{' '.join(command.source)}'; allowed are serial:PATH, "
+            "udp://HOST:PORT and replay:FILE; correct it"
+        )
+    if command.skin is None and "replay" not in kinds:
+        raise DeviceError(
+            f"{command.source[0]} is given without --skin; allowed is a preset's name "
+            "or a skin's folder; say whose patches they are"
+        )
+    config = SourceConfig(
+        skin=command.skin,
+        robot=command.robot_urdf,
+        calibration=command.calibration,
+        rate=command.rate,
+        pace=math.inf,
+        baud=command.baud,
+        allow_remote=command.allow_remote,
+        key=None if command.key is None else read_key(command.key),
+    )
+    return open_source(*command.source, config=config)
+
+
+def guide_person(source: "Source", guide: "CalibrationGuide", wait: float) -> None:
+    """Push scans until all is measured, and print what to do and what was felt.
+
+    Args:
+        source: source of the scans.
+        guide: guide through the calibration.
+        wait: longest time to wait for rest and for each press [s]; infinite for a
+            recording, which nobody can be asked for presses.
+    """
+    from eskin.units import NS_PER_S
+
+    asks = math.isfinite(wait)
+    print(f"hands off for {guide.config.seconds:g} s", flush=True)
+    since: int | None = None
+    for scan in source:
+        since = scan.stamp if since is None else since
+        was_rest, event = guide.phase == "rest", guide.push(scan)
+        limit = wait + guide.config.seconds * was_rest
+        if event is not None:
+            print_event(event, guide)
+        if event is not None and event.kind != "touched":
+            since = scan.stamp
+            if asks:
+                print_request(guide)
+        elif scan.stamp - since > limit * NS_PER_S:
+            if was_rest:
+                return
+            since = scan.stamp
+            skip_patch(guide)
+        if guide.phase == "done":
+            return
+
+
+def skip_patch(guide: "CalibrationGuide") -> None:
+    """Leave out the patch that is asked for, and ask for the next."""
+    request = guide.request
+    if request is not None:
+        patch = guide.skin.patches[request.patch].id
+        print(f"nothing felt: patch '{patch}' is left out", flush=True)
+    guide.skip()
+    print_request(guide)
+
+
+def print_request(guide: "CalibrationGuide") -> None:
+    """Print where to press next."""
+    request = guide.request
+    if guide.phase != "press" or request is None:
+        return
+    count = guide.count_presses(request.patch)
+    force = "" if request.force is None else f" with {request.force:g} N"
+    print(
+        f"press {count + 1} of {guide.config.presses}{force}: "
+        f"{describe_taxel(guide.skin, request.taxel)}",
+        flush=True,
+    )
+
+
+def print_event(event: "GuideEvent", guide: "CalibrationGuide") -> None:
+    """Print what a scan has led to."""
+    if event.kind == "touched":
+        print(f"{event.text}: hands off, rest begins again", flush=True)
+    elif event.kind == "rested":
+        print("rest is measured", flush=True)
+    elif event.taxel is not None:
+        verdict = "felt on" if event.kind == "pressed" else f"{event.text}: not used,"
+        print(f"  {verdict} {describe_taxel(guide.skin, event.taxel)}", flush=True)
+
+
+def print_result(result: "CalibrationResult", skin: "Skin") -> None:
+    """Print noise, faults, and the gain of each patch that was pressed."""
+    noise = result.rest.noise[result.codes < 0]
+    if len(noise):
+        print(
+            f"noise at rest: median {np.median(noise):.2f} counts, worst "
+            f"{noise.max():.2f}"
+        )
+    for fault in result.faults:
+        places = {"row": fault.row, "column": fault.column}
+        text = "".join(f", {k} {v}" for k, v in places.items() if v is not None)
+        print(f"  {fault.kind}: patch '{fault.patch}'{text}")
+    rows = build_patch_rows(result, skin)
+    for row in rows:
+        if row.presses:
+            print(
+                f"  patch '{row.id}': gain x {row.gain_ratio:.2f} +- "
+                f"{100 * (row.deviation or 0.0):.0f} %, {row.presses} presses"
+            )
+    unpressed = [row.id for row in rows if not row.presses]
+    if result.presses and unpressed:
+        print(f"  not pressed, gain follows the others: {', '.join(unpressed)}")
+
+
+@dataclass(frozen=True)
+class PatchRow:
+    """A row holds what presses say of one patch."""
+
+    id: str
+    presses: int
+    gain_ratio: float
+    """Gain over the one that was assumed."""
+    deviation: float | None
+    """Standard deviation of ln gain; None without any press."""
+
+
+def build_patch_rows(result: "CalibrationResult", skin: "Skin") -> list[PatchRow]:
+    """Build one row for each patch of the skin."""
+    counts = [0] * len(skin.patches)
+    for press in result.presses:
+        counts[press.patch] += 1
+    gains = result.gains
+    return [
+        PatchRow(
+            patch.id,
+            counts[n],
+            1.0 if gains is None else float(np.exp(gains.ln_gain[n])),
+            None if gains is None else float(gains.gain_deviation[n]),
+        )
+        for n, patch in enumerate(skin.patches)
+    ]
+
+
+def summarise(
+    result: "CalibrationResult", skin: "Skin", command: CalibrateCommand
+) -> dict[str, object]:
+    """Return what was measured as plain values."""
+    calibration, noise = result.calibration, result.rest.noise[result.codes < 0]
+    return {
+        "taxels": skin.count,
+        "noisy": result.count_taxels("noisy"),
+        "dead": result.count_taxels("dead"),
+        "stuck": result.count_taxels("stuck"),
+        "presses": len(result.presses),
+        "out": str(command.out),
+        "source": calibration.source,
+        "noise_median": round(float(np.median(noise)), 3) if len(noise) else None,
+        "noise_worst": round(float(noise.max()), 3) if len(noise) else None,
+        "faults": [
+            {
+                "kind": fault.kind,
+                "patch": fault.patch,
+                "row": fault.row,
+                "column": fault.column,
+                "taxel": fault.taxel,
+            }
+            for fault in result.faults
+        ],
+        "patches": [asdict(row) for row in build_patch_rows(result, skin)],
+        "exponent": calibration.exponent,
+        "exponent_deviation": calibration.exponent_deviation,
+        "unfelt": calibration.unfelt,
+        "unfelt_deviation": calibration.unfelt_deviation,
+    }

@@ -1,0 +1,247 @@
+"""Tests of `eskin calibrate`: rest and presses of a recording or a device to a file."""
+
+import json
+
+import numpy as np
+import pytest
+
+import eskin.app
+from eskin.calibration import CalibrationGuide, GuideConfig
+from eskin.calibration.fingertip import press_taxels
+from eskin.calibration.guide import PLACES
+from eskin.cli import calibrate
+from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
+from eskin.recording import Metadata, RecordingWriter, read_recording
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
+from eskin.skin.wiring import find_nearest_taxel
+from eskin.touch import Calibration, Scan
+from helpers.cli import assert_refused, call, call_json
+from helpers.touch import build_grid_skin
+
+pytestmark = pytest.mark.slow
+
+SKIN = build_grid_skin(8, 8, patches=2)
+MOUNTED = MountedSkin(SKIN, load_robot("table"))
+CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
+PERIOD, RATE = 50_000_000, 20
+REST, NOISE = 200, 2.0
+REST_SCANS, PRESS_SCANS, PAUSE_SCANS = 102, 12, 12
+TIP = press_taxels(4.0, np.array([160e-6]), np.full((1, 2), 0.003), 0.01)[0]
+"""Pressure of a fingertip on the taxels around the middle one [kPa]."""
+GAINS = (1.0, 2.0)
+"""True gain of each patch, by the assumed one."""
+STUCK = 0
+
+
+def press_counts(taxel, width=0):
+    """Return counts above rest of a fingertip on a taxel, or of a hand of a width."""
+    patch = SKIN.patch_index[taxel]
+    rows = SKIN.rows - SKIN.rows[taxel]
+    columns = SKIN.columns - SKIN.columns[taxel]
+    near = (abs(rows) <= 2) & (abs(columns) <= 2) & (SKIN.patch_index == patch)
+    pressure = np.where(near, TIP[(rows + 2) % 5, (columns + 2) % 5], 0.0)
+    if width:
+        wide = (abs(rows) <= width) & (abs(columns) <= width)
+        pressure = np.where(wide & (SKIN.patch_index == patch), 20.0, 0.0)
+    return np.round(pressure / (GAINS[patch] * CALIBRATION.gain[0])).astype(int)
+
+
+def make_scans(above, seed=0):
+    """Yield noisy scans with some counts above rest; one taxel is stuck."""
+    rng = np.random.default_rng(seed)
+    for number, counts in enumerate(above):
+        noise = np.round(NOISE * rng.standard_normal(SKIN.count)).astype(int)
+        total = (REST + noise + counts).astype(np.int32)
+        total[STUCK] = 1000
+        yield Scan(PERIOD * (number + 1), total, np.ones(SKIN.count, bool), np.zeros(0))
+
+
+def rest(scans=REST_SCANS):
+    return [np.zeros(SKIN.count, int)] * scans
+
+
+def press(taxel, width=0):
+    return [press_counts(taxel, width)] * PRESS_SCANS + rest(PAUSE_SCANS)
+
+
+def places(patch):
+    return [find_nearest_taxel(SKIN, SKIN.patches[patch].id, place) for place in PLACES]
+
+
+def all_presses():
+    return [
+        scan for patch in (0, 1) for taxel in places(patch) for scan in press(taxel)
+    ]
+
+
+def push_all(above, config=None, guide=None):
+    guide = guide or CalibrationGuide(MOUNTED, CALIBRATION, config)
+    return guide, [e for scan in make_scans(above) if (e := guide.push(scan))]
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Record rest and five presses of each patch; return the path."""
+    path = tmp_path / "presses.mcap"
+    metadata = Metadata("test", "nobody", "one")
+    with RecordingWriter(path, "table", SKIN, CALIBRATION, metadata) as writer:
+        for scan in make_scans(rest() + all_presses()):
+            writer.write(scan)
+    return path
+
+
+def test_recording_of_presses_gives_a_calibration_file(recording, tmp_path, capsys):
+    out = tmp_path / "new" / "calibration.json"
+    found, printed = call_json(
+        capsys, "calibrate", f"replay:{recording}", "--out", out, "--force", "4"
+    )
+    counts = {key: found[key] for key in ("taxels", "noisy", "dead", "stuck")}
+    assert counts == {"taxels": SKIN.count, "noisy": 0, "dead": 0, "stuck": 1}
+    assert found["presses"] == 10
+    assert "stuck: patch 'p0', row 0, column 0" in printed
+    measured = Calibration.from_bytes(out.read_bytes())
+    assert measured.source == "presses"
+    np.testing.assert_allclose(np.delete(measured.rest, STUCK), REST, atol=1.0)
+    np.testing.assert_allclose(np.median(measured.noise), NOISE, rtol=0.1)
+    ratio = np.log(measured.gain / CALIBRATION.gain)
+    for patch, gain in enumerate(GAINS):
+        deviation = measured.gain_deviation[patch]
+        assert 0.02 < deviation < 0.25
+        assert (
+            abs(ratio[SKIN.patch_index == patch] - np.log(gain)).max() < 2 * deviation
+        )
+
+
+def test_file_replaces_the_recorded_calibration_and_travels(
+    recording, tmp_path, capsys
+):
+    out, copy = tmp_path / "calibration.json", tmp_path / "copy.mcap"
+    call(capsys, "calibrate", f"replay:{recording}", "--out", out, "--presses", "0")
+    words = ("replay", recording, "--calibration", out, "--record", copy)
+    assert call(capsys, *words)[0] == 0
+    again = read_recording(copy).calibration
+    assert again.source == "rest" and again.to_bytes() == out.read_bytes()
+    live = eskin.app.SourceConfig(calibration=out)
+    with eskin.app.open_source(f"replay:{recording}", config=live) as source:
+        assert source.info.calibration.source == "rest"
+
+
+def test_calibration_of_another_skin_is_refused(recording, tmp_path, capsys):
+    other = tmp_path / "other.json"
+    other.write_bytes(Calibration.uniform(3, 4095, 100.0).to_bytes())
+    part = "calibration has 3 taxels"
+    assert_refused(capsys, "replay", recording, "--calibration", other, part=part)
+
+
+def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
+    path, out = tmp_path / "touched.mcap", tmp_path / "calibration.json"
+    metadata = Metadata("test", "nobody", "one")
+    with RecordingWriter(path, "table", SKIN, CALIBRATION, metadata) as writer:
+        for scan in make_scans(rest(50) + press(19) * 4):
+            writer.write(scan)
+    printed = assert_refused(
+        capsys, "calibrate", f"replay:{path}", "--out", out, part="had no 5 s at rest"
+    )
+    assert "patch 'p0' is touched" in printed
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (("sim:ur5",), "source is 'sim:ur5'"),
+        (("serial:/dev/gone",), "--skin"),
+        (("replay:x.mcap", "--seconds", "0"), "--seconds is 0"),
+        (("replay:x.mcap", "--force", "-1"), "--force is -1"),
+        (("replay:x.mcap", "--presses", "99"), "--presses is 99"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(words, part, tmp_path, capsys):
+    out = tmp_path / "calibration.json"
+    assert_refused(capsys, "calibrate", *words, "--out", out, part=part)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unknown_patch_is_refused(recording, tmp_path, capsys):
+    words = (f"replay:{recording}", "--out", tmp_path / "c.json", "--patch", "p9")
+    assert_refused(
+        capsys, "calibrate", *words, part="no patch 'p9'; allowed are p0, p1"
+    )
+
+
+def test_interrupted_calibration_writes_nothing(
+    recording, tmp_path, monkeypatch, capsys
+):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    out = tmp_path / "calibration.json"
+    out.write_text("before")
+    monkeypatch.setattr(calibrate, "print_event", stop)
+    words = ("calibrate", f"replay:{recording}", "--out", out)
+    assert call(capsys, *words)[0] == 130
+    assert out.read_text() == "before"
+    assert sorted(p.name for p in tmp_path.iterdir()) == [out.name, recording.name]
+
+
+def test_device_is_asked_for_presses_and_may_leave_a_patch_out(
+    tmp_path, monkeypatch, capsys
+):
+    above = rest() + [scan for taxel in places(0) for scan in press(taxel)] + rest(200)
+    info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
+    source = PlayedSource(info, make_scans(above), STEPPED, ManualClock())
+    monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
+    words = ("calibrate", "udp://127.0.0.1:9", "--skin", "x", "--wait", "3")
+    found, out = call_json(capsys, *words, "--out", tmp_path / "calibration.json")
+    assert found["presses"] == 5
+    assert out.index("press 5 of 5: patch 'p0'") < out.index("press 1 of 5: patch 'p1'")
+    assert "patch 'p1' is left out" in out
+    assert json.loads((tmp_path / "calibration.json").read_bytes())["rest"]
+
+
+def test_touch_during_rest_begins_it_again():
+    guide, events = push_all(rest(80) + press(19) + rest(60))
+    assert [event.kind for event in events] == ["touched"]
+    assert guide.rest is None
+    with pytest.raises(ValueError, match="not at rest for 5 s"):
+        guide.finish()
+    _, events = push_all(rest(80) + press(19) + rest(160))
+    assert [event.kind for event in events] == ["touched", "rested"]
+
+
+@pytest.mark.parametrize("trembling", [False, True])
+def test_hand_that_rests_from_the_start_is_noticed(trembling):
+    """It is noticed by its trembling, or else when it lifts."""
+    rng = np.random.default_rng(0)
+    hand = press_counts(19, width=1) // 4
+    scans = [
+        hand + (hand > 0) * np.round(trembling * 12 * rng.standard_normal(SKIN.count))
+        for _ in range(REST_SCANS if trembling else 60)
+    ]
+    _, events = push_all(scans + rest(50))
+    assert {event.kind for event in events} == {"touched"}
+    assert trembling or "has left" in events[0].text
+
+
+def test_presses_that_are_no_fingertips_are_refused():
+    slides = [s for t in (17, 18, 19, 20, 21) for s in [press_counts(t)] * 4]
+    guide, events = push_all(rest() + press(19, width=2) + slides + rest(30))
+    assert [event.kind for event in events] == ["rested", "refused", "refused"]
+    assert ["wider" in event.text for event in events[1:]] == [True, False]
+    assert not guide.presses
+
+
+def test_forces_are_asked_for_in_turn_and_known_places_have_no_fault():
+    guide, _ = push_all(rest(), GuideConfig(forces=(1.0, 5.0), presses=3))
+    asked = []
+    while guide.request is not None:
+        asked.append(guide.request.force)
+        assert not guide.has_fault(guide.request.taxel)
+        push_again = press(guide.request.taxel)
+        stamp = guide.pipeline.reading.stamp
+        for scan in make_scans(push_again, seed=len(asked)):
+            guide.push(Scan(stamp + scan.stamp, scan.counts, scan.received, scan.q))
+    assert asked == [1.0, 5.0, 1.0] * 2
+    assert [one.force for one in guide.presses] == asked
+    assert guide.phase == "done"
