@@ -54,6 +54,8 @@ class Form:
     """Number of paper-size sets."""
     clips: int | None
     """Number of clips of each; that of the paper if None."""
+    table: tuple[str, ...]
+    """Methods trained on paper-size sets."""
     network_draws: int
     """Number of these sets for the networks of others."""
     train: int | None
@@ -97,10 +99,11 @@ FORMS = {
     "short": Form(
         draws=1,
         clips=33,
+        table=("boosting-on-touch", "svm-max", "gradient-boosting"),
         network_draws=0,
         train=40,
         test=16,
-        large=("eskin", "gradient-boosting"),
+        large=("boosting-on-touch", "gradient-boosting"),
         sizes=(29,),
         curve_draws=1,
         leak_draws=1,
@@ -117,6 +120,7 @@ FORMS = {
     "long": Form(
         draws=10,
         clips=None,
+        table=tuple(name for name in METHODS if name not in NETWORKS),
         network_draws=3,
         train=3000,
         test=1000,
@@ -217,8 +221,7 @@ def parts_of(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]
 def table(command: Command, form: Form) -> None:
     """Compare all methods on paper-size sets (Table III)."""
     draws = paper_sets(command, form.draws)
-    fast = tuple(name for name in METHODS if name not in NETWORKS)
-    show_compared(command, form, draws, fast)
+    show_compared(command, form, draws, form.table)
     if form.network_draws:
         print("\nNetworks of others on the first of these:\n")
         networks = ("eskin", *NETWORKS)
@@ -362,7 +365,8 @@ def show_study(command: Command, form: Form) -> None:
 def show_leaks(command: Command, form: Form) -> None:
     """Test for leaks: train on data that predict nothing."""
     trains, tests = parts_of(paper_sets(command, form.leak_draws))
-    leaks.show(leaks.Command(trains, tests, command.sets / "pack"))
+    pack = command.sets / "pack"
+    leaks.show(leaks.Command(trains, tests, pack, steps=form.steps))
 
 
 PARTS: dict[str, Callable[[Command, Form], None]] = {
