@@ -62,6 +62,8 @@ class Form:
     """Number of clips of the large training set; all if None."""
     test: int | None
     """Number of clips of each large test set; all if None."""
+    tests: tuple[str, ...]
+    """Large test sets."""
     large: tuple[str, ...]
     """Methods trained on the large training set."""
     sizes: tuple[int, ...]
@@ -103,6 +105,7 @@ FORMS = {
         network_draws=0,
         train=40,
         test=16,
+        tests=("test-m",),
         large=("boosting-on-touch", "gradient-boosting"),
         sizes=(29,),
         curve_draws=1,
@@ -124,6 +127,7 @@ FORMS = {
         network_draws=3,
         train=3000,
         test=1000,
+        tests=TESTS,
         large=tuple(name for name in METHODS if name not in ("paper", "3d-cnn")),
         sizes=(29, 58, 116, 232, 464),
         curve_draws=3,
@@ -244,11 +248,11 @@ def show_compared(
 
 
 def large(command: Command, form: Form) -> None:
-    """Compare methods trained on many people, on the four large tests."""
+    """Compare methods trained on many people, on the large tests."""
     sets, workers = command.sets, command.workers
     train = made_set(sets, "train", clips=form.train, workers=workers)
     tests = tuple(
-        made_set(sets, name, clips=form.test, workers=workers) for name in TESTS
+        made_set(sets, name, clips=form.test, workers=workers) for name in form.tests
     )
     compare.run_compare(
         compare.CompareCommand(
