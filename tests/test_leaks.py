@@ -10,6 +10,7 @@ from eskin.learn.comparison import find_examples
 from eskin.learn.evaluation import ClipPredictions
 from eskin.recording import NONE
 from eskin.sim.dataset import GenerationSettings, generate
+from helpers.simulation import build_small_simulator
 
 pytestmark = pytest.mark.slow
 
@@ -18,7 +19,8 @@ pytestmark = pytest.mark.slow
 def examples(tmp_path_factory):
     """Eight clips of the simulator."""
     place = tmp_path_factory.mktemp("leaks")
-    generate(place / "a", GenerationSettings("paper", clips=8, subjects=1))
+    settings = GenerationSettings("paper", clips=8, subjects=1)
+    generate(place / "a", settings, factory=build_small_simulator)
     return find_examples([place / "a"], place / "pack")
 
 
