@@ -6,6 +6,9 @@ SOCIALTOUCH ?= ../shared/data/socialtouch
 BIN := .venv/bin
 READY := .venv/.ready
 
+# Without kept bytecode each of the processes that tests start compiles all modules.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo touches test test-fast check format docs bench results validate soak fuzz attack clean
 
 demo: $(READY)

@@ -24,7 +24,7 @@ from eskin.learn.baselines import SkinWindows, build_baseline
 from eskin.learn.comparison import Examples, find_examples
 from eskin.learn.comparison.methods import FOR_SMALL_SETS
 from eskin.learn.evaluation import predict_clips
-from eskin.learn.training import Trainer
+from eskin.learn.training import TrainConfig, Trainer
 from eskin.recording import NONE, read_recording
 
 Right = Bool[np.ndarray, "clip"]
@@ -53,13 +53,23 @@ class Command:
     seed: int = 0
     """Seed of the shuffled labels and of the training."""
 
+    steps: int | None = None
+    """Number of training steps of our network; that of its settings if None."""
+
+    @property
+    def config(self) -> TrainConfig:
+        """Return the settings of the training of our network."""
+        if self.steps is None:
+            return FOR_SMALL_SETS
+        return replace(FOR_SMALL_SETS, epochs=1, steps=self.steps)
+
 
 def show(command: Command) -> None:
     """Print the table, and exit with 1 if an accuracy exceeds chance."""
     found: dict[tuple[str, str], list[Right]] = {}
     for n, places in enumerate(zip(command.train, command.test, strict=True)):
         train, test = (find_examples([place], command.pack) for place in places)
-        for case, right in answers(train, test, command.seed + n):
+        for case, right in answers(train, test, command.seed + n, command.config):
             found.setdefault(case, []).append(right)
     print(f"{len(command.train)} pairs of sets of four gestures: chance is 25 %\n")
     print("| method | labels shuffled (95 %) | before contact only (95 %) |")
@@ -72,7 +82,10 @@ def show(command: Command) -> None:
 
 
 def answers(
-    train: Examples, test: Examples, seed: int
+    train: Examples,
+    test: Examples,
+    seed: int,
+    config: TrainConfig = FOR_SMALL_SETS,
 ) -> Iterator[tuple[tuple[str, str], Right]]:
     """Yield the correctness of answers, by method and training data."""
     truth, labels = test.truth(train.gestures), train.truth(train.gestures)
@@ -87,7 +100,7 @@ def answers(
             baseline.fit(windows, taught, seed)
             predicted = baseline.predict_probabilities(others).argmax(axis=1)
             yield (name, way), predicted == true
-    yield ("eskin", SHUFFLED), ours_shuffled(train, test, seed) == truth
+    yield ("eskin", SHUFFLED), ours_shuffled(train, test, seed, config) == truth
 
 
 def check_chance(who: str, right: Right) -> None:
@@ -111,10 +124,13 @@ def spread(rights: Sequence[Right]) -> str:
 
 
 def ours_shuffled(
-    train: Examples, test: Examples, seed: int
+    train: Examples,
+    test: Examples,
+    seed: int,
+    config: TrainConfig = FOR_SMALL_SETS,
 ) -> Int[np.ndarray, "clip"]:
     """Return the answers of a recogniser trained on shuffled labels."""
-    dataset = train.dataset(FOR_SMALL_SETS.graph)
+    dataset = train.dataset(config.graph)
     made = [n for n, each in enumerate(dataset.segments) if each.gesture != NONE]
     others = np.random.default_rng(seed).permutation(made).tolist()
     segments = list(dataset.segments)
@@ -123,8 +139,8 @@ def ours_shuffled(
         segments[n] = replace(dataset.segments[n], gesture=gesture)
     vocabulary = (NONE, *(name for name in train.gestures if name != NONE))
     wrong = replace(dataset, segments=tuple(segments))
-    network = Trainer(wrong, vocabulary, FOR_SMALL_SETS, seed=seed).run(quiet=True)
-    answers = predict_clips(network, test.dataset(FOR_SMALL_SETS.graph), vocabulary)
+    network = Trainer(wrong, vocabulary, config, seed=seed).run(quiet=True)
+    answers = predict_clips(network, test.dataset(config.graph), vocabulary)
     columns = [vocabulary.index(name) for name in train.gestures]
     return answers.log_probabilities[:, columns].argmax(axis=1)
 

@@ -54,12 +54,16 @@ class Form:
     """Number of paper-size sets."""
     clips: int | None
     """Number of clips of each; that of the paper if None."""
+    table: tuple[str, ...]
+    """Methods trained on paper-size sets."""
     network_draws: int
     """Number of these sets for the networks of others."""
     train: int | None
     """Number of clips of the large training set; all if None."""
     test: int | None
     """Number of clips of each large test set; all if None."""
+    tests: tuple[str, ...]
+    """Large test sets."""
     large: tuple[str, ...]
     """Methods trained on the large training set."""
     sizes: tuple[int, ...]
@@ -97,10 +101,12 @@ FORMS = {
     "short": Form(
         draws=1,
         clips=33,
+        table=("boosting-on-touch", "svm-max", "gradient-boosting"),
         network_draws=0,
         train=40,
         test=16,
-        large=("eskin", "gradient-boosting"),
+        tests=("test-m",),
+        large=("boosting-on-touch", "gradient-boosting"),
         sizes=(29,),
         curve_draws=1,
         leak_draws=1,
@@ -117,9 +123,11 @@ FORMS = {
     "long": Form(
         draws=10,
         clips=None,
+        table=tuple(name for name in METHODS if name not in NETWORKS),
         network_draws=3,
         train=3000,
         test=1000,
+        tests=TESTS,
         large=tuple(name for name in METHODS if name not in ("paper", "3d-cnn")),
         sizes=(29, 58, 116, 232, 464),
         curve_draws=3,
@@ -217,8 +225,7 @@ def parts_of(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]
 def table(command: Command, form: Form) -> None:
     """Compare all methods on paper-size sets (Table III)."""
     draws = paper_sets(command, form.draws)
-    fast = tuple(name for name in METHODS if name not in NETWORKS)
-    show_compared(command, form, draws, fast)
+    show_compared(command, form, draws, form.table)
     if form.network_draws:
         print("\nNetworks of others on the first of these:\n")
         networks = ("eskin", *NETWORKS)
@@ -241,11 +248,11 @@ def show_compared(
 
 
 def large(command: Command, form: Form) -> None:
-    """Compare methods trained on many people, on the four large tests."""
+    """Compare methods trained on many people, on the large tests."""
     sets, workers = command.sets, command.workers
     train = made_set(sets, "train", clips=form.train, workers=workers)
     tests = tuple(
-        made_set(sets, name, clips=form.test, workers=workers) for name in TESTS
+        made_set(sets, name, clips=form.test, workers=workers) for name in form.tests
     )
     compare.run_compare(
         compare.CompareCommand(
@@ -362,7 +369,8 @@ def show_study(command: Command, form: Form) -> None:
 def show_leaks(command: Command, form: Form) -> None:
     """Test for leaks: train on data that predict nothing."""
     trains, tests = parts_of(paper_sets(command, form.leak_draws))
-    leaks.show(leaks.Command(trains, tests, command.sets / "pack"))
+    pack = command.sets / "pack"
+    leaks.show(leaks.Command(trains, tests, pack, steps=form.steps))
 
 
 PARTS: dict[str, Callable[[Command, Form], None]] = {

@@ -1,6 +1,7 @@
 """Shapes and types are checked while the tests run, and only then."""
 
 import os
+import re
 from pathlib import Path
 
 # Before numpy and torch: tests share the cores, one thread each is fastest.
@@ -24,7 +25,25 @@ CHECKED = {name_module(path) for path in MODULES if "jaxtyping" in path.read_tex
 COMPILED = {name for name in CHECKED if name.endswith(("kernels", "__init__"))}
 install_import_hook(sorted(CHECKED - COMPILED - UNCHECKED), "beartype.beartype")
 
+COMPILES_ALL = "test_cli_doctor.py"
+CALLS_KERNELS = re.compile(
+    r"eskin\.(app|bench|cli|demo|learn|live|stream|viewer)|from eskin import|"
+    r"helpers\.(devices|learning|live)"
+)
+"""Imports of test files that need the recogniser, whose code compiles for minutes."""
+
 SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[2] / "shared"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker compile all code while the other runs files that need none."""
+    paths = {item.path for item in items}
+    calls_kernels = {
+        path: bool(CALLS_KERNELS.search(path.read_text())) for path in paths
+    }
+    items.sort(
+        key=lambda item: (item.path.name != COMPILES_ALL, calls_kernels[item.path])
+    )
 
 
 @pytest.fixture(scope="session")

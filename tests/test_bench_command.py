@@ -17,27 +17,21 @@ from eskin.bench.latency import (
     time_in_turn,
 )
 from eskin.bench.scene import find_forearm_band, find_forearm_taxels
-from eskin.cli.main import run
 from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, check_skin
 from helpers.baselines import UR5
+from helpers.cli import call
 
 pytestmark = pytest.mark.slow
 
 KEYS = {"name", "p50_ms", "p99_ms", "max_ms", "taxels", "active", "steps", "ratio"}
 
 
-def call(capsys, *argv):
-    code = run(["bench", "latency", *map(str, argv)])
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
 def test_a_row_for_every_scene_and_for_every_way_of_a_baseline(capsys):
     asked = "--steps", 12, "--clips", 20, "--baselines", "lda-max", "cnn-lstm"
-    code, out, err = call(capsys, *asked, "--json")
+    code, out, err = call(capsys, "bench", "latency", *asked, "--json")
     assert (code, err) == (0, "")
     rows = json.loads(out.splitlines()[-1])["rows"]
     assert all(set(row) == KEYS for row in rows)
@@ -62,7 +56,16 @@ def test_a_row_for_every_scene_and_for_every_way_of_a_baseline(capsys):
 
 def test_a_larger_skin_is_timed_without_baselines(capsys):
     code, out, _ = call(
-        capsys, "--steps", 10, "--active", 20, "--taxels", 4000, "--json"
+        capsys,
+        "bench",
+        "latency",
+        "--steps",
+        10,
+        "--active",
+        20,
+        "--taxels",
+        4000,
+        "--json",
     )
     rows = json.loads(out.splitlines()[-1])["rows"]
     assert code == 0
@@ -95,7 +98,7 @@ def test_a_larger_skin_is_timed_without_baselines(capsys):
     ],
 )
 def test_what_cannot_be_timed_is_one_line(argv, message, capsys):
-    code, out, err = call(capsys, *argv)
+    code, out, err = call(capsys, "bench", "latency", *argv)
     assert (code, out) == (2, "")
     assert message in err and len(err.splitlines()) == 1
 

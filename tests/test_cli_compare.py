@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from eskin.cli.main import run
 from eskin.learn.baselines.estimators import NearestNeighbours
 from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.comparison import (
@@ -18,6 +17,7 @@ from eskin.learn.comparison import (
     read_results,
 )
 from eskin.learn.comparison.study import Variant, build_study_rows, plot_shares
+from helpers.cli import call
 from helpers.clips import generated
 
 pytestmark = pytest.mark.slow
@@ -30,11 +30,6 @@ def folder(tmp_path_factory):
     generated(place / "a")
     generated(place / "b", chosen="train")
     return place
-
-
-def call(capsys, *argv):
-    code = run([str(word) for word in argv])
-    return code, *capsys.readouterr()
 
 
 def test_each_repetition_has_its_own_seed(folder, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""Tests of the commands about devices: `device`, `doctor` and `bench throughput`."""
+"""Tests of the commands about devices: `device` and `bench throughput`."""
 
 import json
 import signal
@@ -9,11 +9,9 @@ import pytest
 from serial import Serial
 
 from eskin.bench import throughput
-from eskin.cli import device, doctor
+from eskin.cli import device
 from eskin.cli.main import run
-from eskin.drivers import Data, HostClock, SerialPortInfo, UdpTransport, decode_packet
-from eskin.drivers.virtual import parse_fault
-from eskin.errors import ModelError
+from eskin.drivers import Data, decode_packet
 from eskin.recording import Metadata, RecordingWriter
 from eskin.skin import build_grid_skin, save_skin
 from eskin.touch import Calibration
@@ -22,11 +20,9 @@ from helpers.devices import (
     StillSimulator,
     calibration_of,
     open_receiver,
-    playing,
     read_packets,
     scans_of,
     small_skin,
-    udp_skin,
 )
 
 pytestmark = pytest.mark.slow
@@ -194,59 +190,6 @@ def test_recording_of_another_skin_is_refused(recording, capsys, tmp_path):
     for name, skin in (("long", str(tmp_path / "long")), ("ur5", "ur5")):
         words = ["device", skin, "--play", recording]
         check_refusal(capsys, words, "'small'", f"'{name}'")
-
-
-def test_doctor_passes_and_leaves_nothing_to_compile(capsys):
-    assert run(["doctor", "--json"]) == 0
-    result, lines = read_result(capsys)
-    for line, check in zip(lines, result["checks"], strict=True):
-        assert check["ok"] and line.startswith("ok")
-        assert check["name"] in line and check["found"] in line
-    assert any("weights ur5" in line and "recognises" in line for line in lines)
-    assert run(["doctor"]) == 0
-    assert "compiled code was ready" in capsys.readouterr().out.splitlines()[-1]
-
-
-def test_doctor_names_what_is_wrong_and_what_may_be_missing(capsys, monkeypatch):
-    def fail(_model):
-        raise ModelError("file is torn")
-
-    monkeypatch.setattr(doctor, "check_model", fail)
-    monkeypatch.setattr(doctor, "TRAINING_PACKAGES", ("not-there",))
-    lines = check_refusal(capsys, ["doctor"], "weights ur5").splitlines()
-    assert any("WRONG weights ur5: file is torn" in line for line in lines)
-    [training] = [line for line in lines if "for training" in line]
-    assert training.startswith("ok") and "pip install" in training
-
-
-def test_doctor_tells_how_to_be_allowed_to_use_a_port():
-    [nothing] = doctor.check_ports([])
-    usable, locked = doctor.check_ports(
-        [
-            SerialPortInfo("/dev/ttyACM0", "patch 1234", usable=True),
-            SerialPortInfo("/dev/ttyACM1", "patch 1235", usable=False),
-        ]
-    )
-    assert nothing.ok and usable.ok and not locked.ok
-    assert usable.found == "patch 1234"
-    assert "/dev/ttyACM1" in locked.name and "dialout" in locked.found
-
-
-def test_doctor_listens_to_every_patch(skin, capsys, monkeypatch):
-    monkeypatch.setattr(doctor, "run_checks", lambda: ())
-    transport = UdpTransport(HostClock())
-    port = transport.port
-    transport.close()
-    faults = [parse_fault("unplug:left", SKIN)]
-    words = ["doctor", "--source", f"udp://127.0.0.1:{port}", "--skin", skin]
-    with playing(
-        udp_skin(SKIN, port, faults=faults), scans_of(SKIN, 1000), HostClock()
-    ):
-        lines = check_refusal(capsys, [*words, "--robot-urdf", "table"], "patch left")
-    left, middle, right = lines.splitlines()
-    assert left.startswith("WRONG patch left: no scans")
-    assert middle.startswith("ok") and right.startswith("ok")
-    assert "scans a second" in right
 
 
 @pytest.mark.parametrize("over", ["udp", "serial"])

@@ -1,14 +1,13 @@
 """Tests of `eskin replay`: detections beside labels, recordings, and refusals."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.cli.main import run
 from eskin.model import save_model
 from eskin.recording import read_recording
+from helpers.cli import call, call_json
 from helpers.live import (
     label,
     model_of,
@@ -42,17 +41,9 @@ def recording(folder):
     return record(folder / "rec.mcap", mounted(), stream, LABELS)
 
 
-def call(capsys, *words):
-    code = run(["replay", *map(str, words)])
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
 def replay(capsys, *words):
     """Return the detections of a replay by their touch, and what it printed."""
-    code, out, err = call(capsys, *words, "--json")
-    assert (code, err) == (0, "")
-    result = json.loads(out.splitlines()[-1])
+    result, out = call_json(capsys, "replay", *words)
     assert set(result) == {"detections"}
     return sorted(result["detections"], key=lambda row: row["touch"]), out
 
@@ -114,7 +105,7 @@ def test_recording_is_written_with_detections(model, recording, tmp_path, capsys
     assert stamps == sorted(row["stamp"] for row in rows)
     assert (after.labels, after.count) == (before.labels, before.count)
     assert np.array_equal(before.arrays().counts, after.arrays().counts)
-    call(capsys, target, "--model", model, "--record", target)
+    call(capsys, "replay", target, "--model", model, "--record", target)
     assert read_recording(target).detections == after.detections
 
 
@@ -157,7 +148,7 @@ def paths(folder, model, recording):
 )
 def test_invalid_input_is_one_line_and_leaves_nothing(words, part, paths, capsys):
     before = set(paths["folder"].iterdir())
-    code, out, err = call(capsys, *words.format(**paths).split())
+    code, out, err = call(capsys, "replay", *words.format(**paths).split())
     assert (code, out) == (2, "")
     assert part in err.lower() and err.count("\n") == 1
     assert set(paths["folder"].iterdir()) == before

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import eskin.app
-from eskin.cli.main import run
 from eskin.cli.run import (
     RunCommand,
     build_listeners,
@@ -28,6 +27,7 @@ from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.skin import save_skin
 from eskin.stream import Recognition
 from eskin.viewer import Viewer
+from helpers.cli import call, call_json
 from helpers.devices import (
     PATIENCE,
     RATE,
@@ -45,20 +45,6 @@ PAUSING = "version: 1\ncommands:\n  - gesture: poke\n    action: pause\n"
 SECOND = 1_000_000_000
 
 
-def call(capsys, *words):
-    """Return exit code, printed text and error of `eskin run`."""
-    code = run(["run", *map(str, words)])
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def call_json(capsys, *words):
-    """Return the last line of a call that succeeds, and what was printed before."""
-    code, out, err = call(capsys, *words, "--json")
-    assert (code, err) == (0, "")
-    return json.loads(out.splitlines()[-1]), out
-
-
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """The path of a recording of one press, and its number of scans."""
@@ -70,7 +56,7 @@ def recording(tmp_path_factory):
 def test_recording_is_recognised_counted_and_recorded(recording, tmp_path, capsys):
     path, count = recording
     words = ["--source", f"replay:{path}", "--pace", 10]
-    result, out = call_json(capsys, *words, "--record", tmp_path / "kept.mcap")
+    result, out = call_json(capsys, "run", *words, "--record", tmp_path / "kept.mcap")
     assert (result["readings"], result["dropped"], result["commands"]) == (count, 0, 0)
     assert result["detections"] == 1
     assert "where" in out and f"{count} readings, 0 dropped" in out
@@ -83,7 +69,7 @@ def test_recording_is_recognised_counted_and_recorded(recording, tmp_path, capsy
 
 def test_simulation_runs_for_given_time(capsys, monkeypatch):
     monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
-    result, _ = call_json(capsys, "--source", "sim:ur5", "--seconds", 0.5)
+    result, _ = call_json(capsys, "run", "--source", "sim:ur5", "--seconds", 0.5)
     assert 10 <= result["readings"] <= 60 and result["detections"] == 0
 
 
@@ -95,7 +81,9 @@ def test_patches_are_received_over_udp(capsys, tmp_path):
         port = free.getsockname()[1]
     words = ["--skin", tmp_path / "skin", "--robot-urdf", "table", "--seconds", 1]
     with playing(udp_skin(skin, port), scans_of(skin, 10_000), HostClock()):
-        result, _ = call_json(capsys, "--source", f"udp://127.0.0.1:{port}", *words)
+        result, _ = call_json(
+            capsys, "run", "--source", f"udp://127.0.0.1:{port}", *words
+        )
     assert result["source"]["datagrams"] > RATE and result["source"]["used"] > 0
 
 
@@ -126,7 +114,7 @@ def test_failing_stream_is_one_line_and_exit_code_1(recording, capsys, monkeypat
         raise DeviceError("port is lost\nfor good")
 
     monkeypatch.setattr(PlayedSource, "read", fail)
-    code, _, err = call(capsys, "--source", f"replay:{recording[0]}")
+    code, _, err = call(capsys, "run", "--source", f"replay:{recording[0]}")
     assert code == 1
     assert "port is lost for good" in err and err.count("\n") == 1
 
@@ -155,14 +143,14 @@ def test_failing_stream_is_one_line_and_exit_code_1(recording, capsys, monkeypat
     ],
 )
 def test_invalid_option_is_one_line_and_exit_code_2(words, parts, capsys):
-    code, out, err = call(capsys, *words.split())
+    code, out, err = call(capsys, "run", *words.split())
     assert (code, out) == (2, "") and err.count("\n") == 1
     assert all(part in err for part in parts)
 
 
 def test_recording_that_cannot_be_written_is_refused(recording, capsys, tmp_path):
     words = ["--source", f"replay:{recording[0]}", "--record", tmp_path / "no/a.mcap"]
-    code, _, err = call(capsys, *words)
+    code, _, err = call(capsys, "run", *words)
     assert code == 2 and err.count("\n") == 1
 
 
@@ -215,7 +203,9 @@ def test_pokes_of_recording_pause_arm(pokes, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(eskin.app, "open_arm", open_and_keep)
     (tmp_path / "pausing.yaml").write_text(PAUSING)
     words = ["--source", f"replay:{pokes}", "--robot", "sim:ur5"]
-    result, out = call_json(capsys, *words, "--commands", tmp_path / "pausing.yaml")
+    result, out = call_json(
+        capsys, "run", *words, "--commands", tmp_path / "pausing.yaml"
+    )
     (arm,) = arms
     assert arm.state().paused
     assert result["readings"] == 300 and result["detections"] >= result["commands"] >= 1

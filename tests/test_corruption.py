@@ -1,6 +1,7 @@
 """Corruptions of the robustness benchmark: their effect, amount and limits."""
 
 from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ from benchmarks import robustness
 from benchmarks.corruption import DRIFT_SECONDS, DRIFT_START, KINDS, Corruption
 
 from eskin.graph import GraphBatch, GraphConfig
-from eskin.learn.baselines import FitConfig, build_baseline
+from eskin.learn.baselines import BASELINES, FitConfig, build_baseline
+from eskin.learn.baselines.estimators import RandomForest
 from eskin.learn.baselines.flat import FlatBaseline
+from eskin.learn.baselines.hand import HandBaseline
 from eskin.learn.comparison import (
     METHODS,
     AnsweredClips,
@@ -20,7 +23,7 @@ from eskin.learn.comparison import (
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
-from helpers.baselines import UR5, toy
+from helpers.baselines import SMALL, UR5, toy
 from helpers.clips import generated
 
 pytestmark = pytest.mark.slow
@@ -310,16 +313,20 @@ def test_a_baseline_is_tested_on_the_misplaced_skin(examples, monkeypatch):
     ("name", "uses_positions"),
     [("random-forest", True), ("paper", True), ("knn-max", False), ("cnn-lstm", False)],
 )
-def test_only_methods_that_use_positions_depend_on_them(name, uses_positions):
+def test_only_methods_that_use_positions_depend_on_them(
+    name, uses_positions, monkeypatch
+):
+    few_trees = partial(HandBaseline, estimator=RandomForest(trees=30))
+    monkeypatch.setitem(BASELINES, "random-forest", few_trees)
     clips, labels = toy(2)
-    fitted = build_baseline(name, UR5, FitConfig(epochs=1)).fit(clips, labels)
+    fitted = build_baseline(name, SMALL, FitConfig(epochs=1)).fit(clips, labels)
     answers = fitted.predict_probabilities(clips)
-    again = fitted.move_to(MountedSkin(UR5.skin, UR5.robot)).predict_probabilities(
+    again = fitted.move_to(MountedSkin(SMALL.skin, SMALL.robot)).predict_probabilities(
         clips
     )
     np.testing.assert_allclose(again, answers, atol=1e-6)
-    skin = replace(UR5.skin, positions=3.0 * UR5.skin.positions)
-    other = fitted.move_to(MountedSkin(skin, UR5.robot)).predict_probabilities(clips)
+    skin = replace(SMALL.skin, positions=3.0 * SMALL.skin.positions)
+    other = fitted.move_to(MountedSkin(skin, SMALL.robot)).predict_probabilities(clips)
     assert np.allclose(other, answers, atol=1e-6) == (not uses_positions)
     assert np.array_equal(fitted.predict_probabilities(clips), answers)
 

@@ -87,7 +87,7 @@ def test_counts_stay_within_the_converter(recording):
 
 
 def test_a_dataset_holds_each_recording_on_every_skin(tmp_path):
-    paths = generated(tmp_path / "set")
+    paths = generated(tmp_path / "set", clips=2)
     versions = [None, Aging(AgingConfig(), 0), Aging(AgingConfig(), 1)]
     alone, plain = prepare(paths), prepare(paths, transforms=versions)
     packed = prepare(paths, transforms=versions, pack=tmp_path / "pack")

@@ -1,7 +1,7 @@
 """Laws of every baseline."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -15,8 +15,10 @@ from eskin.learn.baselines import (
     SkinWindows,
     build_baseline,
 )
+from eskin.learn.baselines.estimators import GradientBoosting, RandomForest
+from eskin.learn.baselines.hand import HandBaseline
 from eskin.learn.baselines.interface import RollingWindow
-from helpers.baselines import UR5, toy
+from helpers.baselines import SMALL, toy
 from helpers.live import mounted
 
 pytestmark = pytest.mark.slow
@@ -26,8 +28,21 @@ QUICK = FitConfig(epochs=12, batch=6, rate=5e-3)
 every_baseline = pytest.mark.parametrize("name", NAMES)
 
 
+FEW_TREES = {
+    "random-forest": RandomForest(trees=30),
+    "gradient-boosting": GradientBoosting(trees=10),
+}
+
+
+@pytest.fixture(autouse=True)
+def few_trees(monkeypatch):
+    for name, estimator in FEW_TREES.items():
+        baseline = partial(HandBaseline, estimator=estimator)
+        monkeypatch.setitem(BASELINES, name, baseline)
+
+
 def fit(name, seed):
-    return build_baseline(name, UR5, FitConfig(epochs=1)).fit(*toy(2), seed)
+    return build_baseline(name, SMALL, FitConfig(epochs=1)).fit(*toy(2), seed)
 
 
 @cache
@@ -41,7 +56,7 @@ def fitted(name):
 )
 def test_clearly_different_classes_are_separated(name):
     clips, labels = toy(2, seed=1)
-    baseline = build_baseline(name, UR5, QUICK).fit(*toy(), 3)
+    baseline = build_baseline(name, SMALL, QUICK).fit(*toy(), 3)
     answers = baseline.predict_probabilities(clips)
     assert answers.argmax(axis=1).tolist() == labels.tolist()
 
@@ -77,7 +92,7 @@ def test_every_setting_of_training_changes_the_result(change):
     clips, labels = toy(2)
     usual = FitConfig(epochs=2, batch=3)
     answers = [
-        build_baseline("tactile-image", UR5, config)
+        build_baseline("tactile-image", SMALL, config)
         .fit(clips, labels, 5)
         .predict_probabilities(clips)
         for config in (usual, replace(usual, **change))
@@ -88,17 +103,17 @@ def test_every_setting_of_training_changes_the_result(change):
 @every_baseline
 def test_windows_of_another_skin_are_refused_with_one_line(name):
     others = SkinWindows(
-        np.zeros((2, READINGS, 240), np.float32), np.zeros((2, READINGS, 6), np.float32)
+        np.zeros((2, READINGS, 90), np.float32), np.zeros((2, READINGS, 0), np.float32)
     )
     for call in (
-        lambda: build_baseline(name, UR5).fit(others, np.arange(2)),
+        lambda: build_baseline(name, SMALL).fit(others, np.arange(2)),
         lambda: fitted(name).predict_probabilities(others),
     ):
         with pytest.raises(SkinMismatchError) as caught:
             call()
         message = str(caught.value)
-        assert "clips of (100, 240) pressures" in message and "\n" not in message
-        assert "on skin 'ur5' of robot 'ur5' are (100, 2112)" in message
+        assert "clips of (100, 90) pressures" in message and "\n" not in message
+        assert "of robot 'table' are (100, 240)" in message
 
 
 @every_baseline
@@ -106,13 +121,13 @@ def test_labels_that_do_not_fit_the_clips_are_refused(name):
     clips, _ = toy(2)
     for labels in ([0, 1], [0] * 6, [0, 2, 0, 2, 0, 2]):
         with pytest.raises(ValueError, match="labels of . classes up to . for 6 clips"):
-            build_baseline(name, UR5).fit(clips, np.array(labels))
+            build_baseline(name, SMALL).fit(clips, np.array(labels))
 
 
 @every_baseline
 def test_a_baseline_that_was_not_fitted_is_refused(name):
     with pytest.raises(ValueError, match="has learned nothing yet"):
-        build_baseline(name, UR5).predict_probabilities(toy(2)[0])
+        build_baseline(name, SMALL).predict_probabilities(toy(2)[0])
 
 
 @every_baseline

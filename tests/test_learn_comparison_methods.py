@@ -76,6 +76,12 @@ def digest(method, examples):
     return TrainingTask("a", method, examples, {"test": examples}, 0).digest
 
 
+def test_trees_on_touches_give_probabilities_of_every_clip(examples):
+    answers = METHODS["boosting-on-touch"].fit(examples, 0)(examples)
+    assert answers.shape == (len(examples.clips), len(examples.gestures))
+    np.testing.assert_allclose(np.exp(answers).sum(axis=1), 1.0, rtol=1e-6)
+
+
 def test_the_repr_of_a_method_shows_all_settings_and_no_address():
     for name, method in {**METHODS, **ABLATIONS}.items():
         assert " at 0x" not in repr(method), name

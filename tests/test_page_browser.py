@@ -230,6 +230,7 @@ def execute(visit, touch, line, condition, shown):
     assert becomes(lambda: shown(visit.demo.state) in visit.text(), PATIENCE)
 
 
+@pytest.mark.long
 def test_clicks_pause_and_resume_arm_of_demonstration(visit):
     q = visit.demo.state["q"]
     assert becomes(lambda: scene_moves(visit), PATIENCE)

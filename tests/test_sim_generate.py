@@ -139,7 +139,7 @@ def test_generation_continues_after_a_clip_fails(small_set, tmp_path, workers):
     assert sorted(left) == ["clips.jsonl", "generation.json", "train-0000.mcap"]
     assert len(left["clips.jsonl"].splitlines()) == 5
     progress = []
-    make_set(tmp_path, workers=workers, on_progress=progress.append)
+    make_set(tmp_path, on_progress=progress.append)
     assert progress == [5, 11, 17, 23]
     assert read_files(tmp_path) == read_files(small_set)
 

@@ -153,7 +153,7 @@ def test_taxel_that_jumps_alone_is_noisy_until_it_stops():
         if 3.0 <= t < 12.0:
             counts[TAXEL] += round(80 * rng.standard_normal())
 
-    found = find_faults(change, seconds=56.0)
+    found = find_faults(change, seconds=56.0, rate=20)
     [fault] = next(faults for t, _, faults in found if t >= 11.9)
     assert (fault.kind, fault.taxel) == ("noisy", TAXEL)
     assert 0 <= fault.since - (START + 3 * SECOND) < 2 * SECOND
@@ -261,7 +261,7 @@ def test_silent_patch_is_one_fault():
 @pytest.mark.parametrize(("value", "latch"), [(300, 30.0), (0, 30.0), (-1, 0.5)])
 def test_taxel_is_trusted_again_some_time_after_its_fault(value, latch):
     end = 12.0 + latch
-    found = find_faults(set_counts(TAXEL, value, end=12.0), seconds=end + 3.0)
+    found = find_faults(set_counts(TAXEL, value, end=12.0), end + 3.0, rate=20)
     assert all(mask[TAXEL] for t, mask, _ in found if 11.0 < t < end)
     assert not any(mask[TAXEL] for t, mask, _ in found if t > end + 2.0)
     assert not found[-1][2]

@@ -1,0 +1,66 @@
+"""Tests of `eskin doctor`. They come first, since it compiles what other tests call."""
+
+import pytest
+
+from eskin.cli import doctor
+from eskin.drivers import HostClock, SerialPortInfo, UdpTransport
+from eskin.drivers.virtual import parse_fault
+from eskin.errors import ModelError
+from eskin.skin import save_skin
+from helpers.cli import assert_refused, call, call_json
+from helpers.devices import playing, scans_of, small_skin, udp_skin
+
+pytestmark = pytest.mark.slow
+
+SKIN = small_skin()
+
+
+def test_doctor_passes_and_leaves_nothing_to_compile(capsys):
+    result, out = call_json(capsys, "doctor")
+    for line, check in zip(out.splitlines(), result["checks"], strict=False):
+        assert check["ok"] and line.startswith("ok")
+        assert check["name"] in line and check["found"] in line
+    assert "weights ur5: recognises" in out
+    assert "compiled code was ready" in call(capsys, "doctor")[1].splitlines()[-1]
+
+
+def test_doctor_names_what_is_wrong_and_what_may_be_missing(capsys, monkeypatch):
+    def fail(_model):
+        raise ModelError("file is torn")
+
+    monkeypatch.setattr(doctor, "check_model", fail)
+    monkeypatch.setattr(doctor, "TRAINING_PACKAGES", ("not-there",))
+    lines = assert_refused(capsys, "doctor", part="weights ur5").splitlines()
+    assert any("WRONG weights ur5: file is torn" in line for line in lines)
+    [training] = [line for line in lines if "for training" in line]
+    assert training.startswith("ok") and "pip install" in training
+
+
+def test_doctor_tells_how_to_be_allowed_to_use_a_port():
+    [nothing] = doctor.check_ports([])
+    usable, locked = doctor.check_ports(
+        [
+            SerialPortInfo("/dev/ttyACM0", "patch 1234", usable=True),
+            SerialPortInfo("/dev/ttyACM1", "patch 1235", usable=False),
+        ]
+    )
+    assert nothing.ok and usable.ok and not locked.ok
+    assert usable.found == "patch 1234"
+    assert "/dev/ttyACM1" in locked.name and "dialout" in locked.found
+
+
+def test_doctor_listens_to_every_patch(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "run_checks", lambda: ())
+    save_skin(SKIN, tmp_path / "skin")
+    transport = UdpTransport(HostClock())
+    port = transport.port
+    transport.close()
+    device = udp_skin(SKIN, port, faults=[parse_fault("unplug:left", SKIN)])
+    words = ["doctor", "--source", f"udp://127.0.0.1:{port}", "--robot-urdf", "table"]
+    with playing(device, scans_of(SKIN, 1000), HostClock()):
+        words += ["--skin", tmp_path / "skin"]
+        lines = assert_refused(capsys, *words, part="patch left")
+    left, middle, right = lines.splitlines()
+    assert left.startswith("WRONG patch left: no scans")
+    assert middle.startswith("ok") and right.startswith("ok")
+    assert "scans a second" in right
