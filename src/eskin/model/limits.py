@@ -59,9 +59,6 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "off": PRESSURE,
         "on_share": SHARE,
         "off_share": SHARE,
-        "part_on": SHARE,
-        "part_off": SHARE,
-        "near_share": SHARE,
         "fade_seconds": DURATION,
         "hold_seconds": PAUSE,
         "reach": (0.0, 4.0),  # pairs of taxels grow with its square

@@ -143,8 +143,8 @@ def select_active(
     is the lower one. A taxel that is not received stays held for a short time. Both
     thresholds rise with the noise of the taxel, and with the recent peak of it and its
     neighbours, so that the residual of a sensor after a release is no contact. A taxel
-    that rises alone becomes active with the next reading that confirms it, since corrupt
-    values last for one; not so in readings without noise.
+    that rises alone becomes active with the next reading that confirms it, since
+    corrupt values last for one; not so in readings without noise.
     """
     parameters, state = context.parameters, context.state
     chosen = np.empty(len(candidates), np.int64)
@@ -193,33 +193,6 @@ def compute_recent_peak(taxel: np.void, now: float, fade_seconds: float) -> floa
 
 @compiled
 @no_type_check
-def select_strong(
-    active: Indices,
-    labels: Indices,
-    reading: KernelReading,
-    parameters: TrackingParameters,
-    state: TrackerState,
-) -> Bool[np.ndarray, "active"]:
-    """Return which active taxels have enough of the pressure of their component.
-
-    The threshold is a share of the peak of the component, so that what a contact
-    covers does not depend on the gain of the sensor.
-    """
-    peaks = np.zeros(labels.max() + 1 if len(labels) else 0)
-    since = min(reading.previous, reading.now - parameters.hold_seconds)
-    for a in range(len(active)):
-        peaks[labels[a]] = max(peaks[labels[a]], reading.pressure[active[a]])
-    strong = np.empty(len(active), np.bool_)
-    for a in range(len(active)):
-        taxel = state.taxels[active[a]]
-        is_held = taxel.held and taxel.active_at >= since
-        share = parameters.part_off if is_held else parameters.part_on
-        strong[a] = reading.pressure[active[a]] >= share * peaks[labels[a]]
-    return strong
-
-
-@compiled
-@no_type_check
 def update_active(
     active: Indices, reading: KernelReading, context: TrackerContext
 ) -> None:
@@ -241,9 +214,7 @@ def update_active(
         span = context.geometry[i].neighbours
         for k in range(span[0], span[1]):
             near = state.taxels[context.neighbours[k]]
-            raise_peak(
-                near, parameters.near_share * pressure, now, parameters.fade_seconds
-            )
+            raise_peak(near, pressure, now, parameters.fade_seconds)
     update_held(active, reading.valid, since, state)
 
 
@@ -409,10 +380,6 @@ def find_contacts(
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
     n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     labels = label_components(active, p_world, context)
-    strong = select_strong(active, labels, reading, context.parameters, state)
-    if not strong.all():
-        active, p_world, n_world = active[strong], p_world[strong], n_world[strong]
-        labels = label_components(active, p_world, context)
     update_active(active, reading, context)
     contacts = allocate_contacts(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))

@@ -147,7 +147,7 @@ class FaultConfig:
     """Time at full scale, later on, that is no fault."""
     start_floor: float = 7.0
     """Pressure that may be noise while the noise is not known yet [kPa]."""
-    noisy: float = 1.5
+    noisy: float = 0.9
     """Running median of the deviation of three scans from a straight course that makes
     a taxel noisy, in units of the counts at which contact begins."""
     noisy_level: float = 0.25
@@ -158,9 +158,11 @@ class FaultConfig:
     taxel noisy."""
     step_seconds: float = 10.0
     """Time constant with which such a step counts for less."""
-    doubtful: float = 0.8
-    """Share of these limits from which a taxel is doubtful: it may stop an arm, and
+    doubtful: float = 0.28
+    """Limit of that deviation from which a taxel is doubtful: it may stop an arm, and
     nothing else."""
+    doubtful_steps: float = 1.2
+    """Number of lone steps from which it is."""
     swing_share: float = 0.25
     """Share of a patch that is above rest, and soon after below it, as no hand does."""
     swings: float = 1.5
@@ -378,13 +380,13 @@ class FaultDetector:
         history = self.history
         zero = history.counts == 0
         still, lost = self.find_still(), self.find_lost_lines()
-        noise = self.measure_noise()
+        noisy, doubtful = self.find_noisy()
         evidence = {
             STUCK: (still & ~zero, history.last_changed),
             DEAD: ((still & zero) | lost, history.last_changed),
             NEGATIVE: (history.last_negative > self.last_check, history.last_negative),
             SATURATED: (self.find_saturated(), history.last_below_full),
-            NOISY: (noise >= 1.0, history.last_straight),
+            NOISY: (noisy, history.last_straight),
         }
         for code, (flags, begun) in evidence.items():
             found = flags & (history.last_received > NEVER)
@@ -396,7 +398,7 @@ class FaultDetector:
         negative = self.code == NEGATIVE
         recover = np.where(negative, self.config.negative_seconds, latch)
         self.code[now - self.last_found > recover] = -1
-        self.last_doubted[noise >= self.config.doubtful] = now
+        self.last_doubted[doubtful] = now
         self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
 
     def doubt_mixed_lines(
@@ -499,13 +501,15 @@ class FaultDetector:
         long = history.last_received - begun >= limit
         return full & (long | (self.code == SATURATED))
 
-    def measure_noise(self) -> Float[np.ndarray, "taxel"]:
-        """Measure the noise of each taxel in units of what makes it noisy."""
+    def find_noisy(self) -> tuple[Bool[np.ndarray, "taxel"], Bool[np.ndarray, "taxel"]]:
+        """Find the taxels that are noisy, and those doubtful for their noise."""
         history, config = self.history, self.config
         level = config.noisy_level * history.level
         deviation = history.deviation / np.maximum(self.limits.deviation, level)
-        result = history.steps / config.lone_steps
-        for i in np.flatnonzero(deviation >= config.doubtful).tolist():
+        noisy = self.swings.found | (history.steps >= config.lone_steps)
+        doubtful = noisy | (history.steps >= config.doubtful_steps)
+        least = config.doubtful / config.noisy
+        for i in np.flatnonzero(deviation >= least).tolist():
             near = self.adjacency.neighbours[slice(*self.adjacency.starts[i : i + 2])]
             patch = self.members[self.skin.patch_index[i]]
             usual = max(
@@ -513,9 +517,9 @@ class FaultDetector:
                 for others in (near, patch)
             )
             if history.deviation[i] >= NOISIER * usual:
-                result[i] = max(result[i], deviation[i])
-        result[self.swings.found] = np.inf
-        return result
+                doubtful[i] = True
+                noisy[i] |= deviation[i] >= 1.0
+        return noisy, doubtful
 
 
 def build_count_history(count: int) -> CountHistory:

@@ -193,9 +193,6 @@ class TrackingParameters(NamedTuple):
     off: float
     on_share: float
     off_share: float
-    part_on: float
-    part_off: float
-    near_share: float
     fade_seconds: float
     hold_seconds: float
     gate: float

@@ -55,16 +55,10 @@ class ContactConfig:
     off: float = 0.5
     """Pressure from which an active taxel stays active [kPa]."""
     on_share: float = 0.25
-    """Fraction of its recent peak that a released taxel must reach to become active."""
+    """Fraction of the recent peak of it and its neighbours that a released taxel must
+    reach to become active."""
     off_share: float = 0.2
-    """Fraction of its recent peak that an active taxel must reach to stay active."""
-    part_on: float = 0.0
-    """Fraction of the recent peak of its contact that a taxel must have to become part
-    of it."""
-    part_off: float = 0.0
-    """Fraction that it must have to stay part of it."""
-    near_share: float = 1.0
-    """part"""
+    """Fraction of that peak that an active taxel must reach to stay active."""
     fade_seconds: float = 5.0
     """Time after which the recent peak counts half [s]."""
     hold_seconds: float = 0.1
