@@ -13,7 +13,6 @@ from eskin.touch.records import (
     KernelReading,
     TrackerContext,
     TrackerState,
-    TrackingParameters,
 )
 
 PA_PER_KPA = 1000.0

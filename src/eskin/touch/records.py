@@ -109,7 +109,7 @@ class TouchStatus(NamedTuple):
     last: int
     merged_into: int
     closed: int
-    confirmed: int
+    confirmed: int = 1
 
 
 class TrackingResult(NamedTuple):
