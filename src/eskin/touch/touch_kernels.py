@@ -344,15 +344,14 @@ def restart_touches(
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
-    """Start a new touch where the force grows far beyond that of the touch so far.
+    """Start a new touch where the force grows far beyond that of an unconfirmed one.
 
-    What came before was noise, a hand that hovers or a light touch; it gives the
-    stronger one neither its age nor its place.
+    What came before may be noise; it gives the new one neither its age nor its place.
     """
     parameters = context.parameters
     for n in range(update.counts[PREVIOUS]):
         touch = update.touches[n]
-        if touch.closed or touch.settled == 0.0:
+        if touch.closed or touch.confirmed or touch.settled == 0.0:
             continue
         force, largest, strongest = 0.0, 0.0, NO_INDEX
         for track in range(len(tracks)):

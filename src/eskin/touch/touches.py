@@ -158,8 +158,9 @@ class TouchConfig:
     beside: float = 0.1
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
     restart: float = 6.0
-    """Force, in units of the greatest force of the touch so far, at which another touch
-    begins."""
+    """Force at which another touch begins while one is not confirmed, and with which a
+    younger touch outlives an older one with which it merges, in units of the greatest
+    force of the first so far."""
     settle_seconds: float = 0.1
     """Time after which a force counts for that [s]."""
     enough: float = 5.0

@@ -20,6 +20,11 @@ from eskin.skin import Skin
 from eskin.touch.calibration import Curve
 
 
+MIN_WARMED_GAIN = 0.2
+"""Smallest gain of a cold sensor, in units of that at the temperature of calibration:
+the linear law holds near it only."""
+
+
 @dataclass(frozen=True)
 class SensorStages:
     """These flags select the stages of the sensor that work; others do nothing."""
@@ -133,7 +138,8 @@ def build_sensor_layer(
     if stages.gain:
         gain = (velostat.gain * session.gain)[live]
     if stages.drift:
-        gain = gain * (1.0 + velostat.temperature_gain * session.temperature_offset)
+        warmed = 1.0 + velostat.temperature_gain * session.temperature_offset
+        gain = gain * max(warmed, MIN_WARMED_GAIN)
     plain = np.array([0.0]), np.array([1.0])
     play = (velostat.play_widths, velostat.play_weights) if stages.hysteresis else plain
     step = electronics.step
