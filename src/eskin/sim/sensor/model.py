@@ -19,7 +19,6 @@ from eskin.sim.sensor.kernels import (
 from eskin.skin import Skin
 from eskin.touch.calibration import Curve
 
-
 MIN_WARMED_GAIN = 0.2
 """Smallest gain of a cold sensor, in units of that at the temperature of calibration:
 the linear law holds near it only."""
