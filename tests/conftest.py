@@ -28,7 +28,7 @@ install_import_hook(sorted(CHECKED - COMPILED - UNCHECKED), "beartype.beartype")
 COMPILES_ALL = "test_cli_doctor.py"
 CALLS_KERNELS = re.compile(
     r"eskin\.(app|bench|cli|demo|learn|live|stream|viewer)|from eskin import|"
-    r"helpers\.(devices|learning|live)"
+    r"helpers\.(devices|learning|live)|benchmarks\.fuzz"
 )
 """Imports of test files that need the recogniser, whose code compiles for minutes."""
 
