@@ -223,6 +223,7 @@ class Scene:
         self.clock.sleep(PERIOD / SECOND)
         now = self.clock.now()
         rows = np.zeros(len(self.touches), TOUCH)
+        rows["confirmed"] = 1
         contacts = np.zeros(len(self.touches), NO_TOUCHES.contacts.dtype)
         pressure = np.zeros(SKIN.count, np.float32)
         loads = []

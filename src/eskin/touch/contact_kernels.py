@@ -204,7 +204,7 @@ def update_active(
             taxel.onset = reading.stamp
         if max(taxel.active_at, taxel.risen_at) < since:
             taxel.pressure, taxel.moved = 0.0, 0
-        change = abs(pressure - taxel.pressure)
+        change = pressure - taxel.pressure
         least = max(parameters.moves * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.pressure = pressure
