@@ -27,6 +27,8 @@ from eskin.units import NS_PER_S
 MIN_CROSSTALK_PRESSURE = 1.5
 """Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
 NO_TAXELS = np.empty(0, np.int64)
+CLEAR_FACTOR = 2.0
+"""Smallest signal that is clearly no noise, in units of what may be noise."""
 MAX_OBSERVATIONS = 200
 """Number of latest observations whose median is the estimate."""
 MAX_CELLS_PER_TAXEL, FREE_CELLS = 20, 1000
@@ -114,12 +116,20 @@ class Calibrator:
         self.adjacency = Adjacency.build(skin)
         self.gain = np.asarray(calibration.gain, np.float64)
         self.curve = calibration.pressure_curve
-        self.margin = calibration.compute_counts(self.config.margin)
+        self.least_margin = calibration.compute_counts(self.config.margin)
+        self.margin = self.least_margin
         self.parameters = build_parameters(BaselineParameters, self.config)
         self.state = build_baseline_state(skin.count, self.config.tare_samples)
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
         self.first: int | None = None
         self.last: int | None = None
+
+    def set_noise(self, counts: Float[np.ndarray, "taxel"]) -> None:
+        """Set the counts above rest of each taxel up to which they are noise.
+
+        A taxel may be touched from twice of it on.
+        """
+        self.margin = np.maximum(self.least_margin, CLEAR_FACTOR * counts)
 
     def push(
         self,

@@ -16,7 +16,7 @@ from eskin.touch.records import (
 )
 
 PA_PER_KPA = 1000.0
-HELD_FLOOR = 0.5
+HELD_FLOOR = 0.75
 """Floor of the noise of an active taxel, in units of that of others."""
 Vector = Float[np.ndarray, "3"]
 Indices = Int[np.ndarray, "active"]

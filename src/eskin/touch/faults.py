@@ -232,7 +232,7 @@ class SwingDetector:
 
 @final
 class FaultDetector:
-    """A detector finds faults from the counts over time; stateful.
+    """A detector finds faults and noise from the counts over time; stateful.
 
     A fault needs evidence: constant counts of a quiet, quantised sensor, and zero where
     zero is rest, are valid until other taxels show that they should have changed.
@@ -273,6 +273,7 @@ class FaultDetector:
         self.last_found = np.full(skin.count, NEVER)
         self.last_doubted = np.full(skin.count, NEVER)
         self.doubtful = np.zeros(skin.count, bool)
+        self.noise_counts = np.full(skin.count, MIN_DEVIATION)
         self.floor = np.full(skin.count, self.config.start_floor)
         self.calibration = calibration
         self.mask = np.zeros(skin.count, bool)
@@ -371,7 +372,8 @@ class FaultDetector:
     def measure_floor(self, now: float) -> Float[np.ndarray, "taxel"]:
         """Measure the pressure of each taxel that may be noise [kPa]."""
         counts = FLOOR_SIGMAS / SIGMA_DEVIATION * self.history.noise
-        floor = self.calibration.compute_pressure(np.maximum(counts, MIN_DEVIATION))
+        self.noise_counts = np.maximum(counts, MIN_DEVIATION)
+        floor = self.calibration.compute_pressure(self.noise_counts)
         starts = now - self.history.first_received < START_SECONDS
         return np.where(starts, np.maximum(floor, self.config.start_floor), floor)
 

@@ -12,7 +12,12 @@ from eskin.skin import MountedSkin
 from eskin.structref_kernels import pack
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.calibration import Calibration
-from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
+from eskin.touch.calibrator import (
+    CLEAR_FACTOR,
+    CalibrationConfig,
+    Calibrator,
+    CrosstalkCompensator,
+)
 from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
@@ -269,12 +274,21 @@ class TouchPipeline:
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
         invalid = self.faults.mask | (scan.counts < 0)
-        reading = self.calibrator.push(scan, invalid, self.tracker.held)
+        reading = self.calibrator.push(scan, invalid, self.find_held())
         rest = self.calibrator.state.baseline
         mask, faults = self.faults.push(scan, reading.pressure, rest)
+        self.calibrator.set_noise(self.faults.noise_counts)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
         return self.crosstalk.compensate(reading), faults
+
+    def find_held(self) -> Int[np.ndarray, "held"]:
+        """Find the taxels that are in contact, and clearly above their noise."""
+        held = self.tracker.held
+        if self.reading is None or not len(held):
+            return held
+        pressure, floor = self.reading.pressure[held], self.faults.floor[held]
+        return held[pressure >= CLEAR_FACTOR * floor]
 
     def push_reading(
         self,

@@ -1,0 +1,113 @@
+"""Tests of contact by evidence: noise opens no touch, and a touch loses nothing by it."""
+
+import numpy as np
+import pytest
+
+from helpers.touch import (
+    SECOND,
+    START,
+    build_mounted_grid,
+    build_pipeline,
+    press_pad,
+    scan_at,
+)
+
+MOUNTED = build_mounted_grid()
+SKIN = MOUNTED.skin
+RATE = 50
+LONE, BESIDE = 14, 15
+PAD = press_pad(SKIN, (0.02, 0.02), kpa=1.0, radius=0.015)
+"""Share of a press on each taxel of a pad."""
+
+
+def push_counts(added, seconds, noise=1.0, noisy=None):
+    """Push scans at rest plus `added(t)`; return the touches ever seen, by id."""
+    rng, pipeline, seen = np.random.default_rng(5), build_pipeline(MOUNTED), {}
+    sigma = np.full(SKIN.count, noise)
+    if noisy is not None:
+        sigma[LONE] = noisy
+    for t in np.arange(round(seconds * RATE)) / RATE:
+        counts = 200 + sigma * rng.standard_normal(SKIN.count) + added(t)
+        state = pipeline.push(scan_at(t, np.round(counts)))
+        for touch in (*state.touches, *state.closed_touches):
+            seen[touch.id] = touch
+    return seen, state
+
+
+def press(shape, start, end, counts, ramp=0.06):
+    """Return counts that rise on a shape, stay, and fall."""
+
+    def added(t):
+        share = np.clip(min(t - start, end - t) / ramp, 0.0, 1.0)
+        return share * counts * shape
+
+    return added
+
+
+def one_taxel(taxel=LONE):
+    """Return the shape of one taxel."""
+    return (np.arange(SKIN.count) == taxel).astype(float)
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        lambda t: 600 * one_taxel() * (abs(t - 5.0) < 0.01),
+        lambda t: 400 * one_taxel() * (t >= 5.0),
+        lambda t: 400 * one_taxel() * (5.0 <= t < 5.5),
+    ],
+    ids=["a corrupt value", "a jump that stays", "a swing"],
+)
+def test_electrical_event_of_one_taxel_opens_no_touch(added):
+    assert not push_counts(added, 8.0)[0]
+
+
+def test_noise_of_one_taxel_opens_no_touch():
+    assert not push_counts(lambda t: 0.0, 10.0, noisy=5.0)[0]
+
+
+@pytest.mark.parametrize("shape", [one_taxel(), PAD], ids=["one taxel", "a pad"])
+def test_touch_has_the_onset_of_its_first_pressed_scan(shape):
+    seen, _ = push_counts(press(shape, 5.0, 5.4, 200.0), 7.0)
+    [touch] = seen.values()
+    assert 0 <= touch.onset - (START + 5 * SECOND) <= 0.04 * SECOND
+
+
+def test_press_beside_a_noisy_taxel_has_its_own_onset():
+    seen, _ = push_counts(press(PAD, 6.0, 6.4, 200.0), 8.0, noisy=5.0)
+    [touch] = seen.values()
+    assert 0 <= touch.onset - (START + 6 * SECOND) <= 0.04 * SECOND
+
+
+def test_press_after_a_jump_beside_it_has_its_own_onset():
+    after = press(PAD, 8.0, 8.4, 200.0)
+    seen, _ = push_counts(
+        lambda t: after(t) + 100 * one_taxel(BESIDE) * (t >= 4.0), 10.0
+    )
+    [touch] = seen.values()
+    assert 0 <= touch.onset - (START + 8 * SECOND) <= 0.04 * SECOND
+
+
+@pytest.mark.parametrize("counts", [20.0, 40.0, 200.0])
+def test_hand_that_rests_without_moving_stays_a_touch(counts):
+    seen, state = push_counts(press(PAD, 5.0, 99.0, counts), 65.0)
+    assert len(seen) == 1
+    assert [touch.last for touch in state.touches] == [state.reading.stamp]
+
+
+def test_remainder_of_a_touch_does_not_prolong_it():
+    def added(t):
+        remains = 30.0 * np.exp(-(t - 5.5) / 2.0) if t >= 5.5 else 0.0
+        return press(PAD, 5.0, 5.5, 200.0)(t) + remains * PAD
+
+    seen, _ = push_counts(added, 12.0)
+    [touch] = seen.values()
+    assert abs(touch.last - (START + round(5.5 * SECOND))) <= 0.1 * SECOND
+
+
+def test_skin_switched_on_under_a_hand_works_once_it_lifts():
+    again = press(PAD, 8.0, 8.4, 200.0)
+    seen, _ = push_counts(lambda t: again(t) + 150.0 * PAD * (t < 6.0), 10.0)
+    touch = seen[max(seen)]
+    assert 0 <= touch.onset - (START + 8 * SECOND) <= 0.04 * SECOND
+    assert touch.peak == pytest.approx(20.0, rel=0.1)
