@@ -1,4 +1,4 @@
-"""Tests of contact by evidence: noise opens no touch, and a touch loses nothing by it."""
+"""Tests of contact by evidence: noise opens no touch, and no touch loses its onset."""
 
 import numpy as np
 import pytest

@@ -75,7 +75,7 @@ class FingertipResponse:
         rng = np.random.default_rng(0)
         pitch = float(np.sqrt(area))
         # Evenly spread points, so that means over few draws are precise.
-        even = Sobol(4, seed=0).random(DRAWS)
+        even = Sobol(4, rng=0).random(DRAWS)
         offset = (even[:, :2] - 0.5) * pitch
         scale = np.exp(AREA_DEVIATION * ndtri(even[:, 2]))
         film = FILM[0] + (FILM[1] - FILM[0]) * even[:, 3]
