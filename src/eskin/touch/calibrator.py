@@ -118,6 +118,7 @@ class Calibrator:
         self.curve = calibration.pressure_curve
         self.least_margin = calibration.compute_counts(self.config.margin)
         self.margin = self.least_margin
+        self.noise: np.ndarray | None = None
         self.parameters = build_parameters(BaselineParameters, self.config)
         self.state = build_baseline_state(skin.count, self.config.tare_samples)
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
@@ -129,7 +130,9 @@ class Calibrator:
 
         A taxel may be touched from twice of it on.
         """
-        self.margin = np.maximum(self.least_margin, CLEAR_FACTOR * counts)
+        if counts is not self.noise:
+            self.noise = counts
+            self.margin = np.maximum(self.least_margin, CLEAR_FACTOR * counts)
 
     def push(
         self,

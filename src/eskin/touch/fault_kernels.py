@@ -234,7 +234,7 @@ def update_noise(
         since = now - first_received[i]
         if since < START_SECONDS:
             part = elapsed / (since + elapsed)
-            if bend == bend:
+            if not np.isnan(bend):
                 noise[i] += part * (MEDIAN_SHARE * bend - noise[i])
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)

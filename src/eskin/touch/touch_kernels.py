@@ -21,6 +21,7 @@ from eskin.touch.contact_kernels import (
     point_gap,
     transform_to_link,
 )
+from eskin.touch.evidence_kernels import SLOW_NS, weigh_contact
 from eskin.touch.records import (
     NEXT_TOUCH,
     NO_INDEX,
@@ -48,12 +49,6 @@ STATUS_SIZE = len(TouchStatus._fields)
 MIN_LIFT_NS = 60_000_000
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
-SLOW_NS = 30_000_000
-"""Time between two readings from which a touch may last for one of them [ns]."""
-CLEAR = 0.7
-"""Smallest evidence of a taxel that is well above its noise, twice of it."""
-MIN_NOISE = 0.1
-"""Smallest pressure that is taken for noise [kPa]."""
 ALL, CLOSED, PREVIOUS = 0, 1, 2
 """Indices of `TouchUpdate.counts`: number of all touches, of those that have closed,
 and of those that were open at the previous reading."""
@@ -370,38 +365,6 @@ def restart_touches(
             if is_current and find_survivor(update.owners[track], update) == n:
                 update.owners[track] = update.joined[track] = new
         close_touch(n, 0, update)
-
-
-@compiled
-@no_type_check
-def weigh_contact(
-    contact: np.void,
-    reading: KernelReading,
-    context: TrackerContext,
-    buffer: RecordBuffer,
-) -> float:
-    """Return the evidence of a contact in one reading that it is no noise.
-
-    Each taxel adds the logarithm of its pressure in units of its noise, within limits.
-    Where only one of them is well above its noise, that counts only while its pressure
-    rises, since the offset of a taxel may jump, and then stays. In readings without
-    noise every contact is evidence enough.
-    """
-    parameters, state = context.parameters, context.state
-    evidence, clear, strongest, changed = 0.0, 0, 0.0, False
-    span = contact.loads
-    for k in range(span[0], span[1]):
-        load = buffer.loads[k]
-        if reading.floor[load.taxel] == 0.0:
-            return np.inf
-        noise = max(reading.floor[load.taxel], MIN_NOISE)
-        strength = np.log(max(load.pressure / noise, 1.0))
-        strength = min(strength, parameters.most)
-        evidence += strength
-        clear += strength >= CLEAR
-        if strength > strongest:
-            strongest, changed = strength, state.taxels[load.taxel].changed
-    return evidence if clear > 1 or changed else 0.0
 
 
 @compiled
