@@ -59,6 +59,7 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "off": PRESSURE,
         "on_share": SHARE,
         "off_share": SHARE,
+        "peak_share": SHARE,
         "fade_seconds": DURATION,
         "hold_seconds": PAUSE,
         "reach": (0.0, 4.0),  # pairs of taxels grow with its square

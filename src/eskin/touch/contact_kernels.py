@@ -310,6 +310,21 @@ def label_components(
 
 @compiled
 @no_type_check
+def find_strong(
+    active: Indices, labels: Indices, reading: KernelReading, share: float
+) -> Bool[np.ndarray, "active"]:
+    """Tell which taxels reach a fraction of the peak of their connected set."""
+    peaks, strong = np.zeros(len(active)), np.empty(len(active), np.bool_)
+    for a in range(len(active)):
+        label = labels[a]
+        peaks[label] = max(peaks[label], reading.pressure[active[a]])
+    for a in range(len(active)):
+        strong[a] = reading.pressure[active[a]] >= share * peaks[labels[a]]
+    return strong
+
+
+@compiled
+@no_type_check
 def join_links(
     active: Indices, p_world: Points, geometry: np.ndarray, parents: Indices
 ) -> None:
@@ -379,6 +394,10 @@ def find_contacts(
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
     n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     labels = label_components(active, p_world, context)
+    strong = find_strong(active, labels, reading, context.parameters.peak_share)
+    if not strong.all():
+        active, p_world, n_world = active[strong], p_world[strong], n_world[strong]
+        labels = label_components(active, p_world, context)
     update_active(active, reading, context)
     contacts = allocate_contacts(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))

@@ -193,6 +193,7 @@ class TrackingParameters(NamedTuple):
     off: float
     on_share: float
     off_share: float
+    peak_share: float
     fade_seconds: float
     hold_seconds: float
     gate: float

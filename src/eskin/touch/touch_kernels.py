@@ -346,7 +346,7 @@ def restart_touches(
     parameters = context.parameters
     for n in range(update.counts[PREVIOUS]):
         touch = update.touches[n]
-        if touch.closed or touch.confirmed or touch.settled == 0.0:
+        if touch.closed or touch.settled == 0.0:
             continue
         force, largest, strongest = 0.0, 0.0, NO_INDEX
         for track in range(len(tracks)):
@@ -359,12 +359,13 @@ def restart_touches(
         if strongest == NO_INDEX or force < parameters.restart * touch.settled:
             continue
         new = start_touch(tracks[strongest], context.state, buffer, update)
-        update.touches[new].onset = reading.stamp
+        update.touches[new].onset = update.touches[new].settled_at = reading.stamp
+        update.touches[new].confirmed = touch.confirmed
         for track in range(len(tracks)):
             is_current = tracks[track].last == reading.stamp
             if is_current and find_survivor(update.owners[track], update) == n:
                 update.owners[track] = update.joined[track] = new
-        close_touch(n, 0, update)
+        close_touch(n, update.touches[new].id if touch.confirmed else 0, update)
 
 
 @compiled

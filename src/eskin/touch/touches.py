@@ -59,6 +59,8 @@ class ContactConfig:
     reach to become active."""
     off_share: float = 0.2
     """Fraction of that peak that an active taxel must reach to stay active."""
+    peak_share: float = 0.2
+    """Fraction of the greatest pressure of a contact that each of its taxels reaches."""
     fade_seconds: float = 5.0
     """Time after which the recent peak counts half [s]."""
     hold_seconds: float = 0.1
@@ -157,11 +159,11 @@ class TouchConfig:
     [s]."""
     beside: float = 0.1
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
-    restart: float = 6.0
+    restart: float = 5.0
     """Force at which another touch begins while one is not confirmed, and with which a
     younger touch outlives an older one with which it merges, in units of the greatest
     force of the first so far."""
-    settle_seconds: float = 0.1
+    settle_seconds: float = 0.15
     """Time after which a force counts for that [s]."""
     enough: float = 5.0
     """Evidence from which a touch is confirmed: the sum over readings and taxels of the
