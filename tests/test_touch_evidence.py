@@ -18,6 +18,7 @@ RATE = 50
 LONE, BESIDE = 14, 15
 PAD = press_pad(SKIN, (0.02, 0.02), kpa=1.0, radius=0.015)
 """Share of a press on each taxel of a pad."""
+WIDE = np.ones(SKIN.count)
 
 
 def push_counts(added, seconds, noise=1.0, noisy=None):
@@ -86,6 +87,25 @@ def test_press_after_a_jump_beside_it_has_its_own_onset():
     )
     [touch] = seen.values()
     assert 0 <= touch.onset - (START + 8 * SECOND) <= 0.04 * SECOND
+
+
+def test_poke_of_a_hand_that_hovered_has_its_own_onset():
+    hover = press(WIDE, 4.0, 6.5, 20.0)
+    poke = press(PAD, 6.0, 6.4, 400.0)
+    seen, _ = push_counts(lambda t: hover(t) + poke(t), 8.0)
+    last = max(seen.values(), key=lambda touch: touch.peak_force)
+    assert 0 <= last.onset - (START + 6 * SECOND) <= 0.06 * SECOND
+    others = {touch.merged_into for touch in seen.values() if touch is not last}
+    assert others == {last.id}
+
+
+def test_contact_leaves_out_what_is_far_weaker_than_its_peak():
+    pad, halo = press(PAD, 5.0, 9.0, 400.0), press(WIDE, 5.0, 9.0, 30.0)
+    areas = []
+    for added in (pad, lambda t: pad(t) + halo(t) * (PAD == 0)):
+        _, state = push_counts(added, 6.0)
+        areas.append(state.touches[0].contact.area)
+    assert areas[0] == areas[1]
 
 
 @pytest.mark.parametrize("counts", [20.0, 40.0, 200.0])
