@@ -109,7 +109,7 @@ class MoviePress:
         return len(self.force)
 
 
-AnyPress = TypeVar("AnyPress", Press, MoviePress)
+AnyPress = TypeVar("AnyPress", bound=Press | MoviePress)
 """One kind of press, for functions that return the kind that they are given."""
 
 
@@ -154,3 +154,8 @@ class TrueTouch:
     """Presses, of more than one body or of one body on two charts."""
     drawn: dict[str, float | str]
     """Every parameter that was drawn for it, by name."""
+
+    @property
+    def bodies(self) -> tuple[Press, ...]:
+        """Return the presses of simulated bodies, which are all but recorded ones."""
+        return tuple(press for press in self.presses if isinstance(press, Press))

@@ -4,6 +4,7 @@ They are pressure movies of the public SocialTouch set. Its sensor states neithe
 nor geometry, so its pitch and its full scale are drawn anew for each touch.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -31,6 +32,9 @@ from eskin.sim.contact.press import ContactSite, MoviePress, TrueTouch
 
 RECORDED_CLASSES = ("poke", "double_pat", "stroke", "none")
 """Classes that recorded touches show; nobody grabbed that flat sensor."""
+
+MANY_TOUCHES = 20
+"""Touches from which a group of gestures is drawn as often as a larger one."""
 
 
 @dataclass(frozen=True)
@@ -134,14 +138,18 @@ def draw_recorded_touch(
     gesture: str,
     rng: np.random.Generator,
 ) -> RecordedTouch:
-    """Draw a touch of a person and class, evenly over the groups of gestures."""
+    """Draw a touch of a person and class, evenly over the groups of its gestures.
+
+    Groups with few touches are drawn less often, so that no touch comes up too often.
+    """
     fitting = [
         touch
         for touch in touches
         if touch.gesture == gesture and name_person(touch.repetition.person) == person
     ]
-    groups = sorted({touch.group for touch in fitting})
-    group = groups[rng.integers(len(groups))]
+    sizes = Counter(touch.group for touch in fitting)
+    weights = np.minimum(list(sizes.values()), MANY_TOUCHES)
+    group = rng.choice(list(sizes), p=weights / weights.sum())
     members = [touch for touch in fitting if touch.group == group]
     return members[rng.integers(len(members))]
 
