@@ -264,7 +264,7 @@ def compute_press_peaks(touch: TrueTouch, env: SimEnvironment) -> list[float]:
     """Return the largest pressure of each press of a touch [kPa]."""
     fields = (
         compute_pressure_field(press, env.charts[press.chart], env.constants)
-        for press in touch.presses
+        for press in touch.bodies
     )
     return [float(field.pressure.max(initial=0.0)) for field in fields]
 
