@@ -34,6 +34,7 @@ from eskin import Detection, Model, Recognizer, load_model
 from eskin.recording import NONE
 from eskin.recording import socialtouch as social
 from eskin.recording.conversion import find_files
+from eskin.recording.socialtouch_classes import GROUPS, HELD
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration, Scan, TouchState
@@ -57,11 +58,8 @@ ANSWER_AFTER = round(0.1 * NS_PER_S)
 WINDOW, HOP = 2.0, 0.5
 """Length of the averaged windows, and the step between them [s]."""
 
-TOUCHED = 0.1
+TOUCHED = social.TOUCHED_COUNTS / social.FULL_SCALE
 """Share of full scale from which a reading counts as touched."""
-
-HELD = 0.8
-"""Duration from which a touch of a finger is held rather than a poke [s]."""
 
 UNKNOWN, NOTHING = "unknown", "nothing"
 
@@ -525,24 +523,20 @@ def format_percent(part: float | None) -> str:
 
 def group_socialtouch() -> tuple[Group, ...]:
     """Group the 32 gestures of SocialTouch by their true class."""
-
-    def named(*numbers: int) -> tuple[str, ...]:
-        return tuple(social.GESTURES[number] for number in numbers)
-
-    fingers = named(2, 3, 4, 5)
+    fingers, resting = GROUPS["finger touch"], (*GROUPS["contact"], *GROUPS["arm"])
     return (
-        Group("poke", named(6, 7), "poke", bar=0.60),
-        Group("stroke", named(18, 19, 20, 27, 28), "stroke", bar=0.85),
-        Group("resting hand or arm", named(0, 1, 25, 26), NONE, bar=0.95),
+        Group("poke", GROUPS["poke"], "poke", bar=0.60),
+        Group("stroke", GROUPS["stroke"], "stroke", bar=0.85),
+        Group("resting hand or arm", resting, NONE, bar=0.95),
         Group(f"finger held, {HELD} s or longer", fingers, NONE, longer=HELD),
         Group("finger touch, shorter", fingers, shorter=HELD),
-        Group("pat", named(8, 9), "double_pat"),
-        Group("tap", named(12, 13, 29)),
-        Group("slap, hit", named(14, 15, 16, 17)),
-        Group("pinch", named(10, 11)),
-        Group("caress", named(21, 30)),
-        Group("tickle", named(22, 23, 24)),
-        Group("hug", named(31)),
+        Group("pat", GROUPS["pat"], "double_pat"),
+        Group("tap", GROUPS["tap"]),
+        Group("slap, hit", GROUPS["hit"]),
+        Group("pinch", GROUPS["pinch"]),
+        Group("caress", GROUPS["caress"]),
+        Group("tickle", GROUPS["tickle"]),
+        Group("hug", GROUPS["hug"]),
     )
 
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from eskin.sim.dataset import GenerationSettings, generate
+from eskin.sim.people.recorded import find_recorded_people
 
 SetName = Literal[
     "train",
@@ -36,6 +37,7 @@ SetName = Literal[
     "test-capacitive",
     "test-linear",
     "pairs",
+    "recorded",
 ]
 
 FamilyName = Literal["divider", "logarithmic", "capacitive", "linear"]
@@ -88,12 +90,27 @@ class GenerateCommand:
     difficulty: float | None = None
     """Width of the spreads, where 0 is the easiest; by default the published one."""
 
+    recorded: Path | None = None
+    """Folder of the public SocialTouch set, whose recorded touches the set `recorded`
+    places on the skin."""
+
+    people: tuple[int, ...] | None = None
+    """Participants of that folder whose touches are placed; by default all."""
+
 
 def run(command: GenerateCommand) -> dict[str, object]:
     """Generate recordings; return the number of clips and the time taken."""
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     if workers < 1:
         raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
+    if command.people is not None and command.recorded is None:
+        raise ValueError(
+            "--people is given without --recorded; allowed is with it; name the folder "
+            "of the participants, or leave --people out"
+        )
+    recorded = None
+    if command.recorded is not None:
+        recorded = find_recorded_people(command.recorded, command.people)
     settings = GenerationSettings(
         command.set,
         command.skin,
@@ -102,6 +119,7 @@ def run(command: GenerateCommand) -> dict[str, object]:
         command.subjects,
         command.difficulty,
         command.families,
+        recorded,
     )
     with show_progress(settings.clip_set.clips) as update:
         result = generate(command.out, settings, workers, on_progress=update)

@@ -44,7 +44,9 @@ class TrainCommand:
 
     start: Path | None = None
     """Model to start from: a name of weights that come with eskin, or a file. Its
-    network must have the same sizes; its weights are taken wherever they fit."""
+    network must have the same sizes; its weights and the scale of its inputs are taken
+    wherever they fit, all of them for the same gestures; for others, the last layers
+    are new."""
 
     test: tuple[Path, ...] = ()
     """Recordings to score the trained model on."""
@@ -181,7 +183,9 @@ def build_card(command: TrainCommand, trainer: Trainer, content: str) -> ModelCa
 def describe_command(command: TrainCommand) -> dict[str, str]:
     """Return the options of the command that the card stores besides the training."""
     facts = {"seed": str(command.seed), "skins": str(command.skins)}
-    facts |= {"start": str(command.start)} if command.start else {}
+    if command.start is not None:
+        digest = load_model(command.start).digest
+        facts |= {"start": str(command.start), "start_digest": digest}
     override = load_override(command.calibration)
     if override is not None:
         facts["calibration"] = hashlib.sha256(override.to_bytes()).hexdigest()

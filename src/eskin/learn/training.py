@@ -114,7 +114,8 @@ class Trainer:
             recordings: indices of the recordings to train on; all where None.
             seed: seed of all random draws.
             validation: data set to validate on; where None, recordings are held out.
-            start: model to start from, by its weights of matching names and shapes.
+            start: model to start from, by its weights of matching names and shapes, and
+                the scale of its inputs; the last layers only with the same vocabulary.
         """
         self.config, self.vocabulary, self.seed = config, vocabulary, seed
         torch.manual_seed(seed)
@@ -140,8 +141,8 @@ class Trainer:
         )
         self.held_out = held_out if held_out.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
-        if start is not None:
-            copy_matching_weights(self.network, start)
+        taken = start and copy_matching_weights(self.network, start, vocabulary)
+        self.keeps_scale = "summary_mean" in (taken or ())
         self.epochs = 0
 
     def build_batches(
@@ -166,7 +167,8 @@ class Trainer:
         config, network = self.config, self.network
         torch.set_num_threads(1)
         first = self.batches.build(4 * config.batch, 1, 1, self.rngs[0])
-        network.fit_summary(first.summary)
+        if not self.keeps_scale:
+            network.fit_summary(first.summary)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
         schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -289,15 +291,35 @@ class Trainer:
             return self.network(batch.encoded), batch.labels
 
 
-def copy_matching_weights(network: RecogniserNetwork, model: Model) -> None:
-    """Copy those weights of a model that the network has by name and shape."""
-    own = network.state_dict()
+LAST_LAYER = ".classify."
+"""Part of the names of the weights that belong to the classes of a vocabulary."""
+
+
+def copy_matching_weights(
+    network: RecogniserNetwork, model: Model, vocabulary: tuple[str, ...]
+) -> frozenset[str]:
+    """Copy those weights of a model that the network has by name and shape.
+
+    Weights of the classes are not copied unless the vocabularies are equal, since they
+    would belong to other classes.
+
+    Args:
+        network: network that is changed.
+        model: model whose weights are copied.
+        vocabulary: classes of the network.
+
+    Returns:
+        The names of the weights that were copied.
+    """
+    own, same = network.state_dict(), model.card.vocabulary == vocabulary
     fitting = {
         name: torch.as_tensor(weight)
         for name, weight in model.weights.items()
         if name in own and own[name].shape == weight.shape
+        if same or LAST_LAYER not in name
     }
     network.load_state_dict(own | fitting)
+    return frozenset(fitting)
 
 
 def build_generators(seed: int, workers: int) -> list[np.random.Generator]:

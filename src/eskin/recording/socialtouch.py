@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.errors import ImportSourceError
 from eskin.recording.conversion import (
@@ -72,6 +72,11 @@ class Repetition:
     """Time since its first reading [s]; about one reading every 83 ms."""
     counts: Int[np.ndarray, "reading taxel"]
     """Counts from 0 to `FULL_SCALE`, row by row."""
+
+    @property
+    def touched(self) -> Bool[np.ndarray, "reading"]:
+        """Return which readings are touched."""
+        return self.counts.max(axis=1) >= TOUCHED_COUNTS
 
 
 def convert_socialtouch(
@@ -148,7 +153,7 @@ def build_scans(repetition: Repetition, start: int) -> list[Scan]:
 
 def label_touched(repetition: Repetition, scans: list[Scan]) -> list[Label]:
     """Label a repetition from its first to its last touched reading, if any."""
-    touched = np.flatnonzero(repetition.counts.max(axis=1) >= TOUCHED_COUNTS)
+    touched = np.flatnonzero(repetition.touched)
     if not len(touched):
         return []
     stamps = [scan.stamp for scan in scans] + [scans[-1].stamp + PERIOD_NS]

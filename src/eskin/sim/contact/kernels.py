@@ -242,6 +242,51 @@ def compute_taxel_pressure(
 
 @compiled
 @no_type_check
+def compute_movie_pressure(
+    movie: Float[np.ndarray, "time row column"],
+    pitch: float,
+    middle: tuple[float, float],
+    centre: Float[np.ndarray, "time 2"],
+    angle: Float[np.ndarray, "time"],
+    geometry: TaxelGeometry,
+) -> Float[np.ndarray, "time taxel"]:
+    """Return the pressure of a movie at the centre of each taxel, bilinear [kPa].
+
+    Args:
+        movie: pressure at the points of a grid; beyond them it falls to 0 in a pitch.
+        pitch: distance of neighbouring points [m].
+        middle: row and column that lie on `centre`.
+        centre: unrolled place (s, t) of the movie's middle [m].
+        angle: angle from the t axis to the movie's y axis [rad].
+        geometry: geometry of the taxels.
+    """
+    steps, rows, columns = movie.shape
+    pressure = np.zeros((steps, len(geometry.centres)))
+    for step in range(steps):
+        cosine, sine = np.cos(angle[step]), np.sin(angle[step])
+        for taxel in range(len(geometry.centres)):
+            ds = geometry.centres[taxel, 0] - centre[step, 0]
+            dt = geometry.centres[taxel, 1] - centre[step, 1]
+            if geometry.circumference < np.inf:
+                ds -= geometry.circumference * np.round(ds / geometry.circumference)
+            if geometry.dome_radius < np.inf:
+                mid_s = centre[step, 0] + 0.5 * ds
+                mid_t = centre[step, 1] + 0.5 * dt
+                ds, dt = project_step_on_dome(
+                    mid_s, mid_t, ds, dt, geometry.dome_radius
+                )
+            y = middle[0] + (dt * cosine - ds * sine) / pitch
+            x = middle[1] + (ds * cosine + dt * sine) / pitch
+            row, column = int(np.floor(y)), int(np.floor(x))
+            for r in range(max(row, 0), min(row + 2, rows)):
+                for c in range(max(column, 0), min(column + 2, columns)):
+                    share = (1.0 - abs(y - r)) * (1.0 - abs(x - c))
+                    pressure[step, taxel] += share * movie[step, r, c]
+    return pressure
+
+
+@compiled
+@no_type_check
 def spread_to_neighbours(
     pressure: Float[np.ndarray, "time active"],
     column_of: Int[np.ndarray, "taxel"],

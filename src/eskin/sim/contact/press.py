@@ -1,6 +1,7 @@
 """Presses describe what bodies do to a surface, before any taxel is reached."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -77,6 +78,41 @@ class Press:
         return len(self.force)
 
 
+@dataclass(frozen=True, eq=False)
+class MoviePress:
+    """A movie press plays recorded pressure on one chart, as a body would press there.
+
+    Rows of the movie follow each other along its y axis, columns along its x axis.
+    """
+
+    chart: int
+    """Index into the skin's charts."""
+    first: int
+    """Step of the scene's clock at which the series start; may be negative."""
+    pressure: Float[np.ndarray, "time row column"]
+    """Pressure at the points of the movie's grid [kPa]."""
+    pitch: float
+    """Distance of neighbouring points [m]."""
+    middle: tuple[float, float]
+    """Row and column of the movie that are put on `centre`."""
+    force: Float[np.ndarray, "time"]
+    """Total force on the surface; 0 while the person does not touch [N]."""
+    centre: Float[np.ndarray, "time 2"]
+    """Place of `middle` on the chart, unrolled (s, t) [m]."""
+    angle: Float[np.ndarray, "time"]
+    """Angle from the chart's t axis to the movie's y axis, counter-clockwise seen from
+    outside the skin [rad]."""
+
+    @property
+    def steps(self) -> int:
+        """Return the length of the series."""
+        return len(self.force)
+
+
+AnyPress = TypeVar("AnyPress", bound=Press | MoviePress)
+"""One kind of press, for functions that return the kind that they are given."""
+
+
 @dataclass(frozen=True)
 class ContactSite:
     """A contact site is a place on a chart with the room around it."""
@@ -114,7 +150,12 @@ class TrueTouch:
     """Variant, such as `two_tips` or `bump`."""
     subject: str
     """Name of the person; empty where no person touched."""
-    presses: tuple[Press, ...]
+    presses: tuple[Press | MoviePress, ...]
     """Presses, of more than one body or of one body on two charts."""
     drawn: dict[str, float | str]
     """Every parameter that was drawn for it, by name."""
+
+    @property
+    def bodies(self) -> tuple[Press, ...]:
+        """Return the presses of simulated bodies, which are all but recorded ones."""
+        return tuple(press for press in self.presses if isinstance(press, Press))

@@ -154,20 +154,26 @@ def make_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
         touches = draw_stream(setup)
     else:
         touches = draw_touches(setup, plan.gesture, kind)
+    clip = simulate_touches(setup, touches)
+    if kind == "electrical":
+        return add_event(clip, setup, "electrical", None)
+    return add_events_to_stream(clip, setup) if kind == QUIET else clip
+
+
+def simulate_touches(setup: ClipSetup, touches: tuple[TrueTouch, ...]) -> SimulatedClip:
+    """Simulate touches on the robot of a clip, with the sensor of its plan."""
+    plan, env = setup.plan, setup.env
     build = get_build(plan.build, env)
     session = get_session(plan.session, build)
     scene = TouchScene(setup.q, touches)
-    clip = simulate_clip(scene, setup.lead, build, session, env, rng)
+    clip = simulate_clip(scene, setup.lead, build, session, env, setup.rng)
     start = setup.q[setup.lead]
     drawn = collect_joint_values(env, start) | {"folded": float(setup.folded)}
-    clip = replace(
+    return replace(
         clip,
         pose_group=compute_pose_group(env, start),
         drawn=drawn | collect_touch_values(touches),
     )
-    if kind == "electrical":
-        return add_event(clip, setup, "electrical", None)
-    return add_events_to_stream(clip, setup) if kind == QUIET else clip
 
 
 def draw_clip_kind(

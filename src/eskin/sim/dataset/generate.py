@@ -22,6 +22,7 @@ from eskin.errors import GenerationError
 from eskin.files import atomic_path
 from eskin.sim.dataset.clip_generator import ClipGenerator, Simulator
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
+from eskin.sim.dataset.recorded import RecordedSimulatorFactory
 from eskin.sim.dataset.session_file import write_session
 from eskin.sim.dataset.session_plan import SessionPlan
 from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_folder
@@ -155,7 +156,7 @@ def generate(
     folder: Path | str,
     settings: GenerationSettings,
     workers: int = 0,
-    factory: Callable[[str], ClipGenerator] = Simulator,
+    factory: Callable[[str], ClipGenerator] | None = None,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> GenerationResult:
     """Generate a set, or the part of it that is missing.
@@ -168,7 +169,7 @@ def generate(
         settings: settings of the set.
         workers: number of processes; 0 uses the calling one.
         factory: function that builds the clip generator of a skin; must be importable
-            by other processes.
+            by other processes; None chooses the simulator of the set.
         on_progress: function that is called with the number of complete clips.
 
     Raises:
@@ -179,6 +180,7 @@ def generate(
             f"{workers} workers requested; allowed are 0 and above; change it"
         )
     started, folder = time.monotonic(), Path(folder)
+    factory = factory or choose_factory(settings)
     claim_folder(folder, settings)
     with lock_folder(folder):
         archive = SetFolder(folder, settings.sessions)
@@ -199,6 +201,13 @@ def generate(
             raise
     files, seconds = len(settings.sessions), time.monotonic() - started
     return GenerationResult(kept + made, made, files, seconds)
+
+
+def choose_factory(settings: GenerationSettings) -> Callable[[str], ClipGenerator]:
+    """Choose the simulator of a set: of recorded people, or of simulated ones."""
+    if settings.recorded is None:
+        return Simulator
+    return RecordedSimulatorFactory(settings.recorded)
 
 
 @contextmanager

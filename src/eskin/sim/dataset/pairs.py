@@ -264,7 +264,7 @@ def compute_press_peaks(touch: TrueTouch, env: SimEnvironment) -> list[float]:
     """Return the largest pressure of each press of a touch [kPa]."""
     fields = (
         compute_pressure_field(press, env.charts[press.chart], env.constants)
-        for press in touch.presses
+        for press in touch.bodies
     )
     return [float(field.pressure.max(initial=0.0)) for field in fields]
 
@@ -284,7 +284,7 @@ def draw_shared_pat(
     touch = perform_planned("double_pat", None, person, sites[0], plan, env, rng)
     if touch.drawn["stays"] or not low <= float(touch.drawn["interval"]) <= high:
         return None
-    return replace(touch, presses=split_pats(touch.presses[0], *sites))
+    return replace(touch, presses=split_pats(touch.bodies[0], *sites))
 
 
 def split_pats(
@@ -326,9 +326,9 @@ def draw_hook(
     The forces on the two patches are equal.
     """
     touch = perform_planned("grab", "full_hand", person, sites[0], plan, env, rng)
-    (press,) = touch.presses
+    (press,) = touch.bodies
     stiff = replace(touch, presses=(replace(press, tissue=person.tissue),))
-    fingers, back = press_both_sites(stiff, *sites, 1 / 2).presses
+    fingers, back = press_both_sites(stiff, *sites, 1 / 2).bodies
     fingers = replace(fingers, pads=select_pads(press.pads, HAND_PADS[:12]))
     back = replace(back, pads=select_pads(mirror_pads(press.pads), HEADS + HEEL))
     return replace(touch, kind="hook", presses=(fingers, back))

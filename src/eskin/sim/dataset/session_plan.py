@@ -64,7 +64,7 @@ def plan_sessions(
     """Plan the files of a set, in order."""
     people = [
         Origin(
-            f"{clip_set.people}-p{i}",
+            clip_set.names[i] if clip_set.names else f"{clip_set.people}-p{i}",
             build_seed(f"person {clip_set.people}", i, 0, seed),
         )
         for i in range(clip_set.subjects)

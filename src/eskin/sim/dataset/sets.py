@@ -5,7 +5,9 @@ from typing import Literal
 
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
-from eskin.sim.sensor.flaws import FAMILIES, Family
+from eskin.sim.people.recorded import RECORDED_CLASSES
+from eskin.sim.sensor.build import BuildKind
+from eskin.sim.sensor.flaws import FAMILIES
 
 PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
 """Gestures of the paper."""
@@ -34,15 +36,17 @@ class ClipSet:
     """Role that its people are drawn for; sets with the same role share people."""
     subjects: int
     """Number of people."""
+    names: tuple[str, ...] = ()
+    """Names of the people; empty where they are numbered."""
     builds: str
     """Role that its builds are drawn for; sets with the same role share builds."""
     build_count: int
     """Number of builds."""
     build_kind: Literal["fresh", "shifted"]
     """Distribution that the builds are drawn from."""
-    families: tuple[Family, ...] = ()
-    """Families of sensors in turn, of which each session has a build of its own; empty
-    where builds are of `build_kind` and sessions share them."""
+    families: tuple[BuildKind, ...] = ()
+    """Families of sensors, or other kinds, in turn, of which each session has a build
+    of its own; empty where builds are of `build_kind` and sessions share them."""
     groups: tuple[int, ...]
     """Pose groups."""
     poses: int | None = None
@@ -93,6 +97,10 @@ PAIRS = "pairs"
 """Name of the set of pairs of clips with the same counts but not the same label."""
 
 
+RECORDED = "recorded"
+"""Name of the set of recorded people who touch a simulated skin."""
+
+
 def load_set(name: str, constants: Constants) -> ClipSet:
     """Build the published set of a name.
 
@@ -101,10 +109,12 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     """
     if name == PAIRS:
         return build_pair_set(constants)
+    if name == RECORDED:
+        return build_recorded_set(constants)
     if name in FAMILY_SETS:
         return build_family_set(name, constants)
     if name not in SETS:
-        allowed = (*SETS, *FAMILY_SETS, PAIRS)
+        allowed = (*SETS, *FAMILY_SETS, PAIRS, RECORDED)
         raise ValueError(f"no set '{name}'; allowed are {', '.join(allowed)}")
     if name.startswith("paper"):
         return build_paper_set(name, constants)
@@ -195,6 +205,20 @@ def build_family_set(name: str, constants: Constants) -> ClipSet:
         people=role,
         builds=role,
         families=of_test or FAMILIES,
+    )
+
+
+def build_recorded_set(constants: Constants) -> ClipSet:
+    """Build the set of recorded people, half of whose sessions are on families."""
+    return replace(
+        load_set("train", constants),
+        name=RECORDED,
+        people=RECORDED,
+        subjects=1,
+        builds=RECORDED,
+        families=tuple(kind for family in FAMILIES for kind in (family, "fresh")),
+        classes=RECORDED_CLASSES,
+        parts=(SetPart("", int(constants.value("sets.clips.recorded"))),),
     )
 
 

@@ -19,7 +19,8 @@ from eskin.sim.dataset.session_plan import (
     plan_pair_sessions,
     plan_sessions,
 )
-from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resize_set
+from eskin.sim.dataset.sets import PAIRS, RECORDED, ClipSet, load_set, resize_set
+from eskin.sim.people.recorded import RecordedPeople
 from eskin.sim.sensor.flaws import FAMILIES, Family
 from eskin.skin import load_robot_for_skin
 
@@ -51,6 +52,8 @@ class GenerationSettings:
     families: tuple[Family, ...] | None = None
     """Families that each session's build is drawn from; None keeps the builds of the
     published set."""
+    recorded: RecordedPeople | None = None
+    """People whose recorded touches the set `RECORDED` is made of; None for others."""
 
     def __post_init__(self) -> None:
         """Refuse settings that no set can be generated with."""
@@ -61,6 +64,7 @@ class GenerationSettings:
                 f"difficulty is {self.difficulty}; allowed are 0 (easiest) to "
                 f"{MAX_DIFFICULTY:g}; change it"
             )
+        check_recorded(self)
         if self.families is not None:
             check_families(self.families, self.set_name)
         if self.has_pairs and not has_joints(self.skin):
@@ -94,7 +98,11 @@ class GenerationSettings:
             published = replace(published, classes=classes)
         if self.families is not None:
             published = replace(published, families=self.families)
-        return resize_set(published, self.clips, self.subjects, self.constants)
+        if self.recorded is None:
+            return resize_set(published, self.clips, self.subjects, self.constants)
+        names = self.recorded.names
+        published = replace(published, names=names)
+        return resize_set(published, self.clips, len(names), self.constants)
 
     @cached_property
     def sessions(self) -> tuple[SessionPlan, ...]:
@@ -105,7 +113,11 @@ class GenerationSettings:
     def plan_clips(self, session_plan: SessionPlan) -> tuple[ClipPlan, ...]:
         """Plan the lead-in of a file and its clips."""
         plan = plan_pair_clips if self.has_pairs else plan_clips
-        return plan(session_plan, self.clip_set, self.seed, self.level, self.constants)
+        plans = plan(session_plan, self.clip_set, self.seed, self.level, self.constants)
+        if self.recorded is None:
+            return plans
+        # Nobody simulated touches beside a recorded person.
+        return tuple(replace(each, company=None, concurrent=0.0) for each in plans)
 
     @property
     def has_pairs(self) -> bool:
@@ -127,8 +139,32 @@ class GenerationSettings:
         facts["families"] = list(self.clip_set.families)
         if not self.clip_set.families:
             del facts["families"]
+        del facts["recorded"]
+        if self.recorded is not None:
+            facts["recorded"] = self.recorded.digest
+            facts["people"] = list(self.recorded.people)
         facts["constants"] = sha256(CONSTANTS_FILE.read_bytes()).hexdigest()
         return facts
+
+
+def check_recorded(settings: GenerationSettings) -> None:
+    """Refuse recorded touches of another set, and the set without them."""
+    if settings.set_name != RECORDED:
+        if settings.recorded is not None:
+            raise ValueError(
+                f"recorded touches given for set '{settings.set_name}'; allowed is "
+                f"set '{RECORDED}'; change --set or leave --recorded out"
+            )
+    elif settings.recorded is None:
+        raise ValueError(
+            f"set '{RECORDED}' requested without recorded touches; allowed is a folder "
+            "of the SocialTouch set; give it with --recorded"
+        )
+    elif settings.subjects is not None:
+        raise ValueError(
+            f"{settings.subjects} people requested for set '{RECORDED}', which has "
+            "those that were recorded; choose some with --people"
+        )
 
 
 def check_families(families: tuple[Family, ...], set_name: str) -> None:

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import ContactSite, Press, TrueTouch
+from eskin.sim.contact.press import AnyPress, ContactSite, Press, TrueTouch
 from eskin.sim.people.gesture_sample import GestureSample
 from eskin.sim.scene.environment import SimEnvironment
 from eskin.sim.scene.motion import interpolate_poses, move_press_on_link
@@ -123,7 +123,7 @@ class PerformedTouch(InteractiveTouch):
         presses = tuple(self.place_press(i, p, span) for i, p in parts if p is not None)
         return replace(here, presses=presses)
 
-    def place_press(self, index: int, press: Press, span: MotionSpan) -> Press:
+    def place_press(self, index: int, press: AnyPress, span: MotionSpan) -> AnyPress:
         """Return the part of a press in a reading, moved relative to its link."""
         now = press.first + np.arange(press.steps)
         q_landing = self.q_landing.setdefault(index, span.q[now[0]])

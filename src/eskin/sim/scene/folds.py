@@ -184,7 +184,7 @@ def press_both_sites(
     if not 0 <= share <= 1:
         raise ValueError(f"share is {share}; give 0 to 1")
     presses: list[Press] = []
-    for press in touch.presses:
+    for press in touch.bodies:
         if press.chart == first.chart:
             presses.append(replace(press, force=(1 - share) * press.force))
             presses.append(mirror_press(press, first, second, share))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import Press
+from eskin.sim.contact.press import AnyPress
 from eskin.sim.scene.environment import (
     SimEnvironment,
     compute_surface_angle,
@@ -58,11 +58,11 @@ def build_speed_profile(
 
 
 def follow_with_delay(
-    press: Press,
+    press: AnyPress,
     env: SimEnvironment,
     q_series: Float[np.ndarray, "time joint"],
     delay: float,
-) -> Press:
+) -> AnyPress:
     """Return a press by a hand that follows the moving robot with a delay.
 
     At each instant the hand is where its target was a delay ago, but never earlier than
@@ -83,11 +83,11 @@ def follow_with_delay(
 
 
 def move_press_on_link(
-    press: Press,
+    press: AnyPress,
     env: SimEnvironment,
     q_now: Float[np.ndarray, "step joint"],
     q_then: Float[np.ndarray, "step joint"],
-) -> Press:
+) -> AnyPress:
     """Return a press with its hand at `q_now` where its target was at `q_then`."""
     link, chart = env.links[press.chart], env.charts[press.chart]
     T_now, T_then = env.poses(q_now)[:, link], env.poses(q_then)[:, link]

@@ -9,7 +9,8 @@ from jaxtyping import Float, Int
 from eskin.recording import TruthRecord
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.press import Press, TrueTouch
+from eskin.sim.contact.movie import compute_movie_field
+from eskin.sim.contact.press import AnyPress, MoviePress, Press, TrueTouch
 from eskin.sim.contact.pressure import (
     PressureField,
     compute_leak_share,
@@ -41,7 +42,7 @@ class TouchScene:
 class ScenePress:
     """A scene press is the part of a press that lies in a scene, with its pressure."""
 
-    press: Press
+    press: Press | MoviePress
     """Part of the press that lies in the scene."""
     field: PressureField
     """Pressure on the skin."""
@@ -58,17 +59,28 @@ def compute_scene_presses(
     """Compute the parts of a touch's presses that lie in a scene of `steps` steps."""
     presses = (crop_press(press, steps) for press in touch.presses)
     return [
-        ScenePress(press, compute_pressure_field(press, charts[press.chart], constants))
+        ScenePress(press, compute_field(press, charts[press.chart], constants))
         for press in presses
         if press is not None
     ]
 
 
-def crop_press(press: Press, steps: int) -> Press | None:
+def compute_field(
+    press: Press | MoviePress, chart: Chart, constants: Constants
+) -> PressureField:
+    """Compute the pressure field of a body, or of a recorded movie."""
+    if isinstance(press, MoviePress):
+        return compute_movie_field(press, chart, constants)
+    return compute_pressure_field(press, chart, constants)
+
+
+def crop_press(press: AnyPress, steps: int) -> AnyPress | None:
     """Return the part of a press that lies in a scene of `steps` steps, if any."""
     low, high = max(0, -press.first), min(press.steps, steps - press.first)
     if high <= low:
         return None
+    if isinstance(press, MoviePress):
+        press = replace(press, pressure=press.pressure[low:high])
     return replace(
         press,
         first=press.first + low,

@@ -1,0 +1,230 @@
+"""This module reads recorded touches of people, and places them on a robot's skin.
+
+They are pressure movies of the public SocialTouch set. Its sensor states neither units
+nor geometry, so its pitch and its full scale are drawn anew for each touch.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eskin.errors import GenerationError
+from eskin.recording.conversion import find_files
+from eskin.recording.socialtouch import (
+    COLUMNS,
+    FULL_SCALE,
+    ROWS,
+    SUFFIXES,
+    TOUCHED_COUNTS,
+    Repetition,
+    read_repetitions,
+)
+from eskin.recording.socialtouch_classes import classify_repetition, find_group
+from eskin.sim.constants import MM, Constants
+from eskin.sim.contact.movie import compute_movie_force, find_middle
+from eskin.sim.contact.press import ContactSite, MoviePress, TrueTouch
+
+RECORDED_CLASSES = ("poke", "double_pat", "stroke", "none")
+"""Classes that recorded touches show; nobody grabbed that flat sensor."""
+
+MANY_TOUCHES = 20
+"""Touches from which a group of gestures is drawn as often as a larger one."""
+
+
+@dataclass(frozen=True)
+class RecordedPeople:
+    """Recorded people are some participants of a folder of recorded touches."""
+
+    folder: Path
+    """Folder of the SocialTouch set."""
+    people: tuple[int, ...]
+    """Numbers of the participants, ascending."""
+    digest: str
+    """SHA-256 of their touches."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the participants in recordings."""
+        return tuple(map(name_person, self.people))
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedTouch:
+    """A recorded touch is one repetition of a gesture, with its class."""
+
+    gesture: str
+    """Class, one of `RECORDED_CLASSES`."""
+    group: str
+    """Group of its gesture in the SocialTouch set."""
+    number: int
+    """Number of the touch among those of the folder that have a class."""
+    repetition: Repetition
+    """Readings of the touch."""
+
+
+def name_person(number: int) -> str:
+    """Return the name of a participant, as in converted recordings."""
+    return f"P{number}"
+
+
+def find_recorded_people(
+    folder: Path, people: Sequence[int] | None = None
+) -> RecordedPeople:
+    """Find participants of the SocialTouch set in a folder; all unless some are named.
+
+    Raises:
+        ImportSourceError: a file of the set cannot be read.
+        GenerationError: a participant is missing, or shows not all classes.
+    """
+    touches = read_recorded_touches(folder)
+    known = sorted({touch.repetition.person for touch in touches})
+    wanted = known if people is None else sorted(set(people))
+    missing = sorted(set(wanted) - set(known))
+    if missing or not wanted:
+        raise GenerationError(
+            f"{folder} has no recorded touches of participant "
+            f"{', '.join(map(str, missing)) or 'any'}; allowed are "
+            f"{', '.join(map(str, known)) or 'folders of the SocialTouch set'}; change "
+            "--people or --recorded"
+        )
+    digest = sha256()
+    for person in wanted:
+        mine = [touch for touch in touches if touch.repetition.person == person]
+        check_classes(folder, person, mine)
+        for touch in mine:
+            digest.update(f"{person} {touch.repetition.gesture}".encode())
+            digest.update(touch.repetition.seconds.tobytes())
+            digest.update(touch.repetition.counts.tobytes())
+    return RecordedPeople(folder, tuple(wanted), digest.hexdigest())
+
+
+def check_classes(folder: Path, person: int, touches: list[RecordedTouch]) -> None:
+    """Raise if a participant does not show every class."""
+    missing = sorted(set(RECORDED_CLASSES) - {touch.gesture for touch in touches})
+    if missing:
+        raise GenerationError(
+            f"{folder} has no {', '.join(missing)} of participant {person}; allowed "
+            "are participants with all gestures; copy all of their files"
+        )
+
+
+@lru_cache(maxsize=1)
+def read_recorded_touches(folder: Path) -> tuple[RecordedTouch, ...]:
+    """Read all touches of a folder that show one of the classes, cached."""
+    return tuple(
+        RecordedTouch(gesture, find_group(found.gesture), number, found)
+        for number, (gesture, found) in enumerate(read_classified(folder))
+    )
+
+
+def read_classified(folder: Path) -> Iterator[tuple[str, Repetition]]:
+    """Yield the repetitions in a folder that show one of the classes."""
+    for path in find_files(folder, "touch_*", SUFFIXES):
+        for repetition in read_repetitions(path):
+            gesture = classify_repetition(repetition)
+            if gesture is not None:
+                yield gesture, repetition
+
+
+def draw_recorded_touch(
+    touches: Sequence[RecordedTouch],
+    person: str,
+    gesture: str,
+    rng: np.random.Generator,
+) -> RecordedTouch:
+    """Draw a touch of a person and class, evenly over the groups of its gestures.
+
+    Groups with few touches are drawn less often, so that no touch comes up too often.
+    """
+    fitting = [
+        touch
+        for touch in touches
+        if touch.gesture == gesture and name_person(touch.repetition.person) == person
+    ]
+    sizes = Counter(touch.group for touch in fitting)
+    weights = np.minimum(list(sizes.values()), MANY_TOUCHES)
+    group = rng.choice(list(sizes), p=weights / weights.sum())
+    members = [touch for touch in fitting if touch.group == group]
+    return members[rng.integers(len(members))]
+
+
+def play_recorded_touch(
+    touch: RecordedTouch,
+    site: ContactSite,
+    constants: Constants,
+    rng: np.random.Generator,
+) -> TrueTouch:
+    """Play a recorded touch at a site, in a drawn size, strength, speed and turn."""
+    pitch = draw_log_uniform(constants, "recorded.pitch", rng) * MM
+    full_scale = draw_log_uniform(constants, "recorded.full_scale", rng)
+    speed = float(rng.uniform(*constants.array("recorded.speed")))
+    turn = float(rng.uniform(-np.pi, np.pi))
+    mirrored = bool(rng.random() < 0.5)
+    clean = rng.random() < constants.value("recorded.clean")
+    threshold = clean * float(rng.uniform(0.0, constants.value("recorded.threshold")))
+    movie, touched = sample_movie(touch.repetition, speed, constants)
+    if mirrored:
+        movie = movie[:, :, ::-1]
+    pressure = full_scale * np.maximum(movie - threshold, 0.0)
+    force = np.where(touched, compute_movie_force(pressure, pitch), 0.0)
+    in_contact = pressure[force > 0.0].sum(axis=0)
+    row, column = find_middle(in_contact)
+    press = MoviePress(
+        chart=site.chart,
+        first=0,
+        pressure=pressure,
+        pitch=pitch,
+        middle=(float(row), float(column)),
+        force=force,
+        centre=np.tile(np.array(site.centre), (len(force), 1)),
+        angle=np.full(len(force), turn),
+    )
+    drawn: dict[str, float | str] = {
+        "recorded": float(touch.number),
+        "pitch": pitch,
+        "full_scale": full_scale,
+        "speed": speed,
+        "turn": turn,
+        "mirrored": float(mirrored),
+        "threshold": threshold,
+        "began_before": 0.0,
+    }
+    subject = name_person(touch.repetition.person)
+    return TrueTouch(touch.gesture, touch.repetition.gesture, subject, (press,), drawn)
+
+
+def draw_log_uniform(
+    constants: Constants, name: str, rng: np.random.Generator
+) -> float:
+    """Draw a number between the two of a constant, its logarithm uniform."""
+    return float(np.exp(rng.uniform(*np.log(constants.array(name)))))
+
+
+def sample_movie(
+    repetition: Repetition, speed: float, constants: Constants
+) -> tuple[Float[np.ndarray, "time row column"], Bool[np.ndarray, "time"]]:
+    """Return the pressure of a repetition at each step, and whether it is touched.
+
+    Pressure is a share of full scale. What is far from the contact in time is left out;
+    the rest begins and ends with a rise from zero, and a fall to zero, in a reading.
+    """
+    times, around = repetition.seconds, constants.value("recorded.around")
+    first, last = times[repetition.touched][[0, -1]]
+    kept = (times >= first - around) & (times <= last + around)
+    period = float(np.median(np.diff(times)))
+    known = times[kept]
+    known = np.array([known[0] - period, *known, known[-1] + period])
+    shares = np.pad(repetition.counts[kept] / FULL_SCALE, ((1, 1), (0, 0)))
+    step = constants.value("time.step") * speed
+    at = np.arange(known[0], known[-1], step)
+    before = np.searchsorted(known, at, "right") - 1
+    part = ((at - known[before]) / np.diff(known)[before])[:, None]
+    between = (1 - part) * shares[before] + part * shares[before + 1]
+    touched = between.max(axis=1) >= TOUCHED_COUNTS / FULL_SCALE
+    return between.reshape(-1, ROWS, COLUMNS), touched

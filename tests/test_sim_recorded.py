@@ -1,0 +1,266 @@
+"""These tests check recorded touches of people that are placed on a simulated skin."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from eskin.errors import GenerationError, ImportSourceError
+from eskin.recording import find_recordings, read_recording
+from eskin.recording.socialtouch import GESTURES, Repetition
+from eskin.recording.socialtouch_classes import classify_repetition, count_presses
+from eskin.sim import load_constants
+from eskin.sim.contact.movie import compute_movie_field, compute_movie_force
+from eskin.sim.contact.press import ContactSite, MoviePress
+from eskin.sim.dataset import GenerationSettings, generate, read_index
+from eskin.sim.people.recorded import (
+    RecordedPeople,
+    RecordedTouch,
+    draw_recorded_touch,
+    find_recorded_people,
+    play_recorded_touch,
+    read_recorded_touches,
+)
+from eskin.sim.sensor import FAMILIES
+from helpers.contacts import CHARTS, force_on
+from helpers.simulation import read_files
+from helpers.socialtouch import pressed, text_of, write_socialtouch
+
+CONSTANTS = load_constants()
+SITE = ContactSite(0, (0.01, 0.02), np.inf, (0.0, 0.0), 0.0)
+
+
+def repeat(gesture, counts, person=0, period=0.1):
+    seconds = np.arange(len(counts)) * period
+    return Repetition(person, GESTURES[gesture], seconds, counts)
+
+
+def presses(*strengths, between=0.0):
+    """Return the counts of presses in turn, of two readings each."""
+    series = [0.0]
+    for strength in strengths:
+        series += [strength, strength, between]
+    return np.outer(np.array([*series, 0.0]), pressed((0, 1), 1)[0]).astype(int)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with two repetitions of one gesture of each class and person."""
+    found = tmp_path_factory.mktemp("socialtouch")
+    counts = {0: pressed((3, 30), 40), 6: pressed(), 8: presses(1, 1), 18: pressed()}
+    for person in (0, 1):
+        for gesture, one in counts.items():
+            text = text_of([one, one + 5 * person], person, gesture)
+            name = f"touch_p{person}_g{gesture}-20_4_17h_5m_2{person}s.csv"
+            write_socialtouch(found, name, text)
+    return found
+
+
+def build_movie_press(centre, angle, pitch=0.006):
+    """Build a press of a small movie with a bright spot that moves."""
+    rng = np.random.default_rng(0)
+    pressure = rng.uniform(0.0, 5.0, (3, 5, 6))
+    pressure[[0, 1, 2], [1, 2, 3], [1, 3, 4]] = 80.0
+    return MoviePress(
+        chart=0,
+        first=0,
+        pressure=pressure,
+        pitch=pitch,
+        middle=(2.2, 2.6),
+        force=compute_movie_force(pressure, pitch),
+        centre=np.tile(np.array(centre), (3, 1)),
+        angle=np.full(3, angle),
+    )
+
+
+@pytest.mark.parametrize("name", ["flat", "tube", "wide tube", "dome"])
+@pytest.mark.parametrize("angle", [0.0, 0.7, -2.0])
+def test_movie_keeps_its_force_and_its_place_on_dense_skin(name, angle):
+    chart = CHARTS[name]
+    field = compute_movie_field(
+        build_movie_press((0.012, 0.01), angle), chart, CONSTANTS
+    )
+    np.testing.assert_allclose(force_on(field, chart), field.force, rtol=0.03)
+    places = chart.unrolled[np.searchsorted(chart.taxels, field.taxels)]
+    weights = field.pressure / field.pressure.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(weights @ places, field.centroid, atol=0.7e-3)
+
+
+def test_movie_crosses_the_line_where_a_tube_is_cut_open():
+    tube = CHARTS["tube"]
+    half = tube.circumference / 2
+    fields = [
+        compute_movie_field(build_movie_press((s, 0.0), 0.3), tube, CONSTANTS)
+        for s in (0.0, half)
+    ]
+    forces = [force_on(field, tube) for field in fields]
+    np.testing.assert_allclose(forces[1], forces[0], rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("gesture", "counts", "wanted"),
+    [
+        (6, pressed(), "poke"),
+        (7, 0 * pressed(), None),
+        (27, pressed(), "stroke"),
+        (25, pressed(), "none"),
+        (3, pressed((1, 10), 12), "none"),
+        (3, pressed((1, 8), 12), None),
+        (8, presses(1.0), "none"),
+        (8, presses(1.0, 0.5), "double_pat"),
+        (9, presses(1.0, 0.6, between=0.4), "none"),
+        (12, pressed(), None),
+        (31, pressed(), None),
+    ],
+)
+def test_class_is_that_of_the_gesture_its_duration_and_its_presses(
+    gesture, counts, wanted
+):
+    assert classify_repetition(repeat(gesture, counts)) == wanted
+
+
+@pytest.mark.parametrize(
+    ("forces", "count"),
+    [
+        ([], 0),
+        ([0, 0], 0),
+        ([0, 5, 0], 1),
+        ([5, 5, 0, 5, 5], 2),
+        ([5, 3, 5], 1),
+        ([5, 2, 5, 2, 4], 3),
+        ([9, 4, 5, 4, 3], 1),
+        ([9, 0, 1, 0, 1], 1),
+    ],
+)
+def test_presses_are_separate_where_force_falls_below_half(forces, count):
+    assert count_presses(np.array(forces, dtype=np.float64)) == count
+
+
+def play(counts, seed=0):
+    touch = RecordedTouch("poke", "poke", 0, repeat(6, counts))
+    return play_recorded_touch(touch, SITE, CONSTANTS, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_played_touch_is_the_recorded_one_in_the_drawn_size_and_speed(seed):
+    counts = pressed((9, 12), 30)
+    touch = play(counts, seed)
+    (press,) = touch.presses
+    drawn = touch.drawn
+    assert isinstance(press, MoviePress)
+    assert (touch.gesture, touch.kind, touch.subject) == ("poke", "poke_short", "P0")
+    share = 200 / 255 - drawn["threshold"]
+    force = 4 * share * drawn["full_scale"] * drawn["pitch"] ** 2 * 1e3
+    assert press.force.max() == pytest.approx(force, rel=0.15)
+    in_contact = 0.01 * np.count_nonzero(press.force) * drawn["speed"]
+    assert 0.25 < in_contact < 0.42
+    # Three tenths of a second are kept on both sides, and a reading in which it rises.
+    assert press.steps * 0.01 * drawn["speed"] == pytest.approx(1.0, abs=0.13)
+    assert not press.pressure[0].any()
+    np.testing.assert_array_equal(press.centre[0], SITE.centre)
+
+
+def test_half_of_the_touches_are_without_the_noise_of_their_sensor():
+    counts = pressed((9, 12), 30) + 3
+    noisy = [
+        bool(play(counts, s).presses[0].pressure[:, 0, 0].any()) for s in range(60)
+    ]
+    assert 20 < sum(noisy) < 42
+
+
+def test_none_is_drawn_evenly_over_its_groups():
+    groups = {"arm": 100, "contact": 30, "pat": 2}
+    held = repeat(0, pressed())
+    names = [name for name, count in groups.items() for _ in range(count)]
+    touches = [RecordedTouch("none", name, n, held) for n, name in enumerate(names)]
+    rng = np.random.default_rng(0)
+    drawn = Counter(
+        draw_recorded_touch(touches, "P0", "none", rng).group for _ in range(800)
+    )
+    assert abs(drawn["arm"] - drawn["contact"]) < 100
+    assert 10 < drawn["pat"] < 80
+
+
+def test_set_has_the_people_asked_for_and_builds_of_all_kinds(folder):
+    recorded = find_recorded_people(folder, [1])
+    settings = GenerationSettings("recorded", clips=250, recorded=recorded)
+    kinds = {session.build.kind for session in settings.sessions}
+    assert kinds == {"fresh", *FAMILIES}
+    plans = [p for s in settings.sessions for p in settings.plan_clips(s)[1:]]
+    assert {plan.person.name for plan in plans} == {"P1"}
+    assert set(Counter(plan.gesture for plan in plans).values()) == {62, 63}
+    assert not any(plan.concurrent or plan.company for plan in plans)
+
+
+def test_digest_is_of_the_touches_of_the_people_asked_for(folder):
+    digests = [
+        find_recorded_people(folder, people).digest
+        for people in ([0], [1], None, [1, 0, 1])
+    ]
+    assert len(set(digests)) == 3
+    assert digests[2] == digests[3]
+
+
+@pytest.mark.parametrize(
+    ("people", "part"), [([7], "participant 7; allowed are 0, 1"), ([], "any")]
+)
+def test_missing_people_are_refused(folder, people, part):
+    with pytest.raises(GenerationError, match=part):
+        find_recorded_people(folder, people)
+
+
+def test_folder_without_touches_or_without_a_class_is_refused(tmp_path):
+    with pytest.raises(ImportSourceError, match="no folder"):
+        find_recorded_people(tmp_path / "gone")
+    empty, poked = tmp_path / "empty", tmp_path / "poked"
+    empty.mkdir()
+    write_socialtouch(poked)
+    with pytest.raises(GenerationError, match="folders of the SocialTouch set"):
+        find_recorded_people(empty)
+    with pytest.raises(GenerationError, match="no double_pat, none, stroke of"):
+        find_recorded_people(poked)
+
+
+@pytest.mark.parametrize(
+    ("facts", "part"),
+    [
+        ({"set_name": "recorded"}, "without recorded touches"),
+        ({"set_name": "train", "recorded": True}, "set 'recorded'"),
+        ({"set_name": "recorded", "recorded": True, "subjects": 2}, "--people"),
+    ],
+)
+def test_settings_that_contradict_each_other_are_refused(tmp_path, facts, part):
+    if "recorded" in facts:
+        facts = facts | {"recorded": RecordedPeople(tmp_path, (0,), "")}
+    with pytest.raises(ValueError, match=part):
+        GenerationSettings(**facts)
+
+
+@pytest.mark.slow
+def test_generation_does_not_depend_on_workers_and_goes_on(folder, tmp_path):
+    settings = GenerationSettings(
+        "recorded", "post", clips=10, recorded=find_recorded_people(folder)
+    )
+    for name, workers in (("a", 0), ("b", 2)):
+        generate(tmp_path / name, settings, workers)
+    files = read_files(tmp_path / "a")
+    assert files == read_files(tmp_path / "b")
+    (tmp_path / "b" / "recorded-0001.mcap").unlink()
+    generate(tmp_path / "b", settings)
+    assert files == read_files(tmp_path / "b")
+    other = GenerationSettings(
+        "recorded", "post", clips=10, recorded=find_recorded_people(folder, [0])
+    )
+    with pytest.raises(GenerationError, match="was generated with"):
+        generate(tmp_path / "b", other)
+    recordings = [read_recording(path) for path in find_recordings([tmp_path / "a"])]
+    assert [r.metadata.subject for r in recordings] == ["P0", "P1"]
+    touches = read_recorded_touches(folder)
+    for row in read_index(tmp_path / "a"):
+        (touch,) = row.touches
+        assert touch.gesture == row.gesture
+        assert (
+            touch.kind == touches[int(row.drawn["touch0.recorded"])].repetition.gesture
+        )
+    labels = [x for r in recordings for x in r.labels if x.source == "true"]
+    assert len(labels) == 10
