@@ -21,6 +21,7 @@ from eskin.touch.calibration_kernels import (
     calibrate,
     compensate_patch,
 )
+from eskin.touch.known_rest import KnownRest
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.units import NS_PER_S
 
@@ -119,6 +120,9 @@ class Calibrator:
         self.least_margin = calibration.compute_counts(self.config.margin)
         self.margin = self.least_margin
         self.noise: np.ndarray | None = None
+        self.known_rest = (
+            None if calibration.rest is None else KnownRest(skin, calibration)
+        )
         self.parameters = build_parameters(BaselineParameters, self.config)
         self.state = build_baseline_state(skin.count, self.config.tare_samples)
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
@@ -156,6 +160,8 @@ class Calibrator:
         elapsed = 0.0 if self.last is None else (scan.stamp - self.last) / NS_PER_S
         self.last = scan.stamp
         use = scan.received if faulty is None else scan.received & ~faulty
+        if self.known_rest is not None:
+            self.start_from_rest(self.known_rest, scan.counts, use, seconds)
         pressure = np.empty(self.skin.count, np.float32)
         calibrate(
             scan.counts,
@@ -175,6 +181,31 @@ class Calibrator:
         if scan.shear is not None:
             shear = self.calibrate_shear(scan.shear, use, seconds, elapsed)
         return Reading(scan.stamp, pressure, use.copy(), scan.q, shear)
+
+    def start_from_rest(
+        self,
+        known: KnownRest,
+        counts: Int[np.ndarray, "taxel"],
+        use: Bool[np.ndarray, "taxel"],
+        seconds: float,
+    ) -> None:
+        """Start baselines from the calibrated rest where a taxel has its first data.
+
+        The same holds after a long silence. Where that rest is not plausible, the taxel
+        is tared.
+        """
+        state = self.state
+        starts = use & (seconds - state.last_received > self.config.silence_seconds)
+        if not starts.any():
+            return
+        rest, plausible = known.compare(counts, use, self.margin, self.adjacency)
+        found = starts & plausible
+        state.baseline[found] = rest[found]
+        state.sample_count[found] = self.config.tare_samples
+        state.peak[found] = 0.0
+        state.touched_since[found] = state.low[found] = np.inf
+        # They have been received, so the kernel does not tare them for their silence.
+        state.last_received[found] = seconds
 
     def calibrate_shear(
         self,

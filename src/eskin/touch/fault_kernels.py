@@ -22,7 +22,7 @@ begins that limit it from below."""
 MEDIAN_SHARE = 0.85
 """Median of the deviations of white noise, in units of their mean."""
 START_SECONDS = 1.0
-"""Time in which the noise is learned at first [s]."""
+"""Time in which noise that is not calibrated is learned at first [s]."""
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
 MAX_STEPS = 3.0
@@ -72,6 +72,9 @@ class CountHistory(NamedTuple):
     """Running median of the deviation of the counts from a straight course."""
     noise: np.ndarray
     """The same, followed more slowly, so that touches hardly change it."""
+    start_noise: np.ndarray
+    """Noise at the first data and after a long silence, as calibrated; 0 where it is
+    learned from the first second."""
     level: np.ndarray
     """Mean counts above rest of the latest scans."""
     last_straight: np.ndarray
@@ -148,7 +151,8 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.last_unpressed[i] = -np.inf
     history.unanswered[i] = 0.0
     history.recent[:, i] = np.nan
-    history.deviation[i] = history.noise[i] = 0.0
+    history.deviation[i] = 0.0
+    history.noise[i] = history.start_noise[i]
     history.level[i] = 0.0
     history.last_straight[i] = now
     history.steps[i] = 0.0
@@ -206,7 +210,7 @@ def update_noise(
     third = history.recent[(turn - 3) % RECENT]
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
-    first_received = history.first_received
+    first_received, start_noise = history.first_received, history.start_noise
     contacts, noisy = limits.contact, limits.deviation
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
@@ -232,13 +236,13 @@ def update_noise(
         deviation[i] = usual
         slow = NOISE_PART * speed * max(NOISE_LEAST * contact, noise[i])
         since = now - first_received[i]
-        if since < START_SECONDS:
+        if since < START_SECONDS and start_noise[i] == 0.0:
             part = elapsed / (since + elapsed)
             if not np.isnan(bend):
                 noise[i] += part * (MEDIAN_SHARE * bend - noise[i])
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
-        else:
+        elif bend < noise[i]:
             noise[i] = max(noise[i] - slow, bend)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
         if usual < noisy[i]:

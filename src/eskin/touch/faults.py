@@ -146,7 +146,8 @@ class FaultConfig:
     saturated_seconds: float = 60.0
     """Time at full scale, later on, that is no fault."""
     start_floor: float = 7.0
-    """Pressure that may be noise while the noise is not known yet [kPa]."""
+    """Pressure that may be noise while the noise is neither calibrated nor learned yet
+    [kPa]."""
     noisy: float = 0.9
     """Running median of the deviation of three scans from a straight course that makes
     a taxel noisy, in units of the counts at which contact begins."""
@@ -268,14 +269,16 @@ class FaultDetector:
         self.swings = SwingDetector(self.grouper.patches, self.config)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.history = build_count_history(skin.count)
+        if calibration.noise is not None:
+            self.history.start_noise[:] = SIGMA_DEVIATION * calibration.noise
         self.code = np.full(skin.count, -1)
         self.since = np.zeros(skin.count)
         self.last_found = np.full(skin.count, NEVER)
         self.last_doubted = np.full(skin.count, NEVER)
         self.doubtful = np.zeros(skin.count, bool)
-        self.noise_counts = np.full(skin.count, MIN_DEVIATION)
-        self.floor = np.full(skin.count, self.config.start_floor)
         self.calibration = calibration
+        self.noise_counts = self.measure_noise(self.history.start_noise)
+        self.floor = np.full(skin.count, self.config.start_floor)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
         self.first: int | None = None
@@ -369,13 +372,23 @@ class FaultDetector:
             )
         )
 
+    def measure_noise(
+        self, deviation: Float[np.ndarray, "taxel"]
+    ) -> Float[np.ndarray, "taxel"]:
+        """Return the counts above rest up to which they are noise.
+
+        Args:
+            deviation: deviation from a straight course, as `CountHistory.noise`.
+        """
+        return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, MIN_DEVIATION)
+
     def measure_floor(self, now: float) -> Float[np.ndarray, "taxel"]:
         """Measure the pressure of each taxel that may be noise [kPa]."""
-        counts = FLOOR_SIGMAS / SIGMA_DEVIATION * self.history.noise
-        self.noise_counts = np.maximum(counts, MIN_DEVIATION)
+        self.noise_counts = self.measure_noise(self.history.noise)
         floor = self.calibration.compute_pressure(self.noise_counts)
         starts = now - self.history.first_received < START_SECONDS
-        return np.where(starts, np.maximum(floor, self.config.start_floor), floor)
+        learns = starts & (self.history.start_noise == 0.0)
+        return np.where(learns, np.maximum(floor, self.config.start_floor), floor)
 
     def update_codes(self, now: float) -> None:
         """Update the code of each taxel's fault, -1 for none."""
@@ -534,6 +547,6 @@ def build_count_history(count: int) -> CountHistory:
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
-    for name in ("deviation", "noise", "level", "steps"):
+    for name in ("deviation", "noise", "start_noise", "level", "steps"):
         history[name] = np.zeros(count)
     return CountHistory(**history)

@@ -244,6 +244,8 @@ class TouchPipeline:
         self.faults = FaultDetector(
             mounted.skin, calibration, FaultConfig(), contacts.on
         )
+        if calibration.noise is not None:
+            self.calibrator.set_noise(self.faults.noise_counts)
         self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
         self.tracker = TouchTracker(
             mounted,
