@@ -64,8 +64,10 @@ def classify_repetition(repetition: Repetition) -> str | None:
 
 def count_presses(force: Float[np.ndarray, "reading"]) -> int:
     """Count the presses in a series of forces, with low forces between them."""
+    if force.max(initial=0.0) <= 0.0:
+        return 0
     # Of equal peaks the later one counts as higher, so that one of them is the lower.
     padded = np.pad(force + 1e-9 * np.arange(len(force)), 1)
-    peaks, _ = find_peaks(padded, height=LEAST_PRESS * force.max(initial=0.0))
+    peaks, _ = find_peaks(padded, height=LEAST_PRESS * force.max())
     prominences, _, _ = peak_prominences(padded, peaks)
     return int((prominences > (1 - VALLEY) * padded[peaks]).sum())

@@ -60,7 +60,7 @@ class ContactConfig:
     off_share: float = 0.2
     """Fraction of that peak that an active taxel must reach to stay active."""
     peak_share: float = 0.2
-    """Fraction of the greatest pressure of a contact that each of its taxels reaches."""
+    """Fraction of the greatest pressure of its contact that an active taxel reaches."""
     fade_seconds: float = 5.0
     """Time after which the recent peak counts half [s]."""
     hold_seconds: float = 0.1

@@ -79,15 +79,16 @@ def crop_press(press: AnyPress, steps: int) -> AnyPress | None:
     low, high = max(0, -press.first), min(press.steps, steps - press.first)
     if high <= low:
         return None
+    part = slice(low, high)
+    # All series are cut at once, since they have one length.
+    series = {
+        "force": press.force[part],
+        "centre": press.centre[part],
+        "angle": press.angle[part],
+    }
     if isinstance(press, MoviePress):
-        press = replace(press, pressure=press.pressure[low:high])
-    return replace(
-        press,
-        first=press.first + low,
-        force=press.force[low:high],
-        centre=press.centre[low:high],
-        angle=press.angle[low:high],
-    )
+        series["pressure"] = press.pressure[part]
+    return replace(press, first=press.first + low, **series)
 
 
 def sum_pressure(
