@@ -22,7 +22,7 @@ from eskin.recording.labels import NONE
 CARD = "eskin"
 SUFFIX = ".safetensors"
 
-MODELS = {"ur5": "ur5", "ur5-blind": "ur5"}
+MODELS = {"ur5": "ur5", "ur5-people": "ur5", "ur5-blind": "ur5"}
 """Names that `load_model` knows, each with the preset skin that it was trained on. The
 second does not use the pose, for comparison."""
 CARD_ADAPTER = TypeAdapter(ModelCard)
