@@ -38,7 +38,7 @@ def draw_motions(count, seed=0):
 
 def build_press(chart, steps, first=0, centre=(0.0, 0.0), angle=0.2):
     centres, angles = np.tile(np.array(centre), (steps, 1)), np.full(steps, angle)
-    return Press(chart, first, TIP, TISSUE, np.ones(steps), centres, angles)
+    return Press(chart, first, np.ones(steps), centres, angles, TIP, TISSUE)
 
 
 def turn_wrist(speed, steps):

@@ -99,7 +99,7 @@ def test_thumb_of_a_right_hand_lies_left_of_it_seen_from_outside():
     thumb, little, middle, palm = (HAND_PADS.index(name) for name in names)
     for person in draw_people()[:100]:
         force, still = np.ones(1), np.zeros((1, 2))
-        press = Press(0, 0, person.hand, person.tissue, force, still, np.array([0.7]))
+        press = Press(0, 0, force, still, np.array([0.7]), person.hand, person.tissue)
         laid = Tube(0.04, np.eye(4)).wrap(compute_pad_offsets(press)[0])
         across = laid.positions[thumb] - laid.positions[little]
         along = laid.positions[middle] - laid.positions[palm]

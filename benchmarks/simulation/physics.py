@@ -122,7 +122,7 @@ def held(
     """Build a press of a body at rest with one force after the other [N]."""
     force = np.array(list(forces))
     still = np.tile(np.array(centre), (len(force), 1))
-    return Press(0, 0, stamps, flesh, force, still, np.full(len(force), angle))
+    return Press(0, 0, force, still, np.full(len(force), angle), stamps, flesh)
 
 
 def fine_chart(surface: Surface, pitch: float = 0.0005, half: float = 0.015) -> Chart:

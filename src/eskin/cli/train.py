@@ -111,14 +111,14 @@ def run(command: TrainCommand) -> dict[str, object]:
     if validation is None:
         print(trainer.holdout)
     content = hash_recordings(paths)
-    card = build_card(command, trainer, content)
+    card = build_card(command, trainer, content, start)
     if test is not None:
         check_fits(card, test)
     kept = command.out.with_name(command.out.name + ".training")
     facts = f"{content} {vocabulary} {command.train} {command.seed} {skins}"
     facts += f" {hash_recordings(find_recordings(command.val))}" if command.val else ""
     facts += f" {start.digest}" if start else ""
-    facts += f" {describe_command(command).get('calibration', '')}"
+    facts += f" {card.training.get('calibration', '')}"
     network = trainer.run(checkpoint=kept, facts=facts)
     accuracy = trainer.validation_accuracy()
     card = replace(
@@ -168,24 +168,25 @@ def format_sizes(sizes: Mapping[str, int]) -> str:
     return ", ".join(f"{size} {number}" for size, number in sizes.items())
 
 
-def build_card(command: TrainCommand, trainer: Trainer, content: str) -> ModelCard:
+def build_card(
+    command: TrainCommand, trainer: Trainer, content: str, start: Model | None
+) -> ModelCard:
     """Build the card of a model before it is trained."""
     return ModelCard(
         vocabulary=trainer.vocabulary,
         kind="shear" if trainer.shear else "pressure",
         network=command.train.network,
         graph=trainer.graph,
-        training=flatten(asdict(command.train)) | describe_command(command),
+        training=flatten(asdict(command.train)) | describe_command(command, start),
         data_digest=content,
     )
 
 
-def describe_command(command: TrainCommand) -> dict[str, str]:
+def describe_command(command: TrainCommand, start: Model | None) -> dict[str, str]:
     """Return the options of the command that the card stores besides the training."""
     facts = {"seed": str(command.seed), "skins": str(command.skins)}
-    if command.start is not None:
-        digest = load_model(command.start).digest
-        facts |= {"start": str(command.start), "start_digest": digest}
+    if start is not None:
+        facts |= {"start": str(command.start), "start_digest": start.digest}
     override = load_override(command.calibration)
     if override is not None:
         facts["calibration"] = hashlib.sha256(override.to_bytes()).hexdigest()

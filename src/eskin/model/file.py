@@ -23,8 +23,8 @@ CARD = "eskin"
 SUFFIX = ".safetensors"
 
 MODELS = {"ur5": "ur5", "ur5-people": "ur5", "ur5-blind": "ur5"}
-"""Names that `load_model` knows, each with the preset skin that it was trained on. The
-second does not use the pose, for comparison."""
+"""Names that `load_model` knows, each with the preset skin that it was trained on.
+`ur5-people` has learned from recorded people too; `ur5-blind` does not use the pose."""
 CARD_ADAPTER = TypeAdapter(ModelCard)
 
 MAX_MODEL_BYTES = 64 << 20

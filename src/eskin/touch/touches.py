@@ -160,9 +160,9 @@ class TouchConfig:
     beside: float = 0.1
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
     restart: float = 5.0
-    """Force at which another touch begins while one is not confirmed, and with which a
-    younger touch outlives an older one with which it merges, in units of the greatest
-    force of the first so far."""
+    """Force at which a touch begins anew, and with which a younger touch outlives an
+    older one with which it merges, in units of the greatest force of the first so
+    far."""
     settle_seconds: float = 0.15
     """Time after which a force counts for that [s]."""
     enough: float = 5.0

@@ -53,24 +53,20 @@ class SoftTissue:
 
 
 @dataclass(frozen=True, eq=False)
-class Press:
-    """A press moves one body on one chart through time."""
+class SurfacePress:
+    """A surface press moves something that presses on one chart through time."""
 
     chart: int
     """Index into the skin's charts."""
     first: int
     """Step of the scene's clock at which the series start; may be negative."""
-    pads: ContactPads
-    """Pads that bear load; their mean centre is put on `centre`."""
-    tissue: SoftTissue
-    """Tissue of the body."""
     force: Float[np.ndarray, "time"]
-    """Total force on the surface [N]."""
+    """Total force on the surface; 0 while nothing touches [N]."""
     centre: Float[np.ndarray, "time 2"]
-    """Mean centre of the pads on the chart, unrolled (s, t) [m]."""
+    """Centre of what presses on the chart, unrolled (s, t) [m]."""
     angle: Float[np.ndarray, "time"]
-    """Angle from the chart's t axis to the body's y axis, counter-clockwise seen from
-    outside the skin [rad]."""
+    """Angle from the chart's t axis to the y axis of what presses, counter-clockwise
+    seen from outside the skin [rad]."""
 
     @property
     def steps(self) -> int:
@@ -79,37 +75,31 @@ class Press:
 
 
 @dataclass(frozen=True, eq=False)
-class MoviePress:
-    """A movie press plays recorded pressure on one chart, as a body would press there.
+class Press(SurfacePress):
+    """A press moves one body; its centre is the mean centre of the body's pads."""
+
+    pads: ContactPads
+    """Pads that bear load."""
+    tissue: SoftTissue
+    """Tissue of the body."""
+
+
+@dataclass(frozen=True, eq=False)
+class MoviePress(SurfacePress):
+    """A movie press plays recorded pressure, as a body would press there.
 
     Rows of the movie follow each other along its y axis, columns along its x axis.
     """
 
-    chart: int
-    """Index into the skin's charts."""
-    first: int
-    """Step of the scene's clock at which the series start; may be negative."""
     pressure: Float[np.ndarray, "time row column"]
     """Pressure at the points of the movie's grid [kPa]."""
     pitch: float
     """Distance of neighbouring points [m]."""
     middle: tuple[float, float]
     """Row and column of the movie that are put on `centre`."""
-    force: Float[np.ndarray, "time"]
-    """Total force on the surface; 0 while the person does not touch [N]."""
-    centre: Float[np.ndarray, "time 2"]
-    """Place of `middle` on the chart, unrolled (s, t) [m]."""
-    angle: Float[np.ndarray, "time"]
-    """Angle from the chart's t axis to the movie's y axis, counter-clockwise seen from
-    outside the skin [rad]."""
-
-    @property
-    def steps(self) -> int:
-        """Return the length of the series."""
-        return len(self.force)
 
 
-AnyPress = TypeVar("AnyPress", bound=Press | MoviePress)
+AnyPress = TypeVar("AnyPress", bound=SurfacePress)
 """One kind of press, for functions that return the kind that they are given."""
 
 

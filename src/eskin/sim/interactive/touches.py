@@ -249,7 +249,7 @@ class DraggedTouch(InteractiveTouch):
         if centre is None:
             centre = np.tile(self.centre, (len(force), 1))
         angle = np.full(len(force), self.angle)
-        return Press(self.chart, 0, self.pads, self.tissue, force, centre, angle)
+        return Press(self.chart, 0, force, centre, angle, self.pads, self.tissue)
 
 
 SLIDING_SHARE = 0.02

@@ -245,7 +245,7 @@ class GestureSample:
         """Build a press at the site, `path` away from its centre."""
         turned = np.broadcast_to(np.asarray(angle, dtype=np.float64), force.shape)
         centre = np.asarray(self.site.centre) + path
-        return Press(self.site.chart, 0, pads, tissue, force, centre, turned.copy())
+        return Press(self.site.chart, 0, force, centre, turned.copy(), pads, tissue)
 
 
 def choose_style(

@@ -1,0 +1,412 @@
+"""Compiled kernels that group the tracks of a reading into touches.
+
+Of `tracks` (TRACK), the first `ongoing` are ongoing. `before` is the `TouchRecords` of
+the previous reading, `buffer` has the contacts and loads of this one, and `update` the
+touches while they are updated.
+"""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.compiled import compiled
+from eskin.touch.contact_kernels import (
+    box_gap,
+    compute_box,
+    distance,
+    distance_to_link_point,
+    point_gap,
+    transform_to_link,
+)
+from eskin.touch.evidence_kernels import SLOW_NS, weigh_contact
+from eskin.touch.records import (
+    NEXT_TOUCH,
+    NO_INDEX,
+    TOUCH,
+    KernelReading,
+    TouchRecords,
+    TrackerContext,
+    TrackerState,
+    TrackingParameters,
+)
+from eskin.touch.track_kernels import RecordBuffer
+from eskin.units import NS_PER_S
+
+MIN_LIFT_NS = 60_000_000
+"""Smallest time without contact from which a contact counts as a new one [ns]; it must
+contain a reading."""
+ALL, CLOSED, PREVIOUS = 0, 1, 2
+"""Indices of `TouchUpdate.counts`: number of all touches, of those that have closed,
+and of those that were open at the previous reading."""
+
+
+class TouchUpdate(NamedTuple):
+    """An update holds the touches of a reading while they are updated."""
+
+    touches: np.ndarray
+    """(touch) TOUCH: those open at the previous reading, then new ones."""
+    survivors: np.ndarray
+    """(touch) touch that it was merged into, or -1."""
+    closed: np.ndarray
+    """(touch) touches that have closed, in this order."""
+    counts: np.ndarray
+    """(3) see `ALL`, `CLOSED`, `PREVIOUS`."""
+    renewed: np.ndarray
+    """(touch) whether its contact is in the buffer already."""
+    owners: np.ndarray
+    """(track) its touch, which may since have been merged into another, or -1."""
+    joined: np.ndarray
+    """(track) the touch that it has joined at this reading, or -1."""
+
+
+@compiled
+@no_type_check
+def begin_update(
+    tracks: np.ndarray,
+    ongoing: int,
+    before: TouchRecords,
+    stamp: int,
+    parameters: TrackingParameters,
+) -> TouchUpdate:
+    """Begin with the touches that were open, and close those after the pause."""
+    count = 0
+    while count < len(before.touches) and not before.touches[count].closed:
+        count += 1
+    most = count + 2 * ongoing
+    update = TouchUpdate(
+        np.empty(most, TOUCH),
+        np.full(most, NO_INDEX),
+        np.empty(most, np.int64),
+        np.array([count, 0, count]),
+        np.zeros(most, np.bool_),
+        np.full(len(tracks), NO_INDEX),
+        np.full(len(tracks), NO_INDEX),
+    )
+    update.touches[:count] = before.touches[:count]
+    for touch in range(count):
+        confirmed = update.touches[touch].confirmed
+        pause = parameters.pause_ns if confirmed else parameters.doubt_ns
+        if stamp - update.touches[touch].last > pause:
+            close_touch(touch, 0, update)
+            continue
+        for track in range(len(tracks)):
+            if tracks[track].touch == update.touches[touch].id:
+                update.owners[track] = touch
+    return update
+
+
+@compiled
+@no_type_check
+def find_survivor(touch: int, update: TouchUpdate) -> int:
+    """Return the touch into which one was merged, directly or not, else itself."""
+    while update.survivors[touch] != NO_INDEX:
+        touch = update.survivors[touch]
+    return touch
+
+
+@compiled
+@no_type_check
+def start_touch(
+    track: np.void, state: TrackerState, buffer: RecordBuffer, update: TouchUpdate
+) -> int:
+    """Start a touch with its first track, and return its index."""
+    place, contact = update.counts[ALL], buffer.contacts[track.contact]
+    update.counts[ALL] += 1
+    update.renewed[place] = True
+    touch = update.touches[place]
+    touch.id = state.counts[NEXT_TOUCH]
+    state.counts[NEXT_TOUCH] += 1
+    touch.onset, touch.last = track.onset, track.last
+    for k in range(contact.loads[0], contact.loads[1]):
+        touch.onset = min(touch.onset, buffer.loads[k].onset)
+    touch.contact, touch.link = track.contact, contact.link
+    touch.contacts = 1
+    touch.closed = touch.merged_into = 0
+    touch.impulse = touch.peak_force = touch.peak = 0.0
+    touch.force = touch.farthest = 0.0
+    touch.settled, touch.settled_at = 0.0, track.onset
+    touch.evidence, touch.confirmed = 0.0, 0
+    for r in range(3):
+        touch.start[r] = touch.latest[r] = contact.p_link[r]
+    return place
+
+
+@compiled
+@no_type_check
+def merge_touches(older: int, younger: int, restart: float, update: TouchUpdate) -> int:
+    """Merge two touches into the older one, or into the one that is far stronger.
+
+    Returns:
+        The touch that remains.
+    """
+    forces = update.touches[older].peak_force, update.touches[younger].peak_force
+    if forces[1] > restart * forces[0]:
+        older, younger = younger, older
+    touch, gone = update.touches[older], update.touches[younger]
+    touch.last = max(touch.last, gone.last)
+    touch.impulse += gone.impulse
+    touch.force += gone.force
+    touch.peak_force = max(touch.peak_force, gone.peak_force)
+    touch.peak = max(touch.peak, gone.peak)
+    touch.evidence += gone.evidence
+    touch.confirmed = max(touch.confirmed, gone.confirmed)
+    update.survivors[younger] = older
+    close_touch(younger, touch.id, update)
+    return older
+
+
+@compiled
+@no_type_check
+def close_touch(touch: int, merged_into: int, update: TouchUpdate) -> None:
+    """Close a touch that was merged into the one of an id, 0 for none."""
+    update.touches[touch].closed = 1
+    update.touches[touch].merged_into = merged_into
+    update.closed[update.counts[CLOSED]] = touch
+    update.counts[CLOSED] += 1
+
+
+class ContactRegions(NamedTuple):
+    """Regions hold the positions of the contacts of a reading."""
+
+    points: np.ndarray
+    """(load, 3) positions in the world [m]."""
+    boxes: np.ndarray
+    """(track, 2, 3) bounding boxes of the current contacts [m]."""
+    reach: float
+    """Largest distance between contacts of one touch [m]."""
+
+
+@compiled
+@no_type_check
+def group_tracks(
+    tracks: np.ndarray,
+    ongoing: int,
+    points: Float[np.ndarray, "load 3"],
+    before: TouchRecords,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+) -> TouchUpdate:
+    """Group the tracks of the next reading into touches.
+
+    A new track joins the touch of its parent, of any track that ended near it within
+    the pause, and of any that has contact beside it. Where these are several touches,
+    the younger are merged into the oldest, and close with `merged_into`. On a skin that
+    is not calibrated, distances have no meaning: all contacts within the pause are one
+    touch. `points` are the positions of the loads in the world [m].
+    """
+    parameters = context.parameters
+    update = begin_update(tracks, ongoing, before, reading.stamp, parameters)
+    boxes = np.empty((ongoing, 2, 3))
+    for track in range(ongoing):
+        span = buffer.contacts[tracks[track].contact].loads
+        if tracks[track].last == reading.stamp:
+            compute_box(points[span[0] : span[1]], boxes[track])
+    regions = ContactRegions(points, boxes, parameters.beside)
+    for track in range(ongoing):
+        if update.owners[track] == NO_INDEX:
+            assign_touch(track, tracks, regions, reading, context, buffer, update)
+    current = tracks[:ongoing]
+    merge_near(current, regions, reading.stamp, parameters.restart, buffer, update)
+    restart_touches(current, reading, context, buffer, update)
+    update_open_touches(current, before, reading, context, buffer, update)
+    return update
+
+
+@compiled
+@no_type_check
+def assign_touch(
+    track: int,
+    tracks: np.ndarray,
+    regions: ContactRegions,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
+) -> None:
+    """Assign a touch to a new track, and merge the touches that it connects."""
+    fitting = np.zeros(update.counts[ALL], np.bool_)
+    for other in range(len(tracks)):
+        if update.owners[other] != NO_INDEX:
+            touch = find_survivor(update.owners[other], update)
+            if not fitting[touch]:
+                fitting[touch] = belongs_together(
+                    track, other, tracks, regions, reading, context.parameters, buffer
+                )
+    first = NO_INDEX
+    for touch in range(len(fitting)):
+        if fitting[touch] and first != NO_INDEX:
+            restart = context.parameters.restart
+            first = merge_touches(first, touch, restart, update)
+        elif fitting[touch]:
+            first = touch
+    if first == NO_INDEX:
+        first = start_touch(tracks[track], context.state, buffer, update)
+    update.owners[track] = update.joined[track] = first
+
+
+@compiled
+@no_type_check
+def belongs_together(
+    track: int,
+    other: int,
+    tracks: np.ndarray,
+    regions: ContactRegions,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    buffer: RecordBuffer,
+) -> bool:
+    """Return whether a new track belongs to the same touch as another."""
+    if tracks[track].parent == tracks[other].id or not parameters.calibrated:
+        return True
+    if min(tracks[track].last, tracks[other].last) == reading.stamp:
+        return are_near(track, other, tracks, regions, buffer)
+    if reading.stamp - tracks[other].last > parameters.pause_ns:
+        return False
+    end = buffer.contacts[tracks[other].contact]
+    start = buffer.contacts[tracks[track].contact].p_world
+    T_world_link = reading.T_world_link[end.link]
+    return distance_to_link_point(T_world_link, end.p_link, start) <= parameters.near
+
+
+@compiled
+@no_type_check
+def are_near(
+    one: int,
+    other: int,
+    tracks: np.ndarray,
+    regions: ContactRegions,
+    buffer: RecordBuffer,
+) -> bool:
+    """Return whether the nearest taxels of two contacts are within reach in space."""
+    points, boxes, reach = regions.points, regions.boxes, regions.reach
+    if box_gap(boxes[one], boxes[other]) > reach:
+        return False
+    a = buffer.contacts[tracks[one].contact].loads
+    b = buffer.contacts[tracks[other].contact].loads
+    for m in range(a[0], a[1]):
+        if point_gap(points[m], boxes[other]) > reach:
+            continue
+        for n in range(b[0], b[1]):
+            if distance(points[m], points[n]) <= reach:
+                return True
+    return False
+
+
+@compiled
+@no_type_check
+def merge_near(
+    tracks: np.ndarray,
+    regions: ContactRegions,
+    stamp: int,
+    restart: float,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
+) -> None:
+    """Merge the touches of ongoing tracks whose contacts are beside each other."""
+    if update.counts[ALL] - update.counts[CLOSED] < 2:
+        return
+    for one in range(len(tracks)):
+        for other in range(one + 1, len(tracks)):
+            a = find_survivor(update.owners[one], update)
+            b = find_survivor(update.owners[other], update)
+            if a == b or min(tracks[one].last, tracks[other].last) < stamp:
+                continue
+            if are_near(one, other, tracks, regions, buffer):
+                merge_touches(min(a, b), max(a, b), restart, update)
+
+
+@compiled
+@no_type_check
+def restart_touches(
+    tracks: np.ndarray,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
+) -> None:
+    """Start a new touch where the force grows far beyond that of a touch.
+
+    What came before may be noise, or a hand that hovers; it gives the new one neither
+    its age nor its place. A confirmed touch is merged into the new one.
+    """
+    parameters = context.parameters
+    for n in range(update.counts[PREVIOUS]):
+        touch = update.touches[n]
+        if touch.closed or touch.settled == 0.0:
+            continue
+        force, largest, strongest = 0.0, 0.0, NO_INDEX
+        for track in range(len(tracks)):
+            is_current = tracks[track].last == reading.stamp
+            if is_current and find_survivor(update.owners[track], update) == n:
+                contact = buffer.contacts[tracks[track].contact]
+                force += contact.force
+                if contact.force > largest:
+                    largest, strongest = contact.force, track
+        if strongest == NO_INDEX or force < parameters.restart * touch.settled:
+            continue
+        new = start_touch(tracks[strongest], context.state, buffer, update)
+        update.touches[new].onset = update.touches[new].settled_at = reading.stamp
+        update.touches[new].confirmed = touch.confirmed
+        for track in range(len(tracks)):
+            is_current = tracks[track].last == reading.stamp
+            if is_current and find_survivor(update.owners[track], update) == n:
+                update.owners[track] = update.joined[track] = new
+        close_touch(n, update.touches[new].id if touch.confirmed else 0, update)
+
+
+@compiled
+@no_type_check
+def update_open_touches(
+    tracks: np.ndarray,
+    before: TouchRecords,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
+) -> None:
+    """Update every open touch with the contacts of ongoing tracks."""
+    parameters = context.parameters
+    count = update.counts[ALL]
+    force, centre = np.zeros(count), np.zeros((count, 3))
+    # The force in a longer gap between readings is unknown.
+    seconds = 0.0
+    if reading.elapsed <= parameters.pause_ns:
+        seconds = reading.elapsed / NS_PER_S
+    strongest = np.full(count, NO_INDEX)
+    for track in range(len(tracks)):
+        if tracks[track].last == reading.stamp:
+            n = find_survivor(update.owners[track], update)
+            touch, contact = update.touches[n], buffer.contacts[tracks[track].contact]
+            force[n] += contact.force
+            for r in range(3):
+                centre[n, r] += contact.force * contact.p_world[r]
+            touch.peak = max(touch.peak, contact.peak)
+            touch.evidence += weigh_contact(contact, reading, context, buffer)
+            best = strongest[n]
+            if best == NO_INDEX or contact.force > buffer.contacts[best].force:
+                strongest[n] = tracks[track].contact
+    for n in range(count):
+        touch = update.touches[n]
+        if touch.closed:
+            continue
+        touch.impulse += 0.5 * (force[n] + touch.force) * seconds
+        touch.force = force[n]
+        if strongest[n] != NO_INDEX:
+            touch.contact, update.renewed[n] = strongest[n], True
+            touch.last = reading.stamp
+            touch.peak_force = max(touch.peak_force, force[n])
+            centre[n] /= force[n]
+            transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
+        lasts = touch.onset < reading.stamp or reading.elapsed > SLOW_NS
+        if touch.last == reading.stamp and (lasts or touch.evidence == np.inf):
+            if touch.evidence >= parameters.enough:
+                touch.confirmed = 1
+        touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
+        if reading.stamp - touch.settled_at >= parameters.settle_ns:
+            touch.settled, touch.settled_at = touch.peak_force, reading.stamp
+        if n < update.counts[PREVIOUS]:
+            last = before.touches[n].last
+            lifted = last < reading.stamp - reading.elapsed
+            touch.contacts += lifted and touch.last - last > MIN_LIFT_NS
