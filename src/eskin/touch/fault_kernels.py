@@ -315,3 +315,29 @@ def update_unanswered(
         elif known >= 3 and count >= pressed_share * known:
             if history.last_changed[i] <= history.last_unpressed[i]:
                 history.unanswered[i] += elapsed
+
+
+@compiled
+@no_type_check
+def find_noisier(
+    candidates: Int[np.ndarray, "candidate"],
+    deviation: Float[np.ndarray, "taxel"],
+    factor: float,
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
+) -> Int[np.ndarray, "found"]:
+    """Return the candidates that deviate more than their neighbours.
+
+    Args:
+        candidates: taxels to look at.
+        deviation: running median of each taxel's deviations [counts].
+        factor: least ratio of its deviation to the median of its neighbours'.
+        starts: index of the first neighbour of each taxel.
+        neighbours: neighbours of all taxels, one taxel after the other.
+    """
+    found = np.zeros(len(candidates), np.bool_)
+    for n, taxel in enumerate(candidates):
+        near = neighbours[starts[taxel] : starts[taxel + 1]]
+        usual = np.median(deviation[near]) if len(near) else 0.0
+        found[n] = deviation[taxel] >= factor * usual
+    return candidates[found]

@@ -14,6 +14,7 @@ from eskin.touch.fault_kernels import (
     START_SECONDS,
     CountHistory,
     NoiseLimits,
+    find_noisier,
     update_history,
     update_noise,
     update_unanswered,
@@ -523,17 +524,20 @@ class FaultDetector:
         deviation = history.deviation / np.maximum(self.limits.deviation, level)
         noisy = self.swings.found | (history.steps >= config.lone_steps)
         doubtful = noisy | (history.steps >= config.doubtful_steps)
-        least = config.doubtful / config.noisy
-        for i in np.flatnonzero(deviation >= least).tolist():
-            near = self.adjacency.neighbours[slice(*self.adjacency.starts[i : i + 2])]
-            patch = self.members[self.skin.patch_index[i]]
-            usual = max(
-                float(np.median(history.deviation[others])) if len(others) else 0.0
-                for others in (near, patch)
-            )
-            if history.deviation[i] >= NOISIER * usual:
-                doubtful[i] = True
-                noisy[i] |= deviation[i] >= 1.0
+        usual = NOISIER * np.array(
+            [np.median(history.deviation[patch]) for patch in self.members]
+        )
+        candidates = deviation >= config.doubtful / config.noisy
+        candidates &= history.deviation >= usual[self.skin.patch_index]
+        noisier = find_noisier(
+            np.flatnonzero(candidates),
+            history.deviation,
+            NOISIER,
+            self.adjacency.starts,
+            self.adjacency.neighbours,
+        )
+        doubtful[noisier] = True
+        noisy[noisier] |= deviation[noisier] >= 1.0
         return noisy, doubtful
 
 
