@@ -12,19 +12,24 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from eskin.errors import RecordingError
+from eskin.learn.baselines import FitConfig, SkinWindows, build_baseline
 from eskin.learn.baselines.estimators import (
     Estimator,
+    GradientBoosting,
     NearestNeighbours,
     RandomForest,
     SupportVectors,
 )
 from eskin.learn.baselines.hand import compute_features
+from eskin.learn.baselines.interface import READINGS, STEP_NS
 from eskin.learn.dataset import Dataset
-from eskin.learn.evaluation import score_instants, score_segments
+from eskin.learn.evaluation import find_window_ends, score_instants, score_segments
 from eskin.learn.ground_truth import Segment
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model
 from eskin.nn import RecogniserNetwork
+from eskin.robot import load_recorded_robot
+from eskin.skin import MountedSkin
 
 FOREST_STEP = 4
 """Step between training rows of the forest on instants, as neighbours are similar."""
@@ -47,10 +52,17 @@ class Standardised:
 
 ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
     "random forest": RandomForest(),
+    "boosting": GradientBoosting(),
     "SVM": Standardised(SupportVectors()),
     "kNN": Standardised(NearestNeighbours()),
 }
 """Estimators compared with the recogniser on features of whole segments, by name."""
+
+CNN = "3D-CNN"
+"""Name of the network compared with the recogniser on the pressures of all taxels."""
+
+CNN_FIT = FitConfig(epochs=20, batch=32)
+"""Settings of its training."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +161,9 @@ def classify_segments(
     truth = np.array([vocabulary.index(s.gesture) for s in segments])
     group = np.array([groups[s.recording] for s in segments])
     features = np.array([compute_segment_features(dataset, s, shear) for s in segments])
-    predicted = {name: np.zeros_like(truth) for name in ("eskin", *ON_FEATURES)}
+    methods = ("eskin", *ON_FEATURES, CNN)
+    predicted = {name: np.zeros_like(truth) for name in methods}
+    windows, segment_index = cut_skin_windows(dataset, segments)
     for held, network in networks.items():
         out = group == held
         chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
@@ -158,6 +172,14 @@ def classify_segments(
         for name, make in ON_FEATURES.items():
             model = make(seed).fit(features[~out], truth[~out])
             predicted[name][out] = model.predict(features[out])
+        within = out[segment_index]
+        known, labels = np.unique(truth[segment_index[~within]], return_inverse=True)
+        cnn = build_baseline("3d-cnn", mount_skin(dataset), CNN_FIT)
+        cnn.fit(windows.select(~within), labels, seed)
+        found = np.log(cnn.predict_probabilities(windows.select(within)) + 1e-9)
+        starts = np.unique(segment_index[within], return_index=True)[1]
+        sums = np.add.reduceat(found, starts, axis=0)
+        predicted[CNN][out] = known[sums.argmax(axis=1)]
     recordings = tuple(segment.recording for segment in segments)
     return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
 
@@ -185,6 +207,45 @@ def classify_instants(
         predicted[forest][rows] = model.predict(features[rows])
     recordings = tuple(dataset.recording.tolist())
     return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
+
+
+def mount_skin(dataset: Dataset) -> MountedSkin:
+    """Return the skin of all recordings on its robot."""
+    first = dataset.recordings[0]
+    return MountedSkin(first.skin, load_recorded_robot(first.robot_name))
+
+
+def cut_skin_windows(
+    dataset: Dataset, segments: Sequence[Segment]
+) -> tuple[SkinWindows, Int[np.ndarray, "window"]]:
+    """Return the pressures of all taxels in the windows of segments, at 50 Hz.
+
+    The windows are those in which the recogniser scores a segment; the time before the
+    segment is zero. Readings between two are interpolated.
+
+    Returns:
+        the windows, and the index of each one's segment.
+    """
+    taxels = dataset.recordings[0].skin.count
+    pressures: list[Float[np.ndarray, "100 taxel"]] = []
+    indices: list[int] = []
+    for index, segment in enumerate(segments):
+        rows = np.arange(segment.first, segment.end)
+        graphs = dataset.graphs.select(rows)
+        images = np.zeros((len(rows), taxels), np.float32)
+        images[graphs.graph_index, graphs.taxels] = graphs.pressure
+        stamps = dataset.stamps[rows]
+        for end in find_window_ends(dataset, segment) - segment.first:
+            times = stamps[end] - STEP_NS * np.arange(READINGS)[::-1]
+            place = np.interp(times, stamps, np.arange(len(rows)))
+            low = place.astype(np.int64)
+            high, part = np.minimum(low + 1, len(rows) - 1), (place - low)[:, None]
+            window = (1 - part) * images[low] + part * images[high]
+            window[times < stamps[0]] = 0.0
+            pressures.append(window.astype(np.float16))
+            indices.append(index)
+    joints = np.zeros((len(pressures), READINGS, 0), np.float32)
+    return SkinWindows(np.stack(pressures), joints), np.array(indices)
 
 
 def compute_segment_features(

@@ -2,17 +2,20 @@
 
     python -m benchmarks.real_recordings sleeve --data ../shared/data/sleeve
     python -m benchmarks.real_recordings shearsense --data ../shared/data/shearsense
+    python -m benchmarks.real_recordings socialtouch --data ../shared/data/socialtouch
 
-One session (sleeve) or one participant (ShearSense) is held out at a time. The
-recogniser is trained with the defaults of `eskin train` on the others and tested on the
-held-out one; classical classifiers are tested on the same examples with hand-made
-features. With `--start ur5` a second recogniser of the size of that model starts from
-its weights instead of random ones, and the gain is printed. The command prints the
+One session (sleeve) or one participant (ShearSense, SocialTouch) is held out at a time.
+The recogniser is trained with the defaults of `eskin train` on the others and tested on
+the held-out one; classical classifiers are tested on the same examples with hand-made
+features, and a convolutional network on the pressures of all taxels. With `--start ur5`
+a second recogniser of the size of that model starts from its weights instead of random
+ones, and the gain is printed. The command prints the
 tables of docs/results.md.
 """
 
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -36,16 +39,25 @@ from eskin.learn.metrics import (
 from eskin.learn.plots import draw_confusion
 from eskin.learn.training import TrainConfig
 from eskin.model import load_model
-from eskin.recording import convert_shearsense, convert_sleeve, find_recordings
+from eskin.recording import (
+    NONE,
+    convert_shearsense,
+    convert_sleeve,
+    convert_socialtouch,
+    find_recordings,
+)
+from eskin.recording.socialtouch_classes import find_group
 
 OURS = "eskin"
+
+Measure = Callable[[tuple[Path, ...], "Command"], Answers]
 
 
 @dataclass(frozen=True)
 class Command:
     """Cross-validate on the public recordings, with people or sessions held out."""
 
-    kind: tyro.conf.Positional[Literal["sleeve", "shearsense"]]
+    kind: tyro.conf.Positional[Literal["sleeve", "shearsense", "socialtouch"]]
     """Data set."""
     data: Path
     """Folder of the data set, as downloaded."""
@@ -65,8 +77,7 @@ def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
     started = time.monotonic()
-    convert = convert_sleeve if command.kind == "sleeve" else convert_shearsense
-    measure = sleeve if command.kind == "sleeve" else shearsense
+    convert, measure = KINDS[command.kind]
     with tempfile.TemporaryDirectory() as folder:
         convert(command.data, Path(folder))
         answers = measure(find_recordings((Path(folder),)), command)
@@ -105,6 +116,32 @@ def shearsense(paths: tuple[Path, ...], command: Command) -> Answers:
     return both
 
 
+def socialtouch(paths: tuple[Path, ...], command: Command) -> Answers:
+    """Classify repetitions as gestures, then as groups, with a person held out."""
+    dataset = prepare(paths, graph=command.train.graph_used)
+    gestures = cross_validate(dataset, "subject", command, command.train)
+    print(table("Repetitions, all gestures", gestures))
+    grouped = rename_gestures(dataset, find_group)
+    groups = cross_validate(grouped, "subject", command, command.train)
+    print(table("Repetitions, groups of gestures", groups))
+    return groups
+
+
+def rename_gestures(dataset: Dataset, rename: Callable[[str], str]) -> Dataset:
+    """Return a data set whose gestures other than `none` have other names."""
+    names = {
+        name: name if name == NONE else rename(name) for name in dataset.vocabulary
+    }
+    return replace(
+        dataset,
+        gestures=tuple(names[name] for name in dataset.gestures),
+        segments=tuple(
+            replace(segment, gesture=names[segment.gesture])
+            for segment in dataset.segments
+        ),
+    )
+
+
 def classify_held_out_people(
     paths: tuple[Path, ...], command: Command, shear: bool
 ) -> Answers:
@@ -114,9 +151,16 @@ def classify_held_out_people(
     """
     config = replace(command.train, shear=shear)
     dataset = prepare(paths, graph=config.graph_used)
-    groups = find_groups(dataset, "subject")
+    return cross_validate(dataset, "subject", command, config)
+
+
+def cross_validate(
+    dataset: Dataset, by: str, command: Command, config: TrainConfig
+) -> Answers:
+    """Classify segments of each group, a person or a session, by all the others."""
+    groups = find_groups(dataset, by)
     networks = train_folds(dataset, groups, config, command.seed, command.workers)
-    answers = classify_segments(dataset, groups, networks, shear, command.seed)
+    answers = classify_segments(dataset, groups, networks, config.shear, command.seed)
     print_start_gain(dataset, groups, command, config, answers)
     return answers
 
@@ -192,6 +236,14 @@ def difference(
     low, high = bootstrap_difference(ours, theirs, cluster=cluster)
     mean = ours.mean() - theirs.mean()
     return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
+
+
+KINDS: dict[str, tuple[Callable[[Path, Path], object], Measure]] = {
+    "sleeve": (convert_sleeve, sleeve),
+    "shearsense": (convert_shearsense, shearsense),
+    "socialtouch": (convert_socialtouch, socialtouch),
+}
+"""Conversion and measurement of each data set, by name."""
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.errors import SkinMismatchError
 from eskin.skin import MountedSkin
@@ -40,6 +40,10 @@ class SkinWindows:
     def count(self) -> int:
         """Return the number of windows."""
         return len(self.pressure)
+
+    def select(self, chosen: Bool[np.ndarray, "clip"]) -> "SkinWindows":
+        """Return the windows for which `chosen` is true."""
+        return SkinWindows(self.pressure[chosen], self.q[chosen])
 
 
 class BaselineStream(ABC):
