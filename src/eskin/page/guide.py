@@ -23,6 +23,7 @@ from eskin.page.panel import (
     render_block,
     render_log,
     render_patches,
+    render_warning,
     unpack_valid,
 )
 
@@ -52,6 +53,8 @@ class CalibrationPanel:
         self.setup, self.send = setup, send
         self.board = WAITING
         self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
+        if setup.warning:
+            gui.add_html(render_warning(setup.warning))
         self.request = gui.add_html(render_request(self.board))
         self.progress = gui.add_progress_bar(0.0)
         self.skip = gui.add_button(
@@ -101,7 +104,7 @@ class CalibrationPanel:
 def render_request(board: GuideBoard) -> str:
     """Return what to do now as HTML."""
     return render_block(
-        '<div style="font-size:16px;font-weight:600;min-height:48px">'
+        '<div style="font-size:15px;font-weight:600;min-height:72px;padding:4px 0 8px">'
         f"{escape(board.request)}</div>"
     )
 

@@ -366,8 +366,11 @@ TARGET_RADIUS = 0.02
 """Radius of the ring around the place to press [m]."""
 TARGET_DISTANCE = 0.9
 """Distance of the camera from the place to press [m]."""
-LEAST_HEIGHT = 0.35
-"""Least height of the camera over that place, as a share of the distance."""
+SLANT = 0.4
+"""Share of `CAMERA_DIRECTION` that is added to the normal there, so that the camera
+never looks straight down."""
+CAMERA_HEIGHT = 0.05
+"""Least height of the camera over the ground, where the place is higher [m]."""
 
 
 @final
@@ -387,13 +390,10 @@ class TargetMark:
             return
         for handle in self.handles:
             handle.remove()
-        patches = self.scene.setup.patch_index
-        self.handles = [] if taxel is None else self.add_mark(taxel)
-        if taxel is not None and (
-            self.taxel is None or patches[taxel] != patches[self.taxel]
-        ):
+        self.taxel, self.handles = taxel, []
+        if taxel is not None:
+            self.handles = self.add_mark(taxel)
             self.turn_camera(taxel)
-        self.taxel = taxel
 
     def add_mark(self, taxel: int) -> list[MeshHandle | LabelHandle]:
         """Add a ring around a taxel, and a label that is seen through the robot."""
@@ -417,18 +417,19 @@ class TargetMark:
         label = scene.add_label(
             f"{at}/target_label",
             "press here",
-            position=place + TARGET_RADIUS * normal,
+            position=place + 3 * TARGET_RADIUS * normal,
             anchor="bottom-center",
         )
         return [ring, label]
 
     def turn_camera(self, taxel: int) -> None:
-        """Look at a taxel from outside, and somewhat from above."""
+        """Look at a taxel from outside, and from above the ground."""
         positions, normals = self.scene.place_taxels()
-        direction = normals[taxel].copy()
-        direction[2] = max(direction[2], LEAST_HEIGHT)
+        p_world, direction = positions[taxel], normals[taxel] + SLANT * CAMERA_DIRECTION
         direction /= np.linalg.norm(direction)
-        self.scene.set_camera(positions[taxel], TARGET_DISTANCE, direction)
+        room = max(p_world[2] - CAMERA_HEIGHT, CAMERA_HEIGHT)
+        distance = min(TARGET_DISTANCE, room / max(-direction[2], 1e-9))
+        self.scene.set_camera(p_world, distance, direction)
 
 
 def build_ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
