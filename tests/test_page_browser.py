@@ -29,7 +29,7 @@ if not CHROMIUM.exists():
 
 pytestmark = pytest.mark.slow
 
-RESTING, RING, PLACE = (55, 15, 70), (213, 94, 0), (86, 180, 233)
+RESTING, RING, PLACE = (55, 15, 70), (213, 94, 0), (231, 41, 138)
 """Colours of taxels at rest, and of rings around a contact and a place to press."""
 PACE = 0.5
 """Half as fast as life: software draws slowly."""

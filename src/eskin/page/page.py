@@ -66,7 +66,7 @@ class Page:
         self.hand = MouseHand(setup, send)
         self.panel = self.build_panel(setup, send)
         self.picker = TaxelPicker(self.scene)
-        self.drawn = 0.0
+        self.drawn = -np.inf
         if setup.touchable:
             for link, discs in self.scene.discs.items():
                 self.register_events(link, discs)

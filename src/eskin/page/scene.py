@@ -359,9 +359,8 @@ class Marks:
         self.labels.append((entry.seconds, label))
 
 
-TARGET = (86, 180, 233)
-"""Sky blue, distinct from skin at rest and from the rings around contacts (Okabe and
-Ito 2008)."""
+TARGET = (231, 41, 138)
+"""Pink, distinct from skin at rest, lids and rings around contacts (Brewer's Dark2)."""
 TARGET_RADIUS = 0.02
 """Radius of the ring around the place to press [m]."""
 TARGET_DISTANCE = 0.9
