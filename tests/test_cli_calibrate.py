@@ -156,7 +156,7 @@ def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
         (("replay:x.mcap", "--seconds", "0"), "--seconds is 0"),
         (("replay:x.mcap", "--force", "-1"), "--force is -1"),
         (("replay:x.mcap", "--presses", "99"), "--presses is 99"),
-        (("replay:x.mcap", "--port", "8081"), "--port is given without --page"),
+        (("replay:x.mcap", "--port", "8081"), "--port is given without --view"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(words, part, tmp_path, capsys):
@@ -276,7 +276,7 @@ def test_guide_begins_once_a_browser_has_opened_the_page():
 
 def test_port_that_is_taken_is_refused(recording, tmp_path, capsys):
     with socket.create_server(("127.0.0.1", 0)) as server:
-        words = (f"replay:{recording}", "--page", "--port", server.getsockname()[1])
+        words = (f"replay:{recording}", "--view", "--port", server.getsockname()[1])
         out = tmp_path / "c.json"
         part = "not available"
         assert_refused(capsys, "calibrate", *words, "--out", out, part=part)

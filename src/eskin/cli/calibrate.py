@@ -91,7 +91,7 @@ class CalibrateCommand:
     key: Path | None = None
     """Key file of the patches; packets without a valid seal are refused."""
 
-    page: bool = False
+    view: bool = False
     """Guide in the browser too, where the place to press is marked on the robot. It
     begins once the page is opened; a recording is then played as fast as it was made.
     """
@@ -118,7 +118,7 @@ def run(command: CalibrateCommand) -> dict[str, object]:
         guide = CalibrationGuide(mounted, info.calibration, config)
         print(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")
         page = None
-        if command.page:
+        if command.view:
             page = open_page(command, mounted, info.rate)
             stack.callback(page.close)
         scans = source if page is None else await_page(source, page, is_live)
@@ -165,9 +165,9 @@ def check_options(command: CalibrateCommand) -> None:
                 f"--{name.split()[0]} is {value:g}; allowed are {low:g} to {high:g}; "
                 "change it"
             )
-    if command.port is not None and not command.page:
+    if command.port is not None and not command.view:
         raise ValueError(
-            "--port is given without --page; allowed is both; ask for the page"
+            "--port is given without --view; allowed is both; ask for the page"
         )
     check_writable(command.out)
 
@@ -204,7 +204,7 @@ def open_calibrated(command: CalibrateCommand) -> "Source":
         robot=command.robot_urdf,
         calibration=command.calibration,
         rate=command.rate,
-        pace=1.0 if command.page else math.inf,
+        pace=1.0 if command.view else math.inf,
         baud=command.baud,
         allow_remote=command.allow_remote,
         key=None if command.key is None else read_key(command.key),
