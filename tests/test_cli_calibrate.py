@@ -1,6 +1,7 @@
 """Tests of `eskin calibrate`: rest and presses of a recording or a device to a file."""
 
 import json
+import socket
 
 import numpy as np
 import pytest
@@ -155,6 +156,7 @@ def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
         (("replay:x.mcap", "--seconds", "0"), "--seconds is 0"),
         (("replay:x.mcap", "--force", "-1"), "--force is -1"),
         (("replay:x.mcap", "--presses", "99"), "--presses is 99"),
+        (("replay:x.mcap", "--port", "8081"), "--port is given without --view"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(words, part, tmp_path, capsys):
@@ -178,7 +180,7 @@ def test_interrupted_calibration_writes_nothing(
 
     out = tmp_path / "calibration.json"
     out.write_text("before")
-    monkeypatch.setattr(calibrate, "print_event", stop)
+    monkeypatch.setattr(calibrate, "describe_event", stop)
     words = ("calibrate", f"replay:{recording}", "--out", out)
     assert call(capsys, *words)[0] == 130
     assert out.read_text() == "before"
@@ -198,6 +200,87 @@ def test_device_is_asked_for_presses_and_may_leave_a_patch_out(
     assert out.index("press 5 of 5: patch 'p0'") < out.index("press 1 of 5: patch 'p1'")
     assert "patch 'p1' is left out" in out
     assert json.loads((tmp_path / "calibration.json").read_bytes())["rest"]
+
+
+class RememberedPage:
+    """A page that stores what it is given, opened by its browser at some scan."""
+
+    def __init__(self, skipped=None, opened_at=0):
+        self.skipped, self.opened_at, self.asked = skipped, opened_at, 0
+        self.lines, self.boards = [], []
+
+    @property
+    def is_opened(self):
+        self.asked += 1
+        return self.asked > self.opened_at
+
+    def wants(self):
+        return True
+
+    def tell(self, line):
+        self.lines.append(line)
+
+    def show(self, state, board):
+        self.boards.append(board)
+
+
+def guide_in_page(page, above, config=None):
+    guide = CalibrationGuide(MOUNTED, CALIBRATION, config)
+    calibrate.guide_person(make_scans(above), guide, 3.0, page)
+    return guide
+
+
+def test_page_shows_what_terminal_prints(capsys):
+    page = RememberedPage()
+    above = rest() + press(19, width=2) + all_presses()
+    guide = guide_in_page(page, above, GuideConfig(forces=(4.9,)))
+    printed = capsys.readouterr().out.splitlines()
+    requests = list(dict.fromkeys(board.request for board in page.boards))
+    assert requests[-1] == "" and guide.phase == "done"
+    assert sorted(printed) == sorted([*requests[:-1], *page.lines, requests[1]])
+    assert requests[1].startswith("press 1 of 5 with 4.9 N: patch 'p0'")
+    assert "not used" in "".join(page.lines)
+    for board in page.boards:
+        assert ("press" in board.request) == (board.taxel is not None)
+    asked = list(dict.fromkeys(board.taxel for board in page.boards))
+    assert asked[1:] == places(0) + places(1)
+
+
+def test_progress_grows_to_the_whole_in_each_phase():
+    page = RememberedPage()
+    guide_in_page(page, rest() + all_presses())
+    for is_rest in (True, False):
+        shares = [b.share for b in page.boards if ("hands off" in b.request) == is_rest]
+        assert shares == sorted(shares) and min(shares) >= 0.0
+        assert shares[0] < 0.1 and shares[-1] > 0.9
+
+
+def test_page_skips_the_patch_that_it_showed_and_no_other(capsys):
+    page = RememberedPage(skipped="p0")
+    only = [s for taxel in places(1) for s in press(taxel)]
+    guide = guide_in_page(page, rest() + only)
+    assert [one.patch for one in guide.presses] == [1] * 5
+    assert guide.skipped == {0} and guide.phase == "done"
+    assert "patch 'p0' is left out" in page.lines
+    assert "nothing felt" not in capsys.readouterr().out
+
+
+def test_guide_begins_once_a_browser_has_opened_the_page():
+    scans = list(make_scans(rest(20)))
+    info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
+    source = PlayedSource(info, iter(scans), STEPPED, ManualClock())
+    page = RememberedPage(opened_at=5)
+    given = calibrate.await_page(source, page, is_live=True)
+    assert [scan.stamp for scan in given] == [scan.stamp for scan in scans[5:]]
+
+
+def test_port_that_is_taken_is_refused(recording, tmp_path, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        words = (f"replay:{recording}", "--view", "--port", server.getsockname()[1])
+        out = tmp_path / "c.json"
+        part = "not available"
+        assert_refused(capsys, "calibrate", *words, "--out", out, part=part)
+    assert not out.exists()
 
 
 def test_touch_during_rest_begins_it_again():

@@ -7,7 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from eskin.page import ArmSummary, LogEntry
+from eskin.page import ArmSummary, GuideBoard, LogEntry
+from eskin.page.link import free_port
+from eskin.touch import Calibration, Scan, TouchPipeline
+from eskin.viewer import CalibrationViewer, ViewerConfig
 from eskin.viewer.process import PageProcess
 from helpers.viewer import Q, make_setup, make_update, mounted
 
@@ -26,8 +29,8 @@ if not CHROMIUM.exists():
 
 pytestmark = pytest.mark.slow
 
-RESTING, RING = (55, 15, 70), (213, 94, 0)
-"""Colours of taxels at rest, and of the ring around a contact."""
+RESTING, RING, PLACE = (55, 15, 70), (213, 94, 0), (231, 41, 138)
+"""Colours of taxels at rest, and of rings around a contact and a place to press."""
 PACE = 0.5
 """Half as fast as life: software draws slowly."""
 TRIES = 6
@@ -191,6 +194,59 @@ def test_page_that_may_not_touch_has_no_controls(browser, page):
         assert not page.orders and not page.process.dropped
     finally:
         page.close()
+
+
+@pytest.fixture
+def calibrated(browser):
+    """A page that guides through a calibration, and its tab."""
+    viewer = CalibrationViewer(mounted(), 50.0, ViewerConfig(free_port(0)))
+    tab = new_tab(browser)
+    try:
+        tab.goto(viewer.page.wait_ready(PATIENCE))
+        yield viewer, tab
+    finally:
+        tab.close()
+        viewer.close()
+
+
+def test_page_guides_through_calibration(calibrated):
+    viewer, tab = calibrated
+    skin = mounted().skin
+    pipeline = TouchPipeline(mounted(), Calibration.uniform(skin.count, 4095, 400.0))
+    counts, received = np.full(skin.count, 200, np.int32), np.ones(skin.count, bool)
+    stamps = iter(range(40_000_000, 10**18, 200_000_000))
+
+    def show(board):
+        viewer.show(pipeline.push(Scan(next(stamps), counts, received, Q)), board)
+
+    def find(name):
+        return tab.get_by_role("button", name=name)
+
+    def count_place():
+        shot = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+        middle = np.asarray(shot, dtype=int)[300:500, 380:580]
+        return np.count_nonzero(np.abs(middle - PLACE).max(axis=-1) < 45)
+
+    assert becomes(lambda: viewer.is_opened, PATIENCE)
+    show(GuideBoard("hands off for 5 s", 0.5))
+    tab.wait_for_selector("text=hands off for 5 s")
+    assert not find("Skip this patch").is_visible() and not count_place()
+    # Also where the place is on the far side: the camera turns to it.
+    for patch in ("forearm_front", "forearm_back"):
+        taxel = int(skin.find_taxels(patch)[200])
+        viewer.tell("felt on <b>")
+        show(GuideBoard(f"press {patch}", 0.5, taxel))
+        tab.wait_for_selector(f"text=press {patch}")
+        assert becomes(lambda: count_place() > 20, PATIENCE)
+        find("Skip this patch").click()
+        assert becomes(lambda patch=patch: viewer.skipped == patch, PATIENCE)
+    assert tab.get_by_text("felt on <b>").count() == 2
+    show(GuideBoard("finished", 1.0, None, ("gain x 2.00",)))
+    tab.wait_for_selector("text=gain x 2.00")
+    assert becomes(lambda: not count_place(), PATIENCE)
+    assert not viewer.closed.is_set()
+    find("Close").click()
+    viewer.wait_closed()
 
 
 @pytest.fixture

@@ -179,6 +179,7 @@ class CalibrationGuide:
         phase: what is measured now.
         presses: presses so far.
         skipped: patches that are no longer asked for.
+        state: contacts and pressures at the latest scan; None before the first.
     """
 
     phase: Literal["rest", "press", "done"]
@@ -212,6 +213,7 @@ class CalibrationGuide:
         self.presses: list[FingertipPress] = []
         self.skipped: set[int] = set()
         self.touched_at: int | None = None
+        self.state: TouchState | None = None
 
     def build_fault_detector(self) -> FaultDetector:
         """Build a detector that finds stuck taxels within the time at rest."""
@@ -223,7 +225,7 @@ class CalibrationGuide:
     def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan, and return what it has led to."""
         scan = replace(scan, received=scan.received & ~self.ignored)
-        state = self.pipeline.push(scan)
+        state = self.state = self.pipeline.push(scan)
         if self.phase == "rest":
             return self.push_rest(scan, state)
         if self.phase == "press":
@@ -324,6 +326,18 @@ class CalibrationGuide:
     def count_presses(self, patch: int) -> int:
         """Return the number of presses of a patch so far."""
         return sum(press.patch == patch for press in self.presses)
+
+    @property
+    def progress(self) -> float:
+        """Share of the time at rest, or of the presses asked for, that is done."""
+        if self.phase == "rest":
+            return min(self.record.seconds / self.config.seconds, 1.0)
+        most = self.config.presses
+        done = [
+            most if patch in self.skipped else min(self.count_presses(patch), most)
+            for patch in self.wanted
+        ]
+        return sum(done) / (most * len(done)) if most and done else 1.0
 
     def get_force(self, patch: int) -> float | None:
         """Return the force of the next press of a patch [N]; None if not known."""

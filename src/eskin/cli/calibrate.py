@@ -1,7 +1,10 @@
 """`eskin calibrate` measures the calibration of a skin with a person's help."""
 
 import math
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
+from itertools import dropwhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +12,7 @@ import numpy as np
 import tyro
 
 from eskin.cli.checks import check_writable
+from eskin.cli.run import DEFAULT_PORT
 from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError, RecordingError
 
@@ -20,7 +24,10 @@ if TYPE_CHECKING:
         GuideEvent,
     )
     from eskin.drivers import Source
-    from eskin.skin import Skin
+    from eskin.page import GuideBoard
+    from eskin.skin import MountedSkin, Skin
+    from eskin.touch import Scan
+    from eskin.viewer import CalibrationViewer
 
 MAX_SECONDS, MAX_PRESSES = 120.0, 50
 """Longest time at rest [s], and most presses of a patch."""
@@ -84,6 +91,14 @@ class CalibrateCommand:
     key: Path | None = None
     """Key file of the patches; packets without a valid seal are refused."""
 
+    view: bool = False
+    """Guide in the browser too, where the place to press is marked on the robot. It
+    begins once the page is opened; a recording is then played as fast as it was made.
+    """
+
+    port: int | None = None
+    """TCP port of the page on this computer, 8080 by default; 0 takes any free one."""
+
 
 def run(command: CalibrateCommand) -> dict[str, object]:
     """Guide through the calibration, write the file and return what was measured."""
@@ -95,22 +110,35 @@ def run(command: CalibrateCommand) -> dict[str, object]:
     check_options(command)
     config = build_config(command)
     is_live = not command.source[0].startswith("replay:")
-    with open_calibrated(command) as source:
+    with ExitStack() as stack:
+        source = stack.enter_context(open_calibrated(command))
         info = source.info
         robot = load_recorded_robot(info.robot_name, command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         guide = CalibrationGuide(mounted, info.calibration, config)
         print(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")
-        guide_person(source, guide, command.wait if is_live else math.inf)
-    if guide.rest is None:
-        raise (DeviceError if is_live else RecordingError)(
-            f"{info.uri} had no {command.seconds:g} s at rest; allowed is that time "
-            "without touch, at its beginning or later; take all hands off and repeat"
-        )
-    result = guide.finish()
-    print_result(result, info.skin)
-    write_calibration(command.out, result.calibration)
-    print(f"written to {command.out}")
+        page = None
+        if command.view:
+            page = open_page(command, mounted, info.rate)
+            stack.callback(page.close)
+        scans = source if page is None else await_page(source, page, is_live)
+        guide_person(scans, guide, command.wait if is_live else math.inf, page)
+        source.close()
+        if guide.rest is None:
+            raise (DeviceError if is_live else RecordingError)(
+                f"{info.uri} had no {command.seconds:g} s at rest; allowed is that "
+                "time without touch, at its beginning or later; take all hands off "
+                "and repeat"
+            )
+        result = guide.finish()
+        lines = describe_result(result, info.skin)
+        for line in lines:
+            say(line)
+        write_calibration(command.out, result.calibration)
+        lines.append(f"written to {command.out}")
+        say(lines[-1])
+        if page is not None:
+            show_result(page, guide, lines)
     return summarise(result, info.skin, command)
 
 
@@ -137,6 +165,10 @@ def check_options(command: CalibrateCommand) -> None:
                 f"--{name.split()[0]} is {value:g}; allowed are {low:g} to {high:g}; "
                 "change it"
             )
+    if command.port is not None and not command.view:
+        raise ValueError(
+            "--port is given without --view; allowed is both; ask for the page"
+        )
     check_writable(command.out)
 
 
@@ -172,7 +204,7 @@ def open_calibrated(command: CalibrateCommand) -> "Source":
         robot=command.robot_urdf,
         calibration=command.calibration,
         rate=command.rate,
-        pace=math.inf,
+        pace=1.0 if command.view else math.inf,
         baud=command.baud,
         allow_remote=command.allow_remote,
         key=None if command.key is None else read_key(command.key),
@@ -180,96 +212,177 @@ def open_calibrated(command: CalibrateCommand) -> "Source":
     return open_source(*command.source, config=config)
 
 
-def guide_person(source: "Source", guide: "CalibrationGuide", wait: float) -> None:
-    """Push scans until all is measured, and print what to do and what was felt.
+def open_page(
+    command: CalibrateCommand, mounted: "MountedSkin", rate: float
+) -> "CalibrationViewer":
+    """Start the page, and print its link.
+
+    Raises:
+        DeviceError: the port is not available.
+    """
+    from eskin.page.link import free_port
+    from eskin.viewer import CalibrationViewer, ViewerConfig
+
+    port = free_port(DEFAULT_PORT if command.port is None else command.port)
+    config = ViewerConfig(port)
+    page = CalibrationViewer(mounted, rate, config)
+    print(f"see {config.link}", flush=True)
+    return page
+
+
+def await_page(
+    source: "Source", page: "CalibrationViewer", is_live: bool
+) -> "Iterator[Scan]":
+    """Return the scans from the time on at which a browser has opened the page.
+
+    A recording begins then. Scans of a device do not wait, and are dropped until then.
+    """
+    if not is_live:
+        page.wait_opened()
+    return dropwhile(lambda scan: not page.is_opened, source)
+
+
+def guide_person(
+    scans: "Iterable[Scan]",
+    guide: "CalibrationGuide",
+    wait: float,
+    page: "CalibrationViewer | None" = None,
+) -> None:
+    """Push scans until all is measured, and say what to do and what was felt.
 
     Args:
-        source: source of the scans.
+        scans: scans of the skin.
         guide: guide through the calibration.
         wait: longest time to wait for rest and for each press [s]; infinite for a
             recording, which nobody can be asked for presses.
+        page: page that shows the same as the terminal; None without a page.
     """
     from eskin.units import NS_PER_S
 
     asks = math.isfinite(wait)
-    print(f"hands off for {guide.config.seconds:g} s", flush=True)
+    say(describe_request(guide))
     since: int | None = None
-    for scan in source:
+    for scan in scans:
         since = scan.stamp if since is None else since
         was_rest, event = guide.phase == "rest", guide.push(scan)
         limit = wait + guide.config.seconds * was_rest
+        is_late = scan.stamp - since > limit * NS_PER_S
         if event is not None:
-            print_event(event, guide)
+            say(describe_event(event, guide), page)
         if event is not None and event.kind != "touched":
             since = scan.stamp
             if asks:
-                print_request(guide)
-        elif scan.stamp - since > limit * NS_PER_S:
-            if was_rest:
-                return
+                say(describe_request(guide))
+        elif is_late and was_rest:
+            return
+        elif is_late or is_skipped(guide, page):
             since = scan.stamp
-            skip_patch(guide)
+            say(describe_skip(guide, is_late), page)
+            guide.skip()
+            say(describe_request(guide))
+        if page is not None and guide.state is not None and page.wants():
+            page.show(guide.state, build_board(guide))
         if guide.phase == "done":
             return
 
 
-def skip_patch(guide: "CalibrationGuide") -> None:
-    """Leave out the patch that is asked for, and ask for the next."""
+def say(line: str, page: "CalibrationViewer | None" = None) -> None:
+    """Print a line unless it is empty, and add it to the log of the page."""
+    if line:
+        print(line, flush=True)
+    if line and page is not None:
+        page.tell(line)
+
+
+def build_board(guide: "CalibrationGuide") -> "GuideBoard":
+    """Build what the page shows of the guide."""
+    from eskin.page import GuideBoard
+
+    request = guide.request if guide.phase == "press" else None
+    taxel = None if request is None else request.taxel
+    return GuideBoard(describe_request(guide), guide.progress, taxel)
+
+
+def show_result(
+    page: "CalibrationViewer", guide: "CalibrationGuide", lines: list[str]
+) -> None:
+    """Show the result in the page until the person closes it there, or by Ctrl-C."""
+    from eskin.page import GuideBoard
+
+    assert guide.state is not None
+    page.show(guide.state, GuideBoard("finished", 1.0, None, tuple(lines)))
+    with suppress(KeyboardInterrupt):
+        page.wait_closed()
+
+
+def is_skipped(guide: "CalibrationGuide", page: "CalibrationViewer | None") -> bool:
+    """Tell whether the person has left out, in the page, the patch asked for."""
+    if page is None or page.skipped is None or guide.phase != "press":
+        return False
     request = guide.request
-    if request is not None:
-        patch = guide.skin.patches[request.patch].id
-        print(f"nothing felt: patch '{patch}' is left out", flush=True)
-    guide.skip()
-    print_request(guide)
+    return request is not None and guide.skin.patches[request.patch].id == page.skipped
 
 
-def print_request(guide: "CalibrationGuide") -> None:
-    """Print where to press next."""
+def describe_skip(guide: "CalibrationGuide", is_late: bool) -> str:
+    """Describe that the patch asked for is left out, for want of presses or not."""
+    request = guide.request
+    if request is None:
+        return ""
+    patch = guide.skin.patches[request.patch].id
+    return f"{'nothing felt: ' * is_late}patch '{patch}' is left out"
+
+
+def describe_request(guide: "CalibrationGuide") -> str:
+    """Describe what to do now; empty where nothing is to be done."""
+    if guide.phase == "rest":
+        return f"hands off for {guide.config.seconds:g} s"
     request = guide.request
     if guide.phase != "press" or request is None:
-        return
+        return ""
     count = guide.count_presses(request.patch)
     force = "" if request.force is None else f" with {request.force:g} N"
-    print(
+    return (
         f"press {count + 1} of {guide.config.presses}{force}: "
-        f"{describe_taxel(guide.skin, request.taxel)}",
-        flush=True,
+        f"{describe_taxel(guide.skin, request.taxel)}"
     )
 
 
-def print_event(event: "GuideEvent", guide: "CalibrationGuide") -> None:
-    """Print what a scan has led to."""
+def describe_event(event: "GuideEvent", guide: "CalibrationGuide") -> str:
+    """Describe what a scan has led to; empty where there is nothing to say."""
     if event.kind == "touched":
-        print(f"{event.text}: hands off, rest begins again", flush=True)
-    elif event.kind == "rested":
-        print("rest is measured", flush=True)
-    elif event.taxel is not None:
-        verdict = "felt on" if event.kind == "pressed" else f"{event.text}: not used,"
-        print(f"  {verdict} {describe_taxel(guide.skin, event.taxel)}", flush=True)
+        return f"{event.text}: hands off, rest begins again"
+    if event.kind == "rested":
+        return "rest is measured"
+    if event.taxel is None:
+        return ""
+    verdict = "felt on" if event.kind == "pressed" else f"{event.text}: not used,"
+    return f"  {verdict} {describe_taxel(guide.skin, event.taxel)}"
 
 
-def print_result(result: "CalibrationResult", skin: "Skin") -> None:
-    """Print noise, faults, and the gain of each patch that was pressed."""
+def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
+    """Describe noise, faults, and the gain of each patch that was pressed, in lines."""
+    lines = []
     noise = result.rest.noise[result.codes < 0]
     if len(noise):
-        print(
+        lines.append(
             f"noise at rest: median {np.median(noise):.2f} counts, worst "
             f"{noise.max():.2f}"
         )
     for fault in result.faults:
         places = {"row": fault.row, "column": fault.column}
         text = "".join(f", {k} {v}" for k, v in places.items() if v is not None)
-        print(f"  {fault.kind}: patch '{fault.patch}'{text}")
+        lines.append(f"  {fault.kind}: patch '{fault.patch}'{text}")
     rows = build_patch_rows(result, skin)
-    for row in rows:
-        if row.presses:
-            print(
-                f"  patch '{row.id}': gain x {row.gain_ratio:.2f} +- "
-                f"{100 * (row.deviation or 0.0):.0f} %, {row.presses} presses"
-            )
+    lines += [
+        f"  patch '{row.id}': gain x {row.gain_ratio:.2f} +- "
+        f"{100 * (row.deviation or 0.0):.0f} %, {row.presses} presses"
+        for row in rows
+        if row.presses
+    ]
     unpressed = [row.id for row in rows if not row.presses]
     if result.presses and unpressed:
-        print(f"  not pressed, gain follows the others: {', '.join(unpressed)}")
+        lines.append(f"  not pressed, gain follows the others: {', '.join(unpressed)}")
+    return lines
 
 
 @dataclass(frozen=True)

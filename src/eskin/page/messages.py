@@ -101,6 +101,20 @@ class ComparisonBoard:
     """Name of each recogniser with its answers, one per pose."""
 
 
+@dataclass(frozen=True)
+class GuideBoard:
+    """Tells a person what to do next in a calibration, and what it has measured."""
+
+    request: str
+    """What the person is to do now."""
+    share: float
+    """Share of the time at rest, or of the presses, that is done."""
+    taxel: int | None = None
+    """Taxel to press next; None where none is to be pressed."""
+    result: tuple[str, ...] = ()
+    """Lines of the result; empty before the end."""
+
+
 @dataclass(frozen=True, eq=False)
 class ViewUpdate:
     """Holds the state of one instant as the page shows it."""
@@ -135,6 +149,8 @@ class ViewUpdate:
     """Summary of the arm; None without an arm."""
     board: ComparisonBoard | None = None
     """Comparison of recognisers; None where none are compared."""
+    guide: GuideBoard | None = None
+    """Guide through a calibration; None where nothing is calibrated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +199,8 @@ class SceneDescription:
     """Whether updates include the state of an arm."""
     compares: bool = False
     """Whether a comparison of recognisers replaces the panel beside the scene."""
+    calibrates: bool = False
+    """Whether the guide through a calibration replaces the panel beside the scene."""
     warning: str = ""
     """Warning that is always shown above the panel; empty for none."""
 
@@ -198,6 +216,9 @@ PageKind = Literal[
     "skin",
     "record",
     "stop_recording",
+    "opened",
+    "skip_patch",
+    "close",
 ]
 
 
@@ -226,7 +247,8 @@ class PageOrder:
     kind: PageKind
     """Action."""
     value: str | float | None = None
-    """Argument: a patch to unplug or plug in, a share of taxels to kill, or a skin."""
+    """Argument: a patch to unplug, plug in or skip, a share of taxels to kill, or a
+    skin."""
 
 
 Order = TouchOrder | PageOrder

@@ -14,10 +14,11 @@ from viser import (
 
 from eskin.page.board import ComparisonPanel
 from eskin.page.colours import ColourScale
+from eskin.page.guide import CalibrationPanel
 from eskin.page.hand import MouseHand, TaxelPicker, TouchMode
-from eskin.page.messages import Order, SceneDescription, ViewUpdate
+from eskin.page.messages import Order, PageOrder, SceneDescription, ViewUpdate
 from eskin.page.panel import Panel
-from eskin.page.scene import GripperModel, Marks, Scene
+from eskin.page.scene import GripperModel, Marks, Scene, TargetMark
 
 SCALE = 60.0
 """Initial pressure of the lightest colour [kPa]; the user can change it."""
@@ -47,7 +48,8 @@ class Page:
         Args:
             server: server of the page.
             setup: description of the scene.
-            send: function called with every order; unused if the page is not touchable.
+            send: function called with every order; unused if the page is neither
+                touchable nor calibrates.
         """
         self.server = server
         gui = server.gui
@@ -59,20 +61,30 @@ class Page:
         self.scene = Scene(server, setup, self.scale)
         self.scene.set_camera(CAMERA_TARGET, CAMERA_DISTANCE)
         self.marks = Marks(server, self.scene)
+        self.target = TargetMark(server, self.scene)
         self.gripper = GripperModel(server, setup) if setup.is_arm else None
         self.hand = MouseHand(setup, send)
-        self.panel = (
-            ComparisonPanel(gui, setup, self.scale)
-            if setup.compares
-            else Panel(gui, setup, self.scale, self.hand)
-        )
+        self.panel = self.build_panel(setup, send)
         self.picker = TaxelPicker(self.scene)
-        self.drawn = 0.0
+        self.drawn = -np.inf
         if setup.touchable:
             for link, discs in self.scene.discs.items():
                 self.register_events(link, discs)
                 self.register_events(link, self.scene.add_pads(link))
             server.on_client_disconnect(lambda _: self.hand.drag("end", None))
+        if setup.calibrates:
+            server.on_client_connect(lambda _: send(PageOrder("opened")))
+
+    def build_panel(
+        self, setup: SceneDescription, send: Callable[[Order], None]
+    ) -> Panel | ComparisonPanel | CalibrationPanel:
+        """Lay out the panel beside the scene."""
+        gui = self.server.gui
+        if setup.compares:
+            return ComparisonPanel(gui, setup, self.scale)
+        if setup.calibrates:
+            return CalibrationPanel(gui, setup, self.scale, send)
+        return Panel(gui, setup, self.scale, self.hand)
 
     def register_events(self, link: int, discs: BatchedMeshHandle) -> None:
         """Turn clicks and drags on the discs or pads of a link into touches."""
@@ -106,6 +118,7 @@ class Page:
         with self.server.atomic():
             self.scene.show(update)
             self.marks.show(update)
+            self.target.show(None if update.guide is None else update.guide.taxel)
             if self.gripper is not None and update.arm is not None:
                 self.gripper.show(update.arm.gripper)
             self.panel.take(update)

@@ -158,6 +158,13 @@ def render_log(log_entries: Sequence[LogEntry]) -> str:
     return render_block(rows or f'<span style="color:{PALE}">nothing yet</span>')
 
 
+def unpack_valid(
+    update: ViewUpdate, setup: SceneDescription
+) -> Bool[np.ndarray, "taxel"]:
+    """Return whether each taxel of an update is valid."""
+    return np.unpackbits(update.valid, count=setup.patch_index.size).astype(bool)
+
+
 def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
     """Return how many taxels of each patch are not valid, as HTML."""
     sizes = np.bincount(setup.patch_index, minlength=len(setup.patches))
@@ -410,8 +417,7 @@ class Panel:
         self.status.content = render_status(update)
         self.bars.content = render_bars(update.touches, self.setup.gestures)
         self.log.content = render_log(tuple(self.log_entries))
-        count = self.setup.patch_index.size
-        valid = np.unpackbits(update.valid, count=count).astype(bool)
+        valid = unpack_valid(update, self.setup)
         self.patches.content = render_patches(self.setup, valid)
 
 

@@ -5,7 +5,13 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
-from viser import BatchedMeshHandle, FrameHandle, LabelHandle, ViserServer
+from viser import (
+    BatchedMeshHandle,
+    FrameHandle,
+    LabelHandle,
+    MeshHandle,
+    ViserServer,
+)
 
 from eskin.page.colours import ColourScale
 from eskin.page.messages import ContactMarker, LogEntry, SceneDescription, ViewUpdate
@@ -98,17 +104,25 @@ class Scene:
             cast_shadow=True,
         )
 
-    def set_camera(self, middle: Float[np.ndarray, "3"], distance: float) -> None:
-        """Set the initial camera of the page.
+    def set_camera(
+        self,
+        middle: Float[np.ndarray, "3"],
+        distance: float,
+        direction: Float[np.ndarray, "3"] = CAMERA_DIRECTION,
+    ) -> None:
+        """Set the camera of the page, in every browser that has opened it and later.
 
         Args:
             middle: point that the camera looks at, in the world frame [m].
             distance: distance of the camera from that point [m].
+            direction: direction in the world frame from that point to the camera, of
+                about unit length.
         """
-        camera = self.server.initial_camera
-        camera.fov = FIELD_OF_VIEW
-        camera.look_at = middle
-        camera.position = middle + distance * CAMERA_DIRECTION
+        self.server.initial_camera.fov = FIELD_OF_VIEW
+        clients = self.server.get_clients().values()
+        for camera in (self.server.initial_camera, *(each.camera for each in clients)):
+            camera.position = middle + distance * direction
+            camera.look_at = middle
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """Add one disc per taxel, in the frame of their link."""
@@ -343,6 +357,78 @@ class Marks:
             anchor="bottom-center",
         )
         self.labels.append((entry.seconds, label))
+
+
+TARGET = (231, 41, 138)
+"""Pink, distinct from skin at rest, lids and rings around contacts (Brewer's Dark2)."""
+TARGET_RADIUS = 0.02
+"""Radius of the ring around the place to press [m]."""
+TARGET_DISTANCE = 0.9
+"""Distance of the camera from the place to press [m]."""
+SLANT = 0.4
+"""Share of `CAMERA_DIRECTION` that is added to the normal there, so that the camera
+never looks straight down."""
+CAMERA_HEIGHT = 0.05
+"""Least height of the camera over the ground, where the place is higher [m]."""
+
+
+@final
+class TargetMark:
+    """Marks the place to press next, and turns the camera to it."""
+
+    def __init__(self, server: ViserServer, scene: Scene) -> None:
+        """Start without a place."""
+        self.server = server
+        self.scene = scene
+        self.taxel: int | None = None
+        self.handles: list[MeshHandle | LabelHandle] = []
+
+    def show(self, taxel: int | None) -> None:
+        """Mark a taxel, or none."""
+        if taxel == self.taxel:
+            return
+        for handle in self.handles:
+            handle.remove()
+        self.taxel, self.handles = taxel, []
+        if taxel is not None:
+            self.handles = self.add_mark(taxel)
+            self.turn_camera(taxel)
+
+    def add_mark(self, taxel: int) -> list[MeshHandle | LabelHandle]:
+        """Add a ring around a taxel, and a label that is seen through the robot."""
+        setup, scene = self.scene.setup, self.server.scene
+        normal = setup.normals[taxel]
+        at = f"/robot/{setup.links[setup.taxel_link[taxel]]}"
+        place = setup.positions[taxel] + RING_LIFT * normal
+        vertices, faces = build_ring()
+        ring = scene.add_mesh_simple(
+            f"{at}/target",
+            vertices,
+            faces,
+            color=TARGET,
+            side="double",
+            scale=TARGET_RADIUS,
+            wxyz=compute_rotations_to(normal[None])[0],
+            position=place,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        label = scene.add_label(
+            f"{at}/target_label",
+            "press here",
+            position=place + 3 * TARGET_RADIUS * normal,
+            anchor="bottom-center",
+        )
+        return [ring, label]
+
+    def turn_camera(self, taxel: int) -> None:
+        """Look at a taxel from outside, and from above the ground."""
+        positions, normals = self.scene.place_taxels()
+        p_world, direction = positions[taxel], normals[taxel] + SLANT * CAMERA_DIRECTION
+        direction /= np.linalg.norm(direction)
+        room = max(p_world[2] - CAMERA_HEIGHT, CAMERA_HEIGHT)
+        distance = min(TARGET_DISTANCE, room / max(-direction[2], 1e-9))
+        self.scene.set_camera(p_world, distance, direction)
 
 
 def build_ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:

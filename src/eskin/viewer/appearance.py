@@ -37,6 +37,7 @@ def describe_scene(
     skins: tuple[str, ...] = (),
     is_arm: bool = False,
     compares: bool = False,
+    calibrates: bool = False,
     warning: str = "",
 ) -> SceneDescription:
     """Return the description of a skin on its robot.
@@ -59,6 +60,7 @@ def describe_scene(
         skins=skins,
         is_arm=is_arm,
         compares=compares,
+        calibrates=calibrates,
         warning=warning,
     )
 

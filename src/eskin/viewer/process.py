@@ -64,7 +64,8 @@ class PageProcess:
             DeviceError: the port is not available.
         """
         port = free_port(port)
-        self.on_order = on_order if setup.touchable else None
+        may_order = setup.touchable or setup.calibrates
+        self.on_order = on_order if may_order else None
         self.changed = Condition()
         self.latest: ViewUpdate | None = None
         self.in_flight = self.updates = self.shown = self.dropped = 0
