@@ -1,0 +1,145 @@
+"""Make the weights that come with eskin: generate the sets, then train.
+
+    python -m benchmarks.weights --sets SETS --out FOLDER
+    python -m benchmarks.weights --sets SETS --out FOLDER --weights ur5-sim p0 p1
+
+`ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
+touches of the people of SocialTouch beside the same sets. `p0` and `p1` are as `ur5`,
+but with one person each, so that `python -m benchmarks.transfer --people 1 --model
+FOLDER/p0.safetensors` tests on the other one. Sets and prepared recordings that exist
+are used as they are.
+"""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+SIMULATED = {
+    "train": "--set train --clips 5000",
+    "train-families": "--set train-families --clips 6000",
+    "train-sparse": "--set train-families --seed 2 --skin ur5-sparse --clips 1600",
+    "train-dense": "--set train-families --seed 3 --skin ur5-dense --clips 600",
+    "train-post": "--set train-families --seed 4 --skin post --clips 1000",
+    "train-pairs": "--set pairs --seed 1 --clips 250",
+}
+"""Sets of simulated people to train on, by their folder, with the options of `eskin
+generate`."""
+
+VALIDATION = {
+    "tuneval": "--set val --clips 400",
+    "tunefam": "--set val-families --clips 600",
+}
+"""Sets that epoch and temperature are chosen on."""
+
+STREAMS = {
+    "tunestreams": "--set streams-fresh --seed 1 --clips 8",
+    "tunestreamsx": "--set streams --seed 1 --clips 8",
+    "tunestreamsf": "--set streams-families --seed 1 --clips 12",
+}
+"""Sets that the decision is chosen on."""
+
+WEIGHTS = {
+    "ur5-sim": ("", (), 20, 250),
+    "ur5": ("ur5-sim", (0, 1), 8, 250),
+    "p0": ("ur5-sim", (0,), 8, 200),
+    "p1": ("ur5-sim", (1,), 8, 200),
+}
+"""Weights: those to start from, people of SocialTouch, epochs, and steps of each."""
+
+OPTIONS = """
+--skins 0 --train.batch 96 --train.encoded 32 --train.readings 10 --train.decay 0.1
+--train.smoothing 0.05 --train.patience 99 --train.network.width 32
+--train.network.layers 3 --train.network.channels 48 --train.network.dropout 0.1
+--train.augment.gain 0.4 --train.augment.taxel-gain 0.05 --train.augment.dead 0.03
+--train.augment.offset 0.25 --train.augment.crop 0 --train.augment.stretch 0.1
+--train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05
+--train.augment.noise 0.02
+""".split()
+"""Options of every training."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Make the weights that come with eskin."""
+
+    sets: Path
+    """Folder of the sets, and of the prepared recordings."""
+    out: Path
+    """Folder of the weights."""
+    socialtouch: Path = Path("../shared/data/socialtouch")
+    """Folder of the SocialTouch set, as published."""
+    weights: tuple[str, ...] = ("ur5-sim", "ur5")
+    """Names of the weights to make, those to start from first."""
+    workers: int = 2
+    """Number of processes that generate and prepare, and of threads that train."""
+
+    def __post_init__(self) -> None:
+        """Raise if weights have no known name."""
+        unknown = [name for name in self.weights if name not in WEIGHTS]
+        if unknown:
+            raise ValueError(
+                f"--weights has '{unknown[0]}'; allowed are {', '.join(WEIGHTS)}; take "
+                "those"
+            )
+
+
+def main() -> None:
+    """Generate what is missing, and train."""
+    command = tyro.cli(Command)
+    command.out.mkdir(parents=True, exist_ok=True)
+    for name in command.weights:
+        train(name, command)
+
+
+def train(name: str, command: Command) -> None:
+    """Train weights on their sets."""
+    start, people, epochs, steps = WEIGHTS[name]
+    trained = SIMULATED | build_recorded_sets(people, command.socialtouch)
+    for sets in (trained, VALIDATION, STREAMS):
+        for folder, options in sets.items():
+            generate(command.sets / folder, options.split(), command.workers)
+    started = ["--start", str(command.out / f"{start}.safetensors")] if start else []
+    run(
+        "train",
+        *(str(command.sets / folder) for folder in trained),
+        *("--val", *(str(command.sets / folder) for folder in VALIDATION)),
+        *("--streams", *(str(command.sets / folder) for folder in STREAMS)),
+        *("--pack", str(command.sets / "pack")),
+        *("--out", str(command.out / f"{name}.safetensors")),
+        *("--train.epochs", str(epochs), "--train.steps", str(steps)),
+        *("--train.workers", str(command.workers)),
+        *OPTIONS,
+        *started,
+    )
+
+
+def build_recorded_sets(people: tuple[int, ...], source: Path) -> dict[str, str]:
+    """Return the sets of recorded people, by folder, with their options."""
+    sets = {}
+    for person in people:
+        options = f"--set recorded --recorded {source} --people {person}"
+        dense = f"{options} --skin ur5-dense --seed 1 --clips 600"
+        sets |= {f"rec{person}": f"{options} --clips 1200", f"rec{person}-dense": dense}
+    return sets
+
+
+def generate(folder: Path, options: list[str], workers: int) -> None:
+    """Generate a set, or continue one that is not complete."""
+    run("generate", str(folder), *options, "--workers", str(workers))
+
+
+def run(*words: str) -> None:
+    """Run an eskin command.
+
+    Raises:
+        subprocess.CalledProcessError: it fails.
+    """
+    script = Path(sys.executable).with_name("eskin")
+    subprocess.run([str(script), *words], check=True)
+
+
+if __name__ == "__main__":
+    main()
