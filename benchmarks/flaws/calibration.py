@@ -1,7 +1,7 @@
 """Measure what a calibration from rest and five presses gains.
 
-    python -m benchmarks.calibration_gain
-    python -m benchmarks.calibration_gain --kinds divider linear --builds 20 --json FILE
+    python -m benchmarks.flaws calibration
+    python -m benchmarks.flaws calibration --kinds divider linear --builds 9 --json FILE
 
 Builds of each kind are drawn. Each is calibrated as by `eskin calibrate`, from rest and
 presses of a fingertip at the places that are asked for, whose forces vary as people's
@@ -54,6 +54,7 @@ from eskin.sim.dataset.session_plan import build_seed
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.interactive.hand import LinkPoint
 from eskin.sim.sensor.build import BuildKind, SensorBuild, compute_nominal_half
+from eskin.sim.sensor.flaws import FAMILIES
 from eskin.sim.sensor.velostat import count_steps_from_edge
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan, TouchPipeline
@@ -80,7 +81,7 @@ WITHIN = 1.96
 class Command:
     """Compare calibrations of simulated builds."""
 
-    kinds: tuple[BuildKind, ...] = ("fresh", "shifted")
+    kinds: tuple[BuildKind, ...] = FAMILIES
     """Laws that builds are drawn from."""
     builds: int = 20
     """Number of builds of each kind."""
@@ -379,9 +380,9 @@ def print_table(results: list[GainResult]) -> None:
             print(format_row(cells))
 
 
-def main() -> None:
+def main(args: list[str] | None = None) -> None:
     """Measure all builds, then print the table."""
-    command = tyro.cli(Command)
+    command = tyro.cli(Command, args=args)
     started = time.monotonic()
     results = []
     for number in range(command.builds):
@@ -393,7 +394,3 @@ def main() -> None:
                     file.write(json.dumps(asdict(result)) + "\n")
     print_table(results)
     print(f"\n{time.monotonic() - started:.0f} s")
-
-
-if __name__ == "__main__":
-    main()
