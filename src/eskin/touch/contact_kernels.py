@@ -162,7 +162,7 @@ def select_active(
             enough = pressure >= max(least, parameters.on_share * recent)
             is_new = taxel.risen_at < since and reading.floor[i] > 0.0
             if enough and is_new and rises_alone(i, reading, context):
-                taxel.risen_at, taxel.pressure, taxel.moved = now, pressure, 1
+                taxel.risen_at, taxel.highest, taxel.moved = now, pressure, 1
                 taxel.onset = reading.stamp
                 enough = False
         if enough:
@@ -203,11 +203,11 @@ def update_active(
         if max(taxel.active_at, taxel.risen_at) != reading.previous:
             taxel.onset = reading.stamp
         if max(taxel.active_at, taxel.risen_at) < since:
-            taxel.pressure, taxel.moved = 0.0, 0
-        change = pressure - taxel.pressure
+            taxel.highest, taxel.moved = 0.0, 0
+        change = pressure - taxel.highest
         least = max(parameters.moves * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
-        taxel.pressure = pressure
+        taxel.highest = max(taxel.highest, pressure)
         taxel.active_at = now
         raise_peak(taxel, pressure, now, parameters.fade_seconds)
         span = context.geometry[i].neighbours

@@ -155,7 +155,7 @@ TAXEL_STATE = np.dtype(
         ("peak_at", "f8"),
         ("onset", "i8"),
         ("held", "i8"),
-        ("pressure", "f8"),
+        ("highest", "f8"),
         ("changed", "i8"),
         ("moved", "i8"),
         ("risen_at", "f8"),
@@ -163,8 +163,9 @@ TAXEL_STATE = np.dtype(
     ]
 )
 """State of a taxel: when it was last active [s], its recent peak at that time [kPa],
-the stamp from which it was active [ns], whether it has not been released since, and an
-index that kernels use as a temporary variable and reset to -1."""
+the stamp from which it was active [ns], whether it has not been released since, its
+highest pressure since it became active [kPa], and an index that kernels use as a
+temporary variable and reset to -1."""
 
 HELD, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
 """Indices of `TrackerState.counts`: number of held taxels, id of the next track and of

@@ -171,8 +171,8 @@ class TouchConfig:
     most: float = 3.0
     """Largest evidence of one taxel in one reading."""
     moves: float = 0.12
-    """Smallest rise of a single pressed taxel that is evidence, in units of its
-    pressure."""
+    """Smallest rise of a single pressed taxel, above what it was before, that is
+    evidence, in units of its pressure."""
     doubt_seconds: float = 0.5
     """Time without contact after which a touch that is not confirmed closes [s]."""
 
