@@ -1,13 +1,14 @@
-"""Make the weights that come with eskin: generate the sets, then train.
+"""Make weights that come with eskin: generate the sets, then train.
 
     python -m benchmarks.weights --sets SETS --out FOLDER
     python -m benchmarks.weights --sets SETS --out FOLDER --weights ur5-sim p0 p1
 
-`ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
-touches of the people of SocialTouch beside the same sets. `p0` and `p1` are as `ur5`,
-but with one person each, so that `python -m benchmarks.transfer --people 1 --model
-FOLDER/p0.safetensors` tests on the other one. Sets and prepared recordings that exist
-are used as they are.
+`ur5-sim` is trained on simulated people alone. `ur5-people` is trained on from
+`ur5-sim`, with touches of the people of SocialTouch beside the same sets. `p0` and `p1`
+are trained on with one person each, so that `python -m benchmarks.transfer --people P1
+--model FOLDER/p0.safetensors` tests on the other one. The decision of `ur5-people` is
+chosen on streams, that of the others is the default. Sets and prepared recordings that
+exist are used as they are.
 """
 
 import subprocess
@@ -41,13 +42,29 @@ STREAMS = {
 }
 """Sets that the decision is chosen on."""
 
+
+@dataclass(frozen=True)
+class Recipe:
+    """A recipe says how weights are trained."""
+
+    start: str
+    """Weights to start from; empty for random ones."""
+    people: tuple[int, ...]
+    """People of SocialTouch to train on."""
+    epochs: int
+    steps: int
+    """Steps of an epoch."""
+    decides: bool
+    """Whether the decision is chosen on streams."""
+
+
 WEIGHTS = {
-    "ur5-sim": ("", (), 20, 250),
-    "ur5": ("ur5-sim", (0, 1), 8, 250),
-    "p0": ("ur5-sim", (0,), 8, 200),
-    "p1": ("ur5-sim", (1,), 8, 200),
+    "ur5-sim": Recipe("", (), 20, 250, False),
+    "ur5-people": Recipe("ur5-sim", (0, 1), 8, 250, True),
+    "p0": Recipe("ur5-sim", (0,), 8, 200, False),
+    "p1": Recipe("ur5-sim", (1,), 8, 200, False),
 }
-"""Weights: those to start from, people of SocialTouch, epochs, and steps of each."""
+"""Recipes by the name of the weights."""
 
 OPTIONS = """
 --skins 0 --train.batch 96 --train.encoded 32 --train.readings 10 --train.decay 0.1
@@ -71,7 +88,7 @@ class Command:
     """Folder of the weights."""
     socialtouch: Path = Path("../shared/data/socialtouch")
     """Folder of the SocialTouch set, as published."""
-    weights: tuple[str, ...] = ("ur5-sim", "ur5")
+    weights: tuple[str, ...] = ("ur5-sim", "ur5-people")
     """Names of the weights to make, those to start from first."""
     workers: int = 2
     """Number of processes that generate and prepare, and of threads that train."""
@@ -96,23 +113,24 @@ def main() -> None:
 
 def train(name: str, command: Command) -> None:
     """Train weights on their sets."""
-    start, people, epochs, steps = WEIGHTS[name]
-    trained = SIMULATED | build_recorded_sets(people, command.socialtouch)
-    for sets in (trained, VALIDATION, STREAMS):
+    recipe = WEIGHTS[name]
+    trained = SIMULATED | build_recorded_sets(recipe.people, command.socialtouch)
+    streams = STREAMS if recipe.decides else {}
+    for sets in (trained, VALIDATION, streams):
         for folder, options in sets.items():
             generate(command.sets / folder, options.split(), command.workers)
-    started = ["--start", str(command.out / f"{start}.safetensors")] if start else []
+    start = command.out / f"{recipe.start}.safetensors"
     run(
         "train",
         *(str(command.sets / folder) for folder in trained),
         *("--val", *(str(command.sets / folder) for folder in VALIDATION)),
-        *("--streams", *(str(command.sets / folder) for folder in STREAMS)),
         *("--pack", str(command.sets / "pack")),
         *("--out", str(command.out / f"{name}.safetensors")),
-        *("--train.epochs", str(epochs), "--train.steps", str(steps)),
+        *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
         *("--train.workers", str(command.workers)),
         *OPTIONS,
-        *started,
+        *(["--start", str(start)] if recipe.start else []),
+        *(["--streams", *(str(command.sets / s) for s in streams)] if streams else []),
     )
 
 
