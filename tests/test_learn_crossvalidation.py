@@ -7,6 +7,7 @@ import pytest
 import torch
 from benchmarks import crossvalidation
 from benchmarks.crossvalidation import (
+    CNN,
     ON_FEATURES,
     classify_instants,
     classify_segments,
@@ -48,6 +49,8 @@ def dataset(tmp_path_factory):
 @pytest.fixture
 def few_trees(monkeypatch):
     monkeypatch.setitem(ON_FEATURES, "random forest", RandomForest(trees=20))
+    # Boosted trees need more examples in a leaf than there are.
+    monkeypatch.delitem(ON_FEATURES, "boosting")
 
 
 def weights(network):
@@ -106,7 +109,7 @@ def test_clearly_different_gestures_are_recognised_on_held_out_people(
     assert answers.groups == tuple(np.repeat(PEOPLE, 4).tolist())
     assert answers.truth.tolist() == [0, 1, 1, 0] * 3
     assert answers.recordings == (*[0] * 4, *[1] * 4, *[2] * 4)
-    assert set(answers.predicted) == {"eskin", *ON_FEATURES}
+    assert set(answers.predicted) == {"eskin", *ON_FEATURES, CNN}
     for name, predicted in answers.predicted.items():
         assert (predicted == answers.truth).mean() >= 0.75, name
     instants = classify_instants(dataset, groups, networks, 0)
