@@ -31,8 +31,7 @@ def weigh_contact(
     Each taxel adds the logarithm of its pressure in units of its noise, within limits.
     Where only one of them is well above its noise, that counts only while its pressure
     rises above what it was before, since the offset of a taxel may jump, and then stays
-    or swings. In readings without
-    noise every contact is evidence enough.
+    or swings. In readings without noise every contact is evidence enough.
     """
     parameters, state = context.parameters, context.state
     evidence, clear, strongest, changed = 0.0, 0, 0.0, False
