@@ -56,8 +56,9 @@ def one_taxel(taxel=LONE):
         lambda t: 600 * one_taxel() * (abs(t - 5.0) < 0.01),
         lambda t: 400 * one_taxel() * (t >= 5.0),
         lambda t: 400 * one_taxel() * (5.0 <= t < 5.5),
+        lambda t: (400 + 40 * (-1) ** round(RATE * t)) * one_taxel() * (t >= 5.0),
     ],
-    ids=["a corrupt value", "a jump that stays", "a swing"],
+    ids=["a corrupt value", "a jump that stays", "a swing", "a jump that swings"],
 )
 def test_electrical_event_of_one_taxel_opens_no_touch(added):
     assert not push_counts(added, 8.0)[0]
