@@ -31,11 +31,30 @@ pytestmark = pytest.mark.slow
 
 RESTING, RING, PLACE = (55, 15, 70), (213, 94, 0), (231, 41, 138)
 """Colours of taxels at rest, and of rings around a contact and a place to press."""
+SCALE = 0.5
+"""Rendered points per CSS pixel."""
 PACE = 0.5
 """Half as fast as life: software draws slowly."""
 TRIES = 6
 WAIT = 8.0
 """How long a touch may take to be obeyed [s]."""
+
+
+def new_slow_tab(browser):
+    """Open a tab that draws a few times a second: as fast as it can takes all cores."""
+    tab = new_tab(browser, scale=SCALE)
+    tab.add_init_script(
+        "window.requestAnimationFrame = draw =>"
+        " setTimeout(() => draw(performance.now()), 250);"
+        "window.cancelAnimationFrame = clearTimeout;"
+    )
+    return tab
+
+
+def take_shot(tab):
+    """Return what a tab shows by CSS pixels, of which software renders every other."""
+    shot = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+    return np.asarray(shot.resize((1280, 800), Image.Resampling.NEAREST), dtype=int)
 
 
 class FedPage:
@@ -48,7 +67,7 @@ class FedPage:
         self.feeder = threading.Thread(target=self.feed)
         self.link = self.process.wait_ready(PATIENCE)
         self.feeder.start()
-        self.tab = new_tab(browser)
+        self.tab = new_slow_tab(browser)
         self.tab.on("console", self.note)
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
         see(self.tab, self.link)
@@ -60,7 +79,7 @@ class FedPage:
     def feed(self):
         """Give updates; each log entry only once."""
         began, sent = time.monotonic(), None
-        while not self.ending.wait(0.04):
+        while not self.ending.wait(0.1):
             content = dict(self.content)
             entries = content.pop("log_entries", ())
             if entries is not sent:
@@ -74,8 +93,7 @@ class FedPage:
         self.process.close()
 
     def pixels(self):
-        shot = Image.open(io.BytesIO(self.tab.screenshot()))
-        return np.asarray(shot.convert("RGB"), dtype=int)[:, :940]
+        return take_shot(self.tab)[:, :940]
 
     def find(self, colour, tolerance):
         """Return where the scene is drawn in about a colour, as (x, y)."""
@@ -200,7 +218,7 @@ def test_page_that_may_not_touch_has_no_controls(browser, page):
 def calibrated(browser):
     """A page that guides through a calibration, and its tab."""
     viewer = CalibrationViewer(mounted(), 50.0, ViewerConfig(free_port(0)))
-    tab = new_tab(browser)
+    tab = new_slow_tab(browser)
     try:
         tab.goto(viewer.page.wait_ready(PATIENCE))
         yield viewer, tab
@@ -223,8 +241,7 @@ def test_page_guides_through_calibration(calibrated):
         return tab.get_by_role("button", name=name)
 
     def count_place():
-        shot = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
-        middle = np.asarray(shot, dtype=int)[300:500, 380:580]
+        middle = take_shot(tab)[300:500, 380:580]
         return np.count_nonzero(np.abs(middle - PLACE).max(axis=-1) < 45)
 
     assert becomes(lambda: viewer.is_opened, PATIENCE)
@@ -252,7 +269,7 @@ def test_page_guides_through_calibration(calibrated):
 @pytest.fixture
 def visit(browser):
     with ServedDemo(4, PACE) as demo:
-        tab = new_tab(browser, scale=0.5)
+        tab = new_tab(browser, scale=SCALE)
         see(tab, demo.link)
         yield Visit(tab, demo)
         tab.close()
