@@ -99,9 +99,9 @@ CONFIG = DemoConfig(seed=3, user=SimulatedUserConfig(first=1.0, accidents=0.1))
 
 
 def test_demonstration_adds_up_repeats_and_waits_for_last_touch():
-    score = run_headless(10.0, CONFIG).score
+    score = run_headless(6.0, CONFIG).score
     counts = [score.count(outcome) for outcome in ("correct", "wrong", "missed")]
-    assert sum(counts) == len(score.attempts) > 2 and counts[0] > 0
+    assert sum(counts) == len(score.attempts) > 1 and counts[0] > 0
     assert score.commands == counts[0] + counts[1] + len(score.false_alarms)
     first = score.attempts[0]
     seconds = first.begin / SECOND - 1.0 + 0.04

@@ -240,7 +240,7 @@ def test_settings_that_contradict_each_other_are_refused(tmp_path, facts, part):
 @pytest.mark.slow
 def test_generation_does_not_depend_on_workers_and_goes_on(folder, tmp_path):
     settings = GenerationSettings(
-        "recorded", "post", clips=10, recorded=find_recorded_people(folder)
+        "recorded", "post", clips=4, recorded=find_recorded_people(folder)
     )
     for name, workers in (("a", 0), ("b", 2)):
         generate(tmp_path / name, settings, workers)
@@ -250,7 +250,7 @@ def test_generation_does_not_depend_on_workers_and_goes_on(folder, tmp_path):
     generate(tmp_path / "b", settings)
     assert files == read_files(tmp_path / "b")
     other = GenerationSettings(
-        "recorded", "post", clips=10, recorded=find_recorded_people(folder, [0])
+        "recorded", "post", clips=4, recorded=find_recorded_people(folder, [0])
     )
     with pytest.raises(GenerationError, match="was generated with"):
         generate(tmp_path / "b", other)
@@ -264,4 +264,4 @@ def test_generation_does_not_depend_on_workers_and_goes_on(folder, tmp_path):
             touch.kind == touches[int(row.drawn["touch0.recorded"])].repetition.gesture
         )
     labels = [x for r in recordings for x in r.labels if x.source == "true"]
-    assert len(labels) == 10
+    assert len(labels) == 4
