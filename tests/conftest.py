@@ -7,9 +7,10 @@ from pathlib import Path
 # Before numpy and torch: tests share the cores, one thread each is fastest.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import jaxtyping
 import pytest
-from jaxtyping import install_import_hook
 
+from helpers.checking import check_some, test_number
 from helpers.source import MODULES, name_module
 
 # Modules that name no shape are left to pyright, and so are those that are called a
@@ -23,7 +24,11 @@ UNCHECKED = {
 CHECKED = {name_module(path) for path in MODULES if "jaxtyping" in path.read_text()}
 # The hook would break compiled code.
 COMPILED = {name for name in CHECKED if name.endswith(("kernels", "__init__"))}
-install_import_hook(sorted(CHECKED - COMPILED - UNCHECKED), "beartype.beartype")
+# The hook decorates with what it finds under this name.
+jaxtyping.jaxtyped = check_some
+jaxtyping.install_import_hook(
+    sorted(CHECKED - COMPILED - UNCHECKED), "beartype.beartype"
+)
 
 COMPILES_ALL = "test_cli_doctor.py"
 CALLS_KERNELS = re.compile(
@@ -44,6 +49,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(
         key=lambda item: (item.path.name != COMPILES_ALL, calls_kernels[item.path])
     )
+
+
+def pytest_runtest_setup() -> None:
+    test_number[0] += 1
 
 
 @pytest.fixture(scope="session")
