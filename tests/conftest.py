@@ -13,22 +13,13 @@ import pytest
 from helpers.checking import check_some, test_number
 from helpers.source import MODULES, name_module
 
-# Modules that name no shape are left to pyright, and so are those that are called a
-# million times with single values: there the checks take longer than the tests.
-UNCHECKED = {
-    "eskin.recording.cdr",
-    "eskin.sim.constants",
-    "eskin.sim.people.gesture_sample",
-    "eskin.touch.reading",
-}
+# Modules that name no shape are left to pyright.
 CHECKED = {name_module(path) for path in MODULES if "jaxtyping" in path.read_text()}
 # The hook would break compiled code.
 COMPILED = {name for name in CHECKED if name.endswith(("kernels", "__init__"))}
 # The hook decorates with what it finds under this name.
 jaxtyping.jaxtyped = check_some
-jaxtyping.install_import_hook(
-    sorted(CHECKED - COMPILED - UNCHECKED), "beartype.beartype"
-)
+jaxtyping.install_import_hook(sorted(CHECKED - COMPILED), "beartype.beartype")
 
 COMPILES_ALL = "test_cli_doctor.py"
 CALLS_KERNELS = re.compile(

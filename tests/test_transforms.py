@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from jaxtyping import TypeCheckError
 
 from eskin.transforms import (
     apply,
@@ -26,6 +27,14 @@ TRANSFORMS = st.builds(
     lambda v, p: make_transform(exp_so3(v), p), ROTATION_VECTORS, VECTORS
 )
 few_examples = settings(deadline=None, max_examples=25)
+
+
+@pytest.mark.parametrize("test", ["one", "another"])
+def test_wrong_shape_is_found_at_first_in_every_test(test):
+    with pytest.raises(TypeCheckError):
+        apply(np.eye(3), np.zeros((1, 3)))
+    for _ in range(20):
+        apply(np.eye(4), np.zeros((1, 3)))
 
 
 def assert_close(a, b, tolerance=1e-11):

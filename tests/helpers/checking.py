@@ -1,12 +1,10 @@
 """Shapes and types are checked in the first calls of each test, and in some later ones.
 
-Checks of every call take longer than all that is checked.
+To check every call takes longer than all that is checked.
 """
 
 import inspect
-from collections.abc import Callable
 from functools import partial, wraps
-from typing import Any
 
 import jaxtyping
 
@@ -15,31 +13,29 @@ ALWAYS, EVERY = 10, 50
 
 check_all = jaxtyping.jaxtyped
 test_number = [0]
-"""The number of tests that have begun."""
+"""How many tests have begun."""
 
 
-def check_some(function: Any = None, *, typechecker: Any) -> Any:  # noqa: ANN401
-    """Check a function in some of its calls; use as `jaxtyping.jaxtyped`."""
+def check_some(function=None, **options):
+    """Check a function in some of its calls; used in place of `jaxtyping.jaxtyped`."""
     if function is None:
-        return partial(check_some, typechecker=typechecker)
+        return partial(check_some, **options)
     if inspect.isfunction(function):
-        return choose(function, partial(check_all, function, typechecker=typechecker))
-    if isinstance(function, type) and "__init__" in vars(function):
-        plain = function.__init__
-        function = check_all(function, typechecker=typechecker)
-        checked = function.__init__
-        if checked is not plain:
-            function.__init__ = choose(plain, lambda: checked)
-        return function
-    return check_all(function, typechecker=typechecker)
+        return choose(function, partial(check_all, function, **options))
+    plain = getattr(function, "__init__", None)
+    result = check_all(function, **options)
+    if isinstance(result, type) and result.__init__ is not plain:
+        checked = result.__init__
+        result.__init__ = choose(plain, lambda: checked)
+    return result
 
 
-def choose(plain: Callable, build: Callable[[], Callable]) -> Callable:
-    """Return a function that sometimes calls the checked one, built when needed."""
+def choose(plain, build):
+    """Return a function that sometimes calls a checked one, built when needed."""
     number, count, checked = -1, 0, None
 
     @wraps(plain)
-    def call(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    def call(*args, **kwargs):
         __tracebackhide__ = True
         nonlocal number, count, checked
         if number != test_number[0]:
@@ -47,8 +43,7 @@ def choose(plain: Callable, build: Callable[[], Callable]) -> Callable:
         count += 1
         if count > ALWAYS and count % EVERY:
             return plain(*args, **kwargs)
-        if checked is None:
-            checked = build()
+        checked = checked or build()
         return checked(*args, **kwargs)
 
     return call
