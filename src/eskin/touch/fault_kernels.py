@@ -165,6 +165,8 @@ class NoiseLimits(NamedTuple):
     """Counts above rest (taxel) at which contact begins."""
     deviation: np.ndarray
     """Deviation (taxel) from a straight course that makes a taxel noisy [counts]."""
+    step: np.ndarray
+    """Smallest step (taxel) that counts as a lone one [counts]."""
     step_seconds: float
     """Time constant with which a lone step counts for less [s]."""
 
@@ -179,6 +181,7 @@ def update_noise(
     elapsed: float,
     turn: int,
     limits: NoiseLimits,
+    away: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     history: CountHistory,
@@ -197,12 +200,13 @@ def update_noise(
         elapsed: time since the last scan [s].
         turn: index of the scan in `CountHistory.recent`.
         limits: what is noisy.
+        away: counts from which a taxel is away from rest.
         starts: first neighbour of each taxel, as in `Adjacency`.
         neighbours: neighbouring taxels, as in `Adjacency`.
         history: updated.
 
     Returns:
-        How many taxels lie below rest by more than half of the counts of a contact.
+        How many taxels are away from rest, below it.
     """
     latest = history.recent[turn]
     first = history.recent[(turn - 1) % RECENT]
@@ -211,7 +215,7 @@ def update_noise(
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
-    contacts, noisy = limits.contact, limits.deviation
+    contacts, noisy, least = limits.contact, limits.deviation, limits.step
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
     forget = np.exp(-elapsed / limits.step_seconds)
@@ -226,7 +230,7 @@ def update_noise(
         count, contact, usual = float(counts[i]), contacts[i], deviation[i]
         latest[i] = count
         above = count - rest[i]
-        low += above < -0.5 * contact
+        low += above < -away[i]
         bend = abs(count - 2.0 * first[i] + second[i])
         change = speed * max(contact, usual)
         if bend > usual:
@@ -249,7 +253,7 @@ def update_noise(
             last_straight[i] = now
         steps[i] *= forget
         step = abs(first[i] - second[i])
-        if is_slow or step < contact or step < STEP_FACTOR * usual:
+        if is_slow or step < max(least[i], away[i], STEP_FACTOR * usual):
             continue
         stays = min(abs(count - first[i]), abs(count - second[i]))
         flat = FLAT * step

@@ -32,9 +32,12 @@ MIN_LINE = 3
 """Number of taxels from which a row or column can be faulty as a whole."""
 MAX_ELAPSED = 0.2
 """Largest time between two checks that is added to the evidence [s]."""
+MIN_NOISY = 8.0
+"""Smallest deviation from a straight course, and smallest lone step, that is noisy
+[counts]: a coarse converter that cuts small values swings by less at rest."""
 MIN_DEVIATION = 4.0
-"""Smallest deviation from a straight course that is noisy [counts]: converters have a
-noise of one or two."""
+"""Smallest deviation from a straight course that may be noise [counts]: converters have
+a noise of one or two."""
 NOISIER = 2.0
 """Ratio of a taxel's deviation to the median of its neighbours, and to that of its
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
@@ -261,7 +264,8 @@ class FaultDetector:
         counts = calibration.compute_counts(contact)
         self.limits = NoiseLimits(
             contact=counts,
-            deviation=np.maximum(self.config.noisy * counts, MIN_DEVIATION),
+            deviation=np.maximum(self.config.noisy * counts, MIN_NOISY),
+            step=np.maximum(counts, MIN_NOISY),
             step_seconds=self.config.step_seconds,
         )
         self.adjacency = Adjacency.build(skin)
@@ -279,6 +283,8 @@ class FaultDetector:
         self.doubtful = np.zeros(skin.count, bool)
         self.calibration = calibration
         self.noise_counts = self.measure_noise(self.history.start_noise)
+        self.start_counts = calibration.compute_counts(self.config.start_floor)
+        self.away = self.start_counts
         self.floor = np.full(skin.count, self.config.start_floor)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
@@ -324,13 +330,14 @@ class FaultDetector:
             elapsed,
             self.turn,
             self.limits,
+            self.away,
             self.adjacency.starts,
             self.adjacency.neighbours,
             self.history,
         )
         if low_count or self.swings.going:
-            above, half = scan.counts - rest, self.limits.contact / 2.0
-            high, low = scan.received & (above > half), scan.received & (above < -half)
+            above, received = scan.counts - rest, scan.received
+            high, low = received & (above > self.away), received & (above < -self.away)
             self.swings.update(high, low, now)
             self.doubt_mixed_lines(high, low, now)
         if now - self.last_check >= self.config.check_seconds - 1e-6:
@@ -360,7 +367,7 @@ class FaultDetector:
         )
         self.doubt_even_lines(scan.counts - rest, scan.received, now)
         self.update_codes(now)
-        self.floor = self.measure_floor(now)
+        self.update_floor(now)
         self.last_check = now
         self.mask = self.code >= 0
         received = np.maximum(self.history.last_received, 0.0)
@@ -383,13 +390,16 @@ class FaultDetector:
         """
         return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, MIN_DEVIATION)
 
-    def measure_floor(self, now: float) -> Float[np.ndarray, "taxel"]:
-        """Measure the pressure of each taxel that may be noise [kPa]."""
+    def update_floor(self, now: float) -> None:
+        """Update what may be noise, as pressure, and as counts above or below rest."""
         self.noise_counts = self.measure_noise(self.history.noise)
         floor = self.calibration.compute_pressure(self.noise_counts)
+        away = np.maximum(self.noise_counts, self.limits.contact / 2.0)
         starts = now - self.history.first_received < START_SECONDS
         learns = starts & (self.history.start_noise == 0.0)
-        return np.where(learns, np.maximum(floor, self.config.start_floor), floor)
+        least = self.config.start_floor
+        self.floor = np.where(learns, np.maximum(floor, least), floor)
+        self.away = np.where(learns, np.maximum(away, self.start_counts), away)
 
     def update_codes(self, now: float) -> None:
         """Update the code of each taxel's fault, -1 for none."""
@@ -444,7 +454,7 @@ class FaultDetector:
     ) -> None:
         """Doubt rows and columns that are pressed evenly from end to end."""
         config = self.config
-        high = received & (above > self.limits.contact / 2.0)
+        high = received & (above > self.away)
         if np.count_nonzero(high) < config.line_size:
             return
         for groups in (self.grouper.rows, self.grouper.columns):

@@ -89,9 +89,10 @@ class FlawedReadings:
             line,
             (shared * flaws.noise_factor * stages.noise).astype(np.float32),
         )
-        self.slow = (
-            size[:, None] * rng.standard_normal((len(keep), self.count))
-        ).astype(np.float32)
+        slow = session.drift
+        if slow is None:
+            slow = rng.standard_normal((len(keep), self.count))
+        self.slow = (size[:, None] * slow).astype(np.float32)
         self.held = np.zeros(self.count, np.float32)
         self.swings = rng.random(len(flaws.intermittent)) < self.swing_share
         self.last = np.full(self.count, -1, np.int32)

@@ -64,6 +64,9 @@ class SensorSession:
     """Temperature above that of calibration [K]."""
     warming: float = 0.0
     """Rate at which it rises [K/s]."""
+    drift: Float[np.ndarray, "process taxel"] | None = None
+    """State of the slow processes of the flaws at the start, by their standard
+    deviations; drawn for each sensor where None."""
 
 
 def draw_session(build: SensorBuild, rng: np.random.Generator) -> SensorSession:
@@ -72,8 +75,12 @@ def draw_session(build: SensorBuild, rng: np.random.Generator) -> SensorSession:
     mean, deviation = velostat.session_gain
     drift = mean + deviation * rng.standard_normal(len(velostat.gain))
     temperature = velostat.temperature * float(rng.standard_normal())
-    warming = build.flaws.warming * float(rng.standard_normal()) if build.flaws else 0.0
-    return SensorSession(np.exp(drift), temperature, warming)
+    gain = np.exp(drift)
+    if build.flaws is None:
+        return SensorSession(gain, temperature)
+    warming = build.flaws.warming * float(rng.standard_normal())
+    slow = rng.standard_normal((len(build.flaws.drift), len(gain)))
+    return SensorSession(gain, temperature, warming, slow)
 
 
 def build_taxel_arrays(
