@@ -11,6 +11,7 @@ from eskin.sim.sensor import (
     draw_flawed_build,
     sense,
 )
+from eskin.sim.sensor.model import draw_session
 from eskin.sim.sensor.sensor import draw_reading_times
 from helpers.sensors import CONSTANTS, SKIN
 from helpers.touch import build_grid_skin
@@ -140,6 +141,21 @@ def test_drift_is_slow_and_noise_is_not():
 
     assert measure_slowness(quiet) == pytest.approx(np.sqrt(0.5), rel=0.05)
     assert measure_slowness(slow) > 2.0
+
+
+def test_clips_of_a_session_begin_with_the_same_drift():
+    build = draw_flawed({"drift": "high"}, "linear", skin=LARGE_SKIN)
+    sessions = [draw_session(build, np.random.default_rng(seed)) for seed in (1, 2)]
+    starts = [
+        sense(
+            *(FREE[0][:20], FREE[1], build, LARGE_SKIN, np.random.default_rng(seed)),
+            session=session,
+        )[0].mean(axis=0)
+        for session in sessions
+        for seed in (3, 4)
+    ]
+    apart = [np.std(starts[0] - starts[n]) for n in (1, 2)]
+    assert apart[0] < 0.5 * apart[1]
 
 
 def test_released_signal_falls_in_the_stated_time():

@@ -52,6 +52,11 @@ def add_counts(taxels, signal, start=3.0):
     return change
 
 
+def cut(t, counts, received):
+    """Set counts below 4 to zero, as a coarse converter does."""
+    counts[counts < 4] = 0
+
+
 NO_CHANGE = add_counts(TAXEL, lambda t: 0)
 
 
@@ -84,6 +89,8 @@ def first_time(found):
     ("change", "options"),
     [
         (NO_CHANGE, {}),
+        (NO_CHANGE, {"noise": 12.0}),
+        (cut, {"noise": 4.0, "rest": 2, "seconds": 30.0}),
         (NO_CHANGE, {"noise": 0.0, "seconds": 30.0, "rate": 20}),
         (NO_CHANGE, {"noise": 0.0, "rest": 5}),
         (
@@ -100,7 +107,15 @@ def first_time(found):
         (add_counts(TAXEL, tap), {}),
     ],
     ids=[
-        *("noise", "quiet", "quiet near zero", "clipped at zero", "long saturation"),
+        *(
+            "noise",
+            "more noise than contact",
+            "small counts cut",
+            "quiet",
+            "quiet near zero",
+            "clipped at zero",
+            "long saturation",
+        ),
         *("steady press", "shaking palm", "rubbing finger", "taps"),
     ],
 )

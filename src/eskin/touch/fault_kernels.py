@@ -35,6 +35,8 @@ MAX_STEP_INTERVAL = 0.03
 """Largest time between two scans in which no finger lands or lifts completely [s]."""
 FLAT = 0.25
 """Largest change of the counts before and after a step, in units of the step."""
+MAX_CUT = 8.0
+"""Largest counts that a converter which cuts small values may swing by about zero."""
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
 
@@ -165,8 +167,6 @@ class NoiseLimits(NamedTuple):
     """Counts above rest (taxel) at which contact begins."""
     deviation: np.ndarray
     """Deviation (taxel) from a straight course that makes a taxel noisy [counts]."""
-    step: np.ndarray
-    """Smallest step (taxel) that counts as a lone one [counts]."""
     step_seconds: float
     """Time constant with which a lone step counts for less [s]."""
 
@@ -190,7 +190,8 @@ def update_noise(
 
     The deviation of three scans is the second difference of their counts. Half of the
     deviations of a taxel lie above its running median, which moves by the same amount
-    towards each of them, so that a single one, however large, moves it little.
+    towards each of them, so that a single one, however large, moves it little. What
+    swings between zero and small values deviates as one that is quiet.
 
     Args:
         counts: counts of the scan.
@@ -215,7 +216,7 @@ def update_noise(
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
-    contacts, noisy, least = limits.contact, limits.deviation, limits.step
+    contacts, noisy = limits.contact, limits.deviation
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
     forget = np.exp(-elapsed / limits.step_seconds)
@@ -232,11 +233,14 @@ def update_noise(
         above = count - rest[i]
         low += above < -away[i]
         bend = abs(count - 2.0 * first[i] + second[i])
+        highest = max(count, first[i], second[i])
+        is_cut = count * first[i] * second[i] == 0.0 and highest < MAX_CUT
+        seen = 0.0 if is_cut else bend
         change = speed * max(contact, usual)
-        if bend > usual:
-            usual = min(usual + change, bend)
-        elif bend < usual:
-            usual = max(usual - change, bend)
+        if seen > usual:
+            usual = min(usual + change, seen)
+        elif seen < usual:
+            usual = max(usual - change, seen)
         deviation[i] = usual
         slow = NOISE_PART * speed * max(NOISE_LEAST * contact, noise[i])
         since = now - first_received[i]
@@ -253,7 +257,8 @@ def update_noise(
             last_straight[i] = now
         steps[i] *= forget
         step = abs(first[i] - second[i])
-        if is_slow or step < max(least[i], away[i], STEP_FACTOR * usual):
+        least = max(contact, away[i], STEP_FACTOR * usual)
+        if is_slow or is_cut or step < least:
             continue
         stays = min(abs(count - first[i]), abs(count - second[i]))
         flat = FLAT * step

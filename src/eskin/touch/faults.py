@@ -32,12 +32,9 @@ MIN_LINE = 3
 """Number of taxels from which a row or column can be faulty as a whole."""
 MAX_ELAPSED = 0.2
 """Largest time between two checks that is added to the evidence [s]."""
-MIN_NOISY = 8.0
-"""Smallest deviation from a straight course, and smallest lone step, that is noisy
-[counts]: a coarse converter that cuts small values swings by less at rest."""
 MIN_DEVIATION = 4.0
-"""Smallest deviation from a straight course that may be noise [counts]: converters have
-a noise of one or two."""
+"""Smallest deviation from a straight course that is noisy [counts]: converters have a
+noise of one or two."""
 NOISIER = 2.0
 """Ratio of a taxel's deviation to the median of its neighbours, and to that of its
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
@@ -264,8 +261,7 @@ class FaultDetector:
         counts = calibration.compute_counts(contact)
         self.limits = NoiseLimits(
             contact=counts,
-            deviation=np.maximum(self.config.noisy * counts, MIN_NOISY),
-            step=np.maximum(counts, MIN_NOISY),
+            deviation=np.maximum(self.config.noisy * counts, MIN_DEVIATION),
             step_seconds=self.config.step_seconds,
         )
         self.adjacency = Adjacency.build(skin)
