@@ -74,6 +74,9 @@ class CountHistory(NamedTuple):
     """Running median of the deviation of the counts from a straight course."""
     noise: np.ndarray
     """The same, followed more slowly, so that touches hardly change it."""
+    wander: np.ndarray
+    """Running median of the distance of the counts from rest while they are no further
+    from it than noise may be."""
     start_noise: np.ndarray
     """Noise at the first data and after a long silence, as calibrated; 0 where it is
     learned from the first second."""
@@ -155,6 +158,7 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.recent[:, i] = np.nan
     history.deviation[i] = 0.0
     history.noise[i] = history.start_noise[i]
+    history.wander[i] = 0.0
     history.level[i] = 0.0
     history.last_straight[i] = now
     history.steps[i] = 0.0
@@ -214,7 +218,7 @@ def update_noise(
     second = history.recent[(turn - 2) % RECENT]
     third = history.recent[(turn - 3) % RECENT]
     deviation, level, steps = history.deviation, history.level, history.steps
-    last_straight, noise = history.last_straight, history.noise
+    last_straight, noise, wander = history.last_straight, history.noise, history.wander
     first_received, start_noise = history.first_received, history.start_noise
     contacts, noisy = limits.contact, limits.deviation
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
@@ -242,6 +246,13 @@ def update_noise(
         elif seen < usual:
             usual = max(usual - change, seen)
         deviation[i] = usual
+        far = abs(above)
+        if far <= away[i]:
+            slow = NOISE_PART * speed * max(NOISE_LEAST * contact, wander[i])
+            if far > wander[i]:
+                wander[i] = min(wander[i] + slow, far)
+            else:
+                wander[i] = max(wander[i] - slow, far)
         slow = NOISE_PART * speed * max(NOISE_LEAST * contact, noise[i])
         since = now - first_received[i]
         if since < START_SECONDS and start_noise[i] == 0.0:

@@ -44,6 +44,12 @@ deviation: that of the second difference is the square root of 6, and its median
 0.674 of that."""
 FLOOR_SIGMAS = 6.0
 """Pressure that may be noise, in units of the standard deviation."""
+FLOOR_WANDERS = 4.0
+"""The same, in units of the median distance from rest of a taxel that wanders slowly:
+2.7 standard deviations."""
+MAX_WANDER = 4.0
+"""Largest pressure that may be slow wander, in units of that at which contact
+begins."""
 SAME_SECONDS = 0.5
 """Time without a change of the counts in which a still taxel remains a fault [s]."""
 NEVER = -1e9
@@ -388,7 +394,11 @@ class FaultDetector:
 
     def update_floor(self, now: float) -> None:
         """Update what may be noise, as pressure, and as counts above or below rest."""
-        self.noise_counts = self.measure_noise(self.history.noise)
+        wander = FLOOR_WANDERS * self.history.wander
+        self.noise_counts = np.maximum(
+            self.measure_noise(self.history.noise),
+            np.minimum(wander, MAX_WANDER * self.limits.contact),
+        )
         floor = self.calibration.compute_pressure(self.noise_counts)
         away = np.maximum(self.noise_counts, self.limits.contact / 2.0)
         starts = now - self.history.first_received < START_SECONDS
@@ -557,6 +567,6 @@ def build_count_history(count: int) -> CountHistory:
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
-    for name in ("deviation", "noise", "start_noise", "level", "steps"):
+    for name in ("deviation", "noise", "wander", "start_noise", "level", "steps"):
         history[name] = np.zeros(count)
     return CountHistory(**history)
