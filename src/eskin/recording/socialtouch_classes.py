@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import find_peaks, peak_prominences
 
 from eskin.recording.labels import NONE
 from eskin.recording.socialtouch import GESTURES, Repetition
@@ -64,6 +63,9 @@ def classify_repetition(repetition: Repetition) -> str | None:
 
 def count_presses(force: Float[np.ndarray, "reading"]) -> int:
     """Count the presses in a series of forces, with low forces between them."""
+    # Importing it takes as long as all else that the simulator imports.
+    from scipy.signal import find_peaks, peak_prominences
+
     if force.max(initial=0.0) <= 0.0:
         return 0
     # Of equal peaks the later one counts as higher, so that one of them is the lower.
