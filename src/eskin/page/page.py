@@ -67,6 +67,7 @@ class Page:
         self.panel = self.build_panel(setup, send)
         self.picker = TaxelPicker(self.scene)
         self.drawn = -np.inf
+        self.asked: tuple[object, ...] = ()
         if setup.touchable:
             for link, discs in self.scene.discs.items():
                 self.register_events(link, discs)
@@ -122,11 +123,11 @@ class Page:
             if self.gripper is not None and update.arm is not None:
                 self.gripper.show(update.arm.gripper)
             self.panel.take(update)
-            if (
-                update.seconds - self.drawn >= PANEL_PERIOD
-                or update.seconds < self.drawn
-            ):
-                self.drawn = update.seconds
+            guide = update.guide
+            asked = (guide.request, guide.taxel, guide.result) if guide else ()
+            passed = update.seconds - self.drawn
+            if asked != self.asked or not 0.0 <= passed < PANEL_PERIOD:
+                self.drawn, self.asked = update.seconds, asked
                 self.panel.draw(update)
 
     def tick(self) -> None:

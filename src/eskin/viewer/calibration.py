@@ -106,9 +106,6 @@ class CalibrationViewer:
         self.due = monotonic() + 1 / MAX_UPDATE_RATE
         recognised = RecognitionState(state, {}, ())
         update = self.encoder.build_update(recognised, self.rate, 0.0, 0.0, None)
-        if board.result:
-            # The panel draws an update only some time after the one before.
-            update = replace(update, seconds=update.seconds + 1.0)
         self.page.give(replace(update, guide=board))
 
     def close(self) -> None:
