@@ -21,6 +21,7 @@ from eskin.touch.calibration_kernels import (
     calibrate,
     compensate_patch,
 )
+from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.known_rest import KnownRest
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.units import NS_PER_S
@@ -28,8 +29,6 @@ from eskin.units import NS_PER_S
 MIN_CROSSTALK_PRESSURE = 1.5
 """Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
 NO_TAXELS = np.empty(0, np.int64)
-CLEAR_FACTOR = 2.0
-"""Smallest signal that is clearly no noise, in units of what may be noise."""
 MAX_OBSERVATIONS = 200
 """Number of latest observations whose median is the estimate."""
 MAX_CELLS_PER_TAXEL, FREE_CELLS = 20, 1000

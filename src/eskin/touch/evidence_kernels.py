@@ -5,15 +5,13 @@ from typing import no_type_check
 import numpy as np
 
 from eskin.compiled import compiled
-from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
+from eskin.touch.fault_kernels import CLEAR_FACTOR, MAX_STEP_INTERVAL
 from eskin.touch.records import KernelReading, TrackerContext
 from eskin.touch.track_kernels import RecordBuffer
 from eskin.units import NS_PER_S
 
 SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
 """Time between two readings from which a touch may last for one of them [ns]."""
-CLEAR = 0.7
-"""Smallest evidence of a taxel that is well above its noise, twice of it."""
 MIN_NOISE = 0.1
 """Smallest pressure that is taken for noise [kPa]."""
 
@@ -44,7 +42,7 @@ def weigh_contact(
         strength = np.log(max(load.pressure / noise, 1.0))
         strength = min(strength, parameters.most)
         evidence += strength
-        clear += strength >= CLEAR
+        clear += load.pressure >= CLEAR_FACTOR * noise
         if strength > strongest:
             strongest, changed = strength, state.taxels[load.taxel].changed
     return evidence if clear > 1 or changed else 0.0

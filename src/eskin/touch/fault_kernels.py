@@ -21,6 +21,8 @@ NOISE_PART, NOISE_LEAST = 0.25, 0.1
 begins that limit it from below."""
 MEDIAN_SHARE = 0.85
 """Median of the deviations of white noise, in units of their mean."""
+CLEAR_FACTOR = 2.0
+"""Smallest signal that is clearly no noise, in units of what may be noise."""
 START_SECONDS = 1.0
 """Time in which noise that is not calibrated is learned at first [s]."""
 MAX_GAP = 0.15

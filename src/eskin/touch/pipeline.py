@@ -13,12 +13,12 @@ from eskin.structref_kernels import pack
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibrator import (
-    CLEAR_FACTOR,
     CalibrationConfig,
     Calibrator,
     CrosstalkCompensator,
 )
 from eskin.touch.contact_kernels import find_candidates
+from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
