@@ -37,8 +37,9 @@ MAX_STEP_INTERVAL = 0.03
 """Largest time between two scans in which no finger lands or lifts completely [s]."""
 FLAT = 0.25
 """Largest change of the counts before and after a step, in units of the step."""
-MAX_CUT = 8.0
-"""Largest counts that a converter which cuts small values may swing by about zero."""
+MAX_CUT, CUT_CONTACTS = 8.0, 3.0
+"""Largest counts that a converter which cuts small values may swing by about zero: in
+counts, and in units of those at which contact begins."""
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
 
@@ -76,9 +77,6 @@ class CountHistory(NamedTuple):
     """Running median of the deviation of the counts from a straight course."""
     noise: np.ndarray
     """The same, followed more slowly, so that touches hardly change it."""
-    wander: np.ndarray
-    """Running median of the distance of the counts from rest while they are no further
-    from it than noise may be."""
     start_noise: np.ndarray
     """Noise at the first data and after a long silence, as calibrated; 0 where it is
     learned from the first second."""
@@ -160,7 +158,6 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.recent[:, i] = np.nan
     history.deviation[i] = 0.0
     history.noise[i] = history.start_noise[i]
-    history.wander[i] = 0.0
     history.level[i] = 0.0
     history.last_straight[i] = now
     history.steps[i] = 0.0
@@ -196,8 +193,8 @@ def update_noise(
 
     The deviation of three scans is the second difference of their counts. Half of the
     deviations of a taxel lie above its running median, which moves by the same amount
-    towards each of them, so that a single one, however large, moves it little. What
-    swings between zero and small values deviates as one that is quiet.
+    towards each of them, so that a single one, however large, moves it little. Swings
+    between zero and small values, as of a converter that cuts those, are no deviation.
 
     Args:
         counts: counts of the scan.
@@ -220,7 +217,7 @@ def update_noise(
     second = history.recent[(turn - 2) % RECENT]
     third = history.recent[(turn - 3) % RECENT]
     deviation, level, steps = history.deviation, history.level, history.steps
-    last_straight, noise, wander = history.last_straight, history.noise, history.wander
+    last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
     contacts, noisy = limits.contact, limits.deviation
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
@@ -240,7 +237,8 @@ def update_noise(
         low += above < -away[i]
         bend = abs(count - 2.0 * first[i] + second[i])
         highest = max(count, first[i], second[i])
-        is_cut = count * first[i] * second[i] == 0.0 and highest < MAX_CUT
+        most = min(MAX_CUT, CUT_CONTACTS * contact)
+        is_cut = count * first[i] * second[i] == 0.0 and highest < most
         seen = 0.0 if is_cut else bend
         change = speed * max(contact, usual)
         if seen > usual:
@@ -248,13 +246,6 @@ def update_noise(
         elif seen < usual:
             usual = max(usual - change, seen)
         deviation[i] = usual
-        far = abs(above)
-        if far <= away[i]:
-            slow = NOISE_PART * speed * max(NOISE_LEAST * contact, wander[i])
-            if far > wander[i]:
-                wander[i] = min(wander[i] + slow, far)
-            else:
-                wander[i] = max(wander[i] - slow, far)
         slow = NOISE_PART * speed * max(NOISE_LEAST * contact, noise[i])
         since = now - first_received[i]
         if since < START_SECONDS and start_noise[i] == 0.0:

@@ -44,12 +44,11 @@ deviation: that of the second difference is the square root of 6, and its median
 0.674 of that."""
 FLOOR_SIGMAS = 6.0
 """Pressure that may be noise, in units of the standard deviation."""
-FLOOR_WANDERS = 4.0
-"""The same, in units of the median distance from rest of a taxel that wanders slowly:
-2.7 standard deviations."""
-MAX_WANDER = 4.0
-"""Largest pressure that may be slow wander, in units of that at which contact
-begins."""
+MAX_AWAY = 4.0
+"""Largest deviation from rest that counts as noise where a patch swings, in units of
+the counts at which contact begins: a patch that does so is blind."""
+MIN_LEARNED = 0.3
+"""Time from which the noise is known well enough to tell what is away from rest [s]."""
 SAME_SECONDS = 0.5
 """Time without a change of the counts in which a still taxel remains a fault [s]."""
 NEVER = -1e9
@@ -172,12 +171,13 @@ class FaultConfig:
     doubtful_steps: float = 1.2
     """Number of lone steps from which it is."""
     swing_share: float = 0.25
-    """Share of a patch that is above rest, and soon after below it, as no hand does."""
+    """Share of a patch that is above rest by more than noise, and soon after below it,
+    as no hand does."""
     swings: float = 1.5
     """Number of such changes of sign that makes all taxels of the patch noisy."""
     line_share: float = 0.2
-    """Share of a row or column above rest, and another below it, that makes it
-    doubtful: it is not connected."""
+    """Share of a row or column above rest by more than noise, and another below it,
+    that makes it doubtful: it is not connected."""
     line_size: int = 6
     """Number of taxels of a row or column from which it must not be pressed evenly."""
     line_spread: float = 0.2
@@ -285,8 +285,7 @@ class FaultDetector:
         self.doubtful = np.zeros(skin.count, bool)
         self.calibration = calibration
         self.noise_counts = self.measure_noise(self.history.start_noise)
-        self.start_counts = calibration.compute_counts(self.config.start_floor)
-        self.away = self.start_counts
+        self.away = counts / 2.0
         self.floor = np.full(skin.count, self.config.start_floor)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
@@ -337,7 +336,7 @@ class FaultDetector:
             self.adjacency.neighbours,
             self.history,
         )
-        if low_count or self.swings.going:
+        if now >= MIN_LEARNED and (low_count or self.swings.going):
             above, received = scan.counts - rest, scan.received
             high, low = received & (above > self.away), received & (above < -self.away)
             self.swings.update(high, low, now)
@@ -394,18 +393,14 @@ class FaultDetector:
 
     def update_floor(self, now: float) -> None:
         """Update what may be noise, as pressure, and as counts above or below rest."""
-        wander = FLOOR_WANDERS * self.history.wander
-        self.noise_counts = np.maximum(
-            self.measure_noise(self.history.noise),
-            np.minimum(wander, MAX_WANDER * self.limits.contact),
-        )
+        self.noise_counts = self.measure_noise(self.history.noise)
         floor = self.calibration.compute_pressure(self.noise_counts)
-        away = np.maximum(self.noise_counts, self.limits.contact / 2.0)
+        contact = self.limits.contact
+        self.away = np.clip(self.noise_counts, contact / 2.0, MAX_AWAY * contact)
         starts = now - self.history.first_received < START_SECONDS
         learns = starts & (self.history.start_noise == 0.0)
-        least = self.config.start_floor
-        self.floor = np.where(learns, np.maximum(floor, least), floor)
-        self.away = np.where(learns, np.maximum(away, self.start_counts), away)
+        least = np.maximum(floor, self.config.start_floor)
+        self.floor = np.where(learns, least, floor)
 
     def update_codes(self, now: float) -> None:
         """Update the code of each taxel's fault, -1 for none."""
@@ -567,6 +562,6 @@ def build_count_history(count: int) -> CountHistory:
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
-    for name in ("deviation", "noise", "wander", "start_noise", "level", "steps"):
+    for name in ("deviation", "noise", "start_noise", "level", "steps"):
         history[name] = np.zeros(count)
     return CountHistory(**history)

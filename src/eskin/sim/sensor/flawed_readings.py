@@ -23,6 +23,9 @@ from eskin.sim.sensor.model import SensorSession, SensorStages
 from eskin.sim.sensor.noise import NOISE_BLOCK, WORD_BITS
 from eskin.skin import Skin
 
+PAUSE = 4.0
+"""About the time between two clips of a session; slower drift goes on [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class FlawBlock:
@@ -89,9 +92,10 @@ class FlawedReadings:
             line,
             (shared * flaws.noise_factor * stages.noise).astype(np.float32),
         )
-        slow = session.drift
-        if slow is None:
-            slow = rng.standard_normal((len(keep), self.count))
+        slow = rng.standard_normal((len(keep), self.count))
+        if session.drift is not None:
+            lasting = flaws.drift_times > PAUSE
+            slow[lasting] = session.drift[lasting]
         self.slow = (size[:, None] * slow).astype(np.float32)
         self.held = np.zeros(self.count, np.float32)
         self.swings = rng.random(len(flaws.intermittent)) < self.swing_share

@@ -65,8 +65,8 @@ class SensorSession:
     warming: float = 0.0
     """Rate at which it rises [K/s]."""
     drift: Float[np.ndarray, "process taxel"] | None = None
-    """State of the slow processes of the flaws at the start, by their standard
-    deviations; drawn for each sensor where None."""
+    """State of the slow processes of the flaws, by their standard deviations; each
+    sensor starts with that of the slowest ones. All are drawn for each where None."""
 
 
 def draw_session(build: SensorBuild, rng: np.random.Generator) -> SensorSession:
