@@ -52,6 +52,15 @@ def add_counts(taxels, signal, start=3.0):
     return change
 
 
+def add_each(taxels, draw):
+    """Return the change that adds what is drawn for each of some taxels."""
+
+    def change(t, counts, received):
+        counts[taxels] += np.round(draw(len(taxels))).astype(int)
+
+    return change
+
+
 def cut(t, counts, received):
     """Set counts below 4 to zero, as a coarse converter does."""
     counts[counts < 4] = 0
@@ -193,8 +202,18 @@ def test_taxel_that_steps_alone_is_noisy():
     assert describe(found) == [("noisy", *PLACE)]
 
 
-def test_patch_that_swings_about_rest_is_one_fault():
-    found = find_faults(add_counts(np.arange(36, 72), hum), noise=0.5, seconds=6.0)
+@pytest.mark.parametrize("start", [0.0, 3.0])
+@pytest.mark.parametrize("part", [0.8, 1.0])
+def test_patch_that_swings_about_rest_is_one_fault(start, part):
+    change = add_counts(np.arange(36, 72), lambda t: part * hum(t), start)
+    found = find_faults(change, noise=0.5, seconds=6.0)
+    assert describe(found) == [("patch", "p1", None, None, None)]
+
+
+def test_patch_whose_noise_hides_any_press_is_one_fault():
+    rng = np.random.default_rng(4)
+    change = add_each(np.arange(36, 72), lambda size: 60 * rng.standard_normal(size))
+    found = find_faults(change, seconds=6.0)
     assert describe(found) == [("patch", "p1", None, None, None)]
 
 
