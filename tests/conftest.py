@@ -10,7 +10,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import jaxtyping
 import pytest
 
-from helpers.checking import check_some, test_number
+from helpers.checking import calls, check_some
 from helpers.source import MODULES, name_module
 
 # Modules that name no shape are left to pyright.
@@ -43,7 +43,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_setup() -> None:
-    test_number[0] += 1
+    calls.clear()
 
 
 @pytest.fixture(scope="session")

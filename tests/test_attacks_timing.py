@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "minutes"),
     [
-        ("growing 1 %", 0.27),
+        ("growing 1 %", 0.3),
         ("jitter 0 to 0.3 s", 0.05),
         ("replayed, patch cut off", 0.05),
     ],

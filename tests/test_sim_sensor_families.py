@@ -143,7 +143,7 @@ def test_drift_is_slow_and_noise_is_not():
     assert measure_slowness(slow) > 2.0
 
 
-def test_clips_of_a_session_begin_with_the_same_drift():
+def test_clips_of_a_session_begin_with_the_same_slow_drift():
     build = draw_flawed({"drift": "high"}, "linear", skin=LARGE_SKIN)
     sessions = [draw_session(build, np.random.default_rng(seed)) for seed in (1, 2)]
     starts = [

@@ -20,6 +20,7 @@ from eskin.transforms import (
     rotate,
     rpy_to_matrix,
 )
+from helpers.checking import calls
 
 VECTORS = arrays(np.float64, 3, elements=st.floats(-10, 10))
 ROTATION_VECTORS = arrays(np.float64, 3, elements=st.floats(-6, 6))
@@ -29,12 +30,13 @@ TRANSFORMS = st.builds(
 few_examples = settings(deadline=None, max_examples=25)
 
 
-@pytest.mark.parametrize("test", ["one", "another"])
-def test_wrong_shape_is_found_at_first_in_every_test(test):
-    with pytest.raises(TypeCheckError):
-        apply(np.eye(3), np.zeros((1, 3)))
-    for _ in range(20):
-        apply(np.eye(4), np.zeros((1, 3)))
+def test_wrong_shape_is_found_at_first_in_every_test():
+    for _ in range(2):
+        calls.clear()
+        with pytest.raises(TypeCheckError):
+            apply(np.eye(3), np.zeros((1, 3)))
+        for _ in range(20):
+            apply(np.eye(4), np.zeros((1, 3)))
 
 
 def assert_close(a, b, tolerance=1e-11):

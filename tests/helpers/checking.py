@@ -4,6 +4,7 @@ To check every call takes longer than all that is checked.
 """
 
 import inspect
+from collections import Counter
 from functools import partial, wraps
 
 import jaxtyping
@@ -12,8 +13,8 @@ ALWAYS, EVERY = 10, 50
 """How many calls of a function in a test are checked, and which ones after them."""
 
 check_all = jaxtyping.jaxtyped
-test_number = [0]
-"""How many tests have begun."""
+calls = Counter()
+"""How often each function was called in this test."""
 
 
 def check_some(function=None, **options):
@@ -32,16 +33,14 @@ def check_some(function=None, **options):
 
 def choose(plain, build):
     """Return a function that sometimes calls a checked one, built when needed."""
-    number, count, checked = -1, 0, None
+    checked = None
 
     @wraps(plain)
     def call(*args, **kwargs):
         __tracebackhide__ = True
-        nonlocal number, count, checked
-        if number != test_number[0]:
-            number, count = test_number[0], 0
-        count += 1
-        if count > ALWAYS and count % EVERY:
+        nonlocal checked
+        calls[call] += 1
+        if calls[call] > ALWAYS and calls[call] % EVERY:
             return plain(*args, **kwargs)
         checked = checked or build()
         return checked(*args, **kwargs)

@@ -37,9 +37,6 @@ MAX_STEP_INTERVAL = 0.03
 """Largest time between two scans in which no finger lands or lifts completely [s]."""
 FLAT = 0.25
 """Largest change of the counts before and after a step, in units of the step."""
-MAX_CUT, CUT_CONTACTS = 8.0, 3.0
-"""Largest counts that a converter which cuts small values may swing by about zero: in
-counts, and in units of those at which contact begins."""
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
 
@@ -170,6 +167,9 @@ class NoiseLimits(NamedTuple):
     """Counts above rest (taxel) at which contact begins."""
     deviation: np.ndarray
     """Deviation (taxel) from a straight course that makes a taxel noisy [counts]."""
+    cut: np.ndarray
+    """Counts (taxel) that a converter which cuts small values may swing by about
+    zero."""
     step_seconds: float
     """Time constant with which a lone step counts for less [s]."""
 
@@ -219,7 +219,7 @@ def update_noise(
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
-    contacts, noisy = limits.contact, limits.deviation
+    contacts, noisy, cut = limits.contact, limits.deviation, limits.cut
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
     forget = np.exp(-elapsed / limits.step_seconds)
@@ -237,8 +237,7 @@ def update_noise(
         low += above < -away[i]
         bend = abs(count - 2.0 * first[i] + second[i])
         highest = max(count, first[i], second[i])
-        most = min(MAX_CUT, CUT_CONTACTS * contact)
-        is_cut = count * first[i] * second[i] == 0.0 and highest < most
+        is_cut = count * first[i] * second[i] == 0.0 and highest < cut[i]
         seen = 0.0 if is_cut else bend
         change = speed * max(contact, usual)
         if seen > usual:

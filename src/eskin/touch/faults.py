@@ -43,10 +43,13 @@ SIGMA_DEVIATION = 1.65
 deviation: that of the second difference is the square root of 6, and its median is
 0.674 of that."""
 FLOOR_SIGMAS = 6.0
-"""Pressure that may be noise, in units of the standard deviation."""
+"""Signal that may be noise, in units of the standard deviation."""
+MAX_CUT, CUT_CONTACTS = 8.0, 3.0
+"""Largest counts that a converter which cuts small values may swing by about zero: in
+counts, and in units of those at which contact begins."""
 MAX_AWAY = 4.0
-"""Largest deviation from rest that counts as noise where a patch swings, in units of
-the counts at which contact begins: a patch that does so is blind."""
+"""Largest distance from rest that is left to noise, in units of the counts at which
+contact begins: a patch that swings further feels no touch."""
 MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 SAME_SECONDS = 0.5
@@ -268,6 +271,7 @@ class FaultDetector:
         self.limits = NoiseLimits(
             contact=counts,
             deviation=np.maximum(self.config.noisy * counts, MIN_DEVIATION),
+            cut=np.minimum(MAX_CUT, CUT_CONTACTS * counts),
             step_seconds=self.config.step_seconds,
         )
         self.adjacency = Adjacency.build(skin)
