@@ -13,6 +13,7 @@ from eskin.sim.dataset.session_plan import plan_clips, plan_sessions
 from eskin.sim.dataset.sets import (
     CLASSES,
     FAMILY_SETS,
+    FINAL_SETS,
     PAPER_GESTURES,
     SETS,
     load_set,
@@ -150,6 +151,25 @@ def test_every_session_of_a_family_set_has_a_build_of_its_own(name):
     assert {
         session.person.name.rpartition("-")[0] for session in settings.sessions
     } == {"test-families" if name.startswith("test") else name}
+
+
+@pytest.mark.parametrize("name", FINAL_SETS)
+def test_final_sets_share_no_person_or_build_with_others(name):
+    sessions = GenerationSettings(name).sessions
+    others = GenerationSettings(FINAL_SETS[name]).sessions
+    assert len({session.person for session in sessions}) == 40
+    assert len({session.build for session in sessions}) >= 25
+    assert {s.build.kind for s in sessions} == {s.build.kind for s in others}
+    for part in ("person", "build"):
+        assert not {getattr(s, part).seed for s in sessions} & {
+            getattr(s, part).seed for s in others
+        }
+
+
+@pytest.mark.parametrize("name", ["train", "train-families", "pairs", "val"])
+def test_nothing_is_trained_on_poses_of_the_tests(name):
+    trained = set(load_set(name, CONSTANTS).groups)
+    assert not trained & set(load_set("test-p", CONSTANTS).groups)
 
 
 def test_any_set_can_be_made_of_chosen_families():

@@ -93,6 +93,23 @@ FAMILY_SETS = {
 """Sets of builds of families, each with the set that it is otherwise like. The tests of
 all families have the same people."""
 
+FINAL_SETS = {
+    "final-fresh": "test-s",
+    "final-poses": "test-p",
+    "final-shifted": "test-x",
+    "final-moving": "test-m",
+    "final-streams-fresh": "streams-fresh",
+    "final-streams": "streams",
+    "final-accidents": ACCIDENTS,
+    "final-quiet": "quiet-families",
+    **{f"final-{family}": f"test-{family}" for family in FAMILIES},
+}
+"""Sets that weights are measured on once, when nothing is chosen any more, each with
+the set that it is otherwise like. They have more people and builds, of their own."""
+
+FINAL = "final"
+"""Role that people and builds of the final sets are drawn for."""
+
 PAIRS = "pairs"
 """Name of the set of pairs of clips with the same counts but not the same label."""
 
@@ -109,12 +126,14 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     """
     if name == PAIRS:
         return build_pair_set(constants)
+    if name in FINAL_SETS:
+        return build_final_set(name, constants)
     if name == RECORDED:
         return build_recorded_set(constants)
     if name in FAMILY_SETS:
         return build_family_set(name, constants)
     if name not in SETS:
-        allowed = (*SETS, *FAMILY_SETS, PAIRS, RECORDED)
+        allowed = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, RECORDED)
         raise ValueError(f"no set '{name}'; allowed are {', '.join(allowed)}")
     if name.startswith("paper"):
         return build_paper_set(name, constants)
@@ -208,6 +227,19 @@ def build_family_set(name: str, constants: Constants) -> ClipSet:
     )
 
 
+def build_final_set(name: str, constants: Constants) -> ClipSet:
+    """Build a final set; all of them have the same people."""
+    like = load_set(FINAL_SETS[name], constants)
+    return replace(
+        like,
+        name=name,
+        people=FINAL,
+        subjects=int(constants.value("sets.people.final")),
+        builds=f"{FINAL}-{like.build_kind}",
+        build_count=int(constants.value("sets.builds.final")),
+    )
+
+
 def build_recorded_set(constants: Constants) -> ClipSet:
     """Build the set of recorded people, half of whose sessions are on families."""
     return replace(
@@ -232,7 +264,7 @@ def build_pair_set(constants: Constants) -> ClipSet:
         builds="fresh",
         build_count=int(constants.value("sets.builds.fresh")),
         build_kind="fresh",
-        groups=get_pose_groups(constants, "known", "new"),
+        groups=get_pose_groups(constants, "known"),
         still=1.0,
         classes=(*NONE_KINDS, "none"),
         parts=tuple(SetPart(side, pairs) for side in SIDES),
