@@ -1,7 +1,8 @@
 """Evaluate the weights that come with eskin on simulated people they have not seen.
 
 python -m benchmarks.recogniser [PART] --sets FOLDER, where PART is clips, streams,
-skins, pairs or all. Sets that are missing in FOLDER are generated there (about 8 GB for
+skins, pairs, all (of these), or final: the final sets, which are to be opened only when
+nothing is chosen any more. Sets that are missing in FOLDER are generated there (about 8 GB for
 all); prepared recordings are kept in FOLDER/pack. The command prints the tables of
 docs/results.md.
 """
@@ -25,11 +26,14 @@ from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
 from eskin.sim.dataset.plan import PAIR_SIDES
+from eskin.sim.dataset.sets import FINAL_SETS
 
-Part = Literal["clips", "streams", "skins", "pairs", "all"]
+Part = Literal["clips", "streams", "skins", "pairs", "final", "all"]
 
 TESTS = ("test-s", "test-p", "test-x", "test-m")
 STREAMS = ("streams-fresh", "streams", "quiet", "accidents")
+FINAL_STREAMS = tuple(f"final-{name}" for name in STREAMS)
+FINAL_CLIPS = tuple(name for name in FINAL_SETS if name not in FINAL_STREAMS)
 SKINS = ("ur5-half", "ur5-double", "ur5-shapes", "ur5-missing", "ur10", "base")
 
 
@@ -59,14 +63,28 @@ def main() -> None:
     """Print the chosen tables."""
     command = tyro.cli(Command)
     for name, table in PARTS.items():
-        if command.part in (name, "all"):
+        if command.part == name or (command.part == "all" and table is not final):
             print(table(command), flush=True)
 
 
 def clips(command: Command) -> str:
     """Evaluate the four test sets."""
+    return evaluate_clip_sets(command, TESTS)
+
+
+def final(command: Command) -> str:
+    """Evaluate the final sets."""
+    tables = (
+        evaluate_clip_sets(command, FINAL_CLIPS),
+        evaluate_stream_sets(command, FINAL_STREAMS),
+    )
+    return "\n\n".join(tables)
+
+
+def evaluate_clip_sets(command: Command, names: Sequence[str]) -> str:
+    """Evaluate the chosen ones of sets of clips."""
     rows = [format_clip_head("set", load_model(command.model))]
-    for name in choose_names(command, TESTS):
+    for name in choose_names(command, names):
         found = evaluate_clips(command, find_set(command, name))
         rows.append(format_clip_row(name, found))
         draw_clips(command, name, found)
@@ -99,13 +117,18 @@ def pairs(command: Command) -> str:
 
 def streams(command: Command) -> str:
     """Evaluate events of continuous streams."""
+    return evaluate_stream_sets(command, STREAMS)
+
+
+def evaluate_stream_sets(command: Command, names: Sequence[str]) -> str:
+    """Evaluate events of the chosen ones of sets of streams."""
     heads = ("set", "hours", "events", "precision", "recall", "F1 (95 % interval)")
     heads += ("F1, two touches at once", "false detections/h")
     heads += ("latency p50", "latency p95")
     heads += ("accidental contacts detected as gestures",)
     heads += ("unknown gestures detected as others",)
     rows = [format_head(heads)]
-    for name in choose_names(command, STREAMS):
+    for name in choose_names(command, names):
         score = evaluate_streams(command, find_set(command, name))
         rows.append(format_stream_row(name, score))
         if command.pictures is not None and score.total.matched:
@@ -209,6 +232,7 @@ PARTS: dict[str, Callable[[Command], str]] = {
     "streams": streams,
     "skins": skins,
     "pairs": pairs,
+    "final": final,
 }
 
 
