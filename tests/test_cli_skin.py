@@ -22,11 +22,14 @@ LEFT, MIDDLE, RIGHT = (
     SKIN.find_taxels(name).tolist() for name in ("left", "middle", "right")
 )
 CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
-REST, PRESSED = 200, 1200
+REST, PRESSED = 200, 1000
+"""Counts at rest, and those that a press adds."""
 UNTOUCHED = 155
 """Scans before the first press, for taring."""
 INTERVAL, LENGTH = 36, 10
 """Scans from press to press, and of each."""
+RISE = 3
+"""Scans in which a finger lands."""
 
 
 def make_scans(respond=int):
@@ -36,7 +39,7 @@ def make_scans(respond=int):
         counts = REST + (np.arange(SKIN.count, dtype=np.int32) + number) % 2
         press, phase = divmod(number - UNTOUCHED, INTERVAL)
         if 0 <= press < len(taxels) and phase < LENGTH:
-            counts[taxels[press]] = PRESSED
+            counts[taxels[press]] += round(PRESSED * min(1.0, (phase + 1) / RISE))
         received = np.ones(SKIN.count, bool)
         yield Scan(PERIOD * (number + 1), counts, received, np.zeros(0))
 

@@ -39,6 +39,23 @@ FLAT = 0.25
 """Largest change of the counts before and after a step, in units of the step."""
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
+MIN_LONE_STEP, LONE_FACTOR = 16.0, 20.0
+"""Smallest lone step after which a taxel is followed: in counts, and in units of the
+running median of the deviations; noise hides whether a smaller one is flat."""
+LONE_FLAT = 0.1
+"""Largest change of the counts of such a taxel, in units of the step."""
+LONE_SECONDS, SLOW_LONE_SECONDS = 0.15, 0.3
+"""Time of flat counts after which such a taxel is a fault [s]; the second where a scan
+takes longer than `MAX_STEP_INTERVAL`."""
+MAX_LONE_INTERVAL = 0.06
+"""Largest time between two scans at which flat counts alone are a fault [s]."""
+FLAT_STEPS = 2.0
+"""Lone steps that a taxel counts for which stays flat after one, or steps to the same
+counts again."""
+SAME_COUNTS, SAME_SHARE = 3.0, 0.03
+"""Largest difference of such counts: in counts, and in units of the step."""
+NOT_LONE = -1e9
+"""Time of the lone step of a taxel that made none [s]."""
 
 
 class CountHistory(NamedTuple):
@@ -83,6 +100,14 @@ class CountHistory(NamedTuple):
     """Time at which the deviation was last below what is noisy."""
     steps: np.ndarray
     """Number of lone steps, each of which counts for less as it becomes older."""
+    lone_since: np.ndarray
+    """Time of the lone step since which the counts are flat; `NOT_LONE` without."""
+    lone_level: np.ndarray
+    """Counts after that step."""
+    lone_step: np.ndarray
+    """Size of that step [counts]."""
+    last_level: np.ndarray
+    """Counts after the latest lone step; negative before the first."""
 
 
 @compiled
@@ -158,6 +183,8 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.level[i] = 0.0
     history.last_straight[i] = now
     history.steps[i] = 0.0
+    history.lone_since[i] = NOT_LONE
+    history.last_level[i] = -np.inf
 
 
 class NoiseLimits(NamedTuple):
@@ -269,6 +296,67 @@ def update_noise(
             if is_alone(i, step, first, second, starts, neighbours):
                 steps[i] = min(steps[i] + 1.0, MAX_STEPS)
     return low
+
+
+@compiled
+@no_type_check
+def update_lone(
+    counts: Int[np.ndarray, "taxel"],
+    sound: Bool[np.ndarray, "taxel"],
+    rest: Float[np.ndarray, "taxel"],
+    now: float,
+    elapsed: float,
+    turn: int,
+    limits: NoiseLimits,
+    away: Float[np.ndarray, "taxel"],
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
+    history: CountHistory,
+) -> None:
+    """Follow taxels that stepped up alone in one scan while their counts are flat.
+
+    So does a taxel whose contact is intermittent. What touches goes on to press harder
+    or more lightly, within a scan or two. A taxel that stays flat for longer counts as
+    if it had made `FLAT_STEPS` lone steps; so does one that steps to the same counts as
+    the last time, also where scans are too slow to tell a finger by its first step.
+
+    The arguments are those of `update_noise`, which is called before; `sound` are the
+    received taxels that have no fault yet.
+    """
+    latest = history.recent[turn]
+    first = history.recent[(turn - 1) % RECENT]
+    second = history.recent[(turn - 2) % RECENT]
+    since, level, size = history.lone_since, history.lone_level, history.lone_step
+    deviation, contacts = history.deviation, limits.contact
+    is_fast = elapsed <= MAX_LONE_INTERVAL
+    longest = LONE_SECONDS if elapsed <= MAX_STEP_INTERVAL else SLOW_LONE_SECONDS
+    for i in range(len(counts)):
+        if not sound[i]:
+            continue
+        count, usual = latest[i], deviation[i]
+        if since[i] > NOT_LONE:
+            flat = max(LONE_FLAT * size[i], STEP_FACTOR * usual)
+            if abs(count - level[i]) > min(flat, FLAT * size[i]):
+                since[i] = NOT_LONE
+                continue
+            history.last_level[i] = level[i]
+            if is_fast and now - since[i] >= longest:
+                history.steps[i] = max(history.steps[i], FLAT_STEPS)
+                since[i] = NOT_LONE
+            continue
+        step = count - first[i]
+        least = max(contacts[i], away[i], MIN_LONE_STEP, LONE_FACTOR * usual)
+        if not (step >= least and count - rest[i] >= least):
+            continue
+        if abs(first[i] - second[i]) > LONE_FLAT * step:
+            continue
+        if not is_alone(i, step, latest, first, starts, neighbours):
+            continue
+        nearest = max(SAME_COUNTS, SAME_SHARE * step)
+        is_same = abs(count - history.last_level[i]) <= nearest
+        if is_same:
+            history.steps[i] = max(history.steps[i], FLAT_STEPS)
+        since[i], level[i], size[i] = now, count, step
 
 
 @compiled

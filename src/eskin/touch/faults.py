@@ -16,6 +16,7 @@ from eskin.touch.fault_kernels import (
     NoiseLimits,
     find_noisier,
     update_history,
+    update_lone,
     update_noise,
     update_unanswered,
 )
@@ -165,7 +166,8 @@ class FaultConfig:
     deviate more."""
     lone_steps: float = 1.5
     """Number of steps within one scan, in which no neighbour takes part, that makes a
-    taxel noisy."""
+    taxel noisy. One after which it stays flat, or at the same counts as before, counts
+    for two."""
     step_seconds: float = 10.0
     """Time constant with which such a step counts for less."""
     doubtful: float = 0.28
@@ -327,9 +329,7 @@ class FaultDetector:
             self.mask,
         )
         self.turn = (self.turn + 1) % RECENT
-        low_count = update_noise(
-            scan.counts,
-            scan.received,
+        course = (
             rest,
             now,
             elapsed,
@@ -340,6 +340,8 @@ class FaultDetector:
             self.adjacency.neighbours,
             self.history,
         )
+        low_count = update_noise(scan.counts, scan.received, *course)
+        update_lone(scan.counts, scan.received & ~self.mask, *course)
         if now >= MIN_LEARNED and (low_count or self.swings.going):
             above, received = scan.counts - rest, scan.received
             high, low = received & (above > self.away), received & (above < -self.away)
@@ -566,6 +568,8 @@ def build_count_history(count: int) -> CountHistory:
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
-    for name in ("deviation", "noise", "start_noise", "level", "steps"):
+    zeros = ("deviation", "noise", "start_noise", "level", "steps")
+    for name in (*zeros, "lone_level", "lone_step"):
         history[name] = np.zeros(count)
+    history["last_level"] = np.full(count, -np.inf)
     return CountHistory(**history)
