@@ -154,30 +154,28 @@ def test_negative_counts_are_masked_at_once():
         assert mask[TAXEL] == (t >= 3.01)
 
 
-@pytest.mark.parametrize(
-    ("rate", "swings"), [(50, 1), (25, 1), (10, 2)], ids=["fast", "slower", "slow"]
-)
-def test_taxel_with_intermittent_contact_is_noisy(rate, swings):
-    """Fast scans show that no finger lands so; slow ones that two are never equal."""
+@pytest.mark.parametrize("rate", [25, 50])
+def test_taxel_with_intermittent_contact_is_noisy_at_its_first_swing(rate):
     change = add_counts(TAXEL, lambda t: 400 * ((t + 1e-6) % 12.0 < 0.6))
-    found = find_faults(change, seconds=13.0 + 12.0 * swings, rate=rate)
+    found = find_faults(change, seconds=14.0, rate=rate)
     assert describe(found) == [("noisy", *PLACE)]
-    assert 12.0 * swings <= first_time(found) < 12.0 * swings + 0.6
+    assert 12.0 <= first_time(found) < 12.6
 
 
-@pytest.mark.parametrize("rate", [10, 25, 50])
-def test_finger_that_lands_on_one_taxel_is_no_fault(rate):
-    """It rises in one slow scan, and presses differently hard each time."""
+@pytest.mark.parametrize(
+    ("rate", "force"),
+    [*((rate, 300) for rate in (10, 20, 25, 50)), (10, 3000), (20, 3000), (25, 3000)],
+)
+def test_finger_that_presses_one_taxel_again_and_again_is_no_fault(rate, force):
+    rng = np.random.default_rng(3)
+    forces = force * (1.0 + 0.2 * rng.standard_normal(20))
 
     def press(t):
-        force = 300 + 17 * (t // 3.0)
-        return (
-            force
-            * np.clip(np.sin(np.pi * (t % 3.0) / 0.6) * 1.4, 0.0, 1.0)
-            * (t % 3.0 < 0.6)
-        )
+        share = np.clip(min(t % 2.0, 0.7 - t % 2.0) / 0.06, 0.0, 1.0)
+        return min(forces[int(t // 2.0)] * share, 800)
 
-    assert not find_faults(add_counts(TAXEL, press), 30.0, rate)[-1][2]
+    found = find_faults(add_counts(TAXEL, press), 30.0, rate)
+    assert not any(faults for _, _, faults in found)
 
 
 def test_quiet_taxel_that_ignores_presses_around_it_is_dead():

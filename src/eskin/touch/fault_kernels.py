@@ -47,13 +47,10 @@ LONE_FLAT = 0.1
 LONE_SECONDS, SLOW_LONE_SECONDS = 0.15, 0.3
 """Time of flat counts after which such a taxel is a fault [s]; the second where a scan
 takes longer than `MAX_STEP_INTERVAL`."""
-MAX_LONE_INTERVAL = 0.06
+MAX_LONE_INTERVAL = 0.042
 """Largest time between two scans at which flat counts alone are a fault [s]."""
 FLAT_STEPS = 2.0
-"""Lone steps that a taxel counts for which stays flat after one, or steps to the same
-counts again."""
-SAME_COUNTS, SAME_SHARE = 3.0, 0.03
-"""Largest difference of such counts: in counts, and in units of the step."""
+"""Lone steps that a taxel counts for which stays flat after one."""
 NOT_LONE = -1e9
 """Time of the lone step of a taxel that made none [s]."""
 
@@ -106,8 +103,6 @@ class CountHistory(NamedTuple):
     """Counts after that step."""
     lone_step: np.ndarray
     """Size of that step [counts]."""
-    last_level: np.ndarray
-    """Counts after the latest lone step; negative before the first."""
 
 
 @compiled
@@ -184,7 +179,6 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.last_straight[i] = now
     history.steps[i] = 0.0
     history.lone_since[i] = NOT_LONE
-    history.last_level[i] = -np.inf
 
 
 class NoiseLimits(NamedTuple):
@@ -303,6 +297,7 @@ def update_noise(
 def update_lone(
     counts: Int[np.ndarray, "taxel"],
     sound: Bool[np.ndarray, "taxel"],
+    full_scale: float,
     rest: Float[np.ndarray, "taxel"],
     now: float,
     elapsed: float,
@@ -317,8 +312,8 @@ def update_lone(
 
     So does a taxel whose contact is intermittent. What touches goes on to press harder
     or more lightly, within a scan or two. A taxel that stays flat for longer counts as
-    if it had made `FLAT_STEPS` lone steps; so does one that steps to the same counts as
-    the last time, also where scans are too slow to tell a finger by its first step.
+    if it had made `FLAT_STEPS` lone steps. Where scans are slower, a finger lands
+    within one; at full scale all that presses is flat.
 
     The arguments are those of `update_noise`, which is called before; `sound` are the
     received taxels that have no fault yet.
@@ -328,19 +323,17 @@ def update_lone(
     second = history.recent[(turn - 2) % RECENT]
     since, level, size = history.lone_since, history.lone_level, history.lone_step
     deviation, contacts = history.deviation, limits.contact
-    is_fast = elapsed <= MAX_LONE_INTERVAL
     longest = LONE_SECONDS if elapsed <= MAX_STEP_INTERVAL else SLOW_LONE_SECONDS
     for i in range(len(counts)):
-        if not sound[i]:
+        if elapsed > MAX_LONE_INTERVAL or not sound[i] or counts[i] >= full_scale:
+            since[i] = NOT_LONE
             continue
         count, usual = latest[i], deviation[i]
         if since[i] > NOT_LONE:
             flat = max(LONE_FLAT * size[i], STEP_FACTOR * usual)
             if abs(count - level[i]) > min(flat, FLAT * size[i]):
                 since[i] = NOT_LONE
-                continue
-            history.last_level[i] = level[i]
-            if is_fast and now - since[i] >= longest:
+            elif now - since[i] >= longest:
                 history.steps[i] = max(history.steps[i], FLAT_STEPS)
                 since[i] = NOT_LONE
             continue
@@ -348,15 +341,10 @@ def update_lone(
         least = max(contacts[i], away[i], MIN_LONE_STEP, LONE_FACTOR * usual)
         if not (step >= least and count - rest[i] >= least):
             continue
-        if abs(first[i] - second[i]) > LONE_FLAT * step:
+        if not abs(first[i] - second[i]) <= LONE_FLAT * step:
             continue
-        if not is_alone(i, step, latest, first, starts, neighbours):
-            continue
-        nearest = max(SAME_COUNTS, SAME_SHARE * step)
-        is_same = abs(count - history.last_level[i]) <= nearest
-        if is_same:
-            history.steps[i] = max(history.steps[i], FLAT_STEPS)
-        since[i], level[i], size[i] = now, count, step
+        if is_alone(i, step, latest, first, starts, neighbours):
+            since[i], level[i], size[i] = now, count, step
 
 
 @compiled

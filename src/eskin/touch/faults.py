@@ -166,8 +166,7 @@ class FaultConfig:
     deviate more."""
     lone_steps: float = 1.5
     """Number of steps within one scan, in which no neighbour takes part, that makes a
-    taxel noisy. One after which it stays flat, or at the same counts as before, counts
-    for two."""
+    taxel noisy. One after which it stays flat counts for two."""
     step_seconds: float = 10.0
     """Time constant with which such a step counts for less."""
     doubtful: float = 0.28
@@ -341,7 +340,8 @@ class FaultDetector:
             self.history,
         )
         low_count = update_noise(scan.counts, scan.received, *course)
-        update_lone(scan.counts, scan.received & ~self.mask, *course)
+        sound = scan.received & ~self.mask
+        update_lone(scan.counts, sound, self.full_scale, *course)
         if now >= MIN_LEARNED and (low_count or self.swings.going):
             above, received = scan.counts - rest, scan.received
             high, low = received & (above > self.away), received & (above < -self.away)
@@ -571,5 +571,4 @@ def build_count_history(count: int) -> CountHistory:
     zeros = ("deviation", "noise", "start_noise", "level", "steps")
     for name in (*zeros, "lone_level", "lone_step"):
         history[name] = np.zeros(count)
-    history["last_level"] = np.full(count, -np.inf)
     return CountHistory(**history)
