@@ -2,9 +2,9 @@
 
 python -m benchmarks.recogniser [PART] --sets FOLDER, where PART is clips, streams,
 skins, pairs, all (of these), or final: the final sets, which are to be opened only when
-nothing is chosen any more. Sets that are missing in FOLDER are generated there (about 8 GB for
-all); prepared recordings are kept in FOLDER/pack. The command prints the tables of
-docs/results.md.
+nothing is chosen any more. Sets that are missing in FOLDER are generated there (about
+8 GB for all); prepared recordings are kept in FOLDER/pack. The command prints the
+tables of docs/results.md.
 """
 
 import os

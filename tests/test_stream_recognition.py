@@ -126,5 +126,7 @@ def test_stuck_taxel_is_an_event_of_the_stream():
         scan.counts[5] = 1234
     listener = Ear(message_types=(Event,))
     run_recognition(on, stream, listener)
-    events = [(event.kind, event.taxel) for event in listener.received]
-    assert [event for event in events if event[1] is not None] == [("fault", 5)]
+    events = [event for event in listener.received if event.taxel is not None]
+    assert {event.taxel for event in events} == {5}
+    assert (events[0].kind, events[-1].kind) == ("fault", "fault")
+    assert "stuck" in events[-1].text
