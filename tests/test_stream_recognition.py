@@ -129,4 +129,4 @@ def test_stuck_taxel_is_an_event_of_the_stream():
     events = [event for event in listener.received if event.taxel is not None]
     assert {event.taxel for event in events} == {5}
     assert (events[0].kind, events[-1].kind) == ("fault", "fault")
-    assert "stuck" in events[-1].text
+    assert "frozen" in events[-1].text
