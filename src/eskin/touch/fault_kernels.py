@@ -51,8 +51,8 @@ MAX_LONE_INTERVAL = 0.042
 """Largest time between two scans at which flat counts alone are a fault [s]."""
 FLAT_STEPS = 2.0
 """Lone steps that a taxel counts for which stays flat after one."""
-NOT_LONE = -1e9
-"""Time of the lone step of a taxel that made none [s]."""
+NEVER = -1e9
+"""Time before all others [s]."""
 
 
 class CountHistory(NamedTuple):
@@ -98,7 +98,7 @@ class CountHistory(NamedTuple):
     steps: np.ndarray
     """Number of lone steps, each of which counts for less as it becomes older."""
     lone_since: np.ndarray
-    """Time of the lone step since which the counts are flat; `NOT_LONE` without."""
+    """Time of the lone step since which the counts are flat; `NEVER` without."""
     lone_level: np.ndarray
     """Counts after that step."""
     lone_step: np.ndarray
@@ -178,7 +178,7 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.level[i] = 0.0
     history.last_straight[i] = now
     history.steps[i] = 0.0
-    history.lone_since[i] = NOT_LONE
+    history.lone_since[i] = NEVER
 
 
 class NoiseLimits(NamedTuple):
@@ -200,7 +200,9 @@ class NoiseLimits(NamedTuple):
 def update_noise(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
+    mask: Bool[np.ndarray, "taxel"],
     rest: Float[np.ndarray, "taxel"],
+    full_scale: int,
     now: float,
     elapsed: float,
     turn: int,
@@ -220,7 +222,9 @@ def update_noise(
     Args:
         counts: counts of the scan.
         received: which counts are new.
+        mask: faulty taxels.
         rest: counts of each taxel at rest.
+        full_scale: counts at which the converter saturates.
         now: time of the scan [s].
         elapsed: time since the last scan [s].
         turn: index of the scan in `CountHistory.recent`.
@@ -289,6 +293,21 @@ def update_noise(
         if stays <= flat and abs(second[i] - third[i]) <= flat:
             if is_alone(i, step, first, second, starts, neighbours):
                 steps[i] = min(steps[i] + 1.0, MAX_STEPS)
+    update_lone(
+        counts,
+        received,
+        mask,
+        rest,
+        full_scale,
+        now,
+        elapsed,
+        turn,
+        limits,
+        away,
+        starts,
+        neighbours,
+        history,
+    )
     return low
 
 
@@ -296,9 +315,10 @@ def update_noise(
 @no_type_check
 def update_lone(
     counts: Int[np.ndarray, "taxel"],
-    sound: Bool[np.ndarray, "taxel"],
-    full_scale: float,
+    received: Bool[np.ndarray, "taxel"],
+    mask: Bool[np.ndarray, "taxel"],
     rest: Float[np.ndarray, "taxel"],
+    full_scale: int,
     now: float,
     elapsed: float,
     turn: int,
@@ -315,8 +335,7 @@ def update_lone(
     if it had made `FLAT_STEPS` lone steps. Where scans are slower, a finger lands
     within one; at full scale all that presses is flat.
 
-    The arguments are those of `update_noise`, which is called before; `sound` are the
-    received taxels that have no fault yet.
+    The arguments are those of `update_noise`, which has updated the history.
     """
     latest = history.recent[turn]
     first = history.recent[(turn - 1) % RECENT]
@@ -324,27 +343,28 @@ def update_lone(
     since, level, size = history.lone_since, history.lone_level, history.lone_step
     deviation, contacts = history.deviation, limits.contact
     longest = LONE_SECONDS if elapsed <= MAX_STEP_INTERVAL else SLOW_LONE_SECONDS
+    if elapsed > MAX_LONE_INTERVAL:
+        since[:] = NEVER
+        return
     for i in range(len(counts)):
-        if elapsed > MAX_LONE_INTERVAL or not sound[i] or counts[i] >= full_scale:
-            since[i] = NOT_LONE
+        if not received[i] or mask[i] or counts[i] >= full_scale:
+            since[i] = NEVER
             continue
         count, usual = latest[i], deviation[i]
-        if since[i] > NOT_LONE:
+        if since[i] > NEVER:
             flat = max(LONE_FLAT * size[i], STEP_FACTOR * usual)
             if abs(count - level[i]) > min(flat, FLAT * size[i]):
-                since[i] = NOT_LONE
+                since[i] = NEVER
             elif now - since[i] >= longest:
                 history.steps[i] = max(history.steps[i], FLAT_STEPS)
-                since[i] = NOT_LONE
+                since[i] = NEVER
             continue
         step = count - first[i]
         least = max(contacts[i], away[i], MIN_LONE_STEP, LONE_FACTOR * usual)
-        if not (step >= least and count - rest[i] >= least):
-            continue
-        if not abs(first[i] - second[i]) <= LONE_FLAT * step:
-            continue
-        if is_alone(i, step, latest, first, starts, neighbours):
-            since[i], level[i], size[i] = now, count, step
+        rises = step >= least and count - rest[i] >= least
+        if rises and abs(first[i] - second[i]) <= LONE_FLAT * step:
+            if is_alone(i, step, latest, first, starts, neighbours):
+                since[i], level[i], size[i] = now, count, step
 
 
 @compiled

@@ -10,13 +10,13 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
+    NEVER,
     RECENT,
     START_SECONDS,
     CountHistory,
     NoiseLimits,
     find_noisier,
     update_history,
-    update_lone,
     update_noise,
     update_unanswered,
 )
@@ -55,8 +55,6 @@ MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 SAME_SECONDS = 0.5
 """Time without a change of the counts in which a still taxel remains a fault [s]."""
-NEVER = -1e9
-"""Time before all others [s]."""
 
 
 @dataclass(frozen=True)
@@ -328,8 +326,12 @@ class FaultDetector:
             self.mask,
         )
         self.turn = (self.turn + 1) % RECENT
-        course = (
+        low_count = update_noise(
+            scan.counts,
+            scan.received,
+            self.mask,
             rest,
+            self.full_scale,
             now,
             elapsed,
             self.turn,
@@ -339,9 +341,6 @@ class FaultDetector:
             self.adjacency.neighbours,
             self.history,
         )
-        low_count = update_noise(scan.counts, scan.received, *course)
-        sound = scan.received & ~self.mask
-        update_lone(scan.counts, sound, self.full_scale, *course)
         if now >= MIN_LEARNED and (low_count or self.swings.going):
             above, received = scan.counts - rest, scan.received
             high, low = received & (above > self.away), received & (above < -self.away)
