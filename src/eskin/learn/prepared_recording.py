@@ -95,6 +95,8 @@ class TouchSequence:
     stamps: list[int] = field(default_factory=list)
     centres: list[Float[np.ndarray, "3"]] = field(default_factory=list)
     forces: list[float] = field(default_factory=list)
+    confirmed: bool = False
+    """Whether there was enough evidence of a touch; live, no other is recognised."""
 
 
 def gather_sequences(
@@ -103,7 +105,7 @@ def gather_sequences(
     graph: GraphConfig,
     transform: RecordingTransform | None = None,
 ) -> list[TouchSequence]:
-    """Return all sequences of a recording in the order in which they begin."""
+    """Return the sequences of confirmed touches in the order in which they begin."""
     skin = recording.skin
     if transform is not None:
         skin = transform.transform_skin(skin, recording.start)
@@ -122,14 +124,16 @@ def gather_sequences(
             open_now[key] = TouchSequence()
             sequences.append(open_now[key])
         open_now = {key: open_now[key] for key in graphs}
+        confirmed = {stream.get_key(touch.id) for touch in state.open}
         for key, batch in graphs.items():
             sequence = open_now[key]
+            sequence.confirmed |= key in confirmed or not skin.calibrated
             centre, force = centres.get(key, (NAN_POSITION, 0.0))
             sequence.graphs.append(batch)
             sequence.stamps.append(scan.stamp)
             sequence.centres.append(centre)
             sequence.forces.append(force)
-    return sequences
+    return [sequence for sequence in sequences if sequence.confirmed]
 
 
 def find_contact_centres(
