@@ -79,6 +79,24 @@ def test_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated, co
     assert found.sequence.tolist() == np.repeat(np.arange(count), lengths).tolist()
 
 
+def test_touch_that_was_never_confirmed_is_left_out(tmp_path):
+    """A taxel whose counts jump and stay is not recognised live either."""
+    on = mounted(calibrated=True)
+    stream = list(scans(on, [Press(2.4, 3.0, 62, 62)], 25, 4.4))
+    for n, scan in enumerate(stream[90:], 90):
+        counts = scan.counts.copy()
+        counts[200] += 400
+        stream[n] = replace(scan, counts=counts)
+    path = record_scans(tmp_path / "a.mcap", on, stream)
+    recording = read_recording(path)
+    pipeline = TouchPipeline(on, recording.calibration)
+    states = [pipeline.push(scan) for scan in recording.scans()]
+    assert max(touch.id for state in states for touch in state.tracking.open) == 2
+    found = prepare_file(path)
+    assert found.sequence.max() == 0
+    assert found.stamps[-1] < stream[90].stamp
+
+
 def test_each_sequence_of_a_clip_is_of_the_touch_that_was_made(simulated):
     found, clips = prepare_file(simulated), read_clips(simulated)
     assert found.touches is not None
