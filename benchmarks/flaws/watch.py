@@ -76,12 +76,14 @@ class Watcher:
         return found
 
     def note_touches(self, trails: dict[int, Trail]) -> None:
-        """Add the open touches of the latest scan to the trails."""
+        """Add the confirmed touches of the latest scan to the trails."""
         state = self.recognizer.state
         assert state is not None
         if not (state.open or state.closed):
             return
         for row in state.rows:
+            if not row.confirmed:
+                continue
             trail = trails.setdefault(row.id, Trail(row.id))
             trail.onset, trail.last = row.onset, row.last
             trail.merged_into = row.merged_into

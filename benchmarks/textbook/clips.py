@@ -90,7 +90,7 @@ def answer(model: Model, clip: TextbookClip) -> ClipAnswer:
 
 
 def classify_open_touches(recognizer: Recognizer) -> dict[int, tuple[float, str]]:
-    """Return impulse [N s] and most probable class of every open touch, by its id."""
+    """Return impulse [N s] and most probable class of each confirmed open touch, by id."""
     state = recognizer.state
     if state is None or not state.open:
         return {}
@@ -98,5 +98,5 @@ def classify_open_touches(recognizer: Recognizer) -> dict[int, tuple[float, str]
     return {
         row.id: (row.impulse, vocabulary[recognizer.probabilities[row.id].argmax()])
         for row in state.rows
-        if not row.closed
+        if row.confirmed and not row.closed
     }
