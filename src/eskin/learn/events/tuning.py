@@ -15,25 +15,30 @@ Choice = tuple[DecisionConfig, EventScore]
 class TuningConfig:
     """These settings hold the values that are tried, and the costs by which to rate."""
 
-    thresholds: tuple[float, ...] = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 1.1)
+    thresholds: tuple[float, ...] = (
+        *(0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98),
+        1.1,
+    )
     """Thresholds of all gestures, then of each alone; the last one waits for contact to
     end."""
-    lifteds: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1)
-    """Thresholds of all gestures without contact."""
-    lifts: tuple[float, ...] = (0.1, 0.15, 0.2, 0.25, 0.3)
+    lifteds: tuple[float, ...] = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1)
+    """Thresholds of all gestures without contact; the last one waits for the touch to
+    close."""
+    lifts: tuple[float, ...] = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
     """Times without contact [s]."""
-    leasts: tuple[float, ...] = (0.3, 0.5, 0.6, 0.7, 0.8)
+    leasts: tuple[float, ...] = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
     """Probabilities below which a touch that closes is unknown."""
-    holds: tuple[float, ...] = (0.06, 0.12, 0.2)
+    holds: tuple[float, ...] = (0.0, 0.03, 0.06, 0.12, 0.2, 0.3, 0.4)
     """Times for which a gesture must stay above its threshold [s]."""
     each: bool = True
     """Whether each gesture gets a threshold of its own."""
     latency: float = 0.3
     """Largest median latency [s]."""
-    accidents: float = 1.0
-    """Cost in F1 of detecting all accidental contacts as gestures."""
-    unknown: float = 0.1
-    """Cost in F1 of detecting all gestures outside the vocabulary as others."""
+    false: float = 1.0
+    """Cost of a detection of no gesture that was made, in units of that of a missed
+    gesture; a gesture that is taken for another one costs both."""
+    accident: float = 1.0
+    """Additional cost of such a detection where a touch was an accident."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ def choose_decision(
 
     This is coordinate ascent: settings are varied one at a time, over and over, until
     none gets better. Settings whose median latency is small enough are better than
-    others; then F1 counts, less the costs of mistaken accidents and unknown gestures.
+    others; then the cost of wrong, missed and unasked detections counts.
 
     Args:
         streams: streams for tuning alone, not those of a test.
@@ -114,10 +119,11 @@ def apply_candidate(decision: DecisionConfig, candidate: Candidate) -> DecisionC
 
 
 def rate_score(score: EventScore, config: TuningConfig) -> tuple[bool, float]:
-    """Return whether the median latency is small enough, and F1 less the costs."""
+    """Return whether the median latency is small enough, and minus the cost a gesture.
+
+    The first is false where no gesture is detected.
+    """
     is_fast = score.all_delays.latency(50) <= config.latency
-    accidents, unknown, total = score.accidents, score.unknown_total, score.total
-    rating = total.f1 if total.matched else 0.0
-    rating -= config.accidents * (accidents.share if accidents.count else 0)
-    rating -= config.unknown * (unknown.share if unknown.count else 0)
-    return is_fast, rating
+    total, accidents = score.total, score.accidents.mistaken
+    cost = total.missed + config.false * total.false + config.accident * accidents
+    return is_fast, -cost / max(total.matched + total.missed, 1)
