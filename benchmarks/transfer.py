@@ -157,8 +157,10 @@ class TrialAnswer:
 class Command:
     """Test weights zero-shot on a public set."""
 
-    dataset: tyro.conf.Positional[Literal["socialtouch"]] = "socialtouch"
-    """Data set."""
+    dataset: tyro.conf.Positional[Literal["socialtouch", "socialtouch-groups"]] = (
+        "socialtouch"
+    )
+    """Data set; `socialtouch-groups` is for weights of its 12 groups of gestures."""
     data: Path | None = None
     """Folder of the set, as downloaded; in ../shared/data unless given."""
     people: tuple[str, ...] = ()
@@ -556,14 +558,19 @@ def group_socialtouch() -> tuple[Group, ...]:
     )
 
 
+SOCIALTOUCH = PublicSet(
+    folder=Path("../shared/data/socialtouch"),
+    rows=social.ROWS,
+    columns=social.COLUMNS,
+    trials=read_socialtouch,
+    groups=group_socialtouch(),
+)
 SETS = {
-    "socialtouch": PublicSet(
-        folder=Path("../shared/data/socialtouch"),
-        rows=social.ROWS,
-        columns=social.COLUMNS,
-        trials=read_socialtouch,
-        groups=group_socialtouch(),
-    )
+    "socialtouch": SOCIALTOUCH,
+    "socialtouch-groups": replace(
+        SOCIALTOUCH,
+        groups=tuple(Group(name, of_it, name) for name, of_it in GROUPS.items()),
+    ),
 }
 
 

@@ -20,8 +20,8 @@ import tyro
 
 SIMULATED = {
     "train": "--set train --clips 5000",
-    "train-families": "--set train-families --clips 6000",
-    "train-sparse": "--set train-families --seed 2 --skin ur5-sparse --clips 1600",
+    "train-families": "--set train-families --clips 16000",
+    "train-sparse": "--set train-families --seed 2 --skin ur5-sparse --clips 2400",
     "train-dense": "--set train-families --seed 3 --skin ur5-dense --clips 600",
     "train-post": "--set train-families --seed 4 --skin post --clips 1000",
     "train-pairs": "--set pairs --seed 1 --clips 250",

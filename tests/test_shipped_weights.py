@@ -82,9 +82,7 @@ def test_real_touches(socialtouch_folder, name, floor):
     public = SETS["socialtouch"]
     public = replace(public, groups=get_required_groups(public))
     model, trials = load_model(name), read_trials(public, socialtouch_folder)
-    chosen = [
-        trial for group in public.groups for trial in draw_trials(trials, group)
-    ]
+    chosen = [trial for group in public.groups for trial in draw_trials(trials, group)]
     answers = answer_trials(chosen, public, model, TransferSetting(4.0, 40.0, 50.0))
     right = [compute_results(answers, g, model)["forced_right"] for g in public.groups]
     assert np.mean(right) >= floor

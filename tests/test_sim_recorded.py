@@ -8,7 +8,11 @@ import pytest
 from eskin.errors import GenerationError, ImportSourceError
 from eskin.recording import find_recordings, read_recording
 from eskin.recording.socialtouch import GESTURES, Repetition
-from eskin.recording.socialtouch_classes import classify_repetition, count_presses
+from eskin.recording.socialtouch_classes import (
+    GROUP_NUMBERS,
+    classify_repetition,
+    count_presses,
+)
 from eskin.sim import load_constants
 from eskin.sim.contact.movie import compute_movie_field, compute_movie_force
 from eskin.sim.contact.press import ContactSite, MoviePress
@@ -54,6 +58,19 @@ def folder(tmp_path_factory):
             name = f"touch_p{person}_g{gesture}-20_4_17h_5m_2{person}s.csv"
             write_socialtouch(found, name, text)
     return found
+
+
+def test_classes_are_the_groups_of_gestures_where_that_is_wanted(tmp_path):
+    for numbers in GROUP_NUMBERS.values():
+        name = f"touch_p0_g{numbers[-1]}-20_4_17h_5m_20s.csv"
+        write_socialtouch(tmp_path, name, text_of([pressed()], 0, numbers[-1]))
+    people = find_recorded_people(tmp_path, grouped=True)
+    settings = GenerationSettings("recorded-groups", clips=24, recorded=people)
+    generate(tmp_path / "set", settings, 0)
+    found = Counter(row.gesture for row in read_index(tmp_path / "set"))
+    assert found == dict.fromkeys(GROUP_NUMBERS, 2)
+    with pytest.raises(GenerationError, match="no .*of participant 0"):
+        find_recorded_people(tmp_path)
 
 
 def build_movie_press(centre, angle, pitch=0.008):
@@ -226,7 +243,7 @@ def test_folder_without_touches_or_without_a_class_is_refused(tmp_path):
     ("facts", "part"),
     [
         ({"set_name": "recorded"}, "without recorded touches"),
-        ({"set_name": "train", "recorded": True}, "set 'recorded'"),
+        ({"set_name": "train", "recorded": True}, "set 'train'.* sets recorded"),
         ({"set_name": "recorded", "recorded": True, "subjects": 2}, "--people"),
     ],
 )

@@ -90,7 +90,7 @@ def answer(model: Model, clip: TextbookClip) -> ClipAnswer:
 
 
 def classify_open_touches(recognizer: Recognizer) -> dict[int, tuple[float, str]]:
-    """Return impulse [N s] and most probable class of each confirmed open touch, by id."""
+    """Return impulse [N s] and most probable class of confirmed open touches, by id."""
     state = recognizer.state
     if state is None or not state.open:
         return {}

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from eskin.sim.dataset import GenerationSettings, generate
+from eskin.sim.dataset.sets import RECORDED_GROUPS
 from eskin.sim.people.recorded import find_recorded_people
 
 SetName = Literal[
@@ -50,6 +51,7 @@ SetName = Literal[
     "final-linear",
     "pairs",
     "recorded",
+    "recorded-groups",
 ]
 
 FamilyName = Literal["divider", "logarithmic", "capacitive", "linear"]
@@ -103,8 +105,8 @@ class GenerateCommand:
     """Width of the spreads, where 0 is the easiest; by default the published one."""
 
     recorded: Path | None = None
-    """Folder of the public SocialTouch set, whose recorded touches the set `recorded`
-    places on the skin."""
+    """Folder of the public SocialTouch set, whose recorded touches the sets `recorded`
+    (classes of the paper) and `recorded-groups` (its own 12) place on the skin."""
 
     people: tuple[int, ...] | None = None
     """Participants of that folder whose touches are placed; by default all."""
@@ -122,7 +124,8 @@ def run(command: GenerateCommand) -> dict[str, object]:
         )
     recorded = None
     if command.recorded is not None:
-        recorded = find_recorded_people(command.recorded, command.people)
+        grouped = command.set == RECORDED_GROUPS
+        recorded = find_recorded_people(command.recorded, command.people, grouped)
     settings = GenerationSettings(
         command.set,
         command.skin,

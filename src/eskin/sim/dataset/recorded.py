@@ -54,7 +54,7 @@ class RecordedSimulator(ClipGenerator):
             self.simulator.mounted,
         )
         self.env = self.simulator.env
-        self.touches = read_recorded_touches(recorded.folder)
+        self.touches = read_recorded_touches(recorded.folder, recorded.grouped)
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
         """Simulate the clip of a plan."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from eskin.recording.socialtouch_classes import GROUPS
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
 from eskin.sim.people.recorded import RECORDED_CLASSES
@@ -114,8 +115,11 @@ PAIRS = "pairs"
 """Name of the set of pairs of clips with the same counts but not the same label."""
 
 
-RECORDED = "recorded"
-"""Name of the set of recorded people who touch a simulated skin."""
+RECORDED, RECORDED_GROUPS = "recorded", "recorded-groups"
+"""Names of the sets of recorded people who touch a simulated skin."""
+
+RECORDED_SETS = {RECORDED: RECORDED_CLASSES, RECORDED_GROUPS: tuple(GROUPS)}
+"""Classes of these sets: some of the paper's, or the groups of SocialTouch."""
 
 
 def load_set(name: str, constants: Constants) -> ClipSet:
@@ -128,12 +132,12 @@ def load_set(name: str, constants: Constants) -> ClipSet:
         return build_pair_set(constants)
     if name in FINAL_SETS:
         return build_final_set(name, constants)
-    if name == RECORDED:
-        return build_recorded_set(constants)
+    if name in RECORDED_SETS:
+        return build_recorded_set(name, constants)
     if name in FAMILY_SETS:
         return build_family_set(name, constants)
     if name not in SETS:
-        allowed = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, RECORDED)
+        allowed = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS)
         raise ValueError(f"no set '{name}'; allowed are {', '.join(allowed)}")
     if name.startswith("paper"):
         return build_paper_set(name, constants)
@@ -240,16 +244,16 @@ def build_final_set(name: str, constants: Constants) -> ClipSet:
     )
 
 
-def build_recorded_set(constants: Constants) -> ClipSet:
-    """Build the set of recorded people, half of whose sessions are on families."""
+def build_recorded_set(name: str, constants: Constants) -> ClipSet:
+    """Build a set of recorded people, half of whose sessions are on families."""
     return replace(
         load_set("train", constants),
-        name=RECORDED,
+        name=name,
         people=RECORDED,
         subjects=1,
         builds=RECORDED,
         families=tuple(kind for family in FAMILIES for kind in (family, "fresh")),
-        classes=RECORDED_CLASSES,
+        classes=RECORDED_SETS[name],
         parts=(SetPart("", int(constants.value("sets.clips.recorded"))),),
     )
 

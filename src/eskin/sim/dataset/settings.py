@@ -19,7 +19,13 @@ from eskin.sim.dataset.session_plan import (
     plan_pair_sessions,
     plan_sessions,
 )
-from eskin.sim.dataset.sets import PAIRS, RECORDED, ClipSet, load_set, resize_set
+from eskin.sim.dataset.sets import (
+    PAIRS,
+    RECORDED_SETS,
+    ClipSet,
+    load_set,
+    resize_set,
+)
 from eskin.sim.people.recorded import RecordedPeople
 from eskin.sim.sensor.flaws import FAMILIES, Family
 from eskin.skin import load_robot_for_skin
@@ -53,7 +59,7 @@ class GenerationSettings:
     """Families that each session's build is drawn from; None keeps the builds of the
     published set."""
     recorded: RecordedPeople | None = None
-    """People whose recorded touches the set `RECORDED` is made of; None for others."""
+    """People whose recorded touches a set is made of; None for other sets."""
 
     def __post_init__(self) -> None:
         """Refuse settings that no set can be generated with."""
@@ -149,20 +155,21 @@ class GenerationSettings:
 
 def check_recorded(settings: GenerationSettings) -> None:
     """Refuse recorded touches of another set, and the set without them."""
-    if settings.set_name != RECORDED:
+    name = settings.set_name
+    if name not in RECORDED_SETS:
         if settings.recorded is not None:
             raise ValueError(
-                f"recorded touches given for set '{settings.set_name}'; allowed is "
-                f"set '{RECORDED}'; change --set or leave --recorded out"
+                f"recorded touches given for set '{name}'; allowed are sets "
+                f"{' and '.join(RECORDED_SETS)}; change --set or leave --recorded out"
             )
     elif settings.recorded is None:
         raise ValueError(
-            f"set '{RECORDED}' requested without recorded touches; allowed is a folder "
+            f"set '{name}' requested without recorded touches; allowed is a folder "
             "of the SocialTouch set; give it with --recorded"
         )
     elif settings.subjects is not None:
         raise ValueError(
-            f"{settings.subjects} people requested for set '{RECORDED}', which has "
+            f"{settings.subjects} people requested for set '{name}', which has "
             "those that were recorded; choose some with --people"
         )
 

@@ -25,7 +25,11 @@ from eskin.recording.socialtouch import (
     Repetition,
     read_repetitions,
 )
-from eskin.recording.socialtouch_classes import classify_repetition, find_group
+from eskin.recording.socialtouch_classes import (
+    GROUPS,
+    classify_repetition,
+    find_group,
+)
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.movie import compute_movie_force, find_middle
 from eskin.sim.contact.press import ContactSite, MoviePress, TrueTouch
@@ -47,6 +51,8 @@ class RecordedPeople:
     """Numbers of the participants, ascending."""
     digest: str
     """SHA-256 of their touches."""
+    grouped: bool = False
+    """Whether classes are the groups of gestures, instead of `RECORDED_CLASSES`."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,11 +65,11 @@ class RecordedTouch:
     """A recorded touch is one repetition of a gesture, with its class."""
 
     gesture: str
-    """Class, one of `RECORDED_CLASSES`."""
+    """Class, one of `RECORDED_CLASSES`, or the group."""
     group: str
     """Group of its gesture in the SocialTouch set."""
     number: int
-    """Number of the touch among those of the folder that have a class."""
+    """Number of the touch among those of the folder that have such a class."""
     repetition: Repetition
     """Readings of the touch."""
 
@@ -74,15 +80,20 @@ def name_person(number: int) -> str:
 
 
 def find_recorded_people(
-    folder: Path, people: Sequence[int] | None = None
+    folder: Path, people: Sequence[int] | None = None, grouped: bool = False
 ) -> RecordedPeople:
     """Find participants of the SocialTouch set in a folder; all unless some are named.
+
+    Args:
+        folder: folder of the set.
+        people: numbers of the participants.
+        grouped: whether classes are the groups of gestures.
 
     Raises:
         ImportSourceError: a file of the set cannot be read.
         GenerationError: a participant is missing, or shows not all classes.
     """
-    touches = read_recorded_touches(folder)
+    touches = read_recorded_touches(folder, grouped)
     known = sorted({touch.repetition.person for touch in touches})
     wanted = known if people is None else sorted(set(people))
     missing = sorted(set(wanted) - set(known))
@@ -96,17 +107,20 @@ def find_recorded_people(
     digest = sha256()
     for person in wanted:
         mine = [touch for touch in touches if touch.repetition.person == person]
-        check_classes(folder, person, mine)
+        check_classes(folder, person, mine, grouped)
         for touch in mine:
             digest.update(f"{person} {touch.repetition.gesture}".encode())
             digest.update(touch.repetition.seconds.tobytes())
             digest.update(touch.repetition.counts.tobytes())
-    return RecordedPeople(folder, tuple(wanted), digest.hexdigest())
+    return RecordedPeople(folder, tuple(wanted), digest.hexdigest(), grouped)
 
 
-def check_classes(folder: Path, person: int, touches: list[RecordedTouch]) -> None:
+def check_classes(
+    folder: Path, person: int, touches: list[RecordedTouch], grouped: bool
+) -> None:
     """Raise if a participant does not show every class."""
-    missing = sorted(set(RECORDED_CLASSES) - {touch.gesture for touch in touches})
+    classes = set(GROUPS if grouped else RECORDED_CLASSES)
+    missing = sorted(classes - {touch.gesture for touch in touches})
     if missing:
         raise GenerationError(
             f"{folder} has no {', '.join(missing)} of participant {person}; allowed "
@@ -115,19 +129,23 @@ def check_classes(folder: Path, person: int, touches: list[RecordedTouch]) -> No
 
 
 @lru_cache(maxsize=1)
-def read_recorded_touches(folder: Path) -> tuple[RecordedTouch, ...]:
+def read_recorded_touches(
+    folder: Path, grouped: bool = False
+) -> tuple[RecordedTouch, ...]:
     """Read all touches of a folder that show one of the classes, cached."""
     return tuple(
         RecordedTouch(gesture, find_group(found.gesture), number, found)
-        for number, (gesture, found) in enumerate(read_classified(folder))
+        for number, (gesture, found) in enumerate(read_classified(folder, grouped))
     )
 
 
-def read_classified(folder: Path) -> Iterator[tuple[str, Repetition]]:
+def read_classified(folder: Path, grouped: bool) -> Iterator[tuple[str, Repetition]]:
     """Yield the repetitions in a folder that show one of the classes."""
     for path in find_files(folder, "touch_*", SUFFIXES):
         for repetition in read_repetitions(path):
             gesture = classify_repetition(repetition)
+            if grouped and repetition.touched.any():
+                gesture = find_group(repetition.gesture)
             if gesture is not None:
                 yield gesture, repetition
 
