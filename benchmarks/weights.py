@@ -1,22 +1,30 @@
 """Make weights that come with eskin: generate the sets, then train.
 
     python -m benchmarks.weights --sets SETS --out FOLDER
-    python -m benchmarks.weights --sets SETS --out FOLDER --weights ur5-sim p0 p1
+    python -m benchmarks.weights --sets SETS --out FOLDER --weights p0 p1
 
-`ur5-sim` is trained on simulated people alone. `ur5-people` is trained on from
-`ur5-sim`, with touches of the people of SocialTouch beside the same sets. `p0` and `p1`
-are trained on with one person each, so that `python -m benchmarks.transfer --people P1
---model FOLDER/p0.safetensors` tests on the other one. The decision of `ur5-people` is
-chosen on streams, that of the others is the default. Sets and prepared recordings that
-exist are used as they are.
+`ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
+touches of the people of SocialTouch beside the same sets. `p0` and `p1` are trained on
+with one person each, so that `python -m benchmarks.transfer --people P1 --model
+FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows the 12 groups of
+gestures of SocialTouch instead of the classes of the paper, and starts from `ur5-sim`;
+`groups-p0` and `groups-p1` are trained on one person each (`benchmarks.transfer
+socialtouch-groups`). `without-FAMILY` is trained without a family of sensors, and
+`all-families` for as long with all. The decisions of `ur5` and `ur5-sim` are chosen on streams, that
+of the others is the default. Sets and prepared recordings that exist are used as they
+are.
 """
 
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+
+from eskin.recording import find_recordings, read_recording
+from eskin.sim.sensor import FAMILIES
 
 SIMULATED = {
     "train": "--set train --clips 5000",
@@ -54,15 +62,27 @@ class Recipe:
     epochs: int
     steps: int
     """Steps of an epoch."""
-    decides: bool
+    decides: bool = False
     """Whether the decision is chosen on streams."""
+    grouped: bool = False
+    """Whether classes are the groups of gestures of SocialTouch."""
+    left_out: str = ""
+    """Family of sensors whose recordings are not used; empty for none."""
 
 
 WEIGHTS = {
-    "ur5-sim": Recipe("", (), 20, 250, False),
-    "ur5-people": Recipe("ur5-sim", (0, 1), 8, 250, True),
-    "p0": Recipe("ur5-sim", (0,), 8, 200, False),
-    "p1": Recipe("ur5-sim", (1,), 8, 200, False),
+    "ur5-sim": Recipe("", (), 20, 250, decides=True),
+    "ur5": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
+    "p0": Recipe("ur5-sim", (0,), 8, 200),
+    "p1": Recipe("ur5-sim", (1,), 8, 200),
+    "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
+    "groups-p0": Recipe("ur5-sim", (0,), 8, 250, grouped=True),
+    "groups-p1": Recipe("ur5-sim", (1,), 8, 250, grouped=True),
+    "all-families": Recipe("", (), 8, 250),
+    **{
+        f"without-{family}": Recipe("", (), 8, 250, left_out=family)
+        for family in FAMILIES
+    },
 }
 """Recipes by the name of the weights."""
 
@@ -88,7 +108,7 @@ class Command:
     """Folder of the weights."""
     socialtouch: Path = Path("../shared/data/socialtouch")
     """Folder of the SocialTouch set, as published."""
-    weights: tuple[str, ...] = ("ur5-sim", "ur5-people")
+    weights: tuple[str, ...] = ("ur5-sim", "ur5", "ur5-groups")
     """Names of the weights to make, those to start from first."""
     workers: int = 2
     """Number of processes that generate and prepare, and of threads that train."""
@@ -114,33 +134,58 @@ def main() -> None:
 def train(name: str, command: Command) -> None:
     """Train weights on their sets."""
     recipe = WEIGHTS[name]
-    trained = SIMULATED | build_recorded_sets(recipe.people, command.socialtouch)
+    recorded = build_recorded_sets(recipe, command.socialtouch)
+    trained = recorded if recipe.grouped else SIMULATED | recorded
+    validation = {} if recipe.grouped else VALIDATION
     streams = STREAMS if recipe.decides else {}
-    for sets in (trained, VALIDATION, streams):
+    for sets in (trained, validation, streams):
         for folder, options in sets.items():
             generate(command.sets / folder, options.split(), command.workers)
+    chosen = {"--val": validation, "--streams": streams}
     start = command.out / f"{recipe.start}.safetensors"
     run(
         "train",
-        *(str(command.sets / folder) for folder in trained),
-        *("--val", *(str(command.sets / folder) for folder in VALIDATION)),
+        *list_recordings(command.sets, trained, recipe.left_out),
         *("--pack", str(command.sets / "pack")),
         *("--out", str(command.out / f"{name}.safetensors")),
         *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
         *("--train.workers", str(command.workers)),
         *OPTIONS,
         *(["--start", str(start)] if recipe.start else []),
-        *(["--streams", *(str(command.sets / s) for s in streams)] if streams else []),
+        *(
+            word
+            for option, sets in chosen.items()
+            if sets
+            for word in (option, *list_recordings(command.sets, sets, recipe.left_out))
+        ),
     )
 
 
-def build_recorded_sets(people: tuple[int, ...], source: Path) -> dict[str, str]:
+def list_recordings(root: Path, sets: Iterable[str], left_out: str) -> list[str]:
+    """Return the folders of sets, or their recordings where a family is left out."""
+    folders = [root / folder for folder in sets]
+    if not left_out:
+        return [str(folder) for folder in folders]
+    return [
+        str(path)
+        for path in find_recordings(folders)
+        if read_recording(path).metadata.notes.get("family") != left_out
+    ]
+
+
+def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:
     """Return the sets of recorded people, by folder, with their options."""
+    kind, folder, clips = "recorded", "rec", 1200
+    if recipe.grouped:
+        kind, folder, clips = "recorded-groups", "groups", 2400
     sets = {}
-    for person in people:
-        options = f"--set recorded --recorded {source} --people {person}"
-        dense = f"{options} --skin ur5-dense --seed 1 --clips 600"
-        sets |= {f"rec{person}": f"{options} --clips 1200", f"rec{person}-dense": dense}
+    for person in recipe.people:
+        options = f"--set {kind} --recorded {source} --people {person}"
+        dense = f"{options} --skin ur5-dense --seed 1 --clips {clips // 2}"
+        sets |= {
+            f"{folder}{person}": f"{options} --clips {clips}",
+            f"{folder}{person}-dense": dense,
+        }
     return sets
 
 
