@@ -10,9 +10,8 @@ FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows the 12 groups 
 gestures of SocialTouch instead of the classes of the paper, and starts from `ur5-sim`;
 `groups-p0` and `groups-p1` are trained on one person each (`benchmarks.transfer
 socialtouch-groups`). `without-FAMILY` is trained without a family of sensors, and
-`all-families` for as long with all. The decisions of `ur5` and `ur5-sim` are chosen on
-streams, that of the others is the default. Sets and prepared recordings that exist are
-used as they are.
+`all-families` for as long with all. The decision of `ur5` is chosen on streams, that of
+the others is the default. Sets and prepared recordings that exist are used as they are.
 """
 
 import subprocess
@@ -71,7 +70,7 @@ class Recipe:
 
 
 WEIGHTS = {
-    "ur5-sim": Recipe("", (), 20, 250, decides=True),
+    "ur5-sim": Recipe("", (), 20, 250),
     "ur5": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
     "p0": Recipe("ur5-sim", (0,), 8, 200),
     "p1": Recipe("ur5-sim", (1,), 8, 200),

@@ -60,10 +60,10 @@ def compute_clip_accuracy(paths: list[Path], name: str, pack: Path) -> float:
 @pytest.mark.parametrize(
     ("name", "chosen", "floor"),
     [
-        ("ur5", "val", 0.9),
-        ("ur5-sim", "val", 0.9),
-        ("ur5", "val-families", 0.8),
-        ("ur5-sim", "val-families", 0.8),
+        ("ur5", "val", 0.77),
+        ("ur5-sim", "val", 0.77),
+        ("ur5", "val-families", 0.65),
+        ("ur5-sim", "val-families", 0.65),
     ],
 )
 def test_simulated_clips(sets, tmp_path_factory, name, chosen, floor):
@@ -71,13 +71,13 @@ def test_simulated_clips(sets, tmp_path_factory, name, chosen, floor):
     assert compute_clip_accuracy(sets[chosen], name, pack) >= floor
 
 
-@pytest.mark.parametrize(("name", "floor"), [("ur5", 0.85), ("ur5-sim", 0.85)])
+@pytest.mark.parametrize(("name", "floor"), [("ur5", 0.9), ("ur5-sim", 0.9)])
 def test_textbook_touches(name, floor):
-    points = [p for p in run(name, 1, 3, SEED, ("force", "duration")) if p.inside]
+    points = [p for p in run(name, 3, 3, SEED, ("force", "duration")) if p.inside]
     assert sum(p.right for p in points) / sum(p.count for p in points) >= floor
 
 
-@pytest.mark.parametrize(("name", "floor"), [("ur5", 0.9), ("ur5-sim", 0.75)])
+@pytest.mark.parametrize(("name", "floor"), [("ur5", 0.88), ("ur5-sim", 0.75)])
 def test_real_touches(socialtouch_folder, name, floor):
     public = SETS["socialtouch"]
     public = replace(public, groups=get_required_groups(public))

@@ -124,9 +124,9 @@ def test_stroke_passes_its_target_within_its_room_at_the_speed_of_a_hand():
         if press.steps > 40 and drawn["stroke.fall"] > 0.3:
             slow.append(press.steps - last > first)
     assert max(speeds) <= 0.4 and min(speeds) > 0.01
-    assert np.median(speeds) == pytest.approx(0.11, abs=0.02)
+    assert np.median(speeds) == pytest.approx(0.08, abs=0.02)
     # Three standard errors of 300 touches.
-    assert np.mean(returns) == pytest.approx(0.2, abs=0.07)
+    assert np.mean(returns) == pytest.approx(0.3, abs=0.08)
     # The hand lifts off slowly, but for a ripple that raises the end of a few.
     assert np.mean(slow) > 0.9
 

@@ -161,19 +161,20 @@ def test_difficulty_spreads_the_touches_of_one_person_and_of_all():
 
 @pytest.mark.parametrize("difficulty", [0.0, 1.5])
 def test_touches_are_as_short_as_published(difficulty):
+    """The paper has 63 % of grabs and strokes; strokes of SocialTouch last longer."""
     poke, grab, stroke = (
         np.mean(draw_durations(gesture, difficulty) < 1)
         for gesture in ("poke", "grab", "stroke")
     )
-    assert poke == 1.0 and 0.60 <= (grab + stroke) / 2 <= 0.66
+    assert poke == 1.0 and 0.60 <= grab <= 0.66 and 0.48 <= stroke <= 0.58
     pats = perform_many("double_pat", None, difficulty)
     pats = [touch for touch in pats if not touch.drawn["more"]]
     assert np.mean(get_durations(pats) < 1) >= 0.98
 
 
-@pytest.mark.parametrize("gesture", ["grab", "stroke"])
-def test_nearly_all_gestures_fit_a_window_however_difficult(gesture):
-    assert np.mean(draw_durations(gesture, 2.0) < 2) >= 0.965
+@pytest.mark.parametrize(("gesture", "share"), [("grab", 0.965), ("stroke", 0.8)])
+def test_most_gestures_fit_a_window_however_difficult(gesture, share):
+    assert np.mean(draw_durations(gesture, 2.0) < 2) >= share
     touches = perform_many(gesture, count=100)
     drawn = [touch.drawn["duration"] for touch in touches]
     np.testing.assert_allclose(get_durations(touches), drawn, atol=STEP / 2 + 1e-9)
@@ -251,11 +252,11 @@ def test_noise_does_not_tell_poke_press_and_pat_apart():
     x = [
         compute_features(perform(*push, person, *options).presses[0])
         for push in PUSHES
-        for person in draw_people()[:150]
+        for person in draw_people()[:300]
     ]
     forest = RandomForestClassifier(100, random_state=0)
-    # Chance is 1/3; a twelfth more would be three standard errors of 450 answers.
-    accuracy = cross_val_score(forest, x, np.repeat([0, 1, 2], 150), cv=5).mean()
+    # Chance is 1/3; a twelfth more would be five standard errors of 900 answers.
+    accuracy = cross_val_score(forest, x, np.repeat([0, 1, 2], 300), cv=5).mean()
     assert accuracy < 1 / 3 + 1 / 12
 
 

@@ -22,10 +22,10 @@ from eskin.recording.labels import NONE
 CARD = "eskin"
 SUFFIX = ".safetensors"
 
-MODELS = {"ur5": "ur5", "ur5-people": "ur5", "ur5-sim": "ur5", "ur5-blind": "ur5"}
+MODELS = {"ur5": "ur5", "ur5-sim": "ur5", "ur5-blind": "ur5"}
 """Names that `load_model` knows, each with the preset skin that it was trained on.
-`ur5-sim` and `ur5-people` have learned from all sensor families, and `ur5-people` from
-recorded people too; `ur5-blind` does not use the pose."""
+`ur5` has learned from simulated and recorded people, `ur5-sim` from simulated ones
+alone; `ur5-blind` does not use the pose."""
 CARD_ADAPTER = TypeAdapter(ModelCard)
 
 MAX_MODEL_BYTES = 64 << 20
