@@ -185,8 +185,8 @@ def build_card(
 def describe_command(command: TrainCommand, start: Model | None) -> dict[str, str]:
     """Return the options of the command that the card stores besides the training."""
     facts = {"seed": str(command.seed), "skins": str(command.skins)}
-    if start is not None:
-        facts |= {"start": str(command.start), "start_digest": start.digest}
+    if start is not None and command.start is not None:
+        facts |= {"start": command.start.stem, "start_digest": start.digest}
     override = load_override(command.calibration)
     if override is not None:
         facts["calibration"] = hashlib.sha256(override.to_bytes()).hexdigest()
