@@ -107,7 +107,7 @@ class Command:
     """Folder of the weights."""
     socialtouch: Path = Path("../shared/data/socialtouch")
     """Folder of the SocialTouch set, as published."""
-    weights: tuple[str, ...] = ("ur5-sim", "ur5", "ur5-groups")
+    weights: tuple[str, ...] = ("ur5-sim", "ur5")
     """Names of the weights to make, those to start from first."""
     workers: int = 2
     """Number of processes that generate and prepare, and of threads that train."""
@@ -140,7 +140,10 @@ def train(name: str, command: Command) -> None:
     for sets in (trained, validation, streams):
         for folder, options in sets.items():
             generate(command.sets / folder, options.split(), command.workers)
-    chosen = {"--val": validation, "--streams": streams}
+    chosen: list[str] = []
+    for option, sets in (("--val", validation), ("--streams", streams)):
+        found = list_recordings(command.sets, sets, recipe.left_out)
+        chosen += [option, *found] if found else []
     start = command.out / f"{recipe.start}.safetensors"
     run(
         "train",
@@ -151,19 +154,14 @@ def train(name: str, command: Command) -> None:
         *("--train.workers", str(command.workers)),
         *OPTIONS,
         *(["--start", str(start)] if recipe.start else []),
-        *(
-            word
-            for option, sets in chosen.items()
-            if sets
-            for word in (option, *list_recordings(command.sets, sets, recipe.left_out))
-        ),
+        *chosen,
     )
 
 
 def list_recordings(root: Path, sets: Iterable[str], left_out: str) -> list[str]:
     """Return the folders of sets, or their recordings where a family is left out."""
     folders = [root / folder for folder in sets]
-    if not left_out:
+    if not left_out or not folders:
         return [str(folder) for folder in folders]
     return [
         str(path)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.recogniser import Command, evaluate_clips
+from benchmarks.simulated_sets import made_set
 from benchmarks.textbook.sweeps import run
 from benchmarks.transfer import (
     SETS,
@@ -20,41 +22,21 @@ from benchmarks.transfer import (
     read_trials,
 )
 
-from eskin.learn.checkpoint import to_network
-from eskin.learn.dataset import prepare
-from eskin.learn.evaluation import predict_clips
 from eskin.model import load_model
-from eskin.sim.dataset import GenerationSettings, Simulator, generate
 
 pytestmark = pytest.mark.slow
 
-SHIPPED = ("ur5", "ur5-sim")
 SEED = 41
 CLIPS = 75
-"""Clips of each set: three builds of 25."""
+"""Clips of each simulated set."""
 EACH = 15
 """Touches of each group of SocialTouch."""
 
 
 @pytest.fixture(scope="module")
-def sets(tmp_path_factory) -> dict[str, list[Path]]:
-    """Return the recordings of each set, by its name."""
-    folder = tmp_path_factory.mktemp("sets")
-    made = {}
-    for name in ("val", "val-families"):
-        settings = GenerationSettings(name, seed=SEED, clips=CLIPS)
-        generate(folder / name, settings, 1, Simulator)
-        made[name] = sorted((folder / name).rglob("*.mcap"))
-    return made
-
-
-def compute_clip_accuracy(paths: list[Path], name: str, pack: Path) -> float:
-    """Return the accuracy of weights on the clips of a set."""
-    model = load_model(name)
-    card = model.card
-    dataset = prepare(paths, card.pipeline, card.graph_used, pack)
-    found = predict_clips(to_network(model), dataset, card.vocabulary, card.temperature)
-    return float(np.mean(found.predicted == found.truth))
+def sets(tmp_path_factory) -> Path:
+    """Return a folder for the sets, and for what is prepared of them."""
+    return tmp_path_factory.mktemp("sets")
 
 
 @pytest.mark.parametrize(
@@ -66,9 +48,10 @@ def compute_clip_accuracy(paths: list[Path], name: str, pack: Path) -> float:
         ("ur5-sim", "val-families", 0.65),
     ],
 )
-def test_simulated_clips(sets, tmp_path_factory, name, chosen, floor):
-    pack = tmp_path_factory.getbasetemp() / "pack"
-    assert compute_clip_accuracy(sets[chosen], name, pack) >= floor
+def test_simulated_clips(sets, name, chosen, floor):
+    folder = made_set(sets, chosen, clips=CLIPS, seed=SEED)
+    command = Command(sets=sets, model=Path(name), workers=1)
+    assert evaluate_clips(command, folder).segments.accuracy >= floor
 
 
 @pytest.mark.parametrize(("name", "floor"), [("ur5", 0.9), ("ur5-sim", 0.9)])
