@@ -29,9 +29,9 @@ SIMULATED = {
     "train": "--set train --clips 5000",
     "train-families": "--set train-families --clips 16000",
     "train-sparse": "--set train-families --seed 2 --skin ur5-sparse --clips 2400",
-    "train-dense": "--set train-families --seed 3 --skin ur5-dense --clips 600",
+    "train-dense": "--set train-families --seed 3 --skin ur5-dense --clips 2000",
     "train-post": "--set train-families --seed 4 --skin post --clips 1000",
-    "train-pairs": "--set pairs --seed 1 --clips 250",
+    "train-pairs": "--set pairs --seed 1 --clips 500",
 }
 """Sets of simulated people to train on, by their folder, with the options of `eskin
 generate`."""

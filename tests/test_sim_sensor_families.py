@@ -12,6 +12,7 @@ from eskin.sim.sensor import (
     sense,
 )
 from eskin.sim.sensor.model import draw_session
+from eskin.sim.sensor.proximity import add_proximity
 from eskin.sim.sensor.sensor import draw_reading_times
 from helpers.sensors import CONSTANTS, SKIN
 from helpers.touch import build_grid_skin
@@ -71,9 +72,12 @@ def test_exact_calibration_removes_the_spread_of_gains(kind):
     assert np.corrcoef(np.log(gain), np.log(build.velostat.gain))[0, 1] < -0.5
 
 
+CAPACITIVE_FLAWS = ("neighbours", "proximity", "quantisation")
+
+
 @pytest.mark.parametrize("flaw", FLAWS)
 def test_flaw_that_is_named_is_all_that_changes(flaw):
-    family = "capacitive" if flaw in ("neighbours", "quantisation") else "divider"
+    family = "capacitive" if flaw in CAPACITIVE_FLAWS else "divider"
     intact, build = draw_flawed({}, family), draw_flawed({flaw: "high"}, family)
     wave = 30.0 * np.clip(np.sin(np.linspace(0, 20, 500)), 0, 1)
     pressure, taxels = np.tile(wave[:, None], SKIN.count), np.arange(SKIN.count)
@@ -102,9 +106,10 @@ def test_readings_do_not_depend_on_how_many_are_read_at_a_time(family):
     build = draw_flawed(flaws, family)
     expected, received = read(build)
     sensor = Sensor(build, SKIN, np.random.default_rng(2))
+    pressure, taxels = add_proximity(PRESSURE, TAXELS, build, SKIN)
     counts = []
-    for first in range(0, len(PRESSURE), 2):
-        sensor.push(PRESSURE[first : first + 2], TAXELS)
+    for first in range(0, len(pressure), 2):
+        sensor.push(pressure[first : first + 2], taxels)
         counts.append(sensor.read(np.array([float(first)]))[0])
     assert (np.array(counts) == expected)[received].all()
 
@@ -156,6 +161,30 @@ def test_clips_of_a_session_begin_with_the_same_slow_drift():
     ]
     apart = [np.std(starts[0] - starts[n]) for n in (1, 2)]
     assert apart[0] < 0.5 * apart[1]
+
+
+def test_capacitive_taxels_feel_what_is_near_earlier_later_and_beside():
+    build = draw_flawed({"proximity": "high"}, "capacitive")
+    pressure = np.zeros((400, len(TAXELS)))
+    pressure[150:250, list(TAXELS).index(14)] = 30.0
+    apparent, taxels = add_proximity(pressure, TAXELS, build, SKIN)
+    middle = apparent[:, taxels == 14][:, 0]
+    assert set(TAXELS) < set(taxels)
+    np.testing.assert_array_equal(middle[150:250], pressure[150:250].max(axis=1))
+    assert (np.diff(middle[100:150]) > 0).all() and (np.diff(middle[251:300]) < 0).all()
+    assert middle[249 + 1] < 0.3 * build.velostat.half_pressure
+    away = np.linalg.norm(SKIN.positions[taxels] - SKIN.positions[14], axis=1)
+    order = np.argsort(away)[1:]
+    assert (np.diff(apparent[200, order]) <= 1e-12).all() and apparent[
+        200, order[0]
+    ] > 0
+    assert not apparent[:, away > 0.05].any()
+
+
+@pytest.mark.parametrize("family", ["divider", "logarithmic", "linear"])
+def test_other_families_feel_nothing_near(family):
+    build = draw_flawed({"proximity": "high"}, family)
+    assert add_proximity(PRESSURE, TAXELS, build, SKIN)[0] is PRESSURE
 
 
 def test_released_signal_falls_in_the_stated_time():

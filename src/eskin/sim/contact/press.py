@@ -118,6 +118,8 @@ class ContactSite:
     angle: float
     """Angle from t to the hand's y axis that suits the person, counter-clockwise seen
     from outside the skin [rad]."""
+    beyond: tuple[float, float] = (0.0, 0.0)
+    """Room beyond either end of the free run, without skin [m]."""
 
     def __post_init__(self) -> None:
         """Refuse a free run that does not contain the centre."""

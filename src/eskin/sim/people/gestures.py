@@ -197,8 +197,9 @@ WHOLE_HAND_GROUPS = ("flat_hand", "full_hand")
 
 
 def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
-    """Draw one stroke, or one there and back."""
-    law = "stroke.hand_force" if sample.kind in WHOLE_HAND_GROUPS else "stroke.force"
+    """Draw one stroke, or one there and back, of a hand or of two side by side."""
+    whole = sample.kind in WHOLE_HAND_GROUPS
+    law = "stroke.hand_force" if whole else "stroke.force"
     force = draw_force(sample, law, "stroke")
     duration = draw_duration(sample, "stroke")
     steps = sample.count_steps(duration)
@@ -209,12 +210,27 @@ def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
     start, length = fit_stroke(sample, direction, speed * duration / legs)
     sample.record("speed", legs * length / duration)
     along = start + length * build_travel(steps, back)
-    path = along[:, None] * direction + sample.draw_wander(steps)
+    path = along[:, None] * direction
     series = scale_to_peak(draw_sliding_force(sample, steps), force)
-    tissue, angle = sample.draw_tissue(), sample.draw_angle()
+    if not whole or not sample.draw_event(
+        "both", sample.constants.value("stroke.both")
+    ):
+        return (build_stroke(sample, path, series),)
+    gap, share = sample.draw("stroke.both_gap"), sample.draw("stroke.both_share")
+    aside = gap / 2 * np.array([direction[1], -direction[0]])
     return (
-        sample.build_press(sample.draw_pads(sample.kind), tissue, series, path, angle),
+        build_stroke(sample, path - aside, share * series),
+        build_stroke(sample, path + aside, (1 - share) * series),
     )
+
+
+def build_stroke(
+    sample: GestureSample, path: Float[np.ndarray, "time 2"], series: Series
+) -> Press:
+    """Build the press of a hand that strokes along a path with some force [N]."""
+    path = path + sample.draw_wander(len(series))
+    pads, tissue = sample.draw_pads(sample.kind), sample.draw_tissue()
+    return sample.build_press(pads, tissue, series, path, sample.draw_angle())
 
 
 def draw_stroke_direction(sample: GestureSample) -> Float[np.ndarray, "2"]:
@@ -237,7 +253,7 @@ def fit_stroke(
 
     It fits into the room there is and passes the site's centre.
     """
-    low, high = find_slide_limits(sample, direction)
+    low, high = draw_slide_limits(sample, direction)
     shortest = sample.constants.value("stroke.shortest")
     length = min(wanted, max(high - low, shortest))
     first, last = max(low, -length), min(0.0, high - length)
@@ -248,11 +264,17 @@ def fit_stroke(
     return start, sample.record("length", length)
 
 
-def find_slide_limits(
+def draw_slide_limits(
     sample: GestureSample, direction: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
-    """Return how far a hand may slide back and forth along a direction [m]."""
+    """Draw how far a hand may slide back and forth along a direction [m].
+
+    Sometimes that is beyond the ends of the skin.
+    """
     low, high = sample.site.free_run
+    if sample.draw_event("beyond", sample.constants.value("stroke.beyond")):
+        low -= min(sample.draw("stroke.beyond_by"), sample.site.beyond[0])
+        high += min(sample.draw("stroke.beyond_by"), sample.site.beyond[1])
     arc = sample.constants.value("stroke.arc") * 2 * np.pi * sample.site.radius / 2
     limits = [(-np.inf, np.inf)]
     if abs(direction[0]) > 1e-9:

@@ -132,12 +132,15 @@ def build_site(
     here = env.charts[chart]
     T = T_world_link[env.links[chart]]
     _, s_axis, t_axis, _ = compute_surface_axes(here, centre[None], T)
+    skin_low, skin_high = find_skin_extent(env, chart, centre)
+    low, high = find_free_run(env, chart, centre, T_world_link, skin_low, skin_high)
     return ContactSite(
         chart=chart,
         centre=(float(centre[0]), float(centre[1])),
         radius=here.radius,
-        free_run=find_free_run(env, chart, centre, T_world_link),
+        free_run=(max(low, skin_low), min(high, skin_high)),
         angle=float(compute_surface_angle(direction[None], s_axis, t_axis)[0]),
+        beyond=(max(skin_low - low, 0.0), max(high - skin_high, 0.0)),
     )
 
 
@@ -150,9 +153,15 @@ def find_free_run(
     chart: int,
     centre: Float[np.ndarray, "2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
+    skin_low: float,
+    skin_high: float,
 ) -> tuple[float, float]:
-    """Find how far a hand may slide along t, with skin below and nothing above [m]."""
-    low, high = find_skin_extent(env, chart, centre)
+    """Find how far a hand may slide along t with nothing above [m].
+
+    It ends at most half a hand beyond the ends of the skin, `skin_low` and `skin_high`.
+    """
+    beyond = env.constants.value("place.beyond") * MM
+    low, high = skin_low - beyond, skin_high + beyond
     link = env.links[chart]
     before = -np.arange(FREE_RUN_STEP, -low, FREE_RUN_STEP)
     after = np.arange(FREE_RUN_STEP, high, FREE_RUN_STEP)

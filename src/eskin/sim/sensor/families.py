@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.sim.constants import Constants
+from eskin.sim.constants import MM, Constants
 from eskin.sim.sensor.defects import Defects, draw_line, find_line_taxels
 from eskin.sim.sensor.electronics import Electronics
 from eskin.sim.sensor.flaws import FlawDraw, Flaws
@@ -296,6 +296,12 @@ def draw_flaws(draw: FlawDraw, skin: Skin, electronics: Electronics) -> Flaws:
         repeated=take("repeated", "repeated"),
         stamp_jitter=take("jitter", "jitter"),
         cut=draw_cut(draw, full_scale),
+        proximity=draw_proximity(draw),
+        proximity_reach=take("proximity", "proximity_reach") * MM,
+        proximity_times=(
+            take("proximity", "proximity_before"),
+            take("proximity", "proximity_after"),
+        ),
     )
 
 
@@ -317,6 +323,13 @@ def draw_cut(draw: FlawDraw, full_scale: int) -> int:
     if draw.family != "capacitive":
         return 0
     return round(draw.take("quantisation", "cut") * full_scale)
+
+
+def draw_proximity(draw: FlawDraw) -> float:
+    """Draw what a capacitive taxel feels of a body that does not touch it."""
+    if draw.family != "capacitive":
+        return 0.0
+    return draw.take("proximity", "proximity")
 
 
 def get_span(draw: FlawDraw) -> float:

@@ -36,6 +36,7 @@ FLAWS = (
     "quantisation",
     "neighbours",
     "lines",
+    "proximity",
     "dead",
     "stuck",
     "intermittent",
@@ -72,6 +73,13 @@ class Flaws:
     """Part of the sum of the others of its column that a taxel reads."""
     row_leak: float
     """Part of the sum of the others of its row that a taxel reads."""
+    proximity: float
+    """Apparent pressure under a body about to touch, by that at half scale; zero
+    unless capacitive."""
+    proximity_reach: float
+    """Distance sideways over which it falls [m]."""
+    proximity_times: tuple[float, float]
+    """Time constants with which it grows before a contact and falls after it [s]."""
     noise_factor: Float[np.ndarray, "taxel"]
     """Noise of each taxel by that of the electronics."""
     touched_noise: float

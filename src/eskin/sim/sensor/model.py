@@ -40,6 +40,8 @@ class SensorStages:
     """Conductance grows under lasting load and recovers slowly."""
     gain: bool = True
     """Taxels, patches and sessions differ."""
+    proximity: bool = True
+    """A capacitive taxel feels what is near it."""
     ghosting: bool = True
     """A taxel reads others of its patch."""
     divider: bool = True

@@ -30,6 +30,7 @@ from eskin.sim.sensor.noise import (
     ReadingLosses,
     ReadingNoise,
 )
+from eskin.sim.sensor.proximity import add_proximity
 from eskin.skin import Skin
 
 DRAWN_TOUCHES = 8
@@ -267,6 +268,8 @@ def sense(
     """
     check_pressure(pressure, taxels, lead)
     stages = stages or SensorStages()
+    if stages.proximity:
+        pressure, taxels = add_proximity(pressure, taxels, build, skin)
     live = find_live_taxels(pressure, taxels, build, skin, stages)
     sensor = Sensor(build, skin, rng, stages, session, live)
     sensor.push(pressure, taxels)
