@@ -66,7 +66,7 @@ def begin_update(
     tracks: np.ndarray,
     ongoing: int,
     before: TouchRecords,
-    stamp: int,
+    reading: KernelReading,
     parameters: TrackingParameters,
 ) -> TouchUpdate:
     """Begin with the touches that were open, and close those after the pause."""
@@ -87,7 +87,9 @@ def begin_update(
     for touch in range(count):
         confirmed = update.touches[touch].confirmed
         pause = parameters.pause_ns if confirmed else parameters.doubt_ns
-        if stamp - update.touches[touch].last > pause:
+        if update.touches[touch].evidence < parameters.joins:
+            pause = min(pause, max(MIN_LIFT_NS, reading.elapsed))
+        if reading.stamp - update.touches[touch].last > pause:
             close_touch(touch, 0, update)
             continue
         for track in range(len(tracks)):
@@ -192,26 +194,49 @@ def group_tracks(
 
     A new track joins the touch of its parent, of any track that ended near it within
     the pause, and of any that has contact beside it. Where these are several touches,
-    the younger are merged into the oldest, and close with `merged_into`. On a skin that
+    the younger are merged into the oldest, and close with `merged_into`. A track that
+    may be noise is a touch of its own until it has more evidence: where many taxels
+    are noisy, their contacts must not keep a touch open for ever. On a skin that
     is not calibrated, distances have no meaning: all contacts within the pause are one
     touch. `points` are the positions of the loads in the world [m].
     """
     parameters = context.parameters
-    update = begin_update(tracks, ongoing, before, reading.stamp, parameters)
+    update = begin_update(tracks, ongoing, before, reading, parameters)
     boxes = np.empty((ongoing, 2, 3))
     for track in range(ongoing):
         span = buffer.contacts[tracks[track].contact].loads
         if tracks[track].last == reading.stamp:
             compute_box(points[span[0] : span[1]], boxes[track])
     regions = ContactRegions(points, boxes, parameters.beside)
-    for track in range(ongoing):
-        if update.owners[track] == NO_INDEX:
-            assign_touch(track, tracks, regions, reading, context, buffer, update)
     current = tracks[:ongoing]
-    merge_near(current, regions, reading.stamp, parameters.restart, buffer, update)
+    gained = weigh_tracks(current, reading, context, buffer)
+    for track in range(ongoing):
+        evidence = tracks[track].evidence
+        is_new = update.owners[track] == NO_INDEX
+        if is_new or evidence - gained[track] < parameters.joins <= evidence:
+            assign_touch(track, tracks, regions, reading, context, buffer, update)
+    merge_near(current, regions, reading.stamp, parameters, buffer, update)
     restart_touches(current, reading, context, buffer, update)
-    update_open_touches(current, before, reading, context, buffer, update)
+    update_open_touches(current, gained, before, reading, context, buffer, update)
     return update
+
+
+@compiled
+@no_type_check
+def weigh_tracks(
+    tracks: np.ndarray,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+) -> Float[np.ndarray, "track"]:
+    """Add the evidence of this reading to that of the tracks, and return it."""
+    gained = np.zeros(len(tracks))
+    for track in range(len(tracks)):
+        if tracks[track].last == reading.stamp:
+            contact = buffer.contacts[tracks[track].contact]
+            gained[track] = weigh_contact(contact, reading, context, buffer)
+            tracks[track].evidence += gained[track]
+    return gained
 
 
 @compiled
@@ -225,10 +250,15 @@ def assign_touch(
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
-    """Assign a touch to a new track, and merge the touches that it connects."""
+    """Assign a touch to a track, and merge the touches that it connects."""
+    joins, owner = context.parameters.joins, update.owners[track]
     fitting = np.zeros(update.counts[ALL], np.bool_)
+    if owner != NO_INDEX:
+        fitting[find_survivor(owner, update)] = True
     for other in range(len(tracks)):
-        if update.owners[other] != NO_INDEX:
+        if min(tracks[track].evidence, tracks[other].evidence) < joins:
+            continue
+        if other != track and update.owners[other] != NO_INDEX:
             touch = find_survivor(update.owners[other], update)
             if not fitting[touch]:
                 fitting[touch] = belongs_together(
@@ -241,6 +271,8 @@ def assign_touch(
             first = merge_touches(first, touch, restart, update)
         elif fitting[touch]:
             first = touch
+    if owner != NO_INDEX:
+        return
     if first == NO_INDEX:
         first = start_touch(tracks[track], context.state, buffer, update)
     update.owners[track] = update.joined[track] = first
@@ -300,7 +332,7 @@ def merge_near(
     tracks: np.ndarray,
     regions: ContactRegions,
     stamp: int,
-    restart: float,
+    parameters: TrackingParameters,
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
@@ -308,13 +340,17 @@ def merge_near(
     if update.counts[ALL] - update.counts[CLOSED] < 2:
         return
     for one in range(len(tracks)):
+        if tracks[one].evidence < parameters.joins:
+            continue
         for other in range(one + 1, len(tracks)):
+            if tracks[other].evidence < parameters.joins:
+                continue
             a = find_survivor(update.owners[one], update)
             b = find_survivor(update.owners[other], update)
             if a == b or min(tracks[one].last, tracks[other].last) < stamp:
                 continue
             if are_near(one, other, tracks, regions, buffer):
-                merge_touches(min(a, b), max(a, b), restart, update)
+                merge_touches(min(a, b), max(a, b), parameters.restart, update)
 
 
 @compiled
@@ -360,6 +396,7 @@ def restart_touches(
 @no_type_check
 def update_open_touches(
     tracks: np.ndarray,
+    gained: Float[np.ndarray, "track"],
     before: TouchRecords,
     reading: KernelReading,
     context: TrackerContext,
@@ -383,7 +420,7 @@ def update_open_touches(
             for r in range(3):
                 centre[n, r] += contact.force * contact.p_world[r]
             touch.peak = max(touch.peak, contact.peak)
-            touch.evidence += weigh_contact(contact, reading, context, buffer)
+            touch.evidence += gained[track]
             best = strongest[n]
             if best == NO_INDEX or contact.force > buffer.contacts[best].force:
                 strongest[n] = tracks[track].contact

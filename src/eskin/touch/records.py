@@ -43,8 +43,9 @@ CONTACT = np.dtype(
 """A `Contact`, the stamp of its reading, and the span of its loads."""
 
 TRACK_FIELDS = "id onset last parent merged_into phase touch contact".split()
-TRACK = np.dtype([(name, "i8") for name in TRACK_FIELDS])
-"""A `Track`, the id of its touch, and the index of its latest contact."""
+TRACK = np.dtype([*((name, "i8") for name in TRACK_FIELDS), ("evidence", "f8")])
+"""A `Track`, the id of its touch, the index of its latest contact, and the evidence
+that it is no noise."""
 
 TOUCH = np.dtype(
     [
@@ -207,6 +208,7 @@ class TrackingParameters(NamedTuple):
     restart: float
     settle_ns: int
     enough: float
+    joins: float
     most: float
     moves: float
     doubt_ns: int

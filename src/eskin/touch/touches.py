@@ -168,13 +168,17 @@ class TouchConfig:
     enough: float = 5.0
     """Evidence from which a touch is confirmed: the sum over readings and taxels of the
     natural logarithm of the pressure in units of what may be noise."""
+    joins: float = 1.0
+    """Such evidence of a track alone from which it may belong to the same touch as
+    others, and from which contacts are paired over a distance."""
     most: float = 3.0
     """Largest evidence of one taxel in one reading."""
     moves: float = 0.12
     """Smallest rise of a single pressed taxel, above what it was before, that is
     evidence, in units of its pressure."""
     doubt_seconds: float = 0.5
-    """Time without contact after which a touch that is not confirmed closes [s]."""
+    """Time without contact after which a touch that is not confirmed closes [s]; one
+    without evidence closes as its contact ends."""
 
 
 @dataclass(frozen=True, eq=False)

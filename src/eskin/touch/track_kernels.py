@@ -24,7 +24,6 @@ from eskin.touch.records import (
     KernelReading,
     TouchRecords,
     TrackerContext,
-    TrackerState,
     TrackingParameters,
 )
 from eskin.units import NS_PER_S
@@ -128,6 +127,7 @@ def track_contacts(
     4. Remaining tracks and contacts, which overlap nothing, are paired nearest first
        within the gate, so that a fast stroke keeps its id over any seam. Distances are
        measured in the frame of the track's link: the motion of the arm does not count.
+       Tracks that may be noise are not paired.
     5. A track without contact ends at once, as a lift is never bridged, unless most of
        its taxels were not received: then it goes on for a short time.
 
@@ -141,15 +141,15 @@ def track_contacts(
     if reading.elapsed <= parameters.gap_seconds * NS_PER_S:
         match_overlaps(contacts, loads, before, context, successor, parents)
         gate = parameters.gate + parameters.speed * (reading.elapsed / NS_PER_S)
-        pair_nearest(contacts, before, reading.T_world_link, gate, successor, parents)
+        pair_nearest(
+            contacts, before, reading, gate, parameters.joins, successor, parents
+        )
     owner = find_owners(successor, len(contacts), before.tracks)
     tracks = np.empty(len(before.tracks) + len(contacts), TRACK)
     count = write_ongoing(successor, owner, before, reading, parameters, tracks, buffer)
     for n in range(len(contacts)):
         if owner[n] == NO_INDEX:
-            parent = parents[n]
-            parent_id = 0 if parent == NO_INDEX else before.tracks[parent].id
-            start_track(n, parent_id, reading.stamp, tracks[count], context.state)
+            start_track(n, parents[n], before, reading.stamp, tracks[count], context)
             count += 1
     ongoing = count
     count = write_ended(
@@ -221,14 +221,18 @@ def mark_taxels(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) 
 def pair_nearest(
     contacts: np.ndarray,
     before: TouchRecords,
-    T_world_link: Float[np.ndarray, "link 4 4"],
+    reading: KernelReading,
     gate: float,
+    joins: float,
     successor: Int[np.ndarray, "track"],
     parents: Int[np.ndarray, "contact"],
 ) -> None:
     """Pair tracks and contacts that overlap nothing, nearest first within the gate."""
-    free = parents == NO_INDEX
-    lost = np.flatnonzero(successor == NO_INDEX)
+    T_world_link, free = reading.T_world_link, parents == NO_INDEX
+    is_lost = successor == NO_INDEX
+    for track in range(len(successor)):
+        is_lost[track] &= before.tracks[track].evidence >= joins
+    lost = np.flatnonzero(is_lost)
     if not lost.size or not free.any():
         return
     nearest, gaps = np.empty(len(lost), np.int64), np.empty(len(lost))
@@ -335,13 +339,22 @@ def is_coasting(
 @compiled
 @no_type_check
 def start_track(
-    contact: int, parent: int, stamp: int, track: np.void, state: TrackerState
+    contact: int,
+    parent: int,
+    before: TouchRecords,
+    stamp: int,
+    track: np.void,
+    context: TrackerContext,
 ) -> None:
-    """Write a new track that begins in a contact."""
-    track.id = state.counts[NEXT_TRACK]
-    state.counts[NEXT_TRACK] += 1
+    """Write a new track that begins in a contact; it has the evidence of its parent."""
+    counts = context.state.counts
+    track.id = counts[NEXT_TRACK]
+    counts[NEXT_TRACK] += 1
     track.onset = track.last = stamp
-    track.parent, track.contact = parent, contact
+    track.contact, track.parent, track.evidence = contact, 0, 0.0
+    if parent != NO_INDEX:
+        track.parent = before.tracks[parent].id
+        track.evidence = before.tracks[parent].evidence
     track.merged_into = track.touch = 0
     track.phase = ONGOING
 
