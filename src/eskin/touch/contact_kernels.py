@@ -178,7 +178,8 @@ def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool
     span = context.geometry[i].neighbours
     for k in range(span[0], span[1]):
         j = context.neighbours[k]
-        if reading.valid[j] and reading.pressure[j] >= context.parameters.off:
+        least = max(context.parameters.off, HELD_FLOOR * reading.floor[j])
+        if reading.valid[j] and reading.pressure[j] >= least:
             return False
     return True
 
@@ -208,12 +209,17 @@ def update_active(
         least = max(parameters.moves * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.highest = max(taxel.highest, pressure)
-        taxel.active_at = now
-        raise_peak(taxel, pressure, now, parameters.fade_seconds)
+        # A peak lasts for two readings, a corrupt value for one.
+        peak = pressure
+        if reading.floor[i] > 0.0:
+            was_active = taxel.active_at == reading.previous
+            peak = min(pressure, taxel.pressure) if was_active else 0.0
+        taxel.active_at, taxel.pressure = now, pressure
+        raise_peak(taxel, peak, now, parameters.fade_seconds)
         span = context.geometry[i].neighbours
         for k in range(span[0], span[1]):
             near = state.taxels[context.neighbours[k]]
-            raise_peak(near, pressure, now, parameters.fade_seconds)
+            raise_peak(near, peak, now, parameters.fade_seconds)
     update_held(active, reading.valid, since, state)
 
 

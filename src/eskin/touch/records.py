@@ -154,6 +154,7 @@ TAXEL_STATE = np.dtype(
         ("active_at", "f8"),
         ("peak", "f8"),
         ("peak_at", "f8"),
+        ("pressure", "f8"),
         ("onset", "i8"),
         ("held", "i8"),
         ("highest", "f8"),
@@ -163,10 +164,10 @@ TAXEL_STATE = np.dtype(
         ("slot", "i8"),
     ]
 )
-"""State of a taxel: when it was last active [s], its recent peak at that time [kPa],
-the stamp from which it was active [ns], whether it has not been released since, its
-highest pressure since it became active [kPa], and an index that kernels use as a
-temporary variable and reset to -1."""
+"""State of a taxel: when it was last active [s], its recent peak and its pressure at
+that time [kPa], the stamp from which it was active [ns], whether it has not been
+released since, its highest pressure since it became active [kPa], and an index that
+kernels use as a temporary variable and reset to -1."""
 
 HELD, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
 """Indices of `TrackerState.counts`: number of held taxels, id of the next track and of
