@@ -9,6 +9,7 @@ from helpers.touch import (
     build_mounted_grid,
     build_pipeline,
     press_pad,
+    reading_at,
     scan_at,
 )
 
@@ -132,3 +133,46 @@ def test_skin_switched_on_under_a_hand_works_once_it_lifts():
     touch = seen[max(seen)]
     assert 0 <= touch.onset - (START + 8 * SECOND) <= 0.04 * SECOND
     assert touch.peak == pytest.approx(20.0, rel=0.1)
+
+
+FLOOR = np.full(SKIN.count, 0.7)
+"""What may be noise on each taxel of a noisy skin [kPa]."""
+
+
+def push_noisy(pressure, seconds):
+    """Push readings of a noisy skin; return the touches ever seen, by id, and states."""
+    pipeline, seen, states = build_pipeline(MOUNTED), {}, []
+    for n in range(round(seconds * RATE)):
+        states.append(pipeline.push_reading(reading_at(n / RATE, pressure(n)), (), FLOOR))
+        for touch in (*states[-1].touches, *states[-1].closed_touches):
+            seen[touch.id] = touch
+    return seen, states
+
+
+def test_contacts_of_noise_neither_prolong_a_touch_nor_take_part_in_it():
+    rng = np.random.default_rng(7)
+    pad = press(PAD, 2.0, 2.4, 20.0)
+
+    def pressure(n):
+        noise = np.where(rng.random(SKIN.count) < 0.1, rng.uniform(0.7, 0.9), 0.0)
+        return noise + pad(n / RATE)
+
+    seen, _ = push_noisy(pressure, 8.0)
+    [touch] = seen.values()
+    assert 0 <= touch.onset - (START + 2 * SECOND) <= 0.04 * SECOND
+    assert abs(touch.last - (START + round(2.4 * SECOND))) <= 0.04 * SECOND
+    assert len(touch.tracks) == 1
+
+
+def test_corrupt_value_beside_noisy_taxels_does_not_hide_a_later_press():
+    beside = 0.9 * press_pad(SKIN, SKIN.positions[LONE, :2], kpa=1.0, radius=0.012)
+    pad = press(PAD, 2.0, 2.4, 5.0)
+    sizes = []
+    for corrupt in (0.0, 200.0):
+
+        def pressure(n, corrupt=corrupt):
+            return beside + corrupt * one_taxel() * (n == 50) + pad(n / RATE)
+
+        seen, states = push_noisy(pressure, 2.2)
+        sizes.append(len(states[-1].contacts[0].taxels))
+    assert sizes[0] == sizes[1] > 1
