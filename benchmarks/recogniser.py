@@ -55,6 +55,8 @@ class Command:
     """Number of recordings of each set of streams; all unless given."""
     pictures: Path | None = None
     """Folder for pictures of confusions and reliability."""
+    seed: int = 0
+    """Random seed of the sets; final sets are drawn anew for new weights."""
     workers: int = os.cpu_count() or 1
     """Number of processes that prepare and replay."""
 
@@ -145,8 +147,14 @@ def choose_names(command: Command, names: Sequence[str]) -> list[str]:
 
 def find_set(command: Command, name: str, skin: str = "ur5") -> Path:
     """Return the folder of a set, and generate it if it is missing."""
-    options = {"skin": skin, "clips": command.clips, "workers": command.workers}
-    return made_set(command.sets, name, **options)
+    return made_set(
+        command.sets,
+        name,
+        skin=skin,
+        clips=command.clips,
+        seed=command.seed,
+        workers=command.workers,
+    )
 
 
 def evaluate_clips(command: Command, folder: Path) -> Evaluation:
