@@ -546,7 +546,7 @@ def group_socialtouch() -> tuple[Group, ...]:
         Group("poke", GROUPS["poke"], "poke", bar=0.80),
         Group("stroke", GROUPS["stroke"], "stroke", bar=0.92),
         Group("resting hand or arm", resting, NONE, bar=0.96),
-        Group(f"finger held, {HELD} s or longer", fingers, NONE, longer=HELD),
+        Group(f"finger held, {HELD:g} s or longer", fingers, NONE, longer=HELD),
         Group("finger touch, shorter", fingers, shorter=HELD),
         Group("pat", GROUPS["pat"], "double_pat", bar=0.75),
         Group("tap", GROUPS["tap"]),

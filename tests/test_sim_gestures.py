@@ -1,5 +1,7 @@
 """These tests check what each gesture does: its forces, places and peaks in time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -108,15 +110,28 @@ def test_grab_wraps_across_the_tube_and_is_weaker_on_wider_tubes(radius, share):
         assert np.sin(press.angle[0]) > 0
 
 
+def test_whole_hands_alone_stroke_beyond_the_skin_where_there_is_room():
+    reached = {}
+    site = replace(SITE, free_run=(-0.03, 0.03), beyond=(0.0, 0.06))
+    for touch in perform_many("stroke", count=300, site=site):
+        slip = 8 * touch.drawn["hand.wander"]
+        along = touch.presses[0].centre[:, 1] - SITE.centre[1]
+        assert along.min() >= -0.03 - slip and along.max() <= 0.09 + slip
+        whole = touch.kind in ("flat_hand", "full_hand")
+        reached.setdefault(whole, []).append(along.max() - 0.03 - slip)
+    assert max(reached[True]) > 0.02 and max(reached[False]) <= 0.0
+
+
 def test_stroke_passes_its_target_within_its_room_at_the_speed_of_a_hand():
     speeds, returns, slow = [], [], []
     for touch in perform_many("stroke", count=300):
         drawn, press = touch.drawn, touch.presses[0]
         slip = 8 * drawn["hand.wander"]
-        centre = np.mean([each.centre for each in touch.presses], axis=0)
-        away = centre - SITE.centre
-        assert away[:, 1].min() >= SITE.free_run[0] - slip
-        assert away[:, 1].max() <= SITE.free_run[1] + slip
+        for each in touch.presses:
+            along = each.centre[:, 1] - SITE.centre[1]
+            assert along.min() >= SITE.free_run[0] - slip
+            assert along.max() <= SITE.free_run[1] + slip
+        away = np.mean([each.centre for each in touch.presses], axis=0) - SITE.centre
         assert np.ptp(away[:, 0]) <= np.pi * SITE.radius + 2 * slip
         assert np.linalg.norm(away, axis=1).min() <= slip + drawn["length"] / 4
         speeds.append(drawn["speed"])

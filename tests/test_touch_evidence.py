@@ -143,7 +143,9 @@ def push_noisy(pressure, seconds):
     """Push readings of a noisy skin; return the touches ever seen, by id, and states."""
     pipeline, seen, states = build_pipeline(MOUNTED), {}, []
     for n in range(round(seconds * RATE)):
-        states.append(pipeline.push_reading(reading_at(n / RATE, pressure(n)), (), FLOOR))
+        states.append(
+            pipeline.push_reading(reading_at(n / RATE, pressure(n)), (), FLOOR)
+        )
         for touch in (*states[-1].touches, *states[-1].closed_touches):
             seen[touch.id] = touch
     return seen, states

@@ -26,7 +26,7 @@ GROUPS = {
 }
 """Gestures that are variants of one another, by the name of their group."""
 
-HELD = 0.8
+HELD = 1.0
 """Duration from which a touch of a finger is held rather than a poke [s]."""
 
 VALLEY = 0.5

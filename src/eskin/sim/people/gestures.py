@@ -212,9 +212,10 @@ def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
     along = start + length * build_travel(steps, back)
     path = along[:, None] * direction
     series = scale_to_peak(draw_sliding_force(sample, steps), force)
-    if not whole or not sample.draw_event(
-        "both", sample.constants.value("stroke.both")
-    ):
+    # Side by side on a tube two hands need no more room along it than one.
+    alone = not whole or direction[0] != 0.0
+    both = 0.0 if alone else sample.constants.value("stroke.both")
+    if not sample.draw_event("both", both):
         return (build_stroke(sample, path, series),)
     gap, share = sample.draw("stroke.both_gap"), sample.draw("stroke.both_share")
     aside = gap / 2 * np.array([direction[1], -direction[0]])
@@ -269,10 +270,12 @@ def draw_slide_limits(
 ) -> tuple[float, float]:
     """Draw how far a hand may slide back and forth along a direction [m].
 
-    Sometimes that is beyond the ends of the skin.
+    A whole hand, which reaches back onto the skin, may go beyond its ends.
     """
     low, high = sample.site.free_run
-    if sample.draw_event("beyond", sample.constants.value("stroke.beyond")):
+    whole = sample.kind in WHOLE_HAND_GROUPS
+    chance = sample.constants.value("stroke.beyond") if whole else 0.0
+    if sample.draw_event("beyond", chance):
         low -= min(sample.draw("stroke.beyond_by"), sample.site.beyond[0])
         high += min(sample.draw("stroke.beyond_by"), sample.site.beyond[1])
     arc = sample.constants.value("stroke.arc") * 2 * np.pi * sample.site.radius / 2
