@@ -139,13 +139,12 @@ FLOOR = np.full(SKIN.count, 0.7)
 """What may be noise on each taxel of a noisy skin [kPa]."""
 
 
-def push_noisy(pressure, seconds):
-    """Push readings of a noisy skin; return the touches ever seen, by id, and states."""
+def push_noisy(pressure, seconds, rate=RATE, valid=None):
+    """Push readings of a noisy skin; return touches by id, and states."""
     pipeline, seen, states = build_pipeline(MOUNTED), {}, []
-    for n in range(round(seconds * RATE)):
-        states.append(
-            pipeline.push_reading(reading_at(n / RATE, pressure(n)), (), FLOOR)
-        )
+    for n in range(round(seconds * rate)):
+        reading = reading_at(n / rate, pressure(n), valid and valid(n))
+        states.append(pipeline.push_reading(reading, (), FLOOR))
         for touch in (*states[-1].touches, *states[-1].closed_touches):
             seen[touch.id] = touch
     return seen, states
@@ -178,3 +177,38 @@ def test_corrupt_value_beside_noisy_taxels_does_not_hide_a_later_press():
         seen, states = push_noisy(pressure, 2.2)
         sizes.append(len(states[-1].contacts[0].taxels))
     assert sizes[0] == sizes[1] > 1
+
+
+def test_remainder_of_a_press_of_one_reading_does_not_prolong_it():
+    def pressure(n):
+        share = 1.0 if n == 10 else 0.15 * np.exp(-(n - 10) / 20) * (n > 10)
+        return 20.0 * share * PAD
+
+    seen, _ = push_noisy(pressure, 4.0, rate=10)
+    [touch] = seen.values()
+    assert touch.last == START + SECOND
+
+
+def test_finger_that_meets_an_older_contact_of_noise_keeps_its_touch():
+    weak, bridge, finger = SKIN.find_taxels(SKIN.patches[0].id)[[12, 13, 14]]
+
+    def pressure(n):
+        kpa = np.zeros(SKIN.count)
+        kpa[weak] = 1.3 * (n >= 25)
+        kpa[bridge] = 1.39 * (n >= 150)
+        kpa[finger] = np.clip(n - 99, 0, 5) * 1.1
+        return kpa
+
+    _, states = push_noisy(pressure, 4.0)
+    [touch] = [t for t in states[-1].touches if t.peak == pytest.approx(5.5)]
+    assert 0 <= touch.onset - (START + 2 * SECOND) <= 0.04 * SECOND
+    assert touch.last == states[-1].reading.stamp
+
+
+def test_weak_contact_keeps_its_touch_while_it_is_not_received():
+    weak = 0.75 * one_taxel()
+    states = push_noisy(
+        lambda n: weak, 1.0, valid=lambda n: (weak == 0) | (n < 20) | (n > 23)
+    )[1]
+    ids = {row.id for state in states for row in state.tracking.open}
+    assert len(ids) == 1

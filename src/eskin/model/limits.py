@@ -78,7 +78,7 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "restart": (1.0, math.inf),
         "settle_seconds": PAUSE,
         "enough": FACTOR,
-        "joins": FACTOR,
+        "least_evidence": FACTOR,
         "most": FACTOR,
         "moves": SHARE,
         "doubt_seconds": PAUSE,

@@ -17,7 +17,8 @@ from eskin.touch.records import (
 
 PA_PER_KPA = 1000.0
 HELD_FLOOR = 0.75
-"""Floor of the noise of an active taxel, in units of that of others."""
+"""Floor of the noise of a taxel that is active, or beside one that rises, in units of
+that of others."""
 Vector = Float[np.ndarray, "3"]
 Indices = Int[np.ndarray, "active"]
 Points = Float[np.ndarray, "point 3"]
@@ -209,14 +210,18 @@ def update_active(
         least = max(parameters.moves * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.highest = max(taxel.highest, pressure)
-        # A peak lasts for two readings, a corrupt value for one.
-        peak = pressure
-        if reading.floor[i] > 0.0:
-            was_active = taxel.active_at == reading.previous
-            peak = min(pressure, taxel.pressure) if was_active else 0.0
-        taxel.active_at, taxel.pressure = now, pressure
-        raise_peak(taxel, peak, now, parameters.fade_seconds)
+        # A corrupt value is of one reading of one taxel, a press of more.
         span = context.geometry[i].neighbours
+        confirmed = pressure
+        if reading.floor[i] > 0.0:
+            confirmed = taxel.pressure if taxel.active_at >= since else 0.0
+            for k in range(span[0], span[1]):
+                j = context.neighbours[k]
+                if reading.valid[j]:
+                    confirmed = max(confirmed, reading.pressure[j])
+        taxel.active_at, taxel.pressure = now, pressure
+        peak = min(pressure, confirmed)
+        raise_peak(taxel, peak, now, parameters.fade_seconds)
         for k in range(span[0], span[1]):
             near = state.taxels[context.neighbours[k]]
             raise_peak(near, peak, now, parameters.fade_seconds)

@@ -8,7 +8,7 @@ touches while they are updated.
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from eskin.compiled import compiled
 from eskin.touch.contact_kernels import (
@@ -85,16 +85,20 @@ def begin_update(
     )
     update.touches[:count] = before.touches[:count]
     for touch in range(count):
-        confirmed = update.touches[touch].confirmed
-        pause = parameters.pause_ns if confirmed else parameters.doubt_ns
-        if update.touches[touch].evidence < parameters.joins:
-            pause = min(pause, max(MIN_LIFT_NS, reading.elapsed))
-        if reading.stamp - update.touches[touch].last > pause:
-            close_touch(touch, 0, update)
-            continue
+        status, goes_on = update.touches[touch], False
         for track in range(len(tracks)):
-            if tracks[track].touch == update.touches[touch].id:
+            if tracks[track].touch == status.id:
                 update.owners[track] = touch
+                goes_on |= track < ongoing
+        pause = parameters.pause_ns if status.confirmed else parameters.doubt_ns
+        is_weak = status.evidence < parameters.least_evidence and not status.confirmed
+        if is_weak and not goes_on:
+            pause = min(pause, MIN_LIFT_NS)
+        if reading.stamp - status.last > pause:
+            close_touch(touch, 0, update)
+            for track in range(len(tracks)):
+                if update.owners[track] == touch:
+                    update.owners[track] = NO_INDEX
     return update
 
 
@@ -209,11 +213,9 @@ def group_tracks(
             compute_box(points[span[0] : span[1]], boxes[track])
     regions = ContactRegions(points, boxes, parameters.beside)
     current = tracks[:ongoing]
-    gained = weigh_tracks(current, reading, context, buffer)
+    gained, became_sure = weigh_tracks(current, reading, context, buffer)
     for track in range(ongoing):
-        evidence = tracks[track].evidence
-        is_new = update.owners[track] == NO_INDEX
-        if is_new or evidence - gained[track] < parameters.joins <= evidence:
+        if update.owners[track] == NO_INDEX or became_sure[track]:
             assign_touch(track, tracks, regions, reading, context, buffer, update)
     merge_near(current, regions, reading.stamp, parameters, buffer, update)
     restart_touches(current, reading, context, buffer, update)
@@ -228,15 +230,25 @@ def weigh_tracks(
     reading: KernelReading,
     context: TrackerContext,
     buffer: RecordBuffer,
-) -> Float[np.ndarray, "track"]:
-    """Add the evidence of this reading to that of the tracks, and return it."""
-    gained = np.zeros(len(tracks))
+) -> tuple[Float[np.ndarray, "track"], Bool[np.ndarray, "track"]]:
+    """Add the evidence of this reading to that of the tracks.
+
+    Returns:
+        The evidence added, and which tracks have enough of it only now to be of one
+        touch with others.
+    """
+    least = context.parameters.least_evidence
+    gained, became_sure = np.zeros(len(tracks)), np.zeros(len(tracks), np.bool_)
     for track in range(len(tracks)):
         if tracks[track].last == reading.stamp:
-            contact = buffer.contacts[tracks[track].contact]
+            contact, before = (
+                buffer.contacts[tracks[track].contact],
+                tracks[track].evidence,
+            )
             gained[track] = weigh_contact(contact, reading, context, buffer)
             tracks[track].evidence += gained[track]
-    return gained
+            became_sure[track] = before < least <= tracks[track].evidence
+    return gained, became_sure
 
 
 @compiled
@@ -250,13 +262,16 @@ def assign_touch(
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
-    """Assign a touch to a track, and merge the touches that it connects."""
-    joins, owner = context.parameters.joins, update.owners[track]
+    """Assign a touch to a track that has none, and merge the touches that it connects.
+
+    Tracks that may be noise connect nothing.
+    """
+    least, owner = context.parameters.least_evidence, update.owners[track]
     fitting = np.zeros(update.counts[ALL], np.bool_)
     if owner != NO_INDEX:
         fitting[find_survivor(owner, update)] = True
     for other in range(len(tracks)):
-        if min(tracks[track].evidence, tracks[other].evidence) < joins:
+        if min(tracks[track].evidence, tracks[other].evidence) < least:
             continue
         if other != track and update.owners[other] != NO_INDEX:
             touch = find_survivor(update.owners[other], update)
@@ -289,7 +304,7 @@ def belongs_together(
     parameters: TrackingParameters,
     buffer: RecordBuffer,
 ) -> bool:
-    """Return whether a new track belongs to the same touch as another."""
+    """Return whether a track belongs to the same touch as another, by where it is."""
     if tracks[track].parent == tracks[other].id or not parameters.calibrated:
         return True
     if min(tracks[track].last, tracks[other].last) == reading.stamp:
@@ -340,10 +355,10 @@ def merge_near(
     if update.counts[ALL] - update.counts[CLOSED] < 2:
         return
     for one in range(len(tracks)):
-        if tracks[one].evidence < parameters.joins:
+        if tracks[one].evidence < parameters.least_evidence:
             continue
         for other in range(one + 1, len(tracks)):
-            if tracks[other].evidence < parameters.joins:
+            if tracks[other].evidence < parameters.least_evidence:
                 continue
             a = find_survivor(update.owners[one], update)
             b = find_survivor(update.owners[other], update)

@@ -118,7 +118,7 @@ class TouchTracker:
             tracks,
             restart=touches.restart,
             enough=touches.enough,
-            joins=touches.joins,
+            least_evidence=touches.least_evidence,
             most=touches.most,
             moves=touches.moves,
             doubt_ns=round(touches.doubt_seconds * NS_PER_S),

@@ -209,7 +209,7 @@ class TrackingParameters(NamedTuple):
     restart: float
     settle_ns: int
     enough: float
-    joins: float
+    least_evidence: float
     most: float
     moves: float
     doubt_ns: int

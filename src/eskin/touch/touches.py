@@ -168,9 +168,9 @@ class TouchConfig:
     enough: float = 5.0
     """Evidence from which a touch is confirmed: the sum over readings and taxels of the
     natural logarithm of the pressure in units of what may be noise."""
-    joins: float = 1.0
-    """Such evidence of a track alone from which it may belong to the same touch as
-    others, and from which contacts are paired over a distance."""
+    least_evidence: float = 1.0
+    """Such evidence of a track alone from which it may be of one touch with others, and
+    be paired with contacts at a distance."""
     most: float = 3.0
     """Largest evidence of one taxel in one reading."""
     moves: float = 0.12

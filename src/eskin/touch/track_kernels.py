@@ -120,8 +120,8 @@ def track_contacts(
 
     1. A track continues in the contact that covers most of its previous area; ties go
        to the stronger contact, then to the first.
-    2. Merging: where several continue in one contact, the oldest keeps its id and the
-       others end, `merged_into` it.
+    2. Merging: where several continue in one contact, the oldest keeps its id, of those
+       that have evidence, and the others end, `merged_into` it.
     3. Splitting: the contact that covers most of the track keeps its id; each of the
        others becomes a new track with this one as `parent`.
     4. Remaining tracks and contacts, which overlap nothing, are paired nearest first
@@ -142,9 +142,17 @@ def track_contacts(
         match_overlaps(contacts, loads, before, context, successor, parents)
         gate = parameters.gate + parameters.speed * (reading.elapsed / NS_PER_S)
         pair_nearest(
-            contacts, before, reading, gate, parameters.joins, successor, parents
+            contacts,
+            before,
+            reading,
+            gate,
+            parameters.least_evidence,
+            successor,
+            parents,
         )
-    owner = find_owners(successor, len(contacts), before.tracks)
+    owner = find_owners(
+        successor, len(contacts), before.tracks, parameters.least_evidence
+    )
     tracks = np.empty(len(before.tracks) + len(contacts), TRACK)
     count = write_ongoing(successor, owner, before, reading, parameters, tracks, buffer)
     for n in range(len(contacts)):
@@ -223,7 +231,7 @@ def pair_nearest(
     before: TouchRecords,
     reading: KernelReading,
     gate: float,
-    joins: float,
+    least_evidence: float,
     successor: Int[np.ndarray, "track"],
     parents: Int[np.ndarray, "contact"],
 ) -> None:
@@ -231,7 +239,7 @@ def pair_nearest(
     T_world_link, free = reading.T_world_link, parents == NO_INDEX
     is_lost = successor == NO_INDEX
     for track in range(len(successor)):
-        is_lost[track] &= before.tracks[track].evidence >= joins
+        is_lost[track] &= before.tracks[track].evidence >= least_evidence
     lost = np.flatnonzero(is_lost)
     if not lost.size or not free.any():
         return
@@ -277,17 +285,29 @@ def find_nearest(
 @compiled
 @no_type_check
 def find_owners(
-    successor: Int[np.ndarray, "track"], count: int, tracks: np.ndarray
+    successor: Int[np.ndarray, "track"],
+    count: int,
+    tracks: np.ndarray,
+    least_evidence: float,
 ) -> np.ndarray:
-    """Return the oldest of the tracks that continue in each contact, or -1."""
+    """Return the oldest of the tracks that continue in each contact, or -1.
+
+    Tracks that may be noise come after all others.
+    """
     owner = np.full(count, NO_INDEX)
     for track in range(len(successor)):
         n = successor[track]
         if n == NO_INDEX:
             continue
         other = owner[n]
+        if other == NO_INDEX:
+            owner[n] = track
+            continue
         # Tracks are in the order of their ids.
-        if other == NO_INDEX or tracks[track].onset < tracks[other].onset:
+        is_sure = tracks[track].evidence >= least_evidence
+        if is_sure != (tracks[other].evidence >= least_evidence):
+            owner[n] = track if is_sure else other
+        elif tracks[track].onset < tracks[other].onset:
             owner[n] = track
     return owner
 
