@@ -31,6 +31,7 @@ SIMULATED = {
     "train-sparse": "--set train-families --seed 2 --skin ur5-sparse --clips 2400",
     "train-dense": "--set train-families --seed 3 --skin ur5-dense --clips 2000",
     "train-post": "--set train-families --seed 4 --skin post --clips 1000",
+    "train-moving": "--set train-moving --clips 3000",
     "train-pairs": "--set pairs --seed 1 --clips 500",
 }
 """Sets of simulated people to train on, by their folder, with the options of `eskin

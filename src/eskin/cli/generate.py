@@ -29,6 +29,7 @@ SetName = Literal[
     "accidents",
     "quiet",
     "train-families",
+    "train-moving",
     "val-families",
     "streams-families",
     "accidents-families",

@@ -83,8 +83,12 @@ SETS = (
 )
 """Names of all sets that recognisers are trained and tested on."""
 
+TRAIN_MOVING = "train-moving"
+"""Name of the set of families in whose clips the robot always moves."""
+
 FAMILY_SETS = {
     "train-families": "train",
+    TRAIN_MOVING: "train",
     "val-families": "val",
     "streams-families": "streams",
     "accidents-families": ACCIDENTS,
@@ -222,9 +226,11 @@ def build_family_set(name: str, constants: Constants) -> ClipSet:
     """Build a set of builds of all families, or of the one that its name ends with."""
     of_test = tuple(family for family in FAMILIES if name == f"test-{family}")
     role = "test-families" if of_test else name
+    like = load_set(FAMILY_SETS[name], constants)
     return replace(
-        load_set(FAMILY_SETS[name], constants),
+        like,
         name=name,
+        still=0.0 if name == TRAIN_MOVING else like.still,
         people=role,
         builds=role,
         families=of_test or FAMILIES,
