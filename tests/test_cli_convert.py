@@ -49,6 +49,9 @@ def test_conversion_of_invalid_input_is_refused_and_leaves_nothing(
         ("socialtouch", source, out),
         ("sleeve", tmp_path / "gone", out),
         ("glove", source, out),
+        ("sleeve", source, out, "--pitch-mm", "4"),
+        ("socialtouch", source, out, "--pitch-mm", "0"),
+        ("socialtouch", source, out, "--full-scale-kpa", "inf"),
         ("sleeve", source, bad),
     ):
         assert assert_refused(capsys, "convert", *words) == ""

@@ -1,12 +1,21 @@
 """Tests of what all commands share: help, one line of JSON, one line of error."""
 
 import json
+import subprocess
 import sys
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
-from eskin.cli.main import COMMANDS, format_one_line, load_command, main, run
+from eskin.cli.main import (
+    COMMANDS,
+    STOPPED,
+    format_one_line,
+    load_command,
+    main,
+    run,
+)
 
 ARGUMENTS = {
     "convert": "sleeve in out",
@@ -119,7 +128,7 @@ def test_invalid_word_is_refused_and_named(words, parts, refuse):
         (ValueError("first\n  second"), "first second"),
         (
             ModuleNotFoundError("No module named 'torch'", name="torch"),
-            "torch is missing; install it: pip install 'eskin[train]'",
+            "torch is missing; install it: pip install '.[train]'",
         ),
     ],
 )
@@ -182,3 +191,14 @@ def test_json_is_last_line_where_asked(capsys):
 )
 def test_error_of_parser_is_reduced_to_its_words(text, expected):
     assert format_one_line(text, "train") == f"eskin train: {expected}"
+
+
+def test_closed_output_ends_a_command_quietly():
+    script = Path(sys.executable).with_name("eskin")
+    words = [str(script), "skin", "check", "sleeve", "--json"]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == STOPPED

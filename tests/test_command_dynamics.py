@@ -284,4 +284,4 @@ def test_missing_mujoco_is_named_with_what_installs_it(monkeypatch, capsys):
         DynamicPlant(FRAME_TASK)
     assert run(["demo", "--dynamics", "--headless"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "--dynamics" in line and "pip install 'eskin[sim]'" in line
+    assert "--dynamics" in line and "pip install '.[sim]'" in line

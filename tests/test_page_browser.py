@@ -14,10 +14,8 @@ from eskin.viewer import CalibrationViewer, ViewerConfig
 from eskin.viewer.process import PageProcess
 from helpers.viewer import Q, make_setup, make_update, mounted
 
-pytest.importorskip(
-    "playwright.sync_api", reason="no playwright; pip install 'eskin[dev]'"
-)
-pytest.importorskip("PIL.Image", reason="no pillow; pip install 'eskin[dev]'")
+pytest.importorskip("playwright.sync_api", reason="no playwright; pip install '.[dev]'")
+pytest.importorskip("PIL.Image", reason="no pillow; pip install '.[dev]'")
 
 from benchmarks.browser import CHROMIUM, EYE, PATIENCE, Canvas, chromium, new_tab, see
 from benchmarks.served_demo import ServedDemo

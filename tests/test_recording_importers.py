@@ -310,7 +310,7 @@ def test_geometry_and_units_are_nominal_unless_given(tmp_path, pitch, pressure):
     given = () if pitch == 0.010 else (pitch, pressure)
     _, [recording] = convert_all(convert_socialtouch, tmp_path, *given)
     assert (recording.robot_name, recording.joint_names) == ("table", ())
-    assert not recording.skin.calibrated
+    assert recording.skin.calibrated == bool(given)
     expected = load_skin("socialtouch").positions * pitch / 0.010
     np.testing.assert_allclose(recording.skin.positions, expected, atol=1e-9)
     full = recording.calibration.gain * recording.calibration.full_scale

@@ -159,7 +159,7 @@ def open_arm(
     if find_spec("rtde_control") is None:
         raise ArmError(
             f"robot is '{uri}', but ur_rtde is missing; allowed is with it installed; "
-            "pip install 'eskin[ur]'"
+            "pip install '.[ur]'"
         )
     return UrArm(UrLink(host, gripper_output), task, clock, motion)
 

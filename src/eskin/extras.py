@@ -20,5 +20,5 @@ def find_mujoco(what: str) -> ModuleType:
     except ImportError as error:
         raise ExtraError(
             f"{what} needs MuJoCo, which is not installed; allowed is with it "
-            "installed; pip install 'eskin[sim]'"
+            "installed; pip install '.[sim]'"
         ) from error

@@ -10,6 +10,7 @@ import importlib
 import inspect
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -76,20 +77,25 @@ def run(argv: list[str]) -> int:
         function, command_type = load_command(name)
         command, output = parse(command_type, name, rest)
         result = function(command)
+        if output.json:
+            print(json.dumps(result))
+        sys.stdout.flush()
     except ModuleNotFoundError as error:
         return print_error(
-            f"{error.name} is missing; install it: pip install 'eskin[train]'"
+            f"{error.name} is missing; install it: pip install '.[train]'"
         )
     except StreamError as error:
         print_error(str(error))
         return FAILED
+    except BrokenPipeError:
+        # The reader of the output, such as `head`, has closed it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return STOPPED
     except (EskinError, ValueError, OSError) as error:
         return print_error(str(error))
     except KeyboardInterrupt:
         print_error("stopped")
         return STOPPED
-    if output.json:
-        print(json.dumps(result))
     return 0
 
 

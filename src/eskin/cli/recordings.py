@@ -30,6 +30,13 @@ class ConvertCommand:
     """Folder for the recordings, one .mcap for each source file. It is made if it is
     missing."""
 
+    pitch_mm: float | None = None
+    """Distance of neighbouring taxels [mm], of socialtouch alone, which states none. By
+    default it is taken as unknown, and all contacts at a time are one touch."""
+
+    full_scale_kpa: float | None = None
+    """Pressure at full scale [kPa], of socialtouch alone; 100 by default."""
+
 
 def run_convert(command: ConvertCommand) -> dict[str, object]:
     """Convert, and return the numbers of recordings, taxels, readings and labels."""
@@ -39,17 +46,44 @@ def run_convert(command: ConvertCommand) -> dict[str, object]:
         convert_socialtouch,
     )
 
-    convert = {
-        "sleeve": convert_sleeve,
-        "shearsense": convert_shearsense,
-        "socialtouch": convert_socialtouch,
-    }
-    result = convert[command.dataset](command.src, command.out)
+    options = get_geometry_options(command)
+    if command.dataset == "socialtouch":
+        result = convert_socialtouch(command.src, command.out, **options)
+    elif command.dataset == "sleeve":
+        result = convert_sleeve(command.src, command.out)
+    else:
+        result = convert_shearsense(command.src, command.out)
     print(
         f"{command.out}: {result.recordings} recordings of {result.taxels} taxels, "
         f"{result.readings} readings, {result.labels} labels"
     )
     return asdict(result)
+
+
+def get_geometry_options(command: ConvertCommand) -> dict[str, float]:
+    """Return what was given of pitch [m] and full scale [kPa]; raise if it is wrong."""
+    options = {}
+    for name, unit in (("pitch_mm", 1e-3), ("full_scale_kpa", 1.0)):
+        value = getattr(command, name)
+        if value is None:
+            continue
+        option = "--" + name.replace("_", "-")
+        if command.dataset != "socialtouch":
+            raise RecordingError(
+                f"{option} is given for {command.dataset}; allowed is socialtouch; "
+                "leave it out"
+            )
+        if not 0 < value <= MAX_NOMINAL:
+            raise RecordingError(
+                f"{option} is {value:g}; allowed is above 0, at most {MAX_NOMINAL}; "
+                "correct it"
+            )
+        options[name.removesuffix("_mm")] = value * unit
+    return options
+
+
+MAX_NOMINAL = 1000
+"""Largest pitch [mm] and full scale [kPa] of a public set."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +272,12 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
 
 
 def check_replay(command: ReplayCommand) -> None:
-    """Raise if the copy cannot be written."""
+    """Raise if the threshold is out of range or the copy cannot be written."""
+    if command.threshold is not None and not 0 <= command.threshold < float("inf"):
+        raise RecordingError(
+            f"--threshold is {command.threshold:g}; allowed is 0 or more, where above 1 "
+            "a gesture waits for the end of its touch; correct it"
+        )
     if command.record is not None and command.record.is_dir():
         raise RecordingError(
             f"cannot write {command.record}: it is a folder; give the path of a file"
@@ -256,6 +295,10 @@ def print_header(recording: "Recording") -> None:
     print(f"{recording.path}: {recording.count} readings in {seconds:.1f} s")
     if recording.truncated:
         print("the file is cut or damaged: replaying up to its last whole part")
+    if not recording.skin.calibrated:
+        print(
+            "the pitch of the skin is not known: all contacts at a time are one touch"
+        )
     print(f"{'time':>8}  {'detection':16} {'conf':>4}  {'label':16} where")
 
 

@@ -82,7 +82,7 @@ class Repetition:
 def convert_socialtouch(
     source: Path | str,
     folder: Path | str,
-    pitch: float = PITCH,
+    pitch: float | None = None,
     full_scale_kpa: float = FULL_SCALE_KPA,
 ) -> ConversionResult:
     """Convert every file of the SocialTouch dataset to recordings.
@@ -90,13 +90,18 @@ def convert_socialtouch(
     Args:
         source: folder with the dataset's own files, or one of them.
         folder: folder for the recordings, one for each person and gesture.
-        pitch: nominal distance of neighbouring taxels [m].
+        pitch: distance of neighbouring taxels [m], which makes the geometry of the
+            skin count; the set states none, and None takes a nominal one.
         full_scale_kpa: nominal pressure at full scale [kPa].
 
     Raises:
         ImportSourceError: a file cannot be converted.
     """
-    skin = build_grid_skin(ROWS, COLUMNS, pitch, name="socialtouch")
+    skin = build_grid_skin(
+        *(ROWS, COLUMNS, PITCH if pitch is None else pitch),
+        name="socialtouch",
+        calibrated=pitch is not None,
+    )
     calibration = Calibration.uniform(skin.count, FULL_SCALE, full_scale_kpa)
     files = find_files(Path(source), "touch_*", SUFFIXES)
     if not files:

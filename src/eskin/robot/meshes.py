@@ -71,7 +71,7 @@ class MeshReader:
         except ImportError:
             raise RobotError(
                 f"{place} has mesh {address}, which needs trimesh: "
-                "pip install 'eskin[models]', or load the URDF with meshes=False"
+                "pip install '.[models]', or load the URDF with meshes=False"
             ) from None
         if data is not None:
             self.files[path] = parse_mesh(trimesh, data, path, place)
