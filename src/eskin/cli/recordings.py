@@ -275,8 +275,8 @@ def check_replay(command: ReplayCommand) -> None:
     """Raise if the threshold is out of range or the copy cannot be written."""
     if command.threshold is not None and not 0 <= command.threshold < float("inf"):
         raise RecordingError(
-            f"--threshold is {command.threshold:g}; allowed is 0 or more, where above 1 "
-            "a gesture waits for the end of its touch; correct it"
+            f"--threshold is {command.threshold:g}; allowed is 0 or more; above 1 a "
+            "gesture waits for the end of its touch; correct it"
         )
     if command.record is not None and command.record.is_dir():
         raise RecordingError(
