@@ -117,6 +117,18 @@ def test_hand_that_rests_without_moving_stays_a_touch(counts):
     assert [touch.last for touch in state.touches] == [state.reading.stamp]
 
 
+def test_hand_under_which_taxels_are_noisier_stays_a_touch_and_is_no_fault():
+    rng, hold = np.random.default_rng(3), press(PAD, 5.0, 99.0, 40.0)
+
+    def added(t):
+        return hold(t) * (1 + 0.17 * rng.standard_normal(SKIN.count))
+
+    seen, state = push_counts(added, 40.0)
+    [touch] = seen.values()
+    assert touch.last == state.reading.stamp and not state.faults
+    assert len(touch.contact.taxels) == np.count_nonzero(PAD)
+
+
 def test_remainder_of_a_touch_does_not_prolong_it():
     def added(t):
         remains = 30.0 * np.exp(-(t - 5.5) / 2.0) if t >= 5.5 else 0.0

@@ -93,6 +93,8 @@ class CountHistory(NamedTuple):
     learned from the first second."""
     level: np.ndarray
     """Mean counts above rest of the latest scans."""
+    under_hand: np.ndarray
+    """Whether a taxel and a neighbour are pressed."""
     last_straight: np.ndarray
     """Time at which the deviation was last below what is noisy."""
     steps: np.ndarray
@@ -176,6 +178,7 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.deviation[i] = 0.0
     history.noise[i] = history.start_noise[i]
     history.level[i] = 0.0
+    history.under_hand[i] = False
     history.last_straight[i] = now
     history.steps[i] = 0.0
     history.lone_since[i] = NEVER
@@ -276,11 +279,21 @@ def update_noise(
             part = elapsed / (since + elapsed)
             if not np.isnan(bend):
                 noise[i] += part * (MEDIAN_SHARE * bend - noise[i])
-        elif bend > noise[i]:
-            noise[i] = min(noise[i] + slow, bend)
+        elif history.under_hand[i]:
+            # Noise is that at rest; that of touched taxels may be ten times as large.
+            pass
         elif bend < noise[i]:
             noise[i] = max(noise[i] - slow, bend)
+        elif bend > noise[i]:
+            noise[i] = min(noise[i] + slow, bend)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
+        if not history.under_hand[i]:
+            history.under_hand[i] = is_under_hand(
+                i, contacts, starts, neighbours, history
+            )
+        elif level[i] < contact:
+            history.under_hand[i] = False
+            usual = deviation[i] = min(usual, noise[i])
         if usual < noisy[i]:
             last_straight[i] = now
         steps[i] *= forget
@@ -309,6 +322,33 @@ def update_noise(
         history,
     )
     return low
+
+
+@compiled
+@no_type_check
+def is_pressed(
+    i: int, contacts: Float[np.ndarray, "taxel"], history: CountHistory
+) -> bool:
+    """Return whether a taxel has been pressed for a while, rather than is noisy."""
+    level = history.level[i]
+    return level >= contacts[i] and history.deviation[i] < level
+
+
+@compiled
+@no_type_check
+def is_under_hand(
+    i: int,
+    contacts: Float[np.ndarray, "taxel"],
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
+    history: CountHistory,
+) -> bool:
+    """Return whether a taxel and a neighbour are pressed."""
+    if is_pressed(i, contacts, history):
+        for k in range(starts[i], starts[i + 1]):
+            if is_pressed(neighbours[k], contacts, history):
+                return True
+    return False
 
 
 @compiled
@@ -429,23 +469,31 @@ def update_unanswered(
 @no_type_check
 def find_noisier(
     candidates: Int[np.ndarray, "candidate"],
-    deviation: Float[np.ndarray, "taxel"],
     factor: float,
+    contacts: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
+    history: CountHistory,
 ) -> Int[np.ndarray, "found"]:
     """Return the candidates that deviate more than their neighbours.
 
+    A pressed taxel is compared with the pressed ones of them, where there are any.
+
     Args:
         candidates: taxels to look at.
-        deviation: running median of each taxel's deviations [counts].
         factor: least ratio of its deviation to the median of its neighbours'.
+        contacts: counts above rest at which contact begins.
         starts: index of the first neighbour of each taxel.
         neighbours: neighbours of all taxels, one taxel after the other.
+        history: deviation and level of each taxel.
     """
+    deviation = history.deviation
     found = np.zeros(len(candidates), np.bool_)
     for n, taxel in enumerate(candidates):
         near = neighbours[starts[taxel] : starts[taxel + 1]]
+        if history.under_hand[taxel]:
+            pressed = [j for j in near if is_pressed(j, contacts, history)]
+            near = np.array(pressed)
         usual = np.median(deviation[near]) if len(near) else 0.0
         found[n] = deviation[taxel] >= factor * usual
     return candidates[found]

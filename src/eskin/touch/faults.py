@@ -547,10 +547,11 @@ class FaultDetector:
         candidates &= history.deviation >= usual[self.skin.patch_index]
         noisier = find_noisier(
             np.flatnonzero(candidates),
-            history.deviation,
             NOISIER,
+            self.limits.contact,
             self.adjacency.starts,
             self.adjacency.neighbours,
+            history,
         )
         doubtful[noisier] = True
         noisy[noisier] |= deviation[noisier] >= 1.0
@@ -567,6 +568,7 @@ def build_count_history(count: int) -> CountHistory:
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
+    history["under_hand"] = np.zeros(count, np.bool_)
     zeros = ("deviation", "noise", "start_noise", "level", "steps")
     for name in (*zeros, "lone_level", "lone_step"):
         history[name] = np.zeros(count)
