@@ -470,30 +470,30 @@ def update_unanswered(
 def find_noisier(
     candidates: Int[np.ndarray, "candidate"],
     factor: float,
-    contacts: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     history: CountHistory,
 ) -> Int[np.ndarray, "found"]:
     """Return the candidates that deviate more than their neighbours.
 
-    A pressed taxel is compared with the pressed ones of them, where there are any.
+    One under a hand is compared with those of them that are under it too.
 
     Args:
         candidates: taxels to look at.
         factor: least ratio of its deviation to the median of its neighbours'.
-        contacts: counts above rest at which contact begins.
         starts: index of the first neighbour of each taxel.
         neighbours: neighbours of all taxels, one taxel after the other.
-        history: deviation and level of each taxel.
+        history: deviation of each taxel, and which are under a hand.
     """
-    deviation = history.deviation
+    deviation, under_hand = history.deviation, history.under_hand
     found = np.zeros(len(candidates), np.bool_)
     for n, taxel in enumerate(candidates):
         near = neighbours[starts[taxel] : starts[taxel + 1]]
-        if history.under_hand[taxel]:
-            pressed = [j for j in near if is_pressed(j, contacts, history)]
-            near = np.array(pressed)
+        if under_hand[taxel]:
+            near = near[under_hand[near]]
+            found[n] = len(near) > 0
+        else:
+            found[n] = True
         usual = np.median(deviation[near]) if len(near) else 0.0
-        found[n] = deviation[taxel] >= factor * usual
+        found[n] &= deviation[taxel] >= factor * usual
     return candidates[found]

@@ -548,7 +548,6 @@ class FaultDetector:
         noisier = find_noisier(
             np.flatnonzero(candidates),
             NOISIER,
-            self.limits.contact,
             self.adjacency.starts,
             self.adjacency.neighbours,
             history,
