@@ -247,6 +247,7 @@ def update_noise(
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
+    under_hand = history.under_hand
     contacts, noisy, cut = limits.contact, limits.deviation, limits.cut
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
@@ -279,7 +280,7 @@ def update_noise(
             part = elapsed / (since + elapsed)
             if not np.isnan(bend):
                 noise[i] += part * (MEDIAN_SHARE * bend - noise[i])
-        elif history.under_hand[i]:
+        elif under_hand[i]:
             # Noise is that at rest; that of touched taxels may be ten times as large.
             pass
         elif bend < noise[i]:
@@ -287,13 +288,13 @@ def update_noise(
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
-        if not history.under_hand[i]:
-            history.under_hand[i] = is_under_hand(
-                i, contacts, starts, neighbours, history
-            )
-        elif level[i] < contact:
-            history.under_hand[i] = False
-            usual = deviation[i] = min(usual, noise[i])
+        if under_hand[i]:
+            if level[i] < contact:
+                under_hand[i] = False
+                usual = deviation[i] = min(usual, noise[i])
+        elif level[i] >= contact and usual < level[i]:
+            near = neighbours[starts[i] : starts[i + 1]]
+            under_hand[i] = any_pressed(near, level, deviation, contacts)
         if usual < noisy[i]:
             last_straight[i] = now
         steps[i] *= forget
@@ -326,28 +327,16 @@ def update_noise(
 
 @compiled
 @no_type_check
-def is_pressed(
-    i: int, contacts: Float[np.ndarray, "taxel"], history: CountHistory
-) -> bool:
-    """Return whether a taxel has been pressed for a while, rather than is noisy."""
-    level = history.level[i]
-    return level >= contacts[i] and history.deviation[i] < level
-
-
-@compiled
-@no_type_check
-def is_under_hand(
-    i: int,
+def any_pressed(
+    taxels: Int[np.ndarray, "some"],
+    level: Float[np.ndarray, "taxel"],
+    deviation: Float[np.ndarray, "taxel"],
     contacts: Float[np.ndarray, "taxel"],
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
-    history: CountHistory,
 ) -> bool:
-    """Return whether a taxel and a neighbour are pressed."""
-    if is_pressed(i, contacts, history):
-        for k in range(starts[i], starts[i + 1]):
-            if is_pressed(neighbours[k], contacts, history):
-                return True
+    """Return whether any of some taxels is pressed for a while, rather than noisy."""
+    for i in taxels:
+        if level[i] >= contacts[i] and deviation[i] < level[i]:
+            return True
     return False
 
 
