@@ -185,5 +185,5 @@ def test_pad_too_small_for_its_force_is_refused():
 
 def test_missing_mujoco_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ExtraError, match=r"pip install 'eskin\[sim\]'"):
+    with pytest.raises(ExtraError, match=r"pip install '.\[sim\]'"):
         feel_in_mujoco(press(TIP, 1.0), FLAT, COARSE)
