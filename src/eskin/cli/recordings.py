@@ -1,5 +1,6 @@
 """`eskin convert`, `label`, `replay` and `view` work on recordings."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic, sleep
@@ -12,7 +13,7 @@ from eskin.errors import RecordingError
 
 if TYPE_CHECKING:
     from eskin.live import Detection
-    from eskin.recording import AutoLabelResult, Label, Recording
+    from eskin.recording import AutoLabelResult, ConversionResult, Label, Recording
     from eskin.viewer.timeline import Timeline
 
 
@@ -47,12 +48,12 @@ def run_convert(command: ConvertCommand) -> dict[str, object]:
     )
 
     options = get_geometry_options(command)
-    if command.dataset == "socialtouch":
-        result = convert_socialtouch(command.src, command.out, **options)
-    elif command.dataset == "sleeve":
-        result = convert_sleeve(command.src, command.out)
-    else:
-        result = convert_shearsense(command.src, command.out)
+    convert: dict[str, Callable[..., ConversionResult]] = {
+        "sleeve": convert_sleeve,
+        "shearsense": convert_shearsense,
+        "socialtouch": convert_socialtouch,
+    }
+    result = convert[command.dataset](command.src, command.out, **options)
     print(
         f"{command.out}: {result.recordings} recordings of {result.taxels} taxels, "
         f"{result.readings} readings, {result.labels} labels"

@@ -480,9 +480,7 @@ def find_noisier(
         near = neighbours[starts[taxel] : starts[taxel + 1]]
         if under_hand[taxel]:
             near = near[under_hand[near]]
-            found[n] = len(near) > 0
-        else:
-            found[n] = True
         usual = np.median(deviation[near]) if len(near) else 0.0
-        found[n] &= deviation[taxel] >= factor * usual
+        is_compared = len(near) > 0 or not under_hand[taxel]
+        found[n] = is_compared and deviation[taxel] >= factor * usual
     return candidates[found]

@@ -241,10 +241,8 @@ def weigh_tracks(
     gained, became_sure = np.zeros(len(tracks)), np.zeros(len(tracks), np.bool_)
     for track in range(len(tracks)):
         if tracks[track].last == reading.stamp:
-            contact, before = (
-                buffer.contacts[tracks[track].contact],
-                tracks[track].evidence,
-            )
+            contact = buffer.contacts[tracks[track].contact]
+            before = tracks[track].evidence
             gained[track] = weigh_contact(contact, reading, context, buffer)
             tracks[track].evidence += gained[track]
             became_sure[track] = before < least <= tracks[track].evidence
