@@ -93,9 +93,9 @@ OPTIONS = """
 --train.augment.gain 0.9 --train.augment.taxel-gain 0.05 --train.augment.dead 0.03
 --train.augment.offset 0.25 --train.augment.crop 0 --train.augment.stretch 0.1
 --train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05
---train.augment.noise 0.02
+--train.augment.noise 0.02 --train.shares recorded 0.5
 """.split()
-"""Options of every training."""
+"""Options of every training; half of the windows are of recorded people, if any."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def list_recordings(root: Path, sets: Iterable[str], left_out: str) -> list[str]
 
 def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:
     """Return the sets of recorded people, by folder, with their options."""
-    kind, folder, clips = "recorded", "rec", 1200
+    kind, folder, clips = "recorded", "rec", 2400
     if recipe.grouped:
         kind, folder, clips = "recorded-groups", "groups", 2400
     sets = {}

@@ -85,8 +85,12 @@ def test_a_trainer_uses_only_its_own_recordings(dataset):
     trainer = Trainer(dataset, VOCABULARY, config, [0, 1, 3])
 
     def seen(sampler):
-        parts = sampler.classes.values()
-        return {segment.recording for part in parts for segment in part}
+        return {
+            segment.recording
+            for datasets in sampler.classes.values()
+            for segments in datasets.values()
+            for segment in segments
+        }
 
     assert trainer.held_out is not None
     train, held = seen(trainer.batches.sampler), seen(trainer.held_out.sampler)

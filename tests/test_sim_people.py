@@ -181,8 +181,15 @@ def test_most_gestures_fit_a_window_however_difficult(gesture, share):
 
 
 def test_durations_are_in_the_order_of_jung_et_al_2017():
+    """Presses are of hands: a finger that presses as briefly pokes."""
     tap, poke, pat, press, grab, stroke = (
-        np.median(get_durations(perform_many(gesture, kind, 0.0, "cost", 400)))
+        np.median(
+            get_durations(
+                touch
+                for touch in perform_many(gesture, kind, 0.0, "cost", 400)
+                if kind != "press" or touch.presses[0].pads.count > 2
+            )
+        )
         for gesture, kind in (
             ("none", "single_pat"),
             ("poke", None),
@@ -200,7 +207,7 @@ def test_finger_pressing_longer_than_any_poke_is_no_gesture():
     pokes = perform_many("poke", None, 1.5, "cost", 100)
     presses = perform_many("none", "press", 1.5, "paper", 100)
     fingers = [touch for touch in presses if touch.presses[0].pads.count <= 2]
-    assert get_durations(pokes).max() <= 0.92 + STEP < get_durations(fingers).min()
+    assert get_durations(pokes).max() < 1.0 + STEP < get_durations(fingers).min()
     for touch in perform_many("none", "single_pat", 1.5, "paper", 100):
         assert touch.presses[0].pads.count > 2
 

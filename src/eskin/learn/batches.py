@@ -1,8 +1,9 @@
 """This module draws training windows and makes augmented batches of them."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -30,21 +31,26 @@ WHOLE_SHARE = 0.5
 
 EARLIEST_NS = 100_000_000
 """Time from the onset to the earliest end of a window [ns]."""
+OTHERS = ""
+"""Name of all data sets without a share of their own."""
+NO_SHARES: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Sampler:
     """A sampler draws windows: a class, one of its segments, the end of the window.
 
-    Classes, and segments within a class, are equally frequent. Half of the windows hold
-    as much of their gesture as fits; the others end at any time from 0.1 s after its
-    onset, as they do live.
+    Classes are equally frequent, and so are the segments of a class, but for data sets
+    with a share of their own. Half of the windows hold as much of their gesture as
+    fits; the others end at any time from 0.1 s after its onset, as they do live.
     """
 
     dataset: Dataset
     """Data set to draw from."""
-    classes: dict[int, list[Segment]]
-    """Segments of each class."""
+    classes: dict[int, dict[str, list[Segment]]]
+    """Segments of each class by data set; by `OTHERS` for those without a share."""
+    shares: Mapping[str, float]
+    """Share of the windows of a class that are of a data set."""
     slots: int
     """Length of a window on the clock of the temporal head."""
     crop: float
@@ -67,7 +73,14 @@ class Sampler:
 
     def draw_segment(self, label: int, rng: np.random.Generator) -> Segment:
         """Draw one segment of a class."""
-        segments = self.classes[label]
+        datasets = self.classes[label]
+        name, *names = datasets
+        if names:
+            shares = [self.shares.get(each, 0.0) for each in datasets]
+            left = [each == OTHERS for each in datasets]
+            shares = np.where(left, 1.0 - sum(shares), shares)
+            name = str(rng.choice(list(datasets), p=shares / shares.sum()))
+        segments = datasets[name]
         return segments[rng.integers(len(segments))]
 
     def draw_end(self, segment: Segment, after: int, rng: np.random.Generator) -> int:
@@ -83,14 +96,27 @@ def build_sampler(
     recordings: Collection[int],
     slots: int,
     crop: float,
+    shares: Mapping[str, float] = NO_SHARES,
 ) -> Sampler:
-    """Return a `Sampler` of some recordings and of the gestures of a vocabulary."""
-    classes: dict[int, list[Segment]] = {}
+    """Return a `Sampler` of some recordings and of the gestures of a vocabulary.
+
+    Args:
+        dataset: data set to draw from.
+        vocabulary: classes.
+        recordings: indices of the recordings to draw from.
+        slots: length of a window.
+        crop: share of windows that hold nothing from before their gesture.
+        shares: share of the windows of a class for each data set that is to have one,
+            by the name in the metadata of its recordings.
+    """
+    classes: dict[int, dict[str, list[Segment]]] = {}
     for segment in dataset.segments:
         if segment.recording in recordings and segment.gesture in vocabulary:
             label = vocabulary.index(segment.gesture)
-            classes.setdefault(label, []).append(segment)
-    return Sampler(dataset, classes, slots, crop)
+            name = dataset.recordings[segment.recording].metadata.dataset
+            key = name if name in shares else OTHERS
+            classes.setdefault(label, {}).setdefault(key, []).append(segment)
+    return Sampler(dataset, classes, shares, slots, crop)
 
 
 def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:

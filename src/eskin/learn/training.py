@@ -64,6 +64,9 @@ class TrainConfig:
     validation: float = 0.15
     """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
     to the end."""
+    shares: dict[str, float] = field(default_factory=dict)
+    """Names of data sets, each followed by the share of the windows of a class that are
+    drawn from it; all other recordings are drawn with equal frequency."""
     shear: bool = True
     """Whether shear is used where every skin measures it."""
     workers: int = 1
@@ -84,6 +87,11 @@ class TrainConfig:
     def __post_init__(self) -> None:
         """Reject settings outside their limits."""
         check_limits(self, LIMITS)
+        if min(self.shares.values(), default=0.0) < 0 or sum(self.shares.values()) > 1:
+            raise ValueError(
+                f"shares are {self.shares}; allowed are numbers from 0 on whose sum is "
+                "at most 1; lower them"
+            )
 
 
 SAVE_PERIOD = 30.0  # [s] between two checkpoints
@@ -150,7 +158,9 @@ class Trainer:
     ) -> BatchBuilder:
         """Return a batch builder for some of the recordings."""
         slots, crop = self.config.network.slots, self.config.augment.crop
-        sampler = build_sampler(dataset, self.vocabulary, recordings, slots, crop)
+        sampler = build_sampler(
+            dataset, self.vocabulary, recordings, slots, crop, self.config.shares
+        )
         return BatchBuilder(dataset, sampler, augment, slots, self.shear)
 
     def run(

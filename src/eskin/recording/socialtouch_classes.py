@@ -26,7 +26,7 @@ GROUPS = {
 }
 """Gestures that are variants of one another, by the name of their group."""
 
-HELD = 1.0
+HELD = 1.3
 """Duration from which a touch of a finger is held rather than a poke [s]."""
 
 VALLEY = 0.5

@@ -19,6 +19,10 @@ needs as many scans."""
 NOISE_PART, NOISE_LEAST = 0.25, 0.1
 """Speed of the noise in units of that of the deviation, and the counts at which contact
 begins that limit it from below."""
+BELOW_FACTOR = 15.0
+"""Speed at which the noise of a taxel falls while it is below rest, in units of its
+usual speed: what pressed there when the skin was switched on has lifted, and its noise
+was that of a hand."""
 MEDIAN_SHARE = 0.85
 """Median of the deviations of white noise, in units of their mean."""
 CLEAR_FACTOR = 2.0
@@ -284,7 +288,8 @@ def update_noise(
             # Noise is that at rest; that of touched taxels may be ten times as large.
             pass
         elif bend < noise[i]:
-            noise[i] = max(noise[i] - slow, bend)
+            fall = slow * BELOW_FACTOR if above < -away[i] else slow
+            noise[i] = max(noise[i] - fall, bend)
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)

@@ -372,7 +372,7 @@ class FaultDetector:
             self.history,
         )
         self.doubt_even_lines(scan.counts - rest, scan.received, now)
-        self.update_codes(now)
+        self.update_codes(rest, now)
         self.update_floor(now)
         self.last_check = now
         self.mask = self.code >= 0
@@ -407,7 +407,7 @@ class FaultDetector:
         least = np.maximum(floor, self.config.start_floor)
         self.floor = np.where(learns, least, floor)
 
-    def update_codes(self, now: float) -> None:
+    def update_codes(self, rest: Float[np.ndarray, "taxel"], now: float) -> None:
         """Update the code of each taxel's fault, -1 for none."""
         history = self.history
         zero = history.counts == 0
@@ -430,8 +430,23 @@ class FaultDetector:
         negative = self.code == NEGATIVE
         recover = np.where(negative, self.config.negative_seconds, latch)
         self.code[now - self.last_found > recover] = -1
+        self.code[self.find_lifted(rest) & ~noisy] = -1
         self.last_doubted[doubtful] = now
         self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
+
+    def find_lifted(
+        self, rest: Float[np.ndarray, "taxel"]
+    ) -> Bool[np.ndarray, "taxel"]:
+        """Find noisy and saturated taxels that lie below rest now.
+
+        A hand was on them when the skin was switched on, and has lifted: its pressure
+        was taken for their rest, and its noise for theirs. They remain doubtful.
+        """
+        found = np.zeros(self.skin.count, bool)
+        masked = np.flatnonzero((self.code == NOISY) | (self.code == SATURATED))
+        highest = self.history.recent[:, masked].max(axis=0)
+        found[masked] = highest < rest[masked] - self.away[masked]
+        return found
 
     def doubt_mixed_lines(
         self,

@@ -273,7 +273,11 @@ AMOUNT_TRIES = 30
 
 
 def draw_force(
-    sample: GestureSample, name: str, gesture: str, most: float = np.inf
+    sample: GestureSample,
+    name: str,
+    gesture: str,
+    most: float = np.inf,
+    firmer: float = 1.0,
 ) -> float:
     """Draw the largest force of a touch [N]; difficulty widens the law.
 
@@ -282,6 +286,7 @@ def draw_force(
         name: constant with the law over the population.
         gesture: habit that applies; drawn anew for a gesture that is no habit.
         most: upper limit of the force [N].
+        firmer: factor by which it is firmer than usual.
     """
     habit = sample.person.firmness.get(gesture)
     usual = sample.constants.value("force.repeat")
@@ -293,7 +298,7 @@ def draw_force(
         sample.constants, name, "person.force_scale", np.log(usual)
     )
     return sample.record(
-        "force", draw_amount(sample, name, scale, rest, repeat, habit, most)
+        "force", firmer * draw_amount(sample, name, scale, rest, repeat, habit, most)
     )
 
 

@@ -19,9 +19,18 @@ from eskin.sim.people.hand import build_body
 
 
 def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
-    """Draw one push of a finger, sometimes pressed again before it leaves."""
-    force = draw_force(sample, "poke.force", "poke")
-    duration = draw_duration(sample, "poke")
+    """Draw one push of a finger, sometimes pressed again before it leaves.
+
+    Some are firm: harder than the person usually pokes, and longer, where the durations
+    of Jung et al. 2017 do not include them already.
+    """
+    is_firm = sample.draw_event("firm", sample.constants.value("poke.firm"))
+    firmer = sample.draw("poke.firm_force") if is_firm else 1.0
+    force = draw_force(sample, "poke.force", "poke", firmer=firmer)
+    if is_firm and sample.regime == "paper":
+        duration = sample.record("duration", sample.draw("poke.firm_duration"))
+    else:
+        duration = draw_duration(sample, "poke")
     steps = sample.count_steps(duration)
     shape = sample.draw_push(steps)
     if sample.draw_event(
