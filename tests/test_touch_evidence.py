@@ -147,6 +147,22 @@ def test_skin_switched_on_under_a_hand_works_once_it_lifts():
     assert touch.peak == pytest.approx(20.0, rel=0.1)
 
 
+def test_taxels_that_a_hand_made_noisy_from_the_start_work_once_it_lifts():
+    rng, again = np.random.default_rng(3), press(PAD, 10.0, 10.4, 200.0)
+    sigma = np.where(np.arange(SKIN.count) % 3, 5.0, 50.0)
+
+    def added(t):
+        hand = 100.0 + sigma * rng.standard_normal(SKIN.count)
+        return again(t) + hand * PAD * (t < 8.0)
+
+    assert push_counts(added, 7.0)[1].faults
+    seen, state = push_counts(added, 12.0)
+    touch = seen[max(seen)]
+    assert not state.faults
+    assert 0 <= touch.onset - (START + 10 * SECOND) <= 0.04 * SECOND
+    assert touch.peak == pytest.approx(20.0, rel=0.2)
+
+
 FLOOR = np.full(SKIN.count, 0.7)
 """What may be noise on each taxel of a noisy skin [kPa]."""
 
