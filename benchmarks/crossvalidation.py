@@ -28,7 +28,6 @@ from eskin.learn.ground_truth import Segment
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model
 from eskin.nn import RecogniserNetwork
-from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
 
 FOREST_STEP = 4
@@ -212,7 +211,7 @@ def classify_instants(
 def mount_skin(dataset: Dataset) -> MountedSkin:
     """Return the skin of all recordings on its robot."""
     first = dataset.recordings[0]
-    return MountedSkin(first.skin, load_recorded_robot(first.robot_name))
+    return MountedSkin(first.skin, first.load_robot())
 
 
 def cut_skin_windows(

@@ -28,8 +28,8 @@ from eskin.drivers import (
 )
 from eskin.errors import ArmError, DeviceError
 from eskin.live import mount_skin
-from eskin.recording import read_calibration
-from eskin.robot import Robot
+from eskin.recording import Overrides, read_calibration
+from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration
 from eskin.ur import UrLink
@@ -122,7 +122,11 @@ def open_source(
         calibration = config.calibration
         if isinstance(calibration, Path):
             calibration = read_calibration(calibration)
-        return replay_source(rest, config.pace, clock, True, calibration)
+        robot = config.robot
+        if isinstance(robot, str | Path):
+            robot = load_robot(robot)
+        overrides = Overrides(calibration, robot and robot.urdf)
+        return replay_source(rest, config.pace, clock, True, overrides)
     return open_simulation(rest, config, clock)
 
 

@@ -113,7 +113,7 @@ def run(command: CalibrateCommand) -> dict[str, object]:
     with ExitStack() as stack:
         source = stack.enter_context(open_calibrated(command))
         info = source.info
-        robot = load_recorded_robot(info.robot_name, command.robot_urdf)
+        robot = load_recorded_robot(info.robot_name, info.urdf, command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         guide = CalibrationGuide(mounted, info.calibration, config)
         print(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")

@@ -10,7 +10,7 @@ from eskin.files import read_file
 
 if TYPE_CHECKING:
     from eskin.learn.dataset import Dataset
-    from eskin.touch import Calibration
+    from eskin.recording import Overrides
 
 PICTURES = (".png", ".svg", ".pdf")
 MAX_CHECKED = 20
@@ -78,17 +78,19 @@ def check_recording(path: Path) -> None:
     CrosstalkCompensator(recording.skin, recording.calibration)
 
 
-def load_override(path: Path | None) -> "Calibration | None":
-    """Load the calibration that --calibration names; None where it is not given.
+def load_overrides(calibration: Path | None, robot_urdf: str | None) -> "Overrides":
+    """Load what --calibration and --robot-urdf name, where they are given.
 
     Raises:
-        EskinError: if it is no calibration file.
+        EskinError: if it is no calibration file, or no robot.
     """
-    if path is None:
-        return None
-    from eskin.recording import read_calibration
+    from eskin.recording import Overrides, read_calibration
+    from eskin.robot import load_robot
 
-    return read_calibration(path)
+    return Overrides(
+        None if calibration is None else read_calibration(calibration),
+        None if robot_urdf is None else load_robot(robot_urdf).urdf,
+    )
 
 
 def check_writable(target: Path) -> None:

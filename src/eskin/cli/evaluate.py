@@ -12,7 +12,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import check_picture, load_override, report_truncated
+from eskin.cli.checks import check_picture, load_overrides, report_truncated
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare, track_progress
@@ -183,6 +183,9 @@ class EvaluateCommand:
     """Calibration file, as eskin calibrate writes it, to use in place of the recorded
     ones."""
 
+    robot_urdf: str | None = None
+    """Robot of recordings that lack their URDF: a URDF file or a preset's name."""
+
     workers: int | None = None
     """Number of processes that replay streams; by default one for each core."""
 
@@ -260,8 +263,9 @@ def score_clips(
     command: EvaluateCommand, model: Model, paths: Sequence[Path]
 ) -> dict[str, object]:
     """Score recordings gesture by gesture."""
-    card, calibration = model.card, load_override(command.calibration)
-    dataset = prepare(paths, card.pipeline, card.graph_used, calibration=calibration)
+    card = model.card
+    overrides = load_overrides(command.calibration, command.robot_urdf)
+    dataset = prepare(paths, card.pipeline, card.graph_used, overrides=overrides)
     report_truncated(dataset)
     result = evaluate(to_network(model), model.card, dataset)
     print_clip_score(result)
@@ -296,8 +300,8 @@ def score_streams(
 ) -> dict[str, object]:
     """Score recordings by their events, with the detections that are made live."""
     decided = []
-    calibration = load_override(command.calibration)
-    traces = trace_recordings(paths, model, workers, calibration)
+    overrides = load_overrides(command.calibration, command.robot_urdf)
+    traces = trace_recordings(paths, model, workers, overrides)
     for stream in track_progress(traces, "Replaying", len(paths)):
         if stream.truncated:
             print(f"{stream.path} is cut or damaged: used up to there")

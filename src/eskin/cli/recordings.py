@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from eskin.cli.checks import check_writable, load_override
+from eskin.cli.checks import check_writable, load_overrides
 from eskin.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -240,16 +240,13 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     from eskin.live import Recognizer
     from eskin.model import load_model
     from eskin.recording import read_recording, rewrite_recording, select_labels
-    from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
 
     check_replay(command)
-    override = load_override(command.calibration)
-    recording = read_recording(command.recording, override)
+    overrides = load_overrides(command.calibration, command.robot_urdf)
+    recording = read_recording(command.recording, overrides)
     model = load_model(command.model)
-    mounted = MountedSkin(
-        recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
-    )
+    mounted = MountedSkin(recording.skin, recording.load_robot())
     decision = model.card.decision
     if command.threshold is not None:
         decision = replace(decision, threshold=command.threshold, thresholds={})
@@ -362,14 +359,14 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
     from eskin.page.link import format_link, free_port, make_token
     from eskin.recording import read_recording
-    from eskin.robot import load_recorded_robot
+    from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
     port = free_port(command.port)
     recording = read_recording(command.recording)
-    mounted = MountedSkin(
-        recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
-    )
+    urdf = command.robot_urdf
+    robot = recording.load_robot() if urdf is None else load_robot(urdf)
+    mounted = MountedSkin(recording.skin, robot)
     # Only now: the page takes a while to import.
     from eskin.page.server import open_server
     from eskin.viewer.editing import LabelEditor, load_replayed

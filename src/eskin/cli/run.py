@@ -147,7 +147,7 @@ def run(command: RunCommand) -> dict[str, object]:
         source = open_source(*command.source, config=config, clock=clock)
         stack.enter_context(source)
         info = source.info
-        robot = load_recorded_robot(info.robot_name, command.robot_urdf)
+        robot = load_recorded_robot(info.robot_name, info.urdf, command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         recognizer = Recognizer(model, mounted, info.calibration)
         if command.skin is None:

@@ -1,6 +1,5 @@
 """`eskin train` trains the recogniser on recordings."""
 
-import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_writable, load_override, report_truncated
+from eskin.cli.checks import check_writable, load_overrides, report_truncated
 from eskin.errors import ModelError, RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.checkpoint import to_model
@@ -19,7 +18,7 @@ from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model, ModelCard, check_limits, load_model, save_model
-from eskin.recording import NONE, find_recordings
+from eskin.recording import NONE, Overrides, find_recordings
 
 SIZES = ("width", "layers", "channels")
 """Sizes of a network that must be equal for weights to fit another one."""
@@ -61,6 +60,9 @@ class TrainCommand:
     """Calibration file, as eskin calibrate writes it, to use in place of the recorded
     ones."""
 
+    robot_urdf: str | None = None
+    """Robot of recordings that lack their URDF: a URDF file or a preset's name."""
+
     pack: Path | None = None
     """Folder that keeps prepared recordings, so that each is prepared only once."""
 
@@ -77,6 +79,10 @@ class TrainCommand:
     def __post_init__(self) -> None:
         """Raise if a number is out of range."""
         check_limits(self, {"skins": (0, np.inf)})
+
+    def load_overrides(self) -> Overrides:
+        """Load what is used in place of what the recordings hold."""
+        return load_overrides(self.calibration, self.robot_urdf)
 
 
 def run(command: TrainCommand) -> dict[str, object]:
@@ -118,7 +124,7 @@ def run(command: TrainCommand) -> dict[str, object]:
     facts = f"{content} {vocabulary} {command.train} {command.seed} {skins}"
     facts += f" {hash_recordings(find_recordings(command.val))}" if command.val else ""
     facts += f" {start.digest}" if start else ""
-    facts += f" {card.training.get('calibration', '')}"
+    facts += f" {card.training.get('overrides', '')}"
     network = trainer.run(checkpoint=kept, facts=facts)
     accuracy = trainer.validation_accuracy()
     card = replace(
@@ -187,9 +193,9 @@ def describe_command(command: TrainCommand, start: Model | None) -> dict[str, st
     facts = {"seed": str(command.seed), "skins": str(command.skins)}
     if start is not None and command.start is not None:
         facts |= {"start": command.start.stem, "start_digest": start.digest}
-    override = load_override(command.calibration)
-    if override is not None:
-        facts["calibration"] = hashlib.sha256(override.to_bytes()).hexdigest()
+    overrides = command.load_overrides()
+    if overrides.digest:
+        facts["overrides"] = overrides.digest
     return facts | (flatten(asdict(command.wear), "wear.") if command.skins else {})
 
 
@@ -198,8 +204,8 @@ def set_decision(model: Model, command: TrainCommand) -> Model:
     if not command.streams:
         return model
     paths = find_recordings(command.streams)
-    calibration = load_override(command.calibration)
-    traces = list(trace_recordings(paths, model, command.train.workers, calibration))
+    overrides = command.load_overrides()
+    traces = list(trace_recordings(paths, model, command.train.workers, overrides))
     decision, score = choose_decision(traces)
     print(f"{decision}: F1 {score.total.f1:.3f} on {score.hours:.2f} h of streams")
     metrics = model.card.metrics | {"streams_f1": score.total.f1}
@@ -221,7 +227,7 @@ def prepare_dataset(
         pack=command.pack,
         workers=workers,
         transforms=transforms,
-        calibration=load_override(command.calibration),
+        overrides=command.load_overrides(),
     )
 
 

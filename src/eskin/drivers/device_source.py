@@ -94,6 +94,7 @@ class DeviceSource(Source):
             skin=skin,
             calibration=calibration,
             rate=rate,
+            urdf=mounted.robot.urdf,
         )
 
     def receive_hellos(self) -> float:

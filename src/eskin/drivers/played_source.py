@@ -9,8 +9,8 @@ from typing import final
 from eskin.drivers.clock import Clock, HostClock
 from eskin.drivers.events import Event
 from eskin.drivers.source import Source, SourceInfo
-from eskin.recording import read_recording
-from eskin.touch import Calibration, Scan
+from eskin.recording import NO_OVERRIDES, Overrides, read_recording
+from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 STEPPED = math.inf
@@ -143,7 +143,7 @@ def replay_source(
     pace: float = 1.0,
     clock: Clock | None = None,
     restamp: bool = False,
-    calibration: Calibration | None = None,
+    overrides: Overrides = NO_OVERRIDES,
 ) -> PlayedSource:
     """Open a recording as a source; robot, skin and calibration are from the file.
 
@@ -152,13 +152,13 @@ def replay_source(
         pace: seconds played per second, see `PlayedSource`.
         clock: clock that times the playback, see `PlayedSource`.
         restamp: whether stamps are shifted to now, see `PlayedSource`.
-        calibration: calibration to use in place of that of the file.
+        overrides: what to use in place of what the file holds.
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.
         SkinMismatchError: the calibration is not of its skin.
     """
-    recording = read_recording(path, calibration)
+    recording = read_recording(path, overrides)
     info = SourceInfo(
         uri=f"replay:{path}",
         robot_name=recording.robot_name,
@@ -166,5 +166,6 @@ def replay_source(
         skin=recording.skin,
         calibration=recording.calibration,
         rate=NS_PER_S / recording.period if recording.period else 0.0,
+        urdf=recording.urdf,
     )
     return PlayedSource(info, recording.scans(), pace, clock, restamp)

@@ -43,7 +43,7 @@ class SourceInfo:
     uri: str
     """URI that the source was opened with."""
     robot_name: str
-    """Preset or URDF of the robot that carries the skin."""
+    """Name of the robot that carries the skin."""
     joint_names: tuple[str, ...]
     """Joint names in the order of `Scan.q`."""
     skin: Skin
@@ -52,6 +52,8 @@ class SourceInfo:
     """Calibration of that skin."""
     rate: float
     """Nominal scan rate [1/s]."""
+    urdf: bytes = b""
+    """URDF of the robot; empty for a preset."""
 
 
 class Source(Closing):

@@ -33,8 +33,14 @@ from eskin.learn.prepared_recording import (
     prepare_recording,
 )
 from eskin.learn.recording_transforms import RecordingTransform
-from eskin.recording import NONE, Recording, read_recording
-from eskin.touch import Calibration, PipelineConfig
+from eskin.recording import (
+    NO_OVERRIDES,
+    NONE,
+    Overrides,
+    Recording,
+    read_recording,
+)
+from eskin.touch import PipelineConfig
 
 T = TypeVar("T")
 
@@ -115,7 +121,7 @@ def prepare(
     pack: Path | None = None,
     workers: int = 1,
     transforms: Sequence[RecordingTransform | None] = (None,),
-    calibration: Calibration | None = None,
+    overrides: Overrides = NO_OVERRIDES,
 ) -> Dataset:
     """Replay recordings through the same calibration, contacts and graphs as live.
 
@@ -128,14 +134,14 @@ def prepare(
         pack: folder that keeps prepared recordings, to be prepared once only.
         workers: how many processes prepare them; more than one needs `pack`.
         transforms: transforms, one copy of the recordings each; None changes nothing.
-        calibration: calibration to use in place of the recorded ones.
+        overrides: what to use in place of what the recordings hold.
 
     Raises:
         RecordingError: if there is nothing to learn from.
     """
     if not paths:
         raise RecordingError("no recording given; give .mcap files or folders of them")
-    recordings = tuple(read_recording(path, calibration) for path in paths)
+    recordings = tuple(read_recording(path, overrides) for path in paths)
     pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
@@ -149,7 +155,7 @@ def prepare(
         parts = list(track_progress(prepared, "Reading", total))
     else:
         jobs = (
-            delayed(pack_recording)(path, pack, pipeline, graph, t, calibration)
+            delayed(pack_recording)(path, pack, pipeline, graph, t, overrides)
             for t in transforms
             for path in paths
         )

@@ -23,11 +23,9 @@ from eskin.graph import (
 )
 from eskin.learn.ground_truth import TouchLabel, read_true_touches
 from eskin.learn.recording_transforms import RecordingTransform
-from eskin.recording import Recording, read_recording
-from eskin.robot import load_recorded_robot
+from eskin.recording import NO_OVERRIDES, Overrides, Recording, read_recording
 from eskin.skin import MountedSkin
 from eskin.touch import (
-    Calibration,
     LinkPoseCache,
     PipelineConfig,
     TouchPipeline,
@@ -109,7 +107,7 @@ def gather_sequences(
     skin = recording.skin
     if transform is not None:
         skin = transform.transform_skin(skin, recording.start)
-    mounted = MountedSkin(skin, load_recorded_robot(recording.robot_name))
+    mounted = MountedSkin(skin, recording.load_robot())
     poses = LinkPoseCache(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)
@@ -161,17 +159,17 @@ def pack_recording(
     pipeline: PipelineConfig,
     graph: GraphConfig,
     transform: RecordingTransform | None = None,
-    calibration: Calibration | None = None,
+    overrides: Overrides = NO_OVERRIDES,
 ) -> Path:
     """Return the file of a prepared recording, and write it if it is missing.
 
     Its name is a digest of the recording's bytes, the settings and the code, so an
     existing file is always up to date.
     """
-    key = compute_pack_key(path, pipeline, graph, transform, calibration)
+    key = compute_pack_key(path, pipeline, graph, transform, overrides)
     target = folder / f"{key}.npz"
     if not target.exists():
-        recording = read_recording(path, calibration)
+        recording = read_recording(path, overrides)
         save_prepared(target, prepare_recording(recording, pipeline, graph, transform))
     return target
 
@@ -181,12 +179,12 @@ def compute_pack_key(
     pipeline: PipelineConfig,
     graph: GraphConfig,
     transform: RecordingTransform | None = None,
-    calibration: Calibration | None = None,
+    overrides: Overrides = NO_OVERRIDES,
 ) -> str:
     """Return the file name, without suffix, of a recording prepared with settings."""
     settings = f"{pipeline} {graph}"
-    if calibration is not None:
-        settings += f" {hashlib.sha256(calibration.to_bytes()).hexdigest()}"
+    if overrides.digest:
+        settings += f" {overrides.digest}"
     return compute_file_key(__name__, path, settings, transform)
 
 

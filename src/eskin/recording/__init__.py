@@ -21,6 +21,8 @@ from eskin.recording.labels import (
     sort_labels,
 )
 from eskin.recording.reader import (
+    NO_OVERRIDES,
+    Overrides,
     Recording,
     ScanArrays,
     find_recordings,
@@ -34,6 +36,7 @@ from eskin.recording.writer import RecordingWriter, rewrite_recording, write_all
 
 __all__ = [
     "NONE",
+    "NO_OVERRIDES",
     "AutoLabelConfig",
     "AutoLabelResult",
     "ConversionResult",
@@ -42,6 +45,7 @@ __all__ = [
     "Label",
     "LabelAgreement",
     "Metadata",
+    "Overrides",
     "Recording",
     "RecordingWriter",
     "ScanArrays",

@@ -1,5 +1,6 @@
 """This module finds recordings on disk and reads them, also truncated ones."""
 
+import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -35,11 +36,13 @@ from eskin.recording.records import (
     FORMAT,
     RECORD_NAME,
     SKIN_NAME,
+    URDF_NAME,
     DetectionRecord,
     EventRecord,
     Metadata,
     TruthRecord,
 )
+from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import Skin, skin_from_bytes
 from eskin.touch import Calibration, Scan
 
@@ -103,7 +106,9 @@ class Recording:
     path: Path
     """Path of the file."""
     robot_name: str
-    """Preset or URDF that the skin is mounted on."""
+    """Name of the robot that the skin is mounted on."""
+    urdf: bytes
+    """URDF of that robot; empty in recordings of presets, and in older ones."""
     joint_names: tuple[str, ...]
     """Names of the joints in the order of `Scan.q`."""
     skin: Skin
@@ -131,6 +136,14 @@ class Recording:
     def period(self) -> int:
         """Return the mean time between scans [ns]; 0 with fewer than two."""
         return (self.end - self.start) // (self.count - 1) if self.count > 1 else 0
+
+    def load_robot(self) -> Robot:
+        """Load the robot that the skin is mounted on.
+
+        Raises:
+            RobotError: the recording is not of a preset and lacks the URDF.
+        """
+        return load_recorded_robot(self.robot_name, self.urdf)
 
     def scans(self) -> Iterator[Scan]:
         """Read all scans from disk, up to the last whole chunk."""
@@ -209,14 +222,37 @@ def unusable_message(
     )
 
 
-def read_recording(
-    path: Path | str, calibration: Calibration | None = None
-) -> Recording:
+@dataclass(frozen=True)
+class Overrides:
+    """Overrides are used in place of what recordings hold."""
+
+    calibration: Calibration | None = None
+    """Calibration of the skin; None for the recorded one."""
+    urdf: bytes | None = None
+    """URDF of the robot; None for the recorded one."""
+
+    @property
+    def digest(self) -> str:
+        """Digest of what is overridden; empty for nothing."""
+        parts = {}
+        if self.calibration is not None:
+            parts["calibration"] = self.calibration.to_bytes()
+        if self.urdf is not None:
+            parts["urdf"] = self.urdf
+        return " ".join(
+            f"{name} {hashlib.sha256(part).hexdigest()}" for name, part in parts.items()
+        )
+
+
+NO_OVERRIDES = Overrides()
+
+
+def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Recording:
     """Read everything but the scans, which `Recording.scans` reads.
 
     Args:
         path: path of the recording.
-        calibration: calibration to use in place of the recorded one.
+        overrides: what to use in place of what it holds.
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.
@@ -230,6 +266,9 @@ def read_recording(
     for item in stream:
         parser.add(item)
     recording = parser.build_recording(stream.truncated)
+    if overrides.urdf is not None:
+        recording = replace(recording, urdf=overrides.urdf)
+    calibration = overrides.calibration
     if calibration is None:
         return recording
     if len(calibration.gain) != recording.skin.count:
@@ -247,7 +286,7 @@ def check_room(found: Sequence[object], most: int, what: str) -> None:
         raise RecordingError(f"there are more than {most:,} {what}; allowed are fewer")
 
 
-ATTACHMENTS = {SKIN_NAME, CALIBRATION_NAME}
+ATTACHMENTS = {SKIN_NAME, CALIBRATION_NAME, URDF_NAME}
 """Names of the attachments that are kept in memory."""
 
 
@@ -310,6 +349,7 @@ class RecordingParser:
         return Recording(
             path=self.path,
             robot_name=self.parse_robot_name(),
+            urdf=self.attachments.get(URDF_NAME, b""),
             joint_names=self.parse_joint_names(),
             skin=self.parse_skin(skin),
             calibration=Calibration.from_bytes(calibration),

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field
 RECORD_NAME = "eskin"
 SKIN_NAME = "skin"
 CALIBRATION_NAME = "calibration.json"
+URDF_NAME = "robot.urdf"
 FORMAT = "1"
 NOTE = "note."
 

@@ -40,12 +40,13 @@ from eskin.recording.records import (
     FORMAT,
     RECORD_NAME,
     SKIN_NAME,
+    URDF_NAME,
     DetectionRecord,
     EventRecord,
     Metadata,
     TruthRecord,
 )
-from eskin.robot import load_robot
+from eskin.robot import load_recorded_robot
 from eskin.skin import Skin, skin_to_bytes
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -71,22 +72,24 @@ class RecordingWriter:
         calibration: Calibration,
         metadata: Metadata,
         joint_names: tuple[str, ...] | None = None,
+        urdf: bytes = b"",
     ) -> None:
         """Open the file and write everything that stays the same for all scans.
 
         Args:
             path: path of the finished recording; its folder must exist.
-            robot_name: preset or URDF that the skin is mounted on; `table` for none.
+            robot_name: name of the robot that the skin is mounted on; `table` for none.
             skin: skin that is recorded.
             calibration: calibration of that skin.
             metadata: origin of the recording.
             joint_names: names in the order of `Scan.q`; None takes those of the robot.
+            urdf: URDF of the robot; empty for a preset, whose name says enough.
         """
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
         self.skin = skin
         if joint_names is None:
-            joint_names = load_robot(robot_name).joint_names
+            joint_names = load_recorded_robot(robot_name, urdf).joint_names
         self.joint_names = tuple(joint_names)
         self.last_stamp: int | None = None
         self.chunk_start: int | None = None
@@ -99,14 +102,14 @@ class RecordingWriter:
             ) from error
         self.mcap = McapWriter(self.file, "ros2", "eskin")
         try:
-            self.write_header(robot_name, calibration, metadata)
+            self.write_header(robot_name, urdf, calibration, metadata)
         except BaseException:
             self.file.close()
             self.part.unlink()
             raise
 
     def write_header(
-        self, robot_name: str, calibration: Calibration, metadata: Metadata
+        self, robot_name: str, urdf: bytes, calibration: Calibration, metadata: Metadata
     ) -> None:
         """Write metadata and attachments and declare the topics."""
         facts = {"format": FORMAT, "robot": robot_name, "skin": self.skin.name}
@@ -117,6 +120,8 @@ class RecordingWriter:
         self.mcap.add_attachment(
             CALIBRATION_NAME, "application/json", calibration.to_bytes()
         )
+        if urdf:
+            self.mcap.add_attachment(URDF_NAME, "application/xml", urdf)
         self.channels: dict[str, int] = {}
         for topic in TOPICS:
             if topic != JOINT_STATES or self.joint_names:
@@ -330,6 +335,7 @@ def rewrite_recording(
         recording.calibration,
         recording.metadata,
         recording.joint_names,
+        recording.urdf,
     )
     try:
         with writer:

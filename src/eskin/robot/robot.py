@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -79,6 +79,8 @@ class Robot:
     """Links, in the order in which poses are computed."""
     joints: tuple[Joint, ...]
     """Joints, those without a value in `q` included."""
+    urdf: bytes = field(default=b"", repr=False)
+    """URDF that it was read from; empty for a robot built in code."""
 
     def __post_init__(self) -> None:
         """Check that links and joints form one tree."""

@@ -45,27 +45,42 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
         RobotError: The file is missing or is no URDF that can be used.
     """
     path = Path(path)
-    root = parse_urdf(path)
-    reader = MeshReader(path.resolve().parent) if meshes else None
+    try:
+        data = read_file(path, MAX_URDF_BYTES)
+    except OSError as error:
+        raise RobotError(f"cannot read URDF {path}: {error.strerror}") from None
+    return parse_urdf(data, path, MeshReader(path.resolve().parent) if meshes else None)
+
+
+def parse_urdf(data: bytes, path: Path, reader: MeshReader | None = None) -> Robot:
+    """Read a robot from the bytes of a URDF.
+
+    Args:
+        data: the URDF.
+        path: where it comes from, for messages, and for a robot without a name.
+        reader: reader of its meshes; links have none without it.
+
+    Raises:
+        RobotError: It is no URDF that can be used.
+    """
+    root = parse_xml(data, path)
     try:
         check_counts(root)
         links = tuple(read_link(element, reader) for element in root.findall("link"))
         joints = tuple(read_joint(element) for element in root.findall("joint"))
-        return Robot(root.get("name") or path.stem, links, joints)
+        return Robot(root.get("name") or path.stem, links, joints, data)
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
 
 
-def parse_urdf(path: Path) -> Element:
-    """Return the <robot> element of a file."""
+def parse_xml(data: bytes, path: Path) -> Element:
+    """Return the <robot> element of a URDF; the path is for messages."""
     parser = ElementTree.XMLParser(target=LimitedTreeBuilder(path))
     try:
-        parser.feed(read_file(path, MAX_URDF_BYTES))
+        parser.feed(data)
         root = parser.close()
     except RobotError:
         raise
-    except OSError as error:
-        raise RobotError(f"cannot read URDF {path}: {error.strerror}") from None
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise RobotError(f"{path} is not XML ({error}); a URDF is wanted") from None
     if root.tag != "robot":

@@ -69,6 +69,7 @@ class RecordingFiles:
             info.calibration,
             metadata,
             info.joint_names,
+            info.urdf,
         )
 
     @property

@@ -21,7 +21,6 @@ from eskin.learn.ground_truth import Clip, read_clips
 from eskin.learn.prepared_recording import compute_file_key
 from eskin.learn.recording_transforms import Aging, AgingConfig, RecordingTransform
 from eskin.recording import Recording, find_recordings, read_recording
-from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
 
@@ -65,7 +64,7 @@ class Examples:
     def mounted(self) -> MountedSkin:
         """Return the skin of the clips on its robot."""
         first = read_recording(self.paths[0])
-        return MountedSkin(first.skin, load_recorded_robot(first.robot_name))
+        return MountedSkin(first.skin, first.load_robot())
 
     @property
     def place(self) -> str:
@@ -187,7 +186,7 @@ def read_pressures(
     recording: Recording, transform: RecordingTransform | None = None
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
     """Yield stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
-    mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
+    mounted = MountedSkin(recording.skin, recording.load_robot())
     pipeline = TouchPipeline(mounted, recording.calibration)
     scans = transform.transform_scans(recording) if transform else recording.scans()
     for scan in scans:

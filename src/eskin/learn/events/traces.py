@@ -22,10 +22,9 @@ from eskin.live import (
     compute_probabilities,
 )
 from eskin.model import DecisionConfig, Model
-from eskin.recording import Recording, read_recording
-from eskin.robot import load_recorded_robot
+from eskin.recording import NO_OVERRIDES, Overrides, Recording, read_recording
 from eskin.skin import MountedSkin
-from eskin.touch import Calibration, Touch
+from eskin.touch import Touch
 from eskin.units import NS_PER_S
 
 ANY_TRAVEL = DecisionConfig(still=float(np.finfo(float).tiny))
@@ -96,7 +95,7 @@ class Trace:
 
 def trace_recording(recording: Recording, model: Model) -> Trace:
     """Replay a recording through the recogniser and record each step."""
-    mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
+    mounted = MountedSkin(recording.skin, recording.load_robot())
     recognizer = Recognizer(model, mounted, recording.calibration, ANY_TRAVEL)
     steps: list[TraceStep] = []
     for scan in recording.scans():
@@ -167,7 +166,7 @@ def trace_recordings(
     paths: Sequence[Path],
     model: Model,
     workers: int = 1,
-    calibration: Calibration | None = None,
+    overrides: Overrides = NO_OVERRIDES,
 ) -> Iterator[TracedStream]:
     """Yield the traces of recordings, in their order.
 
@@ -175,23 +174,23 @@ def trace_recordings(
         paths: paths of the recordings.
         model: model to recognise with.
         workers: number of processes; 1 uses this process.
-        calibration: calibration to use in place of the recorded ones.
+        overrides: what to use in place of what the recordings hold.
 
     Raises:
         RecordingError: if one of them has neither labels nor ground truth.
     """
     count = max(1, min(workers, len(paths)))
-    jobs = (delayed(trace_file)(path, model, calibration) for path in paths)
+    jobs = (delayed(trace_file)(path, model, overrides) for path in paths)
     with parallel_config("loky", inner_max_num_threads=1):
         found: Any = Parallel(count, return_as="generator")(jobs)
     yield from found
 
 
 def trace_file(
-    path: Path, model: Model, calibration: Calibration | None = None
+    path: Path, model: Model, overrides: Overrides = NO_OVERRIDES
 ) -> TracedStream:
-    """Trace one recording, with another calibration where one is given."""
-    recording = read_recording(path, calibration)
+    """Trace one recording."""
+    recording = read_recording(path, overrides)
     if not recording.labels and not recording.metadata.simulated:
         raise RecordingError(
             f"{path} has no labels; scoring needs them; make some with: "
