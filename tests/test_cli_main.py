@@ -1,9 +1,11 @@
 """Tests of what all commands share: help, one line of JSON, one line of error."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import fields
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -69,7 +71,11 @@ def test_overview_lists_commands(words, capsys):
     code, out, err = call(capsys, words)
     assert (code, err) == (0, "")
     for name in COMMANDS:
-        assert f"eskin {name}\n" in out
+        assert re.search(rf"^  eskin {name} +[a-z].*$", out, re.MULTILINE)
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert call(capsys, "--version") == (0, f"eskin {version('eskin')}\n", "")
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -15,6 +15,7 @@ import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Annotated, Any
 
 import tyro
@@ -22,27 +23,38 @@ import tyro
 from eskin.cli.checks import check_files
 from eskin.errors import EskinError, StreamError
 
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry describes one command."""
+
+    function: str
+    """Module and name of its function, which takes the command's dataclass."""
+    summary: str
+    """What the command does, for the overview."""
+
+
 COMMANDS = {
-    "convert": "recordings:run_convert",
-    "label": "recordings:run_label",
-    "train": "train:run",
-    "evaluate": "evaluate:run",
-    "compare": "compare:run_compare",
-    "study": "compare:run_study",
-    "run": "run:run",
-    "replay": "recordings:run_replay",
-    "view": "recordings:run_view",
-    "generate": "generate:run",
-    "demo": "demo:run",
-    "device": "device:run",
-    "calibrate": "calibrate:run",
-    "skin show": "skin:run_show",
-    "skin check": "skin:run_check",
-    "bench latency": "bench_latency:run",
-    "bench throughput": "bench_throughput:run",
-    "doctor": "doctor:run",
+    "run": Entry("run:run", "recognise live: devices, a recording, a simulation"),
+    "demo": Entry("demo:run", "touch a simulated skin and arm in the browser"),
+    "replay": Entry("recordings:run_replay", "recognise a recording as if live"),
+    "view": Entry("recordings:run_view", "play and label a recording in the browser"),
+    "label": Entry("recordings:run_label", "label the touches of a recording"),
+    "train": Entry("train:run", "train the recogniser on recordings"),
+    "evaluate": Entry("evaluate:run", "score a model on labelled recordings"),
+    "compare": Entry("compare:run_compare", "compare methods on the same recordings"),
+    "study": Entry("compare:run_study", "compare variants of the network"),
+    "generate": Entry("generate:run", "generate recordings of simulated people"),
+    "convert": Entry("recordings:run_convert", "convert a public data set"),
+    "calibrate": Entry("calibrate:run", "measure rest, noise and gain of a skin"),
+    "device": Entry("device:run", "act as a device: send scans over UDP or serial"),
+    "skin show": Entry("skin:run_show", "draw a skin, and what it feels"),
+    "skin check": Entry("skin:run_check", "check a skin's files"),
+    "bench latency": Entry("bench_latency:run", "time one step of the recogniser"),
+    "bench throughput": Entry("bench_throughput:run", "time many skins at once"),
+    "doctor": Entry("doctor:run", "check the installation and the devices"),
 }
-"""Module and function of each command; the function takes the command's dataclass."""
+"""Entries of the commands, by name."""
 
 CHECKED_FIRST = ("compare", "demo", "evaluate", "run", "study", "train")
 """Commands that take a second or more before they read their files."""
@@ -69,6 +81,9 @@ def run(argv: list[str]) -> int:
     """Run one command line and return its exit code."""
     if not argv or argv[0] in ("-h", "--help"):
         print(format_overview())
+        return 0
+    if argv == ["--version"]:
+        print(f"eskin {version('eskin')}")
         return 0
     try:
         name, rest = split_command(argv)
@@ -101,7 +116,7 @@ def run(argv: list[str]) -> int:
 
 def load_command(name: str) -> tuple[Callable[[Any], dict[str, object]], type]:
     """Import a command's module; return its function and the dataclass it takes."""
-    module, function_name = COMMANDS[name].split(":")
+    module, function_name = COMMANDS[name].function.split(":")
     function = getattr(importlib.import_module(f"eskin.cli.{module}"), function_name)
     return function, inspect.signature(function).parameters["command"].annotation
 
@@ -159,7 +174,10 @@ def print_error(message: str) -> int:
 def format_overview() -> str:
     """List the commands, one on each line."""
     rows = ["eskin: touch gestures from a robot's electronic skin", ""]
-    rows += [f"  eskin {name}" for name in COMMANDS]
+    width = max(map(len, COMMANDS))
+    rows += [
+        f"  eskin {name:{width}}  {entry.summary}" for name, entry in COMMANDS.items()
+    ]
     return "\n".join([*rows, "", "eskin COMMAND --help explains one."])
 
 
