@@ -36,23 +36,23 @@ class Entry:
 
 COMMANDS = {
     "run": Entry("run:run", "recognise live: devices, a recording, a simulation"),
-    "demo": Entry("demo:run", "touch a simulated skin and arm in the browser"),
+    "demo": Entry("demo:run", "touch a simulated arm at work in the browser"),
     "replay": Entry("recordings:run_replay", "recognise a recording as if live"),
     "view": Entry("recordings:run_view", "play and label a recording in the browser"),
-    "label": Entry("recordings:run_label", "label the touches of a recording"),
+    "label": Entry("recordings:run_label", "label touches by their pressure"),
     "train": Entry("train:run", "train the recogniser on recordings"),
     "evaluate": Entry("evaluate:run", "score a model on labelled recordings"),
     "compare": Entry("compare:run_compare", "compare methods on the same recordings"),
-    "study": Entry("compare:run_study", "compare variants of the network"),
+    "study": Entry("compare:run_study", "compare neighbours and pooling"),
     "generate": Entry("generate:run", "generate recordings of simulated people"),
     "convert": Entry("recordings:run_convert", "convert a public data set"),
     "calibrate": Entry("calibrate:run", "measure rest, noise and gain of a skin"),
-    "device": Entry("device:run", "act as a device: send scans over UDP or serial"),
-    "skin show": Entry("skin:run_show", "draw a skin, and what it feels"),
+    "device": Entry("device:run", "act as a skin: send simulated or recorded touches"),
+    "skin show": Entry("skin:run_show", "describe and draw a skin, or what it feels"),
     "skin check": Entry("skin:run_check", "check a skin's files"),
     "bench latency": Entry("bench_latency:run", "time one step of the recogniser"),
-    "bench throughput": Entry("bench_throughput:run", "time many skins at once"),
-    "doctor": Entry("doctor:run", "check the installation and the devices"),
+    "bench throughput": Entry("bench_throughput:run", "recognise at a rate"),
+    "doctor": Entry("doctor:run", "check the installation, compile all code"),
 }
 """Entries of the commands, by name."""
 
