@@ -10,14 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from eskin.cli.main import (
-    COMMANDS,
-    STOPPED,
-    format_one_line,
-    load_command,
-    main,
-    run,
-)
+from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
+from eskin.cli.parse_errors import rewrite_parse_error
 
 ARGUMENTS = {
     "convert": "sleeve in out",
@@ -95,12 +89,12 @@ def test_help_describes_command_and_names_every_option(name, capsys):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_unknown_option_is_refused(name, refuse):
     words = f"{name} {ARGUMENTS[name]} --colour red"
-    refuse(words, f"eskin {name}: Unrecognized options: --colour, red")
+    refuse(words, "--colour is no option", f"see eskin {name} --help")
 
 
 @pytest.mark.parametrize("name", ["convert", "generate", "evaluate", "run", "train"])
 def test_missing_argument_is_refused(name, refuse):
-    refuse(name, f"eskin {name}: ")
+    refuse(name, "is missing; give it", f"see eskin {name} --help")
 
 
 @pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_PATH))
@@ -111,16 +105,25 @@ def test_missing_path_is_refused(name, refuse):
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        ("dance", ("'dance'", "convert, label, train")),
+        ("dance", ("'dance'", "run, demo, replay")),
         ("skin", ("'skin'", "skin show, skin check")),
         ("skin paint", ("'skin'",)),
         ("--json train", ("'--json'",)),
-        ("convert glove in out", ("'glove'", "'dataset'")),
-        ("train a --out m --seed x", ("--seed",)),
+        ("convert glove in out", ("dataset is 'glove'; allowed are sleeve, s",)),
+        ("train a --out m --seed x", ("--seed is 'x'; allowed is a whole number",)),
+        ("run --source a --seconds x", ("--seconds is 'x'; allowed is a number;",)),
+        ("run --source a --q 1 b", ("--q is '1 b'; allowed is a number for each",)),
+        ("run --source a --pace", ("--pace has no value; give one",)),
+        ("demo --headles", ("--headles is no option", "did you mean --headless?")),
+        (
+            "train a --out m --train.shares a b",
+            ("--train.shares is no name and number",),
+        ),
         ("train a --out m --train.epochs 0", ("epochs is 0",)),
-        ("train a --out", ("--out",)),
-        ("label a --threshold much", ("--threshold",)),
-        ("skin check sleeve --tolerance much", ("--tolerance",)),
+        ("train a --out", ("--out has no value",)),
+        ("label a --threshold much", ("--threshold is 'much'; allowed is",)),
+        ("skin check sleeve --tolerance much", ("--tolerance is 'much'; allowed",)),
+        ("skin check sleeve --tolerance -1", ("--tolerance is -1", "0 or more")),
         ("run --source sim:a --record b --piece-mb inf", ("finite",)),
     ],
 )
@@ -196,7 +199,7 @@ def test_json_is_last_line_where_asked(capsys):
     ],
 )
 def test_error_of_parser_is_reduced_to_its_words(text, expected):
-    assert format_one_line(text, "train") == f"eskin train: {expected}"
+    assert rewrite_parse_error(text, "train") == f"eskin train: {expected}"
 
 
 def test_closed_output_ends_a_command_quietly():

@@ -11,7 +11,6 @@ import inspect
 import io
 import json
 import os
-import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from typing import Annotated, Any
 import tyro
 
 from eskin.cli.checks import check_files
+from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, StreamError
 
 
@@ -151,18 +151,7 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
     except SystemExit as stop:
         if stop.code == 0:
             raise
-        raise ValueError(format_one_line(tyro_error.getvalue(), name)) from None
-
-
-def format_one_line(message: str, name: str) -> str:
-    """Reduce an error of tyro to its words, without the box drawn around them."""
-    words = message.translate({ord(c): " " for c in "╭╮╰╯│─├┤"}).split()
-    text = " ".join(word for word in words if not re.fullmatch("[-+|]{3,}", word))
-    # tyro calls the command and its output `0` and `1`.
-    text = re.sub(r"(?<![\w.])[01]\.(?=[a-z])", "", text)
-    for title in ("Parsing error ", "Unrecognized options "):
-        text = text.removeprefix(title)
-    return f"eskin {name}: {text}"
+        raise ValueError(rewrite_parse_error(tyro_error.getvalue(), name)) from None
 
 
 def print_error(message: str) -> int:

@@ -235,6 +235,16 @@ class CheckCommand:
     wait: float = 30.0
     """Longest time to wait for each press of --live [s]."""
 
+    def __post_init__(self) -> None:
+        """Raise if a number is out of range."""
+        for name in ("tolerance", "wait"):
+            value = getattr(self, name)
+            if not 0 <= value < np.inf:
+                raise ValueError(
+                    f"--{name} is {value:g}; allowed is a number of 0 or more; change "
+                    "it"
+                )
+
 
 def run_check(command: CheckCommand) -> dict[str, object]:
     """Check one skin; print one line for each problem, then raise one error."""

@@ -1,0 +1,109 @@
+"""This module rewrites the errors of tyro, which parses the arguments of commands.
+
+tyro draws boxes, and speaks of types of Python. What it says is reduced to one line
+that names the option, what was given, what is allowed and what to do.
+"""
+
+import re
+from collections.abc import Callable
+
+BOX = {ord(character): " " for character in "╭╮╰╯│─├┤"}
+KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path"}
+"""Descriptions of what tyro names by its type."""
+TITLES = "Parsing error|Value error|Unrecognized options|Required options"
+TITLES += "|Missing argument|Invalid choice"
+
+
+def rewrite_parse_error(message: str, name: str) -> str:
+    """Return an error of tyro as one line.
+
+    Args:
+        message: what tyro printed.
+        name: name of the command, without `eskin`.
+    """
+    text = re.sub(rf"^(?:{TITLES}) ", "", flatten(message))
+    for pattern, describe in REWRITTEN:
+        found = re.search(pattern, text)
+        if found is not None:
+            return f"{describe(found)}; see eskin {name} --help"
+    return f"eskin {name}: {text}"
+
+
+def flatten(message: str) -> str:
+    """Return the words of a message, without the box drawn around them."""
+    words = message.translate(BOX).split()
+    text = " ".join(word for word in words if not re.fullmatch("[-+|]{3,}", word))
+    # tyro calls the command and its output `0` and `1`.
+    text = re.sub(r"(?<![\w.])[01]\.(?=[a-z])", "", text)
+    return re.split(r" (?:Argument helptext:|For full helptext)", text)[0]
+
+
+def describe_unknown(found: re.Match[str]) -> str:
+    """Describe options that the command does not have."""
+    unknown, meant = found["unknown"].split(", ")[0], found["meant"]
+    remedy = f"did you mean {meant}?" if meant else "take it out, or correct it"
+    return f"{unknown} is no option or argument of the command; {remedy}"
+
+
+def describe_missing(found: re.Match[str]) -> str:
+    """Describe options that are required."""
+    names = re.findall(r"(?<!\S)(--[a-z][\w.-]*|[A-Z]+(?= ))", found["missing"])
+    return f"{names[0] if names else found['missing']} is missing; give it"
+
+
+def describe_choice(found: re.Match[str]) -> str:
+    """Describe a word that is none of some."""
+    allowed = ", ".join(re.findall(r"'([^']*)'", found["allowed"]))
+    return f"{found['option']} is '{found['got']}'; allowed are {allowed}; take one"
+
+
+def describe_value(found: re.Match[str]) -> str:
+    """Describe a value of the wrong type."""
+    kind = found["kind"].replace("{None}|", "").strip("{}")
+    several = re.fullmatch(r"\[(?P<kind>[A-Z]+) \[\w+ \.\.\.\]\]", kind)
+    allowed = KINDS.get(kind, kind)
+    if several is not None:
+        allowed = f"{KINDS.get(several['kind'], several['kind'])} for each"
+    got = " ".join(re.findall(r"'([^']*)'", found["got"]))
+    return f"{found['option']} is '{got}'; allowed is {allowed}; correct it"
+
+
+def describe_number(found: re.Match[str]) -> str:
+    """Describe a value that is no number."""
+    allowed = KINDS["INT" if "int()" in found["kind"] else "FLOAT"]
+    return f"{found['option']} is {found['got']}; allowed is {allowed}; correct it"
+
+
+REWRITTEN: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
+    (
+        r"Unrecognized options: (?P<unknown>.*?)"
+        r"(?: Perhaps you meant:? (?P<meant>--\S+).*)?$",
+        describe_unknown,
+    ),
+    (r"Missing from [^:]*: (?P<missing>.*)", describe_missing),
+    (
+        r"Missing value for argument '(?P<option>[^']*)'",
+        lambda found: f"{found['option']} has no value; give one after it",
+    ),
+    (
+        r"[Ii]nvalid choice '(?P<got>[^']*)' for argument '(?P<option>[^']*)'\. "
+        r"Expected one of \((?P<allowed>.*)\)",
+        describe_choice,
+    ),
+    (
+        r"Error parsing (?P<option>\S+): no type matching (?P<kind>.*?) could be "
+        r"instantiated from \[(?P<got>.*?)\]\.",
+        describe_value,
+    ),
+    (
+        r"Error parsing (?P<option>\S+): (?P<kind>invalid literal for int\(\).*?|could "
+        r"not convert string to float): (?P<got>'.*?')$",
+        describe_number,
+    ),
+    (
+        r"Error parsing (?P<option>--\S+): Failed to parse key-value pairs",
+        lambda found: f"{found['option']} is no name and number; give both",
+    ),
+    (r"Error parsing [a-z]\S*: (?P<text>.*)", lambda found: found["text"]),
+)
+"""Patterns of what tyro says, and what is said instead."""
