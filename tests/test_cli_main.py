@@ -25,6 +25,7 @@ ARGUMENTS = {
     "device": "gone --play a.mcap",
     "calibrate": "replay:gone.mcap --out a.json",
     "view": "a.mcap",
+    "record": "replay:gone.mcap --out a.mcap --gestures a b",
     "demo": "--headless",
     "replay": "a.mcap --model m",
     "skin show": "gone",

@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from eskin.cli.checks import check_writable
+from eskin.cli.guided import open_guided_source, print_line
 from eskin.cli.run import DEFAULT_PORT
 from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError, RecordingError
@@ -111,7 +112,8 @@ def run(command: CalibrateCommand) -> dict[str, object]:
     config = build_config(command)
     is_live = not command.source[0].startswith("replay:")
     with ExitStack() as stack:
-        source = stack.enter_context(open_calibrated(command))
+        pace = 1.0 if command.view else math.inf
+        source = stack.enter_context(open_guided_source(command, pace))
         info = source.info
         robot = load_recorded_robot(info.robot_name, info.urdf, command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
@@ -177,39 +179,6 @@ def build_config(command: CalibrateCommand) -> "GuideConfig":
     from eskin.calibration import GuideConfig
 
     return GuideConfig(command.seconds, command.presses, command.patch, command.force)
-
-
-def open_calibrated(command: CalibrateCommand) -> "Source":
-    """Open the device, or the recording as fast as it is read.
-
-    Raises:
-        DeviceError: the source is neither.
-    """
-    from eskin.app import SourceConfig, open_source
-    from eskin.drivers import read_key
-
-    kinds = {uri.partition(":")[0] for uri in command.source}
-    if not kinds <= {"serial", "udp", "replay"}:
-        raise DeviceError(
-            f"source is '{' '.join(command.source)}'; allowed are serial:PATH, "
-            "udp://HOST:PORT and replay:FILE; correct it"
-        )
-    if command.skin is None and "replay" not in kinds:
-        raise DeviceError(
-            f"{command.source[0]} is given without --skin; allowed is a preset's name "
-            "or a skin's folder; say whose patches they are"
-        )
-    config = SourceConfig(
-        skin=command.skin,
-        robot=command.robot_urdf,
-        calibration=command.calibration,
-        rate=command.rate,
-        pace=1.0 if command.view else math.inf,
-        baud=command.baud,
-        allow_remote=command.allow_remote,
-        key=None if command.key is None else read_key(command.key),
-    )
-    return open_source(*command.source, config=config)
 
 
 def open_page(
@@ -288,8 +257,7 @@ def guide_person(
 
 def say(line: str, page: "CalibrationViewer | None" = None) -> None:
     """Print a line unless it is empty, and add it to the log of the page."""
-    if line:
-        print(line, flush=True)
+    print_line(line)
     if line and page is not None:
         page.tell(line)
 

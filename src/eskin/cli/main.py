@@ -37,6 +37,7 @@ class Entry:
 COMMANDS = {
     "run": Entry("run:run", "recognise live: devices, a recording, a simulation"),
     "demo": Entry("demo:run", "touch a simulated arm at work in the browser"),
+    "record": Entry("record:run", "record and label gestures of your own"),
     "replay": Entry("recordings:run_replay", "recognise a recording as if live"),
     "view": Entry("recordings:run_view", "play and label a recording in the browser"),
     "label": Entry("recordings:run_label", "label touches by their pressure"),

@@ -1,0 +1,243 @@
+"""`eskin record` guides a person through gestures of their own, and labels them."""
+
+import queue
+import sys
+import threading
+from collections.abc import Iterable
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from eskin.cli.checks import check_writable
+from eskin.cli.guided import open_guided_source, print_line
+from eskin.errors import RecordingError
+
+if TYPE_CHECKING:
+    from eskin.recording import RecordingWriter
+    from eskin.recording.guided import TakeEvent, TakeGuide, TakeReview
+    from eskin.touch import Scan
+
+MAX_GESTURES, MAX_TIMES = 50, 1000
+KEYS = "a: again, the last one was wrong; s: skip the gesture; q: finish (then Enter)"
+
+
+@dataclass(frozen=True)
+class RecordCommand:
+    """Record gestures of your own: make each when it is asked for, and it is labelled.
+
+    Keep your hands off at first. A gesture is over when nothing has touched the skin
+    for half a second. `none` is what you do to the robot without meaning anything:
+    lean, brush past, rest a hand. Then: eskin train FILE --start ur5 --out MODEL.
+    """
+
+    source: tyro.conf.Positional[tuple[str, ...]]
+    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE, a
+    recording of the gestures in the order in which they are asked for."""
+
+    out: Path
+    """Path of the recording to write (.mcap)."""
+
+    gestures: tuple[str, ...]
+    """Names of the gestures; with none, the recogniser learns what is no gesture."""
+
+    times: int = 10
+    """Number of times that each is asked for, in turns."""
+
+    skin: str | None = None
+    """Skin of the device: a preset's name or a skin's folder. A recording has its own.
+    """
+
+    person: str = ""
+    """Name of the person, so that people can be told apart when scoring."""
+
+    session: str = ""
+    """Name of the session."""
+
+    robot_urdf: str | None = None
+    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
+    have their own."""
+
+    calibration: Path | None = None
+    """Calibration file of the electronics, as eskin calibrate writes it. By default it
+    is that of the recording, or calibration.json in the skin's folder, else a nominal
+    calibration."""
+
+    rate: float | None = None
+    """Rate of the device's scans [1/s]; by default the one that it announces."""
+
+    baud: int = 1_000_000
+    """Baud rate of serial ports; ignored by ports that are USB only."""
+
+    allow_remote: bool = False
+    """Accept UDP packets from other computers without --key."""
+
+    key: Path | None = None
+    """Key file of the patches; packets without a valid seal are refused."""
+
+
+def run(command: RecordCommand) -> dict[str, object]:
+    """Record until every gesture was made often enough, and return what there is."""
+    from eskin.recording import Metadata, RecordingWriter
+    from eskin.recording.guided import TakeGuide, review_takes
+    from eskin.robot import load_recorded_robot
+    from eskin.skin import MountedSkin
+
+    check_options(command)
+    with ExitStack() as stack:
+        source = stack.enter_context(open_guided_source(command, pace=float("inf")))
+        info = source.info
+        robot = load_recorded_robot(info.robot_name, info.urdf, command.robot_urdf)
+        mounted = MountedSkin(info.skin, robot)
+        guide = TakeGuide(mounted, info.calibration, command.gestures, command.times)
+        print_line(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")
+        writer = stack.enter_context(
+            RecordingWriter(
+                command.out,
+                info.robot_name,
+                info.skin,
+                info.calibration,
+                Metadata("recorded", command.person, command.session),
+                info.joint_names,
+                info.urdf,
+            )
+        )
+        with suppress(KeyboardInterrupt):
+            record_takes(source, guide, writer)
+        write_last_label(guide, writer)
+        if not guide.takes:
+            raise RecordingError(
+                f"{info.uri} had no gesture; allowed is one or more; touch the skin "
+                f"when asked to; its scans are kept in {writer.part}"
+            )
+    review = review_takes(guide.takes, command.gestures)
+    for line in describe_review(review, command):
+        print_line(line)
+    return {
+        "out": str(command.out),
+        "takes": review.counts,
+        "nearest_right": review.nearest_right,
+        "few": list(review.few),
+    }
+
+
+def check_options(command: RecordCommand) -> None:
+    """Raise if an option is out of range, or the file cannot be written.
+
+    Raises:
+        ValueError: for an option.
+        EskinError: for the file.
+    """
+    names = command.gestures
+    if not 2 <= len(names) <= MAX_GESTURES or len(set(names)) < len(names):
+        raise ValueError(
+            f"--gestures are {', '.join(names) or 'not given'}; allowed are 2 to "
+            f"{MAX_GESTURES} different names; add none, for touches without meaning"
+        )
+    wrong = [name for name in names if name != name.strip().lower() or not name]
+    if wrong:
+        raise ValueError(
+            f"--gestures has '{wrong[0]}'; allowed are names in lower case; change it"
+        )
+    if not 1 <= command.times <= MAX_TIMES:
+        raise ValueError(
+            f"--times is {command.times}; allowed are 1 to {MAX_TIMES}; change it"
+        )
+    check_writable(command.out)
+
+
+def record_takes(
+    scans: "Iterable[Scan]", guide: "TakeGuide", writer: "RecordingWriter"
+) -> None:
+    """Write scans until every gesture has its takes, and say what to do.
+
+    The label of a take is written when the next one is complete, since it may be
+    repeated until then.
+    """
+    keys = listen_to_keys()
+    print_line(f"hands off for a moment; {KEYS}")
+    for scan in scans:
+        writer.write(scan)
+        event = guide.push(scan)
+        if event is not None:
+            if event.take is not None and len(guide.takes) > 1:
+                writer.write_label(guide.takes[-2].label)
+            print_line(describe_event(event))
+            if event.kind != "began":
+                print_line(describe_request(guide))
+        while not keys.empty():
+            obey_key(keys.get(), guide)
+        if guide.is_ready and guide.touch is None and guide.request is None:
+            return
+
+
+def write_last_label(guide: "TakeGuide", writer: "RecordingWriter") -> None:
+    """Write the label of the last take, unless that was dropped."""
+    if guide.takes and not guide.is_last_kept:
+        writer.write_label(guide.takes[-1].label)
+
+
+def listen_to_keys() -> "queue.SimpleQueue[str]":
+    """Return the lines that are typed in a terminal from now on; none without one."""
+    typed: queue.SimpleQueue[str] = queue.SimpleQueue()
+    if sys.stdin.isatty():
+
+        def read() -> None:
+            for line in sys.stdin:
+                typed.put(line.strip().lower())
+
+        threading.Thread(target=read, daemon=True).start()
+    return typed
+
+
+def obey_key(key: str, guide: "TakeGuide") -> None:
+    """Do what was typed."""
+    if key == "a":
+        dropped = guide.again()
+        print_line(
+            "nothing to repeat" if dropped is None else f"{dropped.gesture} is dropped"
+        )
+    elif key == "s":
+        print_line(f"{guide.request} is left out")
+        guide.skip()
+    elif key == "q":
+        guide.skipped.update(guide.gestures)
+    elif key:
+        print_line(f"'{key}' is no key; allowed are {KEYS}")
+    print_line(describe_request(guide))
+
+
+def describe_request(guide: "TakeGuide") -> str:
+    """Describe which gesture to make now; empty where none is missing."""
+    gesture = guide.request
+    if not guide.is_ready or gesture is None:
+        return ""
+    return f"{gesture} ({guide.count_takes(gesture) + 1} of {guide.times}): touch now"
+
+
+def describe_event(event: "TakeEvent") -> str:
+    """Describe what a scan has led to; empty where there is nothing to say."""
+    if event.kind == "refused":
+        return f"  not used: {event.text}"
+    take = event.take
+    if take is None:
+        return ""
+    return f"  {take.seconds:.2f} s, {take.force:.1f} N, {take.taxels} taxels"
+
+
+def describe_review(review: "TakeReview", command: RecordCommand) -> list[str]:
+    """Describe what was recorded, and what is missing, in lines."""
+    counts = ", ".join(f"{count} of {name}" for name, count in review.counts.items())
+    total = sum(review.counts.values())
+    lines = [
+        f"written to {command.out}: {counts}",
+        f"{review.nearest_right} of {total} are most like another of their own gesture",
+    ]
+    if review.confused is not None:
+        one, other, times = review.confused
+        lines.append(f"  {one} is most like {other} {times} times")
+    if review.few:
+        lines.append(f"  few examples of {', '.join(review.few)}; record more of them")
+    return lines

@@ -1,0 +1,267 @@
+"""This module guides a person through recording gestures, and labels them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.recording.labels import Label
+from eskin.skin import MountedSkin
+from eskin.touch import Calibration, Contact, Scan, TouchPipeline, TouchState
+from eskin.units import NS_PER_S
+
+REST = 2.5
+"""Time without touch before the first gesture, in which the skin is tared [s]."""
+LONGEST = 10.0
+"""Longest time that a gesture may last [s]."""
+FULL = 0.99
+"""Share of full scale from which a taxel is saturated."""
+MAX_SATURATED = 0.3
+"""Largest share of the taxels of a contact that may be saturated at its peak."""
+FEWEST = 5
+"""Number of takes of a gesture from which it can be learned."""
+
+
+@dataclass(frozen=True)
+class Take:
+    """A take is one gesture that a person was asked for and made."""
+
+    gesture: str
+    """Name of the gesture."""
+    start: int
+    """First reading with contact [ns since the epoch]."""
+    end: int
+    """First reading after the last contact [ns since the epoch]."""
+    force: float
+    """Largest force [N], relative where the skin is not calibrated."""
+    taxels: int
+    """Largest number of taxels in contact."""
+    features: Float[np.ndarray, "feature"]
+    """Logarithms of duration, force, area, taxels, pieces and distance travelled."""
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return (self.end - self.start) / NS_PER_S
+
+    @property
+    def label(self) -> Label:
+        """Label of the take."""
+        return Label(self.start, self.end, self.gesture)
+
+
+@dataclass(frozen=True)
+class TakeEvent:
+    """An event is what a scan has led to."""
+
+    kind: Literal["ready", "began", "taken", "refused", "done"]
+    """`ready`: the skin is tared, and the first gesture may be made; `began`: a touch
+    began; `taken`: a take was labelled; `refused`: a touch was not, for `text`; `done`:
+    every gesture has its takes."""
+    text: str = ""
+    """Reason for which a touch is refused."""
+    take: Take | None = None
+    """What was labelled."""
+
+
+@final
+class TakeGuide:
+    """A guide asks for gestures in turn, and labels each from its first contact on.
+
+    It is pushed scan by scan, and knows neither device nor terminal. A take ends when
+    nothing has touched the skin for as long as a touch may pause.
+
+    Attributes:
+        takes: takes so far.
+        skipped: gestures that are no longer asked for.
+    """
+
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        calibration: Calibration,
+        gestures: Sequence[str],
+        times: int,
+    ) -> None:
+        """Start with rest.
+
+        Args:
+            mounted: the skin on its robot.
+            calibration: its calibration.
+            gestures: names of the gestures, in the order in which they are asked for.
+            times: number of takes of each.
+        """
+        self.mounted, self.calibration = mounted, calibration
+        self.gestures, self.times = tuple(gestures), times
+        self.pipeline = TouchPipeline(mounted, calibration)
+        self.takes: list[Take] = []
+        self.is_last_kept = True
+        self.skipped: set[str] = set()
+        self.rested_since: int | None = None
+        self.is_ready = False
+        self.touch: TouchSummary | None = None
+
+    def count_takes(self, gesture: str) -> int:
+        """Return the number of takes of a gesture so far."""
+        return sum(take.gesture == gesture for take in self.takes)
+
+    @property
+    def request(self) -> str | None:
+        """Gesture that is asked for; None where none is missing.
+
+        All gestures take turns, so that what changes in time changes for all of them.
+        """
+        left = [each for each in self.gestures if each not in self.skipped]
+        fewest = min(left, key=self.count_takes, default=None)
+        if fewest is None or self.count_takes(fewest) >= self.times:
+            return None
+        return fewest
+
+    def again(self) -> Take | None:
+        """Drop the last take, which is asked for anew, and return it.
+
+        None where it has been dropped already: the one before it is kept.
+        """
+        if self.is_last_kept or not self.takes:
+            return None
+        self.is_last_kept = True
+        return self.takes.pop()
+
+    def skip(self) -> None:
+        """Ask no more for the gesture that is asked for."""
+        if self.request is not None:
+            self.skipped.add(self.request)
+
+    def push(self, scan: Scan) -> TakeEvent | None:
+        """Process the next scan, and return what it has led to."""
+        state = self.pipeline.push(scan)
+        if not self.is_ready:
+            return self.push_rest(state)
+        if self.touch is None:
+            if not state.open:
+                return None
+            self.touch = TouchSummary(min(touch.onset for touch in state.open))
+            self.touch.add(scan, state, self.calibration.full_scale)
+            return TakeEvent("began")
+        if state.open:
+            self.touch.add(scan, state, self.calibration.full_scale)
+            return None
+        ended, self.touch = self.touch, None
+        text = ended.describe_refusal()
+        if text:
+            return TakeEvent("refused", text)
+        take = ended.build_take(self.request or "")
+        self.takes.append(take)
+        self.is_last_kept = False
+        return TakeEvent("taken" if self.request else "done", take=take)
+
+    def push_rest(self, state: TouchState) -> TakeEvent | None:
+        """Wait until the skin has been at rest for long enough."""
+        stamp = state.reading.stamp
+        if self.rested_since is None or state.open:
+            self.rested_since = stamp
+        self.is_ready = stamp - self.rested_since >= REST * NS_PER_S
+        return TakeEvent("ready") if self.is_ready else None
+
+
+class TouchSummary:
+    """A summary collects what a take needs to know of the touches of one gesture."""
+
+    def __init__(self, onset: int) -> None:
+        """Start at the first contact [ns since the epoch]."""
+        self.onset = self.last = onset
+        self.after: int | None = None
+        self.force = self.area = self.saturated = self.travelled = 0.0
+        self.taxels = self.pieces = 0
+        self.strongest: Contact | None = None
+
+    def add(self, scan: Scan, state: TouchState, full_scale: int) -> None:
+        """Add a scan and its contacts."""
+        contacts, stamp = state.contacts, state.reading.stamp
+        if not contacts:
+            self.after = self.after or stamp
+            self.strongest = None
+            return
+        self.last, self.after = stamp, None
+        strongest = max(contacts, key=lambda contact: contact.force)
+        before, self.strongest = self.strongest, strongest
+        self.pieces += before is None
+        if before is not None and before.link == strongest.link:
+            step = strongest.p_link - before.p_link
+            self.travelled += float(np.linalg.norm(step))
+        taxels = np.concatenate([contact.taxels for contact in contacts])
+        self.area = max(self.area, sum(contact.area for contact in contacts))
+        self.taxels = max(self.taxels, len(taxels))
+        force = sum(contact.force for contact in contacts)
+        if force > self.force:
+            self.force = force
+            self.saturated = float(np.mean(scan.counts[taxels] >= FULL * full_scale))
+
+    def describe_refusal(self) -> str:
+        """Describe why it is no take; empty if it is one."""
+        seconds = (self.last - self.onset) / NS_PER_S
+        if seconds > LONGEST:
+            return f"it lasted {seconds:.0f} s; allowed are {LONGEST:g}"
+        if self.saturated > MAX_SATURATED:
+            return "most of the taxels were at full scale; press more lightly"
+        return ""
+
+    def build_take(self, gesture: str) -> Take:
+        """Build the take of a gesture."""
+        end = self.after or self.last + 1
+        values = (
+            (end - self.onset) / NS_PER_S,
+            self.force,
+            1e4 * self.area,
+            self.taxels,
+            self.pieces,
+            1e2 * self.travelled + 1.0,
+        )
+        features = np.log(np.maximum(values, 1e-3))
+        return Take(gesture, self.onset, end, self.force, self.taxels, features)
+
+
+@dataclass(frozen=True)
+class TakeReview:
+    """A review says whether takes are enough, and distinct, to be learned from."""
+
+    counts: dict[str, int]
+    """Number of takes of each gesture."""
+    nearest_right: int
+    """Number of takes whose nearest other take is of the same gesture."""
+    confused: tuple[str, str, int] | None
+    """Gesture, the one that its takes are nearest to most often, and how often; None
+    where no take is nearest to another gesture."""
+
+    @property
+    def few(self) -> tuple[str, ...]:
+        """Gestures with fewer takes than can be learned from."""
+        return tuple(name for name, count in self.counts.items() if count < FEWEST)
+
+
+def review_takes(takes: Sequence[Take], gestures: Sequence[str]) -> TakeReview:
+    """Compare each take to its nearest other one, by features in units of their spread.
+
+    Args:
+        takes: all takes.
+        gestures: names of the gestures that were asked for.
+    """
+    counts = {name: sum(take.gesture == name for take in takes) for name in gestures}
+    if len(takes) < 2:
+        return TakeReview(counts, 0, None)
+    features = np.array([take.features for take in takes])
+    features = features / np.maximum(features.std(axis=0), 0.05)
+    distances = np.linalg.norm(features[:, None] - features, axis=2)
+    np.fill_diagonal(distances, np.inf)
+    pairs = [
+        (take.gesture, takes[other].gesture)
+        for take, other in zip(takes, distances.argmin(axis=1), strict=True)
+    ]
+    wrong = [pair for pair in pairs if pair[0] != pair[1]]
+    confused = None
+    if wrong:
+        pair = max(sorted(set(wrong)), key=wrong.count)
+        confused = (*pair, wrong.count(pair))
+    return TakeReview(counts, len(pairs) - len(wrong), confused)

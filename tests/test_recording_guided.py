@@ -1,0 +1,138 @@
+"""Tests of guided recording: each gesture is labelled from its first contact on."""
+
+import numpy as np
+import pytest
+
+from eskin.learn.dataset import prepare
+from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
+from eskin.recording.guided import LONGEST, Take, TakeGuide, review_takes
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
+from eskin.touch import Calibration, Scan
+from helpers.cli import assert_refused, call_json
+from helpers.touch import SECOND, START, build_grid_skin, press_pad
+
+SKIN = build_grid_skin()
+MOUNTED = MountedSkin(SKIN, load_robot("table"))
+CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
+PAD = press_pad(SKIN, (0.02, 0.02), kpa=1.0, radius=0.015)
+RATE = 50
+
+
+def make_guide(gestures=("knock", "none"), times=2):
+    return TakeGuide(MOUNTED, CALIBRATION, gestures, times)
+
+
+def make_scans(touches, seconds, counts=200):
+    """Yield noisy scans with touches from one time to another [s]."""
+    rng = np.random.default_rng(3)
+    for t in np.arange(round(seconds * RATE)) / RATE:
+        pressed = any(start <= t < end for start, end in touches)
+        noise = rng.normal(100, 1, SKIN.count)
+        total = np.minimum(np.round(noise + counts * pressed * PAD), 4095)
+        stamp = START + round(t * SECOND)
+        received = np.ones(SKIN.count, bool)
+        yield Scan(stamp, total.astype(np.int32), received, np.zeros(0))
+
+
+def push_touches(guide, touches, seconds, counts=200):
+    """Push such scans, and return the events."""
+    scans = make_scans(touches, seconds, counts)
+    return [event for scan in scans if (event := guide.push(scan))]
+
+
+def test_gestures_are_asked_for_in_turns_and_labelled_where_they_are_made():
+    guide = make_guide()
+    touches = [(4.0, 4.3), (6.0, 6.1), (6.3, 6.4), (8.0, 9.0), (11.0, 11.5)]
+    events = push_touches(guide, touches, 14.0)
+    kinds = ["ready", *["began", "taken"] * 3, "began", "done"]
+    assert [event.kind for event in events] == kinds
+    assert guide.request is None
+    assert [take.gesture for take in guide.takes] == ["knock", "none"] * 2
+    spans = [(4.0, 4.3), (6.0, 6.4), (8.0, 9.0), (11.0, 11.5)]
+    for take, span in zip(guide.takes, spans, strict=True):
+        found = (np.array([take.label.start, take.label.end]) - START) / SECOND
+        np.testing.assert_allclose(found, span, atol=0.05)
+
+
+def test_touch_before_the_skin_is_tared_is_no_take():
+    guide = make_guide()
+    events = push_touches(guide, [(1.0, 1.5), (6.0, 6.5)], 8.0)
+    assert [event.kind for event in events] == ["ready", "began", "taken"]
+
+
+def test_last_take_is_dropped_once_and_asked_for_again():
+    guide = make_guide()
+    push_touches(guide, [(4.0, 4.3), (6.0, 6.3)], 8.0)
+    [*_, last] = guide.takes
+    assert last.gesture == "none" and guide.again() is last and guide.again() is None
+    assert (guide.request, len(guide.takes)) == ("none", 1)
+
+
+def test_gesture_that_is_left_out_is_asked_for_no_more():
+    guide = make_guide()
+    guide.skip()
+    assert guide.request == "none"
+
+
+@pytest.mark.parametrize(
+    ("touch", "counts", "reason"),
+    [((4.0, 4.5 + LONGEST), 200, "lasted"), ((4.0, 4.5), 5000, "full scale")],
+)
+def test_take_that_cannot_be_learned_from_is_refused(touch, counts, reason):
+    guide = make_guide()
+    events = push_touches(guide, [touch], touch[1] + 2.0, counts)
+    assert [event.kind for event in events] == ["ready", "began", "refused"]
+    assert reason in events[-1].text and not guide.takes
+
+
+def make_take(gesture, *features):
+    return Take(gesture, START, START + SECOND, 1.0, 4, np.array(features))
+
+
+def test_review_names_what_is_few_and_what_is_alike():
+    apart = [make_take("a", 0.0, n / 9) for n in range(6)]
+    apart += [make_take("b", 3.0, n / 9) for n in range(6)]
+    review = review_takes(apart, ("a", "b", "c"))
+    assert (review.nearest_right, review.confused, review.few) == (12, None, ("c",))
+    alike = [make_take("ab"[n % 2], 0.0, n) for n in range(8)]
+    assert review_takes(alike, ("a", "b")).confused == ("a", "b", 4)
+
+
+@pytest.fixture
+def played(tmp_path):
+    """Return a recording of long and short touches in turns."""
+    spans = [(4.0 + 2 * n, 4.2 + 2 * n + 0.6 * (n % 2)) for n in range(6)]
+    path = tmp_path / "played.mcap"
+    with RecordingWriter(path, "table", SKIN, CALIBRATION, Metadata()) as writer:
+        write_all(writer, make_scans(spans, 17.0), [])
+    return path
+
+
+def test_recorded_gestures_are_labelled_and_learned_from(played, tmp_path, capsys):
+    out = tmp_path / "mine.mcap"
+    words = ["--out", out, "--gestures", "tap", "hold", "--times", 3, "--person", "ann"]
+    found, printed = call_json(capsys, "record", f"replay:{played}", *words)
+    assert found["takes"] == {"tap": 3, "hold": 3} and found["few"] == ["tap", "hold"]
+    assert found["nearest_right"] == 6
+    assert "hold (3 of 3): touch now" in printed
+    mine = read_recording(out)
+    assert [label.gesture for label in mine.labels] == ["tap", "hold"] * 3
+    assert mine.metadata.subject == "ann"
+    assert len(prepare([out]).segments) == 6
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ("--gestures a", ["--gestures are a", "2 to 50", "none"]),
+        ("--gestures a a", ["--gestures are a, a", "different"]),
+        ("--gestures A b", ["'A'", "lower case"]),
+        ("--gestures a b --times 0", ["--times is 0", "1 to 1000"]),
+    ],
+)
+def test_bad_options_are_refused(words, parts, played, tmp_path, capsys):
+    options = ["--out", tmp_path / "mine.mcap", *words.split()]
+    for part in parts:
+        assert_refused(capsys, "record", f"replay:{played}", *options, part=part)
+    assert not list(tmp_path.glob("mine*"))
