@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from eskin.cli.run import (
     RunCommand,
     build_listeners,
     check_options,
-    describe_doubt,
+    describe_doubts,
 )
 from eskin.command import SimulatedArm
 from eskin.drivers import HostClock, ManualClock, PlayedSource
@@ -26,6 +27,7 @@ from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.skin import save_skin
 from eskin.stream import Recognition
+from eskin.touch import Calibration
 from eskin.viewer import Viewer
 from helpers.cli import call, call_json
 from helpers.devices import (
@@ -172,8 +174,23 @@ def test_recording_that_cannot_be_written_is_refused(recording, capsys, tmp_path
 def test_source_that_may_move_a_robot_shows_its_doubt(source, options, shown):
     command = RunCommand((source,), robot="ur://127.0.0.1", skin="ur5", **options)
     check_options(command)
-    doubt = describe_doubt(command)
-    assert doubt.startswith(shown) and bool(doubt) == bool(shown)
+    calibration = replace(Calibration.uniform(4, 4095, 400.0), source="rest")
+    doubts = describe_doubts(command, calibration)
+    assert [doubt.split(":")[0] for doubt in doubts] == [shown] * bool(shown)
+
+
+@pytest.mark.parametrize(
+    ("source", "measured", "warned"),
+    [
+        ("serial:/dev/ttyUSB0", "nominal", True),
+        ("serial:/dev/ttyUSB0", "rest", False),
+        ("sim:ur5", "nominal", False),
+    ],
+)
+def test_device_without_a_calibration_of_its_own_is_warned_of(source, measured, warned):
+    calibration = replace(Calibration.uniform(4, 4095, 400.0), source=measured)
+    doubts = describe_doubts(RunCommand((source,), skin="ur5"), calibration)
+    assert any("eskin calibrate" in doubt for doubt in doubts) == warned
 
 
 @pytest.fixture
@@ -216,8 +233,9 @@ def test_page_of_run_shows_its_arm_and_takes_no_touches():
     recognition = Recognition(Recognizer.load("ur5"))
     command = RunCommand(("udp://127.0.0.1:9",), view=True, port=0)
     for arm in (SimulatedArm(clock=ManualClock()), None):
-        viewer = build_listeners(command, None, recognition, arm)[-1]
+        doubts = ("unauthenticated", "not calibrated")
+        viewer = build_listeners(command, None, recognition, arm, doubts)[-1]
         assert isinstance(viewer, Viewer) and viewer.arm is arm
         scene = viewer.describe_scene()
         assert scene.is_arm == (arm is not None) and not scene.touchable
-        assert scene.warning.startswith("unauthenticated")
+        assert scene.warning == "unauthenticated; not calibrated"

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from eskin.model import Model
     from eskin.stream import Listener, Recognition, Stream
     from eskin.stream.listener import Drop
+    from eskin.touch import Calibration
 
 
 DEFAULT_PORT = 8080
@@ -155,9 +156,11 @@ def run(command: RunCommand) -> dict[str, object]:
         gc.freeze()
         recognition = Recognition(recognizer, drop=choose_drop_policy(command))
         policies = [] if arm is None else [build_policy(command, arm, model, source)]
-        others = [*policies, *build_listeners(command, source, recognition, arm)]
+        doubts = describe_doubts(command, info.calibration)
+        listeners = build_listeners(command, source, recognition, arm, doubts)
+        others = [*policies, *listeners]
         stream = Stream(source, [recognition, *others])
-        print_source(source, describe_doubt(command))
+        print_source(source, doubts)
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
             stream.wait(command.seconds)
     commands = sum(policy.accepted for policy in policies)
@@ -241,16 +244,23 @@ def check_touches(command: RunCommand) -> None:
                 )
 
 
-def describe_doubt(command: RunCommand) -> str:
-    """Describe why touches may not be those of a person; empty where there is no doubt.
+def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[str, ...]:
+    """Describe why touches and forces may not be what they seem.
 
     On loopback any program of this computer can send, so it is a network too.
     """
+    doubts = []
     if command.key is None and any(uri.startswith("udp:") for uri in command.source):
-        return "unauthenticated: who can send to this port can fake touches"
+        doubts.append("unauthenticated: who can send to this port can fake touches")
     if command.robot is not None and command.allow_simulated_touch:
-        return "simulated: touches are not those of a person"
-    return ""
+        doubts.append("simulated: touches are not those of a person")
+    is_device = command.source[0].startswith(("serial:", "udp:"))
+    if is_device and calibration.source == "nominal":
+        doubts.append(
+            "not calibrated: forces are relative, by a nominal curve; measure the "
+            "skin's own with eskin calibrate"
+        )
+    return tuple(doubts)
 
 
 def open_command_arm(command: RunCommand, clock: "Clock") -> "Arm | None":
@@ -276,7 +286,11 @@ def build_policy(
 
 
 def build_listeners(
-    command: RunCommand, source: "Source", recognition: "Recognition", arm: "Arm | None"
+    command: RunCommand,
+    source: "Source",
+    recognition: "Recognition",
+    arm: "Arm | None",
+    doubts: tuple[str, ...],
 ) -> "list[Listener]":
     """Build the other listeners: the terminal's, and recorder and viewer if asked."""
     from eskin.cli.terminal import TerminalPrinter
@@ -294,21 +308,21 @@ def build_listeners(
         from eskin.viewer import Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
-        page = ViewerConfig(port, warning=describe_doubt(command))
+        page = ViewerConfig(port, warning="; ".join(doubts))
         listeners.append(Viewer(recognition, page, arm=arm))
         print(f"see {page.link}", flush=True)
     return listeners
 
 
-def print_source(source: "Source", doubt: str) -> None:
-    """Print the source, its skin and its rate, and a doubt about its touches."""
+def print_source(source: "Source", doubts: tuple[str, ...]) -> None:
+    """Print the source, its skin and its rate, and doubts about its touches."""
     info = source.info
     print(
         f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels on "
         f"'{info.robot_name}', {info.rate:g} scans a second; Ctrl-C ends it",
         flush=True,
     )
-    if doubt:
+    for doubt in doubts:
         print(doubt, flush=True)
 
 
