@@ -1,0 +1,210 @@
+"""This module finds which parts of a link's surface may carry skin."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import final
+
+import igl
+import numpy as np
+import trimesh
+from jaxtyping import Bool, Float, Int
+
+from eskin.design.surface import LinkSurface
+from eskin.robot import Joint, Kinematics, Robot
+from eskin.transforms import apply, invert
+
+Points = Float[np.ndarray, "point 3"]
+Vector = tuple[float, float, float]
+
+DIRECTIONS = 96
+"""Number of directions from which a point is looked at."""
+LIFT = 2e-4
+"""Height above the surface from which is looked [m]."""
+SAMPLES = 9
+"""Number of values of a joint, from its lower to its upper limit, in a sweep."""
+
+
+class Zone(ABC):
+    """A zone is a part of space in the frame of one link."""
+
+    link: str
+
+    @abstractmethod
+    def contains(self, points: Points) -> Bool[np.ndarray, "point"]:
+        """Return which points [m] lie in the zone."""
+
+
+@final
+@dataclass(frozen=True)
+class LinkZone(Zone):
+    """A link zone is the whole link."""
+
+    link: str
+
+    def contains(self, points: Points) -> Bool[np.ndarray, "point"]:
+        """Return True for every point."""
+        return np.ones(len(points), dtype=bool)
+
+
+@final
+@dataclass(frozen=True)
+class BoxZone(Zone):
+    """A box zone is aligned with the axes of the link."""
+
+    link: str
+    low: Vector
+    """Smallest x, y and z [m]."""
+    high: Vector
+    """Largest x, y and z [m]."""
+
+    def contains(self, points: Points) -> Bool[np.ndarray, "point"]:
+        """Return which points [m] lie in the box."""
+        return np.all((points >= self.low) & (points <= self.high), axis=1)
+
+
+@final
+@dataclass(frozen=True)
+class BallZone(Zone):
+    """A ball zone is all within a radius of a point."""
+
+    link: str
+    point: Vector
+    """Centre [m]."""
+    radius: float
+    """Radius [m]."""
+
+    def contains(self, points: Points) -> Bool[np.ndarray, "point"]:
+        """Return which points [m] lie in the ball."""
+        return np.linalg.norm(points - np.array(self.point), axis=1) <= self.radius
+
+
+def compute_exposure(
+    surface: LinkSurface, obstacle: LinkSurface
+) -> Float[np.ndarray, "face"]:
+    """Compute the fraction of the directions above each triangle that are free.
+
+    The fraction is 1 on a convex surface, and 0 inside a closed cavity.
+
+    Args:
+        surface: surface whose triangles are looked at.
+        obstacle: the same surface, of fewer triangles.
+    """
+    corners = surface.corners
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    origins = corners.mean(axis=1) + LIFT * normals
+    directions = build_directions(DIRECTIONS)
+    face, direction = np.nonzero(normals @ directions.T > 0.1)
+    mesh = trimesh.Trimesh(obstacle.vertices, obstacle.faces, process=False)
+    blocked = mesh.ray.intersects_any(origins[face], directions[direction])
+    tried = np.bincount(face, minlength=len(corners))
+    free = np.bincount(face[~blocked], minlength=len(corners))
+    return free / np.maximum(tried, 1)
+
+
+def build_directions(count: int) -> Float[np.ndarray, "direction 3"]:
+    """Build unit vectors that are spread evenly, on a spiral (Vogel 1979)."""
+    index = np.arange(count) + 0.5
+    angle, z = np.pi * (1 + np.sqrt(5)) * index, 1 - 2 * index / count
+    across = np.sqrt(1 - z**2)
+    return np.column_stack([across * np.cos(angle), across * np.sin(angle), z])
+
+
+def find_swept_vertices(
+    robot: Robot,
+    fine: Mapping[str, LinkSurface],
+    coarse: Mapping[str, LinkSurface],
+    clearance: float,
+) -> dict[str, Bool[np.ndarray, "vertex"]]:
+    """Find the vertices that come close to another link.
+
+    Links on both sides of a joint are compared while that joint moves from its lower
+    to its upper limit, in `SAMPLES` steps; all others with the joints at 0.
+
+    Args:
+        robot: the robot.
+        fine: surfaces of the links that are to carry skin, by their names.
+        coarse: surfaces of all links that have one, of fewer triangles.
+        clearance: distance below which a link is close [m].
+
+    Returns:
+        For each link in `fine` a mask of its vertices.
+    """
+    swept = {name: np.zeros(len(own.vertices), bool) for name, own in fine.items()}
+    boxes = {
+        name: (other.vertices.min(axis=0), other.vertices.max(axis=0))
+        for name, other in coarse.items()
+    }
+    for name, other, T_other_own in iterate_relative_poses(robot, coarse):
+        for a, b, T_b_a in (
+            (name, other, T_other_own),
+            (other, name, invert(T_other_own)),
+        ):
+            if a not in fine:
+                continue
+            low, high = boxes[b]
+            left = np.flatnonzero(~swept[a])
+            points = apply(T_b_a, fine[a].vertices[left])
+            near = np.all((points > low - clearance) & (points < high + clearance), 1)
+            if not near.any():
+                continue
+            distance = igl.signed_distance(
+                np.ascontiguousarray(points[near]),
+                coarse[b].vertices,
+                coarse[b].faces,
+                igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER,
+            )[0]
+            swept[a][left[near]] = distance < clearance
+    return swept
+
+
+def iterate_relative_poses(
+    robot: Robot, links: Mapping[str, LinkSurface]
+) -> Iterator[tuple[str, str, Float[np.ndarray, "4 4"]]]:
+    """Yield pairs of links and the pose T_second_first, in every sampled position."""
+    kinematics = Kinematics(robot)
+    rest = np.clip(0.0, robot.lower, robot.upper)
+    index = {name: robot.link_index(name) for name in links}
+    names = list(links)
+    T = kinematics.poses(rest)
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            yield first, second, invert(T[index[second]]) @ T[index[first]]
+    groups = group_rigid_links(robot)
+    for number, joint in enumerate(robot.actuated_joints):
+        values = np.tile(rest, (SAMPLES, 1))
+        values[:, number] = sample_joint(joint)
+        poses = kinematics.poses(values)
+        parents = [n for n in names if groups[n] == groups[joint.parent]]
+        children = [n for n in names if groups[n] == groups[joint.child]]
+        for first in parents:
+            for second in children:
+                for T in poses:
+                    yield first, second, invert(T[index[second]]) @ T[index[first]]
+
+
+def sample_joint(joint: Joint) -> Float[np.ndarray, "sample"]:
+    """Return values of a joint [rad] or [m]; a full turn where it has no limits."""
+    low = joint.lower if np.isfinite(joint.lower) else -np.pi
+    high = joint.upper if np.isfinite(joint.upper) else np.pi
+    return np.linspace(low, high, SAMPLES)
+
+
+def group_rigid_links(robot: Robot) -> dict[str, str]:
+    """Return for every link the first link of those that are fixed to it."""
+    parent = {j.child: j.parent for j in robot.joints if j.kind == "fixed"}
+    groups = {}
+    for name in robot.link_names:
+        root = name
+        while root in parent:
+            root = parent[root]
+        groups[name] = root
+    return groups
+
+
+def find_allowed_faces(
+    surface: LinkSurface, blocked: Bool[np.ndarray, "vertex"]
+) -> Int[np.ndarray, "allowed"]:
+    """Return the indices of the triangles without a blocked vertex."""
+    return np.flatnonzero(~blocked[surface.faces].any(axis=1))
