@@ -73,10 +73,6 @@ def design_skin(robot: Robot, spec: DesignSpec, seed: int = 0) -> SkinDesign:
     check_spec(robot, spec)
     fine, coarse, warnings = build_surfaces(robot, spec)
     allowed = find_allowed_vertices(robot, spec, fine, coarse)
-    exposed = {
-        name: compute_exposure(surface, coarse[name]) >= spec.limits.min_exposure
-        for name, surface in fine.items()
-    }
     taken = {name: np.zeros(len(own.faces), bool) for name, own in fine.items()}
     layouts: list[PatchLayout] = []
     patches: list[Patch] = []
@@ -87,7 +83,7 @@ def design_skin(robot: Robot, spec: DesignSpec, seed: int = 0) -> SkinDesign:
         corners = region.zone.contains(surface.vertices)[surface.faces].all(axis=1)
         own = corners & ~taken[link]
         taken[link] |= own
-        usable = own & exposed[link] & allowed[link][surface.faces].all(axis=1)
+        usable = own & allowed[link][surface.faces].all(axis=1)
         task = RegionTask(
             surface,
             find_adjacency(surface, spec.limits.max_bend),
@@ -185,8 +181,11 @@ def find_allowed_vertices(
     fine: dict[str, LinkSurface],
     coarse: dict[str, LinkSurface],
 ) -> dict[str, Bool[np.ndarray, "vertex"]]:
-    """Return which vertices lie in no keep-out zone and no swept clearance."""
+    """Return the vertices that can be touched, and lie in no keep-out or clearance."""
     swept = find_swept_vertices(robot, fine, coarse, spec.limits.clearance)
+    for name, surface in fine.items():
+        exposure = compute_exposure(surface, coarse[name])
+        swept[name] |= exposure < spec.limits.min_exposure
     for zone in spec.keep_outs:
         if zone.link in swept:
             swept[zone.link] |= zone.contains(fine[zone.link].vertices)

@@ -15,8 +15,6 @@ SEGMENTS = 96
 """Number of corners of the circles of cylinders and spheres."""
 MIN_BODY_VOLUME = 1e-7
 """Volume below which a body of a mesh is left out, such as a screw [m3]."""
-SIMPLIFY = 5e-5
-"""Distance by which the surface may move where its triangles are simplified [m]."""
 MIN_OPEN_AREA = 1e-4
 """Area below which bodies that are not closed are left out [m2]."""
 WRAP_CELLS = 90
@@ -49,9 +47,7 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
 
     Duplicate vertices are merged, and small bodies left out. A body with holes or
     non-manifold edges is wrapped: it is replaced by the surface on which its winding
-    number is one half (Jacobson et al. 2013), with a warning. Vertices of the surface
-    lie within `SIMPLIFY` of the shapes; where a body was wrapped, those that close a
-    hole do not.
+    number is one half (Jacobson et al. 2013), with a warning.
 
     Args:
         link: the link.
@@ -77,7 +73,6 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
             f"link '{link.name}' has no body of {1e6 * MIN_BODY_VOLUME:g} cm3 or more; "
             "choose another link, or correct its mesh"
         )
-    joined = joined.simplify(SIMPLIFY)
     if max_edge is not None:
         joined = joined.refine_to_length(max_edge)
     fine = joined.to_mesh64()

@@ -25,6 +25,8 @@ FIT_ANGLE = 0.2
 """Largest angle of its normal [rad]."""
 ITERATIONS = 40
 """Number of iterations of the unrolling."""
+MAX_FLIPPED, MAX_OVERLAP = 1e-4, 2e-3
+"""Largest fractions of the area of triangles that are turned over, or overlap."""
 INSIDE = 1e-7
 """Distance up to which a point lies in an unrolled region [m]."""
 
@@ -138,8 +140,9 @@ def unroll_region(
     Returns:
         The unrolled region; None where it cannot be unrolled without an overlap.
     """
-    used, faces = np.unique(surface.faces[region], return_inverse=True)
-    vertices, faces = surface.vertices[used], faces.reshape(-1, 3)
+    # Where only corners of triangles meet, the region is cut.
+    faces, used = igl.split_nonmanifold(surface.faces[region])
+    vertices = surface.vertices[used]
     normals = igl.per_vertex_normals(
         vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_ANGLE
     )
@@ -195,10 +198,32 @@ def flatten(vertices: Points, faces: Int[np.ndarray, "face 3"]) -> Unrolled | No
         flat = igl.arap_solve(flat[pinned], data, flat)
     except RuntimeError:  # Triangles so thin that the system has no solution.
         return None
-    if not np.isfinite(flat).all() or (compute_signed_areas(flat, faces) <= 0).any():
-        return None
-    # Without flipped triangles, an image with a simple boundary has no overlap.
-    return flat if Polygon(flat[outer]).is_valid else None
+    return None if is_overlapping(flat, faces, loops, outer) else flat
+
+
+def is_overlapping(
+    flat: Unrolled,
+    faces: Int[np.ndarray, "face 3"],
+    loops: list[list[int]],
+    outer: Int[np.ndarray, "corner"],
+) -> bool:
+    """Return whether an unrolled mesh overlaps itself, but for slivers.
+
+    Args:
+        flat: unrolled coordinates of the vertices [m].
+        faces: indices into `flat`.
+        loops: vertices around the mesh and around each of its holes.
+        outer: vertices around the mesh.
+    """
+    areas = compute_signed_areas(flat, faces) / 2
+    total = np.abs(areas).sum()
+    if not np.isfinite(total) or -areas[areas < 0].sum() > MAX_FLIPPED * total:
+        return True
+    # Triangles that do not overlap fill the outline without its holes.
+    around = Polygon(flat[outer]).buffer(0.0).area
+    holes = [loop for loop in loops if len(loop) != len(outer) or loop[0] not in outer]
+    within = sum(Polygon(flat[loop]).buffer(0.0).area for loop in holes)
+    return abs(around - within - total) > MAX_OVERLAP * total
 
 
 def compute_perimeter(vertices: Points, loop: list[int]) -> float:

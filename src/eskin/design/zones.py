@@ -8,7 +8,7 @@ from typing import final
 import igl
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from eskin.design.surface import LinkSurface
 from eskin.robot import Joint, Kinematics, Robot
@@ -19,6 +19,8 @@ Vector = tuple[float, float, float]
 
 DIRECTIONS = 96
 """Number of directions from which a point is looked at."""
+MIN_COSINE = 0.1
+"""Smallest cosine of such a direction with the normal."""
 LIFT = 2e-4
 """Height above the surface from which is looked [m]."""
 SAMPLES = 9
@@ -81,26 +83,32 @@ class BallZone(Zone):
 
 def compute_exposure(
     surface: LinkSurface, obstacle: LinkSurface
-) -> Float[np.ndarray, "face"]:
-    """Compute the fraction of the directions above each triangle that are free.
+) -> Float[np.ndarray, "vertex"]:
+    """Compute the fraction of the directions above each vertex that are free.
 
-    The fraction is 1 on a convex surface, and 0 inside a closed cavity.
+    The fraction is 1 on a convex surface, and 0 inside a closed cavity. It is computed
+    at the triangles, and averaged by their areas.
 
     Args:
-        surface: surface whose triangles are looked at.
+        surface: surface whose vertices are looked at.
         obstacle: the same surface, of fewer triangles.
     """
     corners = surface.corners
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    areas = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(areas, 1e-30)[:, None]
     origins = corners.mean(axis=1) + LIFT * normals
     directions = build_directions(DIRECTIONS)
-    face, direction = np.nonzero(normals @ directions.T > 0.1)
+    face, direction = np.nonzero(normals @ directions.T > MIN_COSINE)
     mesh = trimesh.Trimesh(obstacle.vertices, obstacle.faces, process=False)
     blocked = mesh.ray.intersects_any(origins[face], directions[direction])
     tried = np.bincount(face, minlength=len(corners))
-    free = np.bincount(face[~blocked], minlength=len(corners))
-    return free / np.maximum(tried, 1)
+    free = np.bincount(face[~blocked], minlength=len(corners)) / np.maximum(tried, 1)
+    around, total = np.zeros((2, len(surface.vertices)))
+    for corner in surface.faces.T:
+        np.add.at(around, corner, areas * free)
+        np.add.at(total, corner, areas)
+    return around / np.maximum(total, 1e-30)
 
 
 def build_directions(count: int) -> Float[np.ndarray, "direction 3"]:
@@ -202,9 +210,3 @@ def group_rigid_links(robot: Robot) -> dict[str, str]:
         groups[name] = root
     return groups
 
-
-def find_allowed_faces(
-    surface: LinkSurface, blocked: Bool[np.ndarray, "vertex"]
-) -> Int[np.ndarray, "allowed"]:
-    """Return the indices of the triangles without a blocked vertex."""
-    return np.flatnonzero(~blocked[surface.faces].any(axis=1))
