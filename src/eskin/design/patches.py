@@ -28,6 +28,8 @@ MIN_SPREAD = 0.3
 """Smallest mean normal of a region that is unrolled without cutting it first."""
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns to the neighbours whose distances are measured."""
+MARGIN = 0.98
+"""Size of the square of a cell that lies in its region, over that of the cell."""
 CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 """Corners of a cell."""
 
@@ -177,44 +179,43 @@ def place_grid(task: RegionTask, region: FlatRegion) -> tuple[FlatRegion, Mask]:
     used = region.flat[np.unique(region.faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     counts = np.maximum(np.floor((high - low) / task.pitch).astype(int) + 1, 1)
-    middle, spare = (low + high) / 2, task.pitch
-    jitter = task.random.random(2)
-    best, best_present = middle[None], None
-    for phase in np.ndindex(PHASES, PHASES):
-        origin = middle + spare * ((np.array(phase) + jitter) / PHASES - 0.5)
-        present = find_cells(task, region, counts + 1, origin)
-        if best_present is None or present.sum() > best_present.sum():
-            best, best_present = origin[None], present
-    return turn_region(region, 0.0, best), best_present
+    middle, jitter = (low + high) / 2, task.random.random(2)
+    phases = (np.argwhere(np.ones((PHASES, PHASES))) + jitter) / PHASES - 0.5
+    origins = middle + task.pitch * phases
+    present = find_cells(task, region, counts + 1, origins)
+    best = int(np.argmax(present.sum(axis=(1, 2))))
+    return turn_region(region, 0.0, origins[best : best + 1]), present[best]
 
 
 def find_cells(
     task: RegionTask,
     region: FlatRegion,
     counts: Int[np.ndarray, "2"],
-    origin: Float[np.ndarray, "2"],
-) -> Mask:
-    """Return the cells of a grid around a centre that lie in a region with corners.
+    origins: Float[np.ndarray, "grid 2"],
+) -> Bool[np.ndarray, "grid row column"]:
+    """Return the cells of grids around some centres that lie in a region.
+
+    A cell lies in the region where its middle and its corners do.
 
     Args:
         task: task with the pitch and the keep-out zones.
         region: the region.
         counts: number of columns and of rows.
-        origin: centre of the grid, in the coordinates of the region [m].
+        origins: centres of the grids, in the coordinates of the region [m].
     """
     columns, rows = counts.tolist()
-    centres = compute_centres((rows, columns), task.pitch) + origin
-    corners = (centres[:, None] + task.pitch * 0.98 * CORNERS).reshape(-1, 2)
-    points = np.concatenate([centres, corners])
-    inside = region.contains(points)
+    centres = compute_centres((rows, columns), task.pitch)
+    offsets = np.concatenate([np.zeros((1, 2)), MARGIN * task.pitch * CORNERS])
+    points = origins[:, None, None] + centres[None, :, None] + offsets
+    flat = points.reshape(-1, 2)
+    inside = region.contains(flat)
     zones = [zone for zone in task.keep_outs if zone.link == task.surface.link]
     if zones and inside.any():
-        places = region.surface.wrap(points[inside]).positions
+        places = region.surface.wrap(flat[inside]).positions
         blocked = np.any([zone.contains(places) for zone in zones], axis=0)
         inside[np.flatnonzero(inside)[blocked]] = False
-    count = len(centres)
-    whole = inside[:count] & inside[count:].reshape(count, 4).all(axis=1)
-    return whole.reshape(rows, columns)
+    whole = inside.reshape(points.shape[:3]).all(axis=2)
+    return whole.reshape(len(origins), rows, columns)
 
 
 def compute_centres(

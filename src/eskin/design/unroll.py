@@ -32,6 +32,42 @@ INSIDE = 1e-7
 
 
 @final
+class PointLocator:
+    """A locator finds the nearest triangles of a mesh.
+
+    Attributes:
+        vertices: positions of the vertices [m].
+        faces: indices into `vertices`.
+    """
+
+    def __init__(self, vertices: Points, faces: Int[np.ndarray, "face 3"]) -> None:
+        """Build a tree of the triangles."""
+        self.vertices, self.faces = vertices, faces
+        self.tree = igl.AABB()
+        self.tree.init(vertices, faces)
+
+    def locate(
+        self, points: Points
+    ) -> tuple[
+        Int[np.ndarray, "point"],
+        Float[np.ndarray, "point 3"],
+        Float[np.ndarray, "point"],
+    ]:
+        """Return the nearest triangle, weights of its corners, and distance [m]."""
+        square, face, nearest = self.tree.squared_distance(
+            self.vertices, self.faces, np.ascontiguousarray(points)
+        )
+        a, b, c = (
+            np.ascontiguousarray(self.vertices[self.faces[face, i]]) for i in range(3)
+        )
+        weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
+        # A triangle without area has no such coordinates.
+        weights = np.where(np.isfinite(weights), np.clip(weights, 0.0, 1.0), 1.0)
+        weights /= weights.sum(axis=1, keepdims=True)
+        return face, weights, np.sqrt(np.maximum(square, 0.0))
+
+
+@final
 @dataclass(frozen=True, eq=False)
 class UnrolledMesh(Surface):
     """An unrolled mesh is a region of a link's surface with its image in the plane."""
@@ -51,6 +87,16 @@ class UnrolledMesh(Surface):
         return np.eye(4)
 
     @cached_property
+    def on_link(self) -> PointLocator:
+        """Return the locator of points on the link."""
+        return PointLocator(self.vertices, self.faces)
+
+    @cached_property
+    def in_plane(self) -> PointLocator:
+        """Return the locator of points in the plane."""
+        return PointLocator(lift(self.flat), self.faces)
+
+    @cached_property
     def jacobians(self) -> Float[np.ndarray, "face 3 2"]:
         """Return the derivative of the position by (s, t) in every triangle."""
         edges = self.vertices[self.faces[:, 1:]] - self.vertices[self.faces[:, :1]]
@@ -62,7 +108,7 @@ class UnrolledMesh(Surface):
 
         A point outside the region is laid on the nearest point of its boundary.
         """
-        face, weights, _ = locate(lift(unrolled), lift(self.flat), self.faces)
+        face, weights, _ = self.in_plane.locate(lift(unrolled))
         corners = self.faces[face]
         normals = np.einsum("pk,pki->pi", weights, self.normals[corners])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -79,14 +125,14 @@ class UnrolledMesh(Surface):
 
     def unroll(self, positions: Points) -> Unrolled:
         """Return the unrolled coordinates (s, t) [m] of the nearest surface points."""
-        face, weights, _ = locate(positions, self.vertices, self.faces)
+        face, weights, _ = self.on_link.locate(positions)
         return np.einsum("pk,pki->pi", weights, self.flat[self.faces[face]])
 
     def fit_errors(
         self, positions: Points, normals: Points
     ) -> Float[np.ndarray, "point"]:
         """Return the distances from the surface [m] plus the errors of normals [rad]."""
-        face, weights, distance = locate(positions, self.vertices, self.faces)
+        face, weights, distance = self.on_link.locate(positions)
         own = np.einsum("pk,pki->pi", weights, self.normals[self.faces[face]])
         own /= np.linalg.norm(own, axis=1, keepdims=True)
         return distance + np.linalg.norm(own - normals, axis=1)
@@ -105,26 +151,16 @@ class FlatRegion:
     area: float
     """Area on the surface [m2]."""
 
+    @cached_property
+    def in_plane(self) -> PointLocator:
+        """Return the locator of points in the plane."""
+        if isinstance(self.surface, UnrolledMesh):
+            return self.surface.in_plane
+        return PointLocator(lift(self.flat), self.faces)
+
     def contains(self, unrolled: Unrolled) -> Bool[np.ndarray, "point"]:
         """Return which points (s, t) [m] lie in the region."""
-        return locate(lift(unrolled), lift(self.flat), self.faces)[2] < INSIDE
-
-
-def locate(
-    points: Points,
-    vertices: Points,
-    faces: Int[np.ndarray, "face 3"],
-) -> tuple[
-    Int[np.ndarray, "point"], Float[np.ndarray, "point 3"], Float[np.ndarray, "point"]
-]:
-    """Find the nearest triangle, the weights of its corners, and the distance [m]."""
-    square, face, nearest = igl.point_mesh_squared_distance(points, vertices, faces)
-    a, b, c = (np.ascontiguousarray(vertices[faces[face, i]]) for i in range(3))
-    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
-    # A triangle without area has no such coordinates.
-    weights = np.where(np.isfinite(weights), np.clip(weights, 0.0, 1.0), 1.0)
-    weights /= weights.sum(axis=1, keepdims=True)
-    return face, weights, np.sqrt(np.maximum(square, 0.0))
+        return self.in_plane.locate(lift(unrolled))[2] < INSIDE
 
 
 def lift(unrolled: Unrolled) -> Points:
