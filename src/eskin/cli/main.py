@@ -38,6 +38,7 @@ COMMANDS = {
     "calibrate": "calibrate:run",
     "skin show": "skin:run_show",
     "skin check": "skin:run_check",
+    "skin design": "design:run",
     "bench latency": "bench_latency:run",
     "bench throughput": "bench_throughput:run",
     "doctor": "doctor:run",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import cast, final, get_args
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
+from xml.parsers import expat
 
 import numpy as np
 from jaxtyping import Float
@@ -32,7 +33,9 @@ MAX_TEXT = 1000
 """Largest length of an attribute that is used, such as a name."""
 
 
-def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
+def load_urdf(
+    path: str | Path, *, meshes: bool = True, mimics: bool = True
+) -> Robot:
     """Read a robot from a URDF file.
 
     Args:
@@ -40,6 +43,7 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
             `MeshReader`.
         meshes: whether to read `<mesh>` geoms, which needs the extra `models`. Links
             without them have no surface; kinematics do not need one.
+        mimics: whether to read mimic rules; without them every joint has a value.
 
     Raises:
         RobotError: The file is missing or is no URDF that can be used.
@@ -50,10 +54,37 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
     try:
         check_counts(root)
         links = tuple(read_link(element, reader) for element in root.findall("link"))
-        joints = tuple(read_joint(element) for element in root.findall("joint"))
+        joints = tuple(
+            read_joint(element, mimics) for element in root.findall("joint")
+        )
         return Robot(root.get("name") or path.stem, links, joints)
+    except ElementError as error:
+        line = find_line(path, list(root.iter()).index(error.element))
+        raise RobotError(f"{path} line {line}: {error}") from None
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
+
+
+class ElementError(RobotError):
+    """An element of a URDF cannot be used.
+
+    Attributes:
+        element: the element.
+    """
+
+    def __init__(self, message: str, element: Element) -> None:
+        """Store the message and the element."""
+        super().__init__(message)
+        self.element = element
+
+
+def find_line(path: Path, index: int) -> int:
+    """Return the line of a file in which its n-th XML element begins, from 0."""
+    parser = expat.ParserCreate()
+    lines: list[int] = []
+    parser.StartElementHandler = lambda *_: lines.append(parser.CurrentLineNumber)
+    parser.Parse(read_file(path, MAX_URDF_BYTES), True)
+    return lines[index]
 
 
 def parse_urdf(path: Path) -> Element:
@@ -157,7 +188,7 @@ def read_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shap
             )
 
 
-def read_joint(element: Element) -> Joint:
+def read_joint(element: Element, mimics: bool) -> Joint:
     """Read a joint with its axis, limits and mimic rule."""
     name = read_text(element, "name", "robot")
     place = f"joint '{name}'"
@@ -176,7 +207,7 @@ def read_joint(element: Element) -> Joint:
         lower=lower,
         upper=upper,
         velocity=velocity,
-        mimic=read_mimic(element, kind, place),
+        mimic=read_mimic(element, kind, place) if mimics else None,
     )
 
 
@@ -226,6 +257,12 @@ def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
     found = element.find("mimic")
     if found is None or kind == "fixed":
         return None
+    if not found.get("joint", "").strip():
+        raise ElementError(
+            f"{place}: <mimic> names no joint; add joint=\"...\", or go on without "
+            "mimic rules: --no-mimics, load_urdf(mimics=False)",
+            found,
+        )
     multiplier = read_number(found, "multiplier", place, 1.0)
     offset = read_number(found, "offset", place, 0.0)
     return Mimic(read_text(found, "joint", place), multiplier, offset)
