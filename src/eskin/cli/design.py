@@ -176,7 +176,15 @@ def print_report(report: dict[str, object]) -> None:
     """Print one line for each region, and the figures of the whole."""
     table = Table(box=SIMPLE_HEAD)
     table.add_column("link")
-    for name in ("patches", "taxels", "/cm²", "cm²", "allowed", "covered", "distortion"):
+    for name in (
+        "patches",
+        "taxels",
+        "/cm²",
+        "cm²",
+        "allowed",
+        "covered",
+        "distortion",
+    ):
         table.add_column(name, justify="right")
     regions = report["regions"]
     assert isinstance(regions, list)

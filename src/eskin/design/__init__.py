@@ -1,6 +1,7 @@
 """Designs make the skin of any robot, from its meshes to patches and their drawings."""
 
 from eskin.design.design import RegionResult, SkinDesign, design_skin
+from eskin.design.distance import SurfaceDistance, compute_kinematic_distances
 from eskin.design.drawing import PatchDrawing, arrange_sheet, draw_patch
 from eskin.design.files import draw_design, save_design
 from eskin.design.patches import PatchLayout
@@ -23,11 +24,13 @@ __all__ = [
     "RegionResult",
     "RegionSpec",
     "SkinDesign",
+    "SurfaceDistance",
     "UnrolledMesh",
     "Zone",
     "arrange_sheet",
     "build_link_surface",
     "build_report",
+    "compute_kinematic_distances",
     "design_skin",
     "draw_design",
     "draw_patch",

@@ -211,4 +211,3 @@ def name_patches(
         )
         for number, layout in enumerate(found)
     ]
-

@@ -284,7 +284,9 @@ def place_fiducials(
 def arrange_sheet(drawings: Sequence[PatchDrawing]) -> list[PatchDrawing]:
     """Place drawings beside each other on one sheet, in rows from the top."""
     sizes = np.array([np.diff(drawing.bounds, axis=0)[0] for drawing in drawings])
-    width = max(1.25 * np.sqrt((sizes + SHEET_GAP).prod(axis=1).sum()), sizes[:, 0].max())
+    width = max(
+        1.25 * np.sqrt((sizes + SHEET_GAP).prod(axis=1).sum()), sizes[:, 0].max()
+    )
     order: Int[np.ndarray, "drawing"] = np.argsort(-sizes[:, 1], kind="stable")
     left, top, placed = 0.0, 0.0, list(drawings)
     height = 0.0
@@ -356,9 +358,7 @@ def save_svg(path: Path, drawings: Sequence[PatchDrawing]) -> None:
             if filled
             else f'fill="none" stroke="{colour}" stroke-width="0.15"'
         )
-        paths = "".join(
-            format_path(flip(line.points), line.closed) for line in lines
-        )
+        paths = "".join(format_path(flip(line.points), line.closed) for line in lines)
         if paths:
             parts.append(f'<path id="{layer}" {style} d="{paths}"/>')
     for drawing in drawings:

@@ -66,9 +66,7 @@ class RegionTask:
     """Source of the phases of the grids."""
 
 
-def find_adjacency(
-    surface: LinkSurface, max_bend: float
-) -> Int[np.ndarray, "pair 2"]:
+def find_adjacency(surface: LinkSurface, max_bend: float) -> Int[np.ndarray, "pair 2"]:
     """Return pairs of triangles that meet at an edge of at most an angle [rad]."""
     faces = surface.faces
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
@@ -101,7 +99,9 @@ def lay_patches(
         layouts = lay_piece(task, piece)
         if layouts is None:
             waiting = [
-                part for half in bisect(task, piece) for part in split_connected(task, half)
+                part
+                for half in bisect(task, piece)
+                for part in split_connected(task, half)
             ] + waiting
         else:
             yield from layouts
@@ -120,7 +120,9 @@ def split_connected(
     )
     count, labels = connected_components(graph, directed=False)
     order = np.argsort(labels, kind="stable")
-    pieces = np.split(faces[order], np.cumsum(np.bincount(labels, minlength=count))[:-1])
+    pieces = np.split(
+        faces[order], np.cumsum(np.bincount(labels, minlength=count))[:-1]
+    )
     return sorted(pieces, key=lambda piece: -compute_area(task.surface, piece))
 
 
@@ -277,7 +279,9 @@ def mark_distorted(
         np.add.at(counts, tuple(lines[:, 2:].T), 1)
         worst = np.unravel_index(np.argmax(counts), shape)
         bad[worst] = True
-        holds = (lines[:, :2] == worst).all(axis=1) | (lines[:, 2:] == worst).all(axis=1)
+        holds = (lines[:, :2] == worst).all(axis=1) | (lines[:, 2:] == worst).all(
+            axis=1
+        )
         lines = lines[~holds]
     return bad
 
@@ -290,7 +294,7 @@ def cut_into_boards(
     used = np.argwhere(present)
     if len(used) == 0:
         return
-    low, high = used.min(axis=0), used.max(axis=0) + 1
+    low, high = used.min(axis=0).tolist(), (used.max(axis=0) + 1).tolist()
     row_cuts = divide(low[0], high[0], limits.max_rows)
     column_cuts = divide(low[1], high[1], limits.max_columns)
     for top, bottom in row_cuts:
@@ -312,7 +316,8 @@ def iterate_routable(block: Mask, least: int) -> Iterator[Mask]:
     """Yield parts of a block in which all rows and all columns cross.
 
     Every row of a part is one run of cells that holds the same column, and every column
-    one that holds the same row, so that lines to one connector need not cross.
+    one that holds the same row, so that lines to one connector need not cross. No row
+    or column has a single cell.
 
     Args:
         block: mask of the cells.
@@ -326,10 +331,11 @@ def iterate_routable(block: Mask, least: int) -> Iterator[Mask]:
         if piece.sum() < least:
             return
         part = find_crossing_part(piece)
-        rows, columns = part.any(axis=1).sum(), part.any(axis=0).sum()
-        if part.sum() >= least and min(rows, columns) >= 2:
+        if part.sum() >= least:
             yield part
-        left &= ~part
+            left &= ~part
+        else:
+            left &= ~piece
 
 
 def find_crossing_part(piece: Mask) -> Mask:
@@ -339,7 +345,7 @@ def find_crossing_part(piece: Mask) -> Mask:
     order = np.argsort(np.abs(cells - middle).sum(axis=1), kind="stable")
     best = np.zeros_like(piece)
     for row, column in cells[order[:: max(1, len(order) // 24)]]:
-        part = keep_crossing(piece, int(row), int(column))
+        part = drop_thin_lines(keep_crossing(piece, int(row), int(column)))
         if part.sum() > best.sum():
             best = part
     return best
@@ -350,6 +356,16 @@ def keep_crossing(piece: Mask, row: int, column: int) -> Mask:
     part = piece
     while True:
         kept = keep_runs(keep_runs(part, column).T, row).T
+        if (kept == part).all():
+            return part
+        part = kept
+
+
+def drop_thin_lines(part: Mask) -> Mask:
+    """Drop rows and columns of a single cell, until none is left."""
+    while True:
+        rows, columns = part.sum(axis=1) > 1, part.sum(axis=0) > 1
+        kept = part & rows[:, None] & columns[None]
         if (kept == part).all():
             return part
         part = kept
@@ -371,7 +387,9 @@ def build_layout(region: FlatRegion, part: Mask, pitch: float) -> PatchLayout:
     surface = turn_region(region, 0.0, origin[None]).surface
     errors = measure_distortion(surface, present, pitch)
     worst = max((float(np.abs(error).max()) for *_, error in errors), default=0.0)
-    return PatchLayout(surface, TaxelGrid(*present.shape, pitch, pitch, present=present), worst)
+    return PatchLayout(
+        surface, TaxelGrid(*present.shape, pitch, pitch, present=present), worst
+    )
 
 
 def bisect(

@@ -42,7 +42,8 @@ def build_report(
         "wiring_m": round(1e-3 * sum(d.trace_length for d in drawings), 2),
         "trace_pitch_mm": round(min(d.trace_pitch for d in drawings), 4),
         "bandwidth_mbit_s": round(
-            1e-6 * design.spec.limits.rate * sum(map(count_scan_bits, counts.tolist())), 3
+            1e-6 * design.spec.limits.rate * sum(map(count_scan_bits, counts.tolist())),
+            3,
         ),
         "rate_hz": design.spec.limits.rate,
         "regions": [build_region_row(design, i) for i in range(len(design.regions))],

@@ -75,7 +75,9 @@ class ZoneEntry(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     link: Name
-    box_mm: Annotated[list[list[float]], Field(min_length=2, max_length=2)] | None = None
+    box_mm: Annotated[list[list[float]], Field(min_length=2, max_length=2)] | None = (
+        None
+    )
     point_mm: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     radius_mm: Annotated[float, Field(gt=0)] | None = None
 

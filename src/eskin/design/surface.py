@@ -9,12 +9,14 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RobotError
-from eskin.robot import Link, TriangleMesh, build_geom_mesh
+from eskin.robot import Cylinder, Geom, Link, Sphere, TriangleMesh, build_geom_mesh
 
-SEGMENTS = 96
-"""Number of corners of the circles of cylinders and spheres."""
-MIN_BODY_VOLUME = 1e-7
-"""Volume below which a body of a mesh is left out, such as a screw [m3]."""
+SAGITTA = 5e-5
+"""Largest distance of a circle from the sides of its polygon [m]."""
+SEGMENTS = (24, 192)
+"""Smallest and largest number of corners of a circle."""
+MIN_BODY_VOLUME = 1e-9
+"""Volume below which a body of a mesh is left out [m3]."""
 MIN_OPEN_AREA = 1e-4
 """Area below which bodies that are not closed are left out [m2]."""
 WRAP_CELLS = 90
@@ -65,7 +67,7 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
     bodies = [
         body
         for geom in link.geoms
-        for body in close_bodies(build_geom_mesh(geom, SEGMENTS), link.name, warnings)
+        for body in close_bodies(build_round_mesh(geom), link.name, warnings)
     ]
     joined = manifold3d.Manifold.batch_boolean(bodies, manifold3d.OpType.Add)
     if joined.is_empty():
@@ -82,6 +84,13 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
         np.array(fine.tri_verts, dtype=np.int64),
         tuple(warnings),
     )
+
+
+def build_round_mesh(geom: Geom) -> TriangleMesh:
+    """Build the mesh of a geom, with circles of as many corners as they need."""
+    radius = geom.shape.radius if isinstance(geom.shape, Cylinder | Sphere) else SAGITTA
+    half_angle = np.arccos(1 - min(SAGITTA / radius, 1.0))
+    return build_geom_mesh(geom, int(np.clip(np.ceil(np.pi / half_angle), *SEGMENTS)))
 
 
 def close_bodies(

@@ -64,7 +64,7 @@ class PointLocator:
         # A triangle without area has no such coordinates.
         weights = np.where(np.isfinite(weights), np.clip(weights, 0.0, 1.0), 1.0)
         weights /= weights.sum(axis=1, keepdims=True)
-        return face, weights, np.sqrt(np.maximum(square, 0.0))
+        return face.astype(np.int64), weights, np.sqrt(np.maximum(square, 0.0))
 
 
 @final
@@ -178,7 +178,7 @@ def unroll_region(
     """
     # Where only corners of triangles meet, the region is cut.
     faces, used = igl.split_nonmanifold(surface.faces[region])
-    vertices = surface.vertices[used]
+    faces, vertices = faces.astype(np.int64), surface.vertices[used]
     normals = igl.per_vertex_normals(
         vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_ANGLE
     )
@@ -225,7 +225,9 @@ def flatten(vertices: Points, faces: Int[np.ndarray, "face 3"]) -> Unrolled | No
     span = float(np.linalg.norm(vertices[ends[1]] - vertices[ends[0]]))
     flat, _ = igl.lscm(vertices, faces, ends, np.array([[0.0, 0.0], [span, 0.0]]))
     size = igl.doublearea(vertices, faces).sum()
-    flat = flat * np.sqrt(size / max(np.abs(compute_signed_areas(flat, faces)).sum(), 1e-12))
+    flat = flat * np.sqrt(
+        size / max(np.abs(compute_signed_areas(flat, faces)).sum(), 1e-12)
+    )
     data = igl.ARAPData()
     data.max_iter = ITERATIONS
     pinned = np.array([ends[0]], dtype=np.int32)
@@ -259,7 +261,7 @@ def is_overlapping(
     around = Polygon(flat[outer]).buffer(0.0).area
     holes = [loop for loop in loops if len(loop) != len(outer) or loop[0] not in outer]
     within = sum(Polygon(flat[loop]).buffer(0.0).area for loop in holes)
-    return abs(around - within - total) > MAX_OVERLAP * total
+    return bool(abs(around - within - total) > MAX_OVERLAP * total)
 
 
 def compute_perimeter(vertices: Points, loop: list[int]) -> float:
@@ -303,4 +305,3 @@ def turn_region(region: FlatRegion, angle: float, origin: Unrolled) -> FlatRegio
             turn = make_transform(exp_so3(np.array([0.0, 0.0, angle])), shift)
             surface = Plane(plane.T_link_surface @ turn)
     return replace(region, surface=surface, flat=flat)
-

@@ -23,8 +23,10 @@ MIN_COSINE = 0.1
 """Smallest cosine of such a direction with the normal."""
 LIFT = 2e-4
 """Height above the surface from which is looked [m]."""
-SAMPLES = 9
-"""Number of values of a joint, from its lower to its upper limit, in a sweep."""
+SWEEP_STEP = 0.2
+"""Largest step of a joint in a sweep from its lower to its upper limit [rad]."""
+SLIDE_STEPS = 9
+"""Number of positions of a prismatic joint in a sweep."""
 
 
 class Zone(ABC):
@@ -128,7 +130,7 @@ def find_swept_vertices(
     """Find the vertices that come close to another link.
 
     Links on both sides of a joint are compared while that joint moves from its lower
-    to its upper limit, in `SAMPLES` steps; all others with the joints at 0.
+    to its upper limit, in steps of `SWEEP_STEP`; all others with the joints at 0.
 
     Args:
         robot: the robot.
@@ -181,8 +183,9 @@ def iterate_relative_poses(
             yield first, second, invert(T[index[second]]) @ T[index[first]]
     groups = group_rigid_links(robot)
     for number, joint in enumerate(robot.actuated_joints):
-        values = np.tile(rest, (SAMPLES, 1))
-        values[:, number] = sample_joint(joint)
+        sweep = sample_joint(joint)
+        values = np.tile(rest, (len(sweep), 1))
+        values[:, number] = sweep
         poses = kinematics.poses(values)
         parents = [n for n in names if groups[n] == groups[joint.parent]]
         children = [n for n in names if groups[n] == groups[joint.child]]
@@ -193,10 +196,12 @@ def iterate_relative_poses(
 
 
 def sample_joint(joint: Joint) -> Float[np.ndarray, "sample"]:
-    """Return values of a joint [rad] or [m]; a full turn where it has no limits."""
+    """Return values of a joint [rad] or [m], at most those of a full turn."""
+    if joint.kind == "prismatic":
+        return np.linspace(joint.lower, joint.upper, SLIDE_STEPS)
     low = joint.lower if np.isfinite(joint.lower) else -np.pi
-    high = joint.upper if np.isfinite(joint.upper) else np.pi
-    return np.linspace(low, high, SAMPLES)
+    span = min(joint.upper - low, 2 * np.pi)
+    return low + np.linspace(0.0, span, int(np.ceil(span / SWEEP_STEP)) + 1)
 
 
 def group_rigid_links(robot: Robot) -> dict[str, str]:
@@ -209,4 +214,3 @@ def group_rigid_links(robot: Robot) -> dict[str, str]:
             root = parent[root]
         groups[name] = root
     return groups
-

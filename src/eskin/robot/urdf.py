@@ -33,9 +33,7 @@ MAX_TEXT = 1000
 """Largest length of an attribute that is used, such as a name."""
 
 
-def load_urdf(
-    path: str | Path, *, meshes: bool = True, mimics: bool = True
-) -> Robot:
+def load_urdf(path: str | Path, *, meshes: bool = True, mimics: bool = True) -> Robot:
     """Read a robot from a URDF file.
 
     Args:
@@ -54,9 +52,7 @@ def load_urdf(
     try:
         check_counts(root)
         links = tuple(read_link(element, reader) for element in root.findall("link"))
-        joints = tuple(
-            read_joint(element, mimics) for element in root.findall("joint")
-        )
+        joints = tuple(read_joint(element, mimics) for element in root.findall("joint"))
         return Robot(root.get("name") or path.stem, links, joints)
     except ElementError as error:
         line = find_line(path, list(root.iter()).index(error.element))
@@ -259,7 +255,7 @@ def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
         return None
     if not found.get("joint", "").strip():
         raise ElementError(
-            f"{place}: <mimic> names no joint; add joint=\"...\", or go on without "
+            f'{place}: <mimic> names no joint; add joint="...", or go on without '
             "mimic rules: --no-mimics, load_urdf(mimics=False)",
             found,
         )
