@@ -31,7 +31,7 @@ PACKAGES = {
 
 @dataclass(frozen=True)
 class DesignCommand:
-    """Design a skin for a robot: patches on its links, their taxels and drawings.
+    """Make a skin for a robot: patches on its links, their taxels and drawings.
 
     Each link is cut into patches that unroll with little distortion and that one
     board can read. The folder is a skin for every other command. It also holds a DXF,
@@ -206,6 +206,6 @@ def print_report(report: dict[str, object]) -> None:
         f"{report['area_cm2']} in all; distortion up to {report['distortion_max']}"
     )
     print(
-        f"traces: {report['wiring_m']} m, at least {report['trace_pitch_mm']} mm apart; "
+        f"traces: {report['wiring_m']} m, {report['trace_pitch_mm']} mm apart or more; "
         f"bandwidth at {report['rate_hz']} Hz: {report['bandwidth_mbit_s']} Mbit/s"
     )

@@ -2,14 +2,16 @@
 
 from typing import final
 
-import igl
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
 from eskin.design.surface import LinkSurface
 from eskin.design.unroll import PointLocator
+from eskin.extras import find_package
 from eskin.skin import MountedSkin
+
+igl = find_package("igl", "libigl", "design", "skin design")
 
 Points = Float[np.ndarray, "point 3"]
 

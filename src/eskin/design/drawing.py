@@ -12,15 +12,19 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
-import ezdxf
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from shapely import Polygon, box, union_all
+from jaxtyping import Bool, Float
+from shapely import Polygon, box, get_coordinates, union_all
 
 from eskin.design.patches import PatchLayout
+from eskin.extras import find_package
 from eskin.files import atomic_path
 
+ezdxf = find_package("ezdxf", "ezdxf", "design", "skin design")
+
 MM = 1e3
+MILLIMETRES = 4
+"""Number of the unit in a DXF."""
 PAD = 0.75
 """Side of a pad over the spacing of the taxels."""
 SEAM = 0.2
@@ -160,7 +164,7 @@ def draw_patch(name: str, layout: PatchLayout) -> PatchDrawing:
         contact = box(
             stop[0] - 0.3 * step, end, stop[0] + 0.3 * step, end + CONTACT_LENGTH
         )
-        corners = np.array(contact.exterior.coords)[:4]
+        corners = get_coordinates(contact)[:4]
         lines.append(Line("CONNECTOR", corners, closed=True))
     marks = place_fiducials(present, x, y)
     return PatchDrawing(
@@ -260,7 +264,7 @@ def build_outline(
     outline = union_all([body, tongue])
     if not isinstance(outline, Polygon):
         raise ValueError("the cells of a patch are not connected")
-    return np.array(outline.simplify(1e-6).exterior.coords)[:-1]
+    return get_coordinates(outline.simplify(1e-6))[:-1]
 
 
 def place_fiducials(
@@ -287,7 +291,7 @@ def arrange_sheet(drawings: Sequence[PatchDrawing]) -> list[PatchDrawing]:
     width = max(
         1.25 * np.sqrt((sizes + SHEET_GAP).prod(axis=1).sum()), sizes[:, 0].max()
     )
-    order: Int[np.ndarray, "drawing"] = np.argsort(-sizes[:, 1], kind="stable")
+    order = np.argsort(-sizes[:, 1], kind="stable")
     left, top, placed = 0.0, 0.0, list(drawings)
     height = 0.0
     for number in order:
@@ -305,7 +309,7 @@ def save_dxf(path: Path, drawings: Sequence[PatchDrawing]) -> None:
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
     ezdxf.options.write_fixed_meta_data_for_testing = True
     try:
-        document = ezdxf.new("R2010", units=ezdxf.units.MM)
+        document = ezdxf.new("R2010", units=MILLIMETRES)
         for layer, (colour, _) in LAYERS.items():
             document.layers.add(layer, color=colour)
         space = document.modelspace()

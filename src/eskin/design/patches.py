@@ -4,19 +4,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
 
-import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from shapely import MultiPoint, minimum_rotated_rectangle
+from shapely import MultiPoint, get_coordinates, minimum_rotated_rectangle
 
 from eskin.design.spec import DesignLimits
 from eskin.design.surface import LinkSurface
 from eskin.design.unroll import FlatRegion, turn_region, unroll_region
 from eskin.design.zones import Zone
+from eskin.extras import find_package
 from eskin.skin import Plane, Surface, TaxelGrid, Tube
+
+igl = find_package("igl", "libigl", "design", "skin design")
 
 PHASES = 4
 """Number of positions of a grid that are tried, along each axis."""
@@ -171,7 +173,7 @@ def place_grid(task: RegionTask, region: FlatRegion) -> tuple[FlatRegion, Mask]:
         The region in the coordinates of the grid, and the cells that lie in it.
     """
     box = minimum_rotated_rectangle(MultiPoint(region.flat[np.unique(region.faces)]))
-    side = np.diff(np.array(box.exterior.coords)[:3], axis=0) if box.area > 0 else None
+    side = np.diff(get_coordinates(box)[:3], axis=0) if box.area > 0 else None
     angle = 0.0
     if side is not None and not isinstance(region.surface, Tube):
         longest = side[np.argmax(np.linalg.norm(side, axis=1))]
@@ -206,7 +208,7 @@ def find_cells(
         origins: centres of the grids, in the coordinates of the region [m].
     """
     columns, rows = counts.tolist()
-    centres = compute_centres((rows, columns), task.pitch)
+    centres = compute_centres(rows, columns, task.pitch)
     offsets = np.concatenate([np.zeros((1, 2)), MARGIN * task.pitch * CORNERS])
     points = origins[:, None, None] + centres[None, :, None] + offsets
     flat = points.reshape(-1, 2)
@@ -221,10 +223,10 @@ def find_cells(
 
 
 def compute_centres(
-    shape: tuple[int, int], pitch: float
+    rows: int, columns: int, pitch: float
 ) -> Float[np.ndarray, "cell 2"]:
     """Return the centres (s, t) of all cells of a grid centred on (0, 0) [m]."""
-    return TaxelGrid(*shape, pitch, pitch).unrolled()
+    return TaxelGrid(rows, columns, pitch, pitch).unrolled()
 
 
 def measure_distortion(
@@ -236,7 +238,8 @@ def measure_distortion(
         For each direction the cells at both ends, and the relative error of the
         unrolled length of each line.
     """
-    centres = compute_centres(present.shape, pitch).reshape(*present.shape, 2)
+    rows, columns = present.shape
+    centres = compute_centres(rows, columns, pitch).reshape(rows, columns, 2)
     found = []
     for step in NEIGHBOURS:
         first = np.argwhere(present)
@@ -352,7 +355,7 @@ def find_crossing_part(piece: Mask) -> Mask:
 
 
 def keep_crossing(piece: Mask, row: int, column: int) -> Mask:
-    """Keep the runs through a column in every row, and through a row in every column."""
+    """Keep the runs of the rows through a column, and of the columns through a row."""
     part = piece
     while True:
         kept = keep_runs(keep_runs(part, column).T, row).T
@@ -387,9 +390,8 @@ def build_layout(region: FlatRegion, part: Mask, pitch: float) -> PatchLayout:
     surface = turn_region(region, 0.0, origin[None]).surface
     errors = measure_distortion(surface, present, pitch)
     worst = max((float(np.abs(error).max()) for *_, error in errors), default=0.0)
-    return PatchLayout(
-        surface, TaxelGrid(*present.shape, pitch, pitch, present=present), worst
-    )
+    grid = TaxelGrid(len(rows), len(columns), pitch, pitch, present=present)
+    return PatchLayout(surface, grid, worst)
 
 
 def bisect(

@@ -1,4 +1,4 @@
-"""This module reports what a design reaches: coverage, distortion, wiring, bandwidth."""
+"""This module reports coverage, distortion, wiring and bandwidth of a design."""
 
 from collections.abc import Sequence
 from math import ceil
@@ -38,7 +38,7 @@ def build_report(
         "coverage": round(covered / area, 4),
         "coverage_of_allowed": round(covered / allowed, 4),
         "density_per_cm2": round(skin.count / covered, 4),
-        "distortion_max": round(max(l.distortion for l in design.layouts), 4),
+        "distortion_max": round(max(p.distortion for p in design.layouts), 4),
         "wiring_m": round(1e-3 * sum(d.trace_length for d in drawings), 2),
         "trace_pitch_mm": round(min(d.trace_pitch for d in drawings), 4),
         "bandwidth_mbit_s": round(

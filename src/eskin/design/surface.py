@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass
 
-import igl
 import manifold3d
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from eskin.errors import RobotError
+from eskin.extras import find_package
 from eskin.robot import Cylinder, Geom, Link, Sphere, TriangleMesh, build_geom_mesh
+
+igl = find_package("igl", "libigl", "design", "skin design")
 
 SAGITTA = 5e-5
 """Largest distance of a circle from the sides of its polygon [m]."""
@@ -110,12 +112,13 @@ def close_bodies(
             closed.append(body)
     if open_parts:
         broken = trimesh.util.concatenate(open_parts)
+        assert isinstance(broken, trimesh.Trimesh)
         wrapped = wrap_mesh(broken) if broken.area > MIN_OPEN_AREA else None
         warnings.append(
             f"link '{link}': {len(open_parts)} of {len(parts)} bodies are not closed; "
-            + ("wrapped them" if wrapped else "left them out")
+            + ("left them out" if wrapped is None else "wrapped them")
         )
-        closed += [wrapped] if wrapped else []
+        closed += [] if wrapped is None else [wrapped]
     return closed
 
 
@@ -171,5 +174,4 @@ def snap_vertices(
 ) -> Float[np.ndarray, "point 3"]:
     """Move points onto a mesh where it is within reach [m]."""
     square, _, nearest = igl.point_mesh_squared_distance(points, vertices, faces)
-    near: Bool[np.ndarray, "point"] = square < reach**2
-    return np.where(near[:, None], nearest, points)
+    return np.where((square < reach**2)[:, None], nearest, points)

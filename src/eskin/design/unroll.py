@@ -9,15 +9,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
-import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from shapely import Polygon
 
 from eskin.design.surface import LinkSurface
+from eskin.extras import find_package
 from eskin.skin import Plane, Surface, SurfacePoints, Tube
 from eskin.skin.surfaces import Points, Unrolled, fit_plane, fit_tube
 from eskin.transforms import exp_so3, make_transform
+
+igl = find_package("igl", "libigl", "design", "skin design")
 
 FIT_DISTANCE = 1e-4
 """Largest distance of a vertex from the plane or tube that replaces its mesh [m]."""
@@ -131,7 +133,7 @@ class UnrolledMesh(Surface):
     def fit_errors(
         self, positions: Points, normals: Points
     ) -> Float[np.ndarray, "point"]:
-        """Return the distances from the surface [m] plus the errors of normals [rad]."""
+        """Return the distances of points [m] plus the errors of normals [rad]."""
         face, weights, distance = self.on_link.locate(positions)
         own = np.einsum("pk,pki->pi", weights, self.normals[self.faces[face]])
         own /= np.linalg.norm(own, axis=1, keepdims=True)
@@ -220,7 +222,8 @@ def flatten(vertices: Points, faces: Int[np.ndarray, "face 3"]) -> Unrolled | No
     loops = igl.boundary_loop_all(faces)
     if not loops or igl.euler_characteristic(faces) != 2 - len(loops):
         return None
-    outer = np.array(max(loops, key=lambda loop: compute_perimeter(vertices, loop)))
+    longest = np.argmax([compute_perimeter(vertices, loop) for loop in loops])
+    outer = np.array(loops[longest])
     ends = outer[[0, np.argmax(np.sum((vertices[outer] - vertices[outer[0]]) ** 2, 1))]]
     span = float(np.linalg.norm(vertices[ends[1]] - vertices[ends[0]]))
     flat, _ = igl.lscm(vertices, faces, ends, np.array([[0.0, 0.0], [span, 0.0]]))

@@ -5,14 +5,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import final
 
-import igl
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
 
 from eskin.design.surface import LinkSurface
+from eskin.extras import find_package
 from eskin.robot import Joint, Kinematics, Robot
 from eskin.transforms import apply, invert
+
+igl = find_package("igl", "libigl", "design", "skin design")
 
 Points = Float[np.ndarray, "point 3"]
 Vector = tuple[float, float, float]

@@ -5,6 +5,7 @@ Everything else (visuals, inertials, transmissions, sensors, simulator tags) is 
 """
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import cast, final, get_args
 from xml.etree import ElementTree
@@ -29,6 +30,7 @@ MAX_ELEMENTS, MAX_DEPTH = 100_000, 50
 MAX_LINKS = MAX_JOINTS = 1000
 MAX_GEOMS = 2000
 """Largest numbers of links, joints, and collision shapes of all links."""
+REMEDY = ", or go on without mimic rules by --no-mimics or load_urdf(mimics=False)"
 MAX_TEXT = 1000
 """Largest length of an attribute that is used, such as a name."""
 
@@ -53,12 +55,27 @@ def load_urdf(path: str | Path, *, meshes: bool = True, mimics: bool = True) -> 
         check_counts(root)
         links = tuple(read_link(element, reader) for element in root.findall("link"))
         joints = tuple(read_joint(element, mimics) for element in root.findall("joint"))
+        check_mimics(root, joints)
         return Robot(root.get("name") or path.stem, links, joints)
     except ElementError as error:
         line = find_line(path, list(root.iter()).index(error.element))
         raise RobotError(f"{path} line {line}: {error}") from None
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
+
+
+def check_mimics(root: Element, joints: Sequence[Joint]) -> None:
+    """Raise where a joint follows one that is missing, fixed, or follows another."""
+    moving = [j.name for j in joints if j.kind != "fixed" and j.mimic is None]
+    for joint, element in zip(joints, root.findall("joint"), strict=True):
+        if joint.mimic is not None and joint.mimic.joint not in moving:
+            near = get_close_matches(joint.mimic.joint, moving, 3) or moving[:3]
+            raise ElementError(
+                f"joint '{joint.name}' follows '{joint.mimic.joint}', which has no "
+                f"value of its own; allowed: a joint such as {', '.join(near)}; name "
+                f"one{REMEDY}",
+                find_child(element, "mimic", joint.name),
+            )
 
 
 class ElementError(RobotError):
@@ -254,11 +271,7 @@ def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
     if found is None or kind == "fixed":
         return None
     if not found.get("joint", "").strip():
-        raise ElementError(
-            f'{place}: <mimic> names no joint; add joint="...", or go on without '
-            "mimic rules: --no-mimics, load_urdf(mimics=False)",
-            found,
-        )
+        raise ElementError(f"{place}: <mimic> has no 'joint'; add it{REMEDY}", found)
     multiplier = read_number(found, "multiplier", place, 1.0)
     offset = read_number(found, "offset", place, 0.0)
     return Mimic(read_text(found, "joint", place), multiplier, offset)
