@@ -58,7 +58,12 @@ class ExampleRobot:
     """Values of joints [rad] by the ends of their names; others are at 0."""
 
 
-ARM = {"lift_joint": -1.2, "elbow_joint": 1.4, "wrist_1_joint": -1.4, "wrist_2_joint": -1.4}
+ARM = {
+    "lift_joint": -1.2,
+    "elbow_joint": 1.4,
+    "wrist_1_joint": -1.4,
+    "wrist_2_joint": -1.4,
+}
 ROBOTS = {
     "ur5": ExampleRobot("ur_description/urdf/ur5_robot.urdf", 1.5, ARM),
     "ur10": ExampleRobot("ur_description/urdf/ur10_robot.urdf", 1.0, ARM),
@@ -117,9 +122,7 @@ def design_robots(names: list[str], pictures: Path | None) -> None:
                 raise SystemExit(f"{name}: exit code {code}")
             report = json.loads((out / "report.json").read_text())
             covered = [row for row in report["regions"] if row["patches"]]
-            checked = run(
-                ["skin", "check", str(out), "--robot", str(find_robot(name))]
-            )
+            checked = run(["skin", "check", str(out), "--robot", str(find_robot(name))])
             print(
                 f"| {name} | {seconds:.1f} | {len(covered)} | {report['boards']} | "
                 f"{report['taxels']} | {report['density_per_cm2']} | "
@@ -134,7 +137,7 @@ def design_robots(names: list[str], pictures: Path | None) -> None:
                 for end, value in ROBOTS[name].pose.items():
                     q[[joint.endswith(end) for joint in robot.joint_names]] = value
                 q = np.clip(q, robot.lower, robot.upper)
-                draw_skin(load_skin(out), pictures / f"design_{name}.png", robot, q)
+                draw_skin(load_skin(out), pictures / f"design_{name}.webp", robot, q)
                 if name == "ur5":
                     sheet = (out / "sheet.svg").read_text()
                     (pictures / "design_sheet.svg").write_text(sheet)
@@ -164,7 +167,9 @@ def check_seeds(seeds: int) -> None:
 
 def draw_spec(robot: Robot, density: float, rng: np.random.Generator) -> DesignSpec:
     """Draw three large links, a density for each, and three keep-out zones."""
-    surfaces = {link.name: build_link_surface(link) for link in robot.links if link.geoms}
+    surfaces = {
+        link.name: build_link_surface(link) for link in robot.links if link.geoms
+    }
     whole = [
         name
         for name, own in surfaces.items()
@@ -219,7 +224,9 @@ def measure_surface_distance(robot: Robot, design: SkinDesign) -> float:
     for name in set(names.tolist()):
         link = robot.links[robot.link_index(name)]
         points = design.skin.positions[names == name]
-        worst = max(worst, float(np.abs(compute_surface_distance(link, points)[0]).max()))
+        worst = max(
+            worst, float(np.abs(compute_surface_distance(link, points)[0]).max())
+        )
     return worst
 
 
@@ -308,10 +315,8 @@ def count_kept_out(design: SkinDesign) -> int:
 def measure_clearance(
     robot: Robot, design: SkinDesign, rng: np.random.Generator
 ) -> float:
-    """Return the smallest distance of a taxel from another link, in sampled poses [m]."""
-    coarse = {
-        link.name: build_link_surface(link) for link in robot.links if link.geoms
-    }
+    """Return the smallest distance of a taxel from another link [m]."""
+    coarse = {link.name: build_link_surface(link) for link in robot.links if link.geoms}
     names = np.array(design.skin.link_names)[design.skin.patch_index]
     least = np.inf
     for first, second, T in iterate_relative_poses(robot, coarse):
@@ -354,7 +359,9 @@ def measure_shapes(corners: int, rng: np.random.Generator) -> str:
     helix = np.hypot(0.04 * (angle[:4, None] - angle[None]), z[:4, None] - z[None])
     torus = trimesh.creation.torus(0.08, 0.03, corners, corners // 2)
     turn = np.linspace(0, np.pi, 20)
-    around = np.column_stack([0.08 + 0.03 * np.cos(turn), 0 * turn, 0.03 * np.sin(turn)])
+    around = np.column_stack(
+        [0.08 + 0.03 * np.cos(turn), 0 * turn, 0.03 * np.sin(turn)]
+    )
     texts = []
     for name, mesh, points, known in (
         ("sphere", ball, 0.06 * unit, arcs),
@@ -371,7 +378,7 @@ def measure_shapes(corners: int, rng: np.random.Generator) -> str:
         far = known > 1e-3
         error = np.abs(found[far] / known[far] - 1)
         texts.append(
-            f"{name} {100 * error.max():.2f} % (median {100 * np.median(error):.2f} %), "
+            f"{name} {100 * error.max():.2f} %, median {100 * np.median(error):.2f} %, "
             f"{len(surface.faces)} triangles, {1e3 * each:.0f} ms a source"
         )
     return "; ".join(texts)
@@ -381,7 +388,9 @@ def main() -> None:
     """Run one of the measurements."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=("robots", "seeds", "distances"))
-    parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), default=list(ROBOTS))
+    parser.add_argument(
+        "--robots", nargs="+", choices=list(ROBOTS), default=list(ROBOTS)
+    )
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--seeds", type=int, default=20)
     options = parser.parse_args()
