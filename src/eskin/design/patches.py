@@ -16,7 +16,7 @@ from eskin.design.surface import LinkSurface
 from eskin.design.unroll import FlatRegion, turn_region, unroll_region
 from eskin.design.zones import Zone
 from eskin.extras import find_package
-from eskin.skin import Plane, Surface, TaxelGrid, Tube
+from eskin.skin import Surface, TaxelGrid, Tube
 
 igl = find_package("igl", "libigl", "design", "skin design")
 
@@ -26,8 +26,6 @@ STEPS = 8
 """Number of pieces in which the distance of two neighbours is measured."""
 MAX_SKIPPED = 0.04
 """Largest fraction of the cells that is left out where they are too distorted."""
-MIN_SPREAD = 0.3
-"""Smallest mean normal of a region that is unrolled without cutting it first."""
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns to the neighbours whose distances are measured."""
 MARGIN = 0.98
@@ -139,7 +137,7 @@ def lay_piece(
     task: RegionTask, piece: Int[np.ndarray, "piece"]
 ) -> list[PatchLayout] | None:
     """Lay a grid of taxels on a connected piece; None where it must be cut first."""
-    region = unroll_piece(task, piece)
+    region = unroll_region(task.surface, piece)
     if region is None:
         return None
     region, present = place_grid(task, region)
@@ -151,19 +149,6 @@ def lay_piece(
     if np.count_nonzero(bad & present) > MAX_SKIPPED * len(cells):
         return None
     return list(cut_into_boards(task, region, present & ~bad))
-
-
-def unroll_piece(
-    task: RegionTask, piece: Int[np.ndarray, "piece"]
-) -> FlatRegion | None:
-    """Unroll a piece; None where it must be cut first."""
-    corners = task.surface.vertices[task.surface.faces[piece]]
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    spread = np.linalg.norm(doubled.sum(axis=0)) / np.linalg.norm(doubled, axis=1).sum()
-    region = unroll_region(task.surface, piece)
-    if region is None or isinstance(region.surface, Plane | Tube):
-        return region
-    return region if spread > MIN_SPREAD else None
 
 
 def place_grid(task: RegionTask, region: FlatRegion) -> tuple[FlatRegion, Mask]:

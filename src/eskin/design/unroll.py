@@ -25,6 +25,8 @@ FIT_DISTANCE = 1e-4
 """Largest distance of a vertex from the plane or tube that replaces its mesh [m]."""
 FIT_ANGLE = 0.2
 """Largest angle of its normal [rad]."""
+MIN_MEAN_NORMAL = 0.3
+"""Smallest length of the mean normal of a curved region that is unrolled in one."""
 ITERATIONS = 40
 """Number of iterations of the unrolling."""
 MAX_FLIPPED, MAX_OVERLAP = 1e-4, 2e-3
@@ -216,30 +218,55 @@ def flatten(vertices: Points, faces: Int[np.ndarray, "face 3"]) -> Unrolled | No
     """Compute the unrolled coordinates [m] of the vertices of a mesh with a boundary.
 
     Returns:
-        The coordinates; None where the mesh is closed or has a handle, or where its
-        image overlaps itself.
+        The coordinates; None where the mesh is closed, curved nearly all round or has
+        a handle, or where its image overlaps itself.
     """
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    doubled = np.cross(b - a, c - a)
+    size = np.linalg.norm(doubled, axis=1).sum()
+    if np.linalg.norm(doubled.sum(axis=0)) < MIN_MEAN_NORMAL * size:
+        return None
     loops = igl.boundary_loop_all(faces)
     if not loops or igl.euler_characteristic(faces) != 2 - len(loops):
         return None
     longest = np.argmax([compute_perimeter(vertices, loop) for loop in loops])
     outer = np.array(loops[longest])
-    ends = outer[[0, np.argmax(np.sum((vertices[outer] - vertices[outer[0]]) ** 2, 1))]]
-    span = float(np.linalg.norm(vertices[ends[1]] - vertices[ends[0]]))
-    flat, _ = igl.lscm(vertices, faces, ends, np.array([[0.0, 0.0], [span, 0.0]]))
-    size = igl.doublearea(vertices, faces).sum()
-    flat = flat * np.sqrt(
-        size / max(np.abs(compute_signed_areas(flat, faces)).sum(), 1e-12)
-    )
+    flat = compute_rigid_map(vertices, faces, outer)
+    if flat is None or is_overlapping(flat, faces, loops, outer):
+        return None
+    return flat
+
+
+def compute_rigid_map(
+    vertices: Points,
+    faces: Int[np.ndarray, "face 3"],
+    outer: Int[np.ndarray, "corner"],
+) -> Unrolled | None:
+    """Compute a map that is as rigid as possible, beginning with a conformal one.
+
+    Args:
+        vertices: positions of the vertices [m].
+        faces: indices into `vertices`.
+        outer: vertices around the mesh.
+
+    Returns:
+        The unrolled coordinates [m]; None where triangles are too thin for a solution.
+    """
+    gaps = np.linalg.norm(vertices[outer] - vertices[outer[0]], axis=1)
+    ends = outer[[0, np.argmax(gaps)]]
+    flat, _ = igl.lscm(vertices, faces, ends, np.array([[0.0, 0.0], [gaps.max(), 0.0]]))
+    size = np.abs(compute_signed_areas(flat, faces)).sum()
+    if not size > 0:
+        return None
+    flat = flat * np.sqrt(igl.doublearea(vertices, faces).sum() / size)
     data = igl.ARAPData()
     data.max_iter = ITERATIONS
-    pinned = np.array([ends[0]], dtype=np.int32)
+    pinned = ends[:1].astype(np.int32)
     try:
         igl.arap_precomputation(vertices, faces, 2, pinned, data)
-        flat = igl.arap_solve(flat[pinned], data, flat)
-    except RuntimeError:  # Triangles so thin that the system has no solution.
+        return igl.arap_solve(flat[pinned], data, flat)
+    except RuntimeError:
         return None
-    return None if is_overlapping(flat, faces, loops, outer) else flat
 
 
 def is_overlapping(
