@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
-from eskin.design.surface import LinkSurface
-from eskin.design.unroll import PointLocator
+from eskin.design.surface import LinkSurface, PointLocator
 from eskin.extras import find_package
 from eskin.skin import MountedSkin
 

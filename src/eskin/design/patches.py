@@ -30,8 +30,8 @@ NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns to the neighbours whose distances are measured."""
 MARGIN = 0.98
 """Size of the square of a cell that lies in its region, over that of the cell."""
-CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-"""Corners of a cell."""
+CELL_POINTS = 4
+"""Number of points along a side of a cell that must lie in its region."""
 
 Mask = Bool[np.ndarray, "row column"]
 
@@ -184,7 +184,7 @@ def find_cells(
 ) -> Bool[np.ndarray, "grid row column"]:
     """Return the cells of grids around some centres that lie in a region.
 
-    A cell lies in the region where its middle and its corners do.
+    A cell lies in the region where its middle does, and points along its sides.
 
     Args:
         task: task with the pitch and the keep-out zones.
@@ -194,7 +194,7 @@ def find_cells(
     """
     columns, rows = counts.tolist()
     centres = compute_centres(rows, columns, task.pitch)
-    offsets = np.concatenate([np.zeros((1, 2)), MARGIN * task.pitch * CORNERS])
+    offsets = MARGIN * task.pitch * build_cell_points()
     points = origins[:, None, None] + centres[None, :, None] + offsets
     flat = points.reshape(-1, 2)
     inside = region.contains(flat)
@@ -205,6 +205,14 @@ def find_cells(
         inside[np.flatnonzero(inside)[blocked]] = False
     whole = inside.reshape(points.shape[:3]).all(axis=2)
     return whole.reshape(len(origins), rows, columns)
+
+
+def build_cell_points() -> Float[np.ndarray, "point 2"]:
+    """Return the middle of a cell of side 1, and points along its sides."""
+    side = np.linspace(-0.5, 0.5, CELL_POINTS)
+    points = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    border = points[np.abs(points).max(axis=1) == 0.5]
+    return np.concatenate([np.zeros((1, 2)), border])
 
 
 def compute_centres(

@@ -1,6 +1,7 @@
-"""This module joins the shapes of a link into one closed surface."""
+"""This module joins the shapes of a link into one closed surface, and searches it."""
 
 from dataclasses import dataclass
+from typing import final
 
 import manifold3d
 import numpy as np
@@ -44,6 +45,44 @@ class LinkSurface:
     def corners(self) -> Float[np.ndarray, "face 3 3"]:
         """Return the corners of every triangle [m]."""
         return self.vertices[self.faces]
+
+
+@final
+class PointLocator:
+    """A locator finds the nearest triangles of a mesh.
+
+    Attributes:
+        vertices: positions of the vertices [m].
+        faces: indices into `vertices`.
+    """
+
+    def __init__(
+        self, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
+    ) -> None:
+        """Build a tree of the triangles."""
+        self.vertices, self.faces = vertices, faces
+        self.tree = igl.AABB()
+        self.tree.init(vertices, faces)
+
+    def locate(
+        self, points: Float[np.ndarray, "point 3"]
+    ) -> tuple[
+        Int[np.ndarray, "point"],
+        Float[np.ndarray, "point 3"],
+        Float[np.ndarray, "point"],
+    ]:
+        """Return the nearest triangle, weights of its corners, and distance [m]."""
+        square, face, nearest = self.tree.squared_distance(
+            self.vertices, self.faces, np.ascontiguousarray(points)
+        )
+        a, b, c = (
+            np.ascontiguousarray(self.vertices[self.faces[face, i]]) for i in range(3)
+        )
+        weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
+        # A triangle without area has no such coordinates.
+        weights = np.where(np.isfinite(weights), np.clip(weights, 0.0, 1.0), 1.0)
+        weights /= weights.sum(axis=1, keepdims=True)
+        return face.astype(np.int64), weights, np.sqrt(np.maximum(square, 0.0))
 
 
 def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface:

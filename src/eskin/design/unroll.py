@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from shapely import Polygon
 
-from eskin.design.surface import LinkSurface
+from eskin.design.surface import LinkSurface, PointLocator
 from eskin.extras import find_package
 from eskin.skin import Plane, Surface, SurfacePoints, Tube
 from eskin.skin.surfaces import Points, Unrolled, fit_plane, fit_tube
@@ -33,42 +33,6 @@ MAX_FLIPPED, MAX_OVERLAP = 1e-4, 2e-3
 """Largest fractions of the area of triangles that are turned over, or overlap."""
 INSIDE = 1e-7
 """Distance up to which a point lies in an unrolled region [m]."""
-
-
-@final
-class PointLocator:
-    """A locator finds the nearest triangles of a mesh.
-
-    Attributes:
-        vertices: positions of the vertices [m].
-        faces: indices into `vertices`.
-    """
-
-    def __init__(self, vertices: Points, faces: Int[np.ndarray, "face 3"]) -> None:
-        """Build a tree of the triangles."""
-        self.vertices, self.faces = vertices, faces
-        self.tree = igl.AABB()
-        self.tree.init(vertices, faces)
-
-    def locate(
-        self, points: Points
-    ) -> tuple[
-        Int[np.ndarray, "point"],
-        Float[np.ndarray, "point 3"],
-        Float[np.ndarray, "point"],
-    ]:
-        """Return the nearest triangle, weights of its corners, and distance [m]."""
-        square, face, nearest = self.tree.squared_distance(
-            self.vertices, self.faces, np.ascontiguousarray(points)
-        )
-        a, b, c = (
-            np.ascontiguousarray(self.vertices[self.faces[face, i]]) for i in range(3)
-        )
-        weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
-        # A triangle without area has no such coordinates.
-        weights = np.where(np.isfinite(weights), np.clip(weights, 0.0, 1.0), 1.0)
-        weights /= weights.sum(axis=1, keepdims=True)
-        return face.astype(np.int64), weights, np.sqrt(np.maximum(square, 0.0))
 
 
 @final

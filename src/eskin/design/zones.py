@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
 
-from eskin.design.surface import LinkSurface
+from eskin.design.surface import LinkSurface, PointLocator
 from eskin.extras import find_package
 from eskin.robot import Joint, Kinematics, Robot
 from eskin.transforms import apply, invert
@@ -144,31 +144,43 @@ def find_swept_vertices(
         For each link in `fine` a mask of its vertices.
     """
     swept = {name: np.zeros(len(own.vertices), bool) for name, own in fine.items()}
-    boxes = {
-        name: (other.vertices.min(axis=0), other.vertices.max(axis=0))
-        for name, other in coarse.items()
-    }
+    obstacles = {name: Obstacle(other) for name, other in coarse.items()}
     for name, other, T_other_own in iterate_relative_poses(robot, coarse):
         for a, b, T_b_a in (
             (name, other, T_other_own),
             (other, name, invert(T_other_own)),
         ):
-            if a not in fine:
-                continue
-            low, high = boxes[b]
-            left = np.flatnonzero(~swept[a])
-            points = apply(T_b_a, fine[a].vertices[left])
-            near = np.all((points > low - clearance) & (points < high + clearance), 1)
-            if not near.any():
-                continue
-            distance = igl.signed_distance(
-                np.ascontiguousarray(points[near]),
-                coarse[b].vertices,
-                coarse[b].faces,
-                igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER,
-            )[0]
-            swept[a][left[near]] = distance < clearance
+            if a in fine:
+                left = np.flatnonzero(~swept[a])
+                points = apply(T_b_a, fine[a].vertices[left])
+                swept[a][left] = obstacles[b].is_close(points, clearance)
     return swept
+
+
+@final
+class Obstacle:
+    """An obstacle tells which points are near or inside a closed surface."""
+
+    def __init__(self, surface: LinkSurface) -> None:
+        """Build the trees of a surface."""
+        self.locator = PointLocator(surface.vertices, surface.faces)
+        self.winding = igl.FastWindingNumberBVH()
+        self.winding.init(surface.vertices, surface.faces)
+        self.low = surface.vertices.min(axis=0)
+        self.high = surface.vertices.max(axis=0)
+
+    def is_close(self, points: Points, clearance: float) -> Bool[np.ndarray, "point"]:
+        """Return which points are inside, or within a clearance [m] of the surface."""
+        beyond = np.maximum(self.low - points, points - self.high).max(axis=1)
+        close = np.zeros(len(points), dtype=bool)
+        near = np.flatnonzero(beyond < clearance)
+        if len(near):
+            close[near] = self.locator.locate(points[near])[2] < clearance
+        left = np.flatnonzero((beyond < 0) & ~close)
+        if len(left):
+            inside = self.winding.winding_number(np.ascontiguousarray(points[left]))
+            close[left] = inside > 0.5
+        return close
 
 
 def iterate_relative_poses(
