@@ -433,7 +433,7 @@ def test_broken_mesh_is_repaired_with_a_warning(tmp_path, kind, warned):
 
 def test_mesh_without_a_volume_is_refused(tmp_path):
     flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    with pytest.raises(RobotError, match="no body .* choose another link"):
+    with pytest.raises(RobotError, match="no body of 1 mm3 .* choose another link"):
         make_surface(tmp_path, flat)
 
 

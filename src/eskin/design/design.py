@@ -14,7 +14,7 @@ from eskin.design.patches import (
     lay_patches,
 )
 from eskin.design.spec import PER_CM2, DesignSpec, RegionSpec
-from eskin.design.surface import LinkSurface, build_link_surface
+from eskin.design.surface import LinkSurface, build_two_surfaces
 from eskin.design.zones import compute_exposure, find_swept_vertices
 from eskin.errors import RobotError, SkinError
 from eskin.robot import Robot
@@ -161,17 +161,19 @@ def build_surfaces(
     for link in robot.links:
         if not link.geoms and link.name not in pitches:
             continue
+        edge = None
+        if link.name in pitches:
+            edge = float(np.clip(EDGE * pitches[link.name], LEAST_EDGE, MOST_EDGE))
         try:
-            coarse[link.name] = build_link_surface(link)
+            coarse[link.name], small = build_two_surfaces(link, edge)
         except RobotError as error:
             if link.name in pitches:
                 raise
             warnings.append(f"{error}; it is no obstacle")
             continue
         warnings += coarse[link.name].warnings
-        if link.name in pitches:
-            edge = np.clip(EDGE * pitches[link.name], LEAST_EDGE, MOST_EDGE)
-            fine[link.name] = build_link_surface(link, float(edge))
+        if small is not None:
+            fine[link.name] = small
     return fine, coarse, warnings
 
 

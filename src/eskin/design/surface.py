@@ -22,10 +22,8 @@ MIN_BODY_VOLUME = 1e-9
 """Volume below which a body of a mesh is left out [m3]."""
 MIN_OPEN_AREA = 1e-4
 """Area below which bodies that are not closed are left out [m2]."""
-WRAP_CELLS = 90
+WRAP_CELLS = 80
 """Number of cells of the grid along the longest side of a body that is wrapped."""
-WRAP_CHUNK = 200_000
-"""Number of grid points that are evaluated at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +97,17 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
     Raises:
         RobotError: The link has no shape, or none that encloses a volume.
     """
+    coarse, fine = build_two_surfaces(link, max_edge)
+    return coarse if fine is None else fine
+
+
+def build_two_surfaces(
+    link: Link, max_edge: float | None
+) -> tuple[LinkSurface, LinkSurface | None]:
+    """Build the surface of a link, and the same one of small triangles.
+
+    Arguments and errors are those of `build_link_surface`.
+    """
     if not link.geoms:
         raise RobotError(
             f"link '{link.name}' has no surface: its URDF gives it no <collision>; "
@@ -113,16 +122,24 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
     joined = manifold3d.Manifold.batch_boolean(bodies, manifold3d.OpType.Add)
     if joined.is_empty():
         raise RobotError(
-            f"link '{link.name}' has no body of {1e6 * MIN_BODY_VOLUME:g} cm3 or more; "
+            f"link '{link.name}' has no body of {1e9 * MIN_BODY_VOLUME:g} mm3 or more; "
             "choose another link, or correct its mesh"
         )
-    if max_edge is not None:
-        joined = joined.refine_to_length(max_edge)
-    fine = joined.to_mesh64()
+    coarse = to_surface(joined, link.name, warnings)
+    if max_edge is None:
+        return coarse, None
+    return coarse, to_surface(joined.refine_to_length(max_edge), link.name, warnings)
+
+
+def to_surface(
+    body: manifold3d.Manifold, link: str, warnings: list[str]
+) -> LinkSurface:
+    """Return the surface of a body."""
+    mesh = body.to_mesh64()
     return LinkSurface(
-        link.name,
-        np.array(fine.vert_properties[:, :3], dtype=np.float64),
-        np.array(fine.tri_verts, dtype=np.int64),
+        link,
+        np.array(mesh.vert_properties[:, :3], dtype=np.float64),
+        np.array(mesh.tri_verts, dtype=np.int64),
         tuple(warnings),
     )
 
@@ -189,11 +206,9 @@ def wrap_mesh(mesh: trimesh.Trimesh) -> manifold3d.Manifold | None:
     # libigl's grids run along x first.
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
-    parts = [
-        igl.fast_winding_number(vertices, faces, points[start : start + WRAP_CHUNK])
-        for start in range(0, len(points), WRAP_CHUNK)
-    ]
-    outside = 0.5 - np.concatenate(parts)
+    winding = igl.FastWindingNumberBVH()
+    winding.init(vertices, faces)
+    outside = 0.5 - winding.winding_number(points)
     found = igl.marching_cubes(outside, points, *counts.tolist(), 0.0)
     wrapped = trimesh.Trimesh(found[0], found[1], process=True)
     if not len(wrapped.faces):

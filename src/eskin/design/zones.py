@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from eskin.design.surface import LinkSurface, PointLocator
 from eskin.extras import find_package
 from eskin.robot import Joint, Kinematics, Robot
+from eskin.robot.surface import compute_triangle_normals
 from eskin.transforms import apply, invert
 
 igl = find_package("igl", "libigl", "design", "skin design")
@@ -25,6 +26,8 @@ MIN_COSINE = 0.1
 """Smallest cosine of such a direction with the normal."""
 LIFT = 2e-4
 """Height above the surface from which is looked [m]."""
+ABOVE = 0.9
+"""Cosine above which the offset from a triangle points along its normal."""
 SWEEP_STEP = 0.2
 """Largest step of a joint in a sweep from its lower to its upper limit [rad]."""
 SLIDE_STEPS = 9
@@ -166,6 +169,7 @@ class Obstacle:
         self.locator = PointLocator(surface.vertices, surface.faces)
         self.winding = igl.FastWindingNumberBVH()
         self.winding.init(surface.vertices, surface.faces)
+        self.normals = compute_triangle_normals(surface.corners)
         self.low = surface.vertices.min(axis=0)
         self.high = surface.vertices.max(axis=0)
 
@@ -174,9 +178,15 @@ class Obstacle:
         beyond = np.maximum(self.low - points, points - self.high).max(axis=1)
         close = np.zeros(len(points), dtype=bool)
         near = np.flatnonzero(beyond < clearance)
-        if len(near):
-            close[near] = self.locator.locate(points[near])[2] < clearance
-        left = np.flatnonzero((beyond < 0) & ~close)
+        if len(near) == 0:
+            return close
+        face, weights, distance = self.locator.locate(points[near])
+        close[near] = distance < clearance
+        corners = self.locator.vertices[self.locator.faces[face]]
+        offset = points[near] - np.einsum("pk,pki->pi", weights, corners)
+        # Straight above its nearest triangle a point is outside.
+        above = np.sum(offset * self.normals[face], axis=1) > ABOVE * distance
+        left = near[~above & (distance >= clearance)]
         if len(left):
             inside = self.winding.winding_number(np.ascontiguousarray(points[left]))
             close[left] = inside > 0.5
