@@ -1,4 +1,4 @@
-"""Compute distances between taxels, along the surface or in space."""
+"""Compute distances between taxels along the surface of the skin."""
 
 from typing import final
 
@@ -7,9 +7,8 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
 
-from eskin.skin import MountedSkin, Skin
+from eskin.skin import Skin
 from eskin.skin.surfaces import TOLERANCE, Dome, Surface, Tube, fit_surface
 
 NEIGHBOURS = 8
@@ -126,18 +125,6 @@ def find_surfaces(skin: Skin) -> tuple[list[Surface], Int[np.ndarray, "taxel"]]:
             links.append(patch.link)
         surface_index[taxels] = index
     return surfaces, surface_index
-
-
-def kinematic_distance(
-    mounted: MountedSkin,
-    q: Float[np.ndarray, "joint"],
-    sources: Int[np.ndarray, "source"],
-    targets: Int[np.ndarray, "target"],
-) -> Float[np.ndarray, "source target"]:
-    """Return the straight-line distance between taxels for this q [m]."""
-    return cdist(
-        mounted.place_taxels(q, sources)[0], mounted.place_taxels(q, targets)[0]
-    )
 
 
 def surface_distances(

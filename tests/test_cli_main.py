@@ -30,6 +30,7 @@ ARGUMENTS = {
     "replay": "a.mcap --model m",
     "skin show": "gone",
     "skin check": "gone",
+    "skin design": "gone.urdf --out skin",
     "bench latency": "--steps 10",
     "bench throughput": "--seconds 1",
     "doctor": "",

@@ -29,6 +29,7 @@ BELOW = {
     "nn": ("model",),
     "learn": ("nn", "live", "code_digest"),
     "drivers": ("recording", "closing"),
+    "design": ("drivers",),
     "live": ("model", "recording"),
     "stream": ("live", "drivers"),
     "sim": ("recording",),

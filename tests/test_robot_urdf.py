@@ -1,6 +1,7 @@
 """Tests of URDF files: usual ones are read, others refused in one line with a place."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -336,3 +337,66 @@ def test_mesh_that_is_repeated_too_often_is_refused(write, tmp_path, monkeypatch
     assert load_urdf(write(start + (middle + once) * 8 + "</link></robot>"))
     text = start + (middle + once) * 9 + "</link></robot>"
     check_refusal(write(text), "'base'", "108 triangles")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "texts"),
+    [
+        ('joint="roll" multiplier', "multiplier", ["has no 'joint'"]),
+        ('joint="roll"', 'joint="rolls"', ["'rolls'", "such as roll"]),
+        ('joint="roll"', 'joint="weld"', ["'weld'", "no value of its own"]),
+    ],
+)
+def test_wrong_mimic_rule_names_its_line_and_can_be_ignored(write, old, new, texts):
+    path = write(TOY.replace(old, new, 1))
+    line = 1 + path.read_text().split("<mimic")[0].count("\n")
+    check_refusal(path, f"toy.urdf line {line}: joint 'slide'", "--no-mimics", *texts)
+    robot = load_urdf(path, mimics=False)
+    assert robot.joint_names == ("lift", "roll", "slide")
+
+
+def test_collada_mesh_is_read_in_metres(write, tmp_path):
+    """A file in millimetres whose parts are moved by its scene."""
+    pytest.importorskip("collada", reason="pycollada is not installed: extra models")
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((10.0, 20.0, 30.0))
+    (tmp_path / "box.dae").write_bytes(trimesh.exchange.dae.export_collada(box))
+    mesh = load_urdf(write(MESH.format("box.dae", "0.001 0.001 0.001"))).links[0]
+    vertices = mesh.geoms[0].shape.vertices
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.01, 0.02, 0.03], rtol=1e-6)
+
+
+def find_example_robots():
+    """Return the URDFs of example-robot-data, or none where it is not installed."""
+    parts = ("cmeel.prefix", "share", "example-robot-data", "robots")
+    roots = (Path(place).joinpath(*parts) for place in sys.path if place)
+    return sorted(path for root in roots for path in root.glob("**/*.urdf"))
+
+
+NO_LINKS = "ur3.urdf"
+BAD_MIMICS = "alex_psyonic_hands.urdf"
+
+
+def test_kinematics_of_example_robots_agree_with_another_library():
+    """On all robots of example-robot-data; one file of them has no links."""
+    yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed")
+    paths = [path for path in find_example_robots() if path.name != NO_LINKS]
+    if not paths:
+        pytest.skip("example-robot-data is not installed: extra models")
+    rng = np.random.default_rng(0)
+    for path in paths:
+        if path.name == BAD_MIMICS:
+            check_refusal(path, "line 1037", "'index_q1'", "Left_index_q1")
+            continue
+        robot = load_urdf(path, meshes=False)
+        other = yourdfpy.URDF.load(
+            str(path), load_meshes=False, build_collision_scene_graph=False
+        )
+        low, high = (np.clip(limit, -3.0, 3.0) for limit in (robot.lower, robot.upper))
+        q = rng.uniform(low, high)
+        other.update_cfg(dict(zip(robot.joint_names, q, strict=True)))
+        poses = Kinematics(robot).poses(q)
+        base = np.linalg.inv(poses[robot.link_index(other.base_link)])
+        for link, pose in zip(robot.link_names, poses, strict=True):
+            expected = other.get_transform(link, other.base_link)
+            np.testing.assert_allclose(base @ pose, expected, rtol=0, atol=1e-14)

@@ -51,6 +51,7 @@ COMMANDS = {
     "device": Entry("device:run", "act as a skin: send simulated or recorded touches"),
     "skin show": Entry("skin:run_show", "describe and draw a skin, or what it feels"),
     "skin check": Entry("skin:run_check", "check a skin's files"),
+    "skin design": Entry("design:run", "lay a skin on a robot, and draw its patches"),
     "bench latency": Entry("bench_latency:run", "time one step of the recogniser"),
     "bench throughput": Entry("bench_throughput:run", "recognise at a rate"),
     "doctor": Entry("doctor:run", "check the installation, compile all code"),

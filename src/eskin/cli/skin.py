@@ -48,11 +48,16 @@ class ShowCommand:
     """Robot that wears the skin: ur5, ur10, base, table, tube or a .urdf file. Preset
     skins have their own."""
 
+    no_mimics: bool = False
+    """Ignore the mimic rules of the URDF: every joint has a value of its own."""
+
 
 def run_show(command: ShowCommand) -> dict[str, object]:
     """Print the figures of one skin and return them."""
     skin = load_skin(command.skin)
-    robot = load_robot_for_skin(command.skin, command.robot)
+    robot = load_robot_for_skin(
+        command.skin, command.robot, mimics=not command.no_mimics
+    )
     if command.out is not None:
         draw_picture(skin, command.out, robot)
     patches = build_patch_rows(skin)
@@ -220,6 +225,9 @@ class CheckCommand:
     """Robot of the skin: ur5, table, tube or a .urdf file. Preset skins have their
     own."""
 
+    no_mimics: bool = False
+    """Ignore the mimic rules of the URDF: every joint has a value of its own."""
+
     tolerance: float = 1e3 * CheckConfig.max_surface_distance
     """Largest distance of a taxel from its link's surface [mm]."""
 
@@ -248,7 +256,9 @@ class CheckCommand:
 
 def run_check(command: CheckCommand) -> dict[str, object]:
     """Check one skin; print one line for each problem, then raise one error."""
-    robot = load_robot_for_skin(command.skin, command.robot)
+    robot = load_robot_for_skin(
+        command.skin, command.robot, mimics=not command.no_mimics
+    )
     config = CheckConfig(max_surface_distance=1e-3 * command.tolerance)
     problems = find_problems(command.skin, robot, config)
     for problem in problems:

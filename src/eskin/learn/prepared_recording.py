@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from eskin.code_digest import digest_code
 from eskin.files import atomic_path
 from eskin.graph import (
+    SHEAR_FIELDS,
     GraphBatch,
     GraphConfig,
     GraphStream,
@@ -148,7 +149,6 @@ def find_contact_centres(
     }
 
 
-SHEAR = ("shear", "shear_before")
 SMALL = {"taxels": np.int32, "neighbours": np.int16}
 """Fields that are stored as smaller integers."""
 
@@ -205,7 +205,7 @@ def save_prepared(target: Path, prepared: PreparedRecording) -> None:
     arrays = {
         each.name: getattr(prepared.graphs, each.name)
         for each in fields(GraphBatch)
-        if shear or each.name not in SHEAR
+        if shear or each.name not in SHEAR_FIELDS
     }
     arrays |= {name: arrays[name].astype(dtype) for name, dtype in SMALL.items()}
     arrays |= {"stamps": prepared.stamps, "sequence": prepared.sequence}
@@ -223,5 +223,5 @@ def load_prepared(path: Path) -> PreparedRecording:
     if touches is not None:
         touches = tuple(each and TouchLabel(*each) for each in touches)
     nothing = np.broadcast_to(np.float32(0), arrays["positions"].shape)
-    shear = {name: arrays.pop(name, nothing) for name in SHEAR}
+    shear = {name: arrays.pop(name, nothing) for name in SHEAR_FIELDS}
     return PreparedRecording(GraphBatch(**arrays, **shear), stamps, sequence, touches)

@@ -11,11 +11,12 @@ ROBOT_PRESETS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names of the robots that come with eskin."""
 
 
-def load_robot(name_or_path: str | Path) -> Robot:
+def load_robot(name_or_path: str | Path, *, mimics: bool = True) -> Robot:
     """Load a robot that comes with eskin, or one from a URDF file.
 
     Args:
         name_or_path: one of `ROBOT_PRESETS`, or the path of a `.urdf` file.
+        mimics: whether to read mimic rules; without them every joint has a value.
 
     Raises:
         RobotError: There is no such robot or file, or the file cannot be used.
@@ -23,14 +24,14 @@ def load_robot(name_or_path: str | Path) -> Robot:
     if str(name_or_path) in ROBOT_PRESETS:
         package = resources.files("eskin.robot") / "presets" / f"{name_or_path}.urdf"
         with resources.as_file(package) as path:
-            return load_urdf(path)
+            return load_urdf(path, mimics=mimics)
     path = Path(name_or_path)
     if path.suffix != ".urdf" and not path.is_file():
         raise RobotError(
             f"no robot '{name_or_path}'; allowed: {', '.join(ROBOT_PRESETS)}, "
             "or the path of a .urdf file"
         )
-    return load_urdf(path)
+    return load_urdf(path, mimics=mimics)
 
 
 def read_preset_urdf(name: str) -> str:

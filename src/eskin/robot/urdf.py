@@ -5,10 +5,12 @@ Everything else (visuals, inertials, transmissions, sensors, simulator tags) is 
 """
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import cast, final, get_args
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
+from xml.parsers import expat
 
 import numpy as np
 from jaxtyping import Float
@@ -28,11 +30,12 @@ MAX_ELEMENTS, MAX_DEPTH = 100_000, 50
 MAX_LINKS = MAX_JOINTS = 1000
 MAX_GEOMS = 2000
 """Largest numbers of links, joints, and collision shapes of all links."""
+REMEDY = ", or go on without mimic rules by --no-mimics or load_urdf(mimics=False)"
 MAX_TEXT = 1000
 """Largest length of an attribute that is used, such as a name."""
 
 
-def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
+def load_urdf(path: str | Path, *, meshes: bool = True, mimics: bool = True) -> Robot:
     """Read a robot from a URDF file.
 
     Args:
@@ -40,6 +43,7 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
             `MeshReader`.
         meshes: whether to read `<mesh>` geoms, which needs the extra `models`. Links
             without them have no surface; kinematics do not need one.
+        mimics: whether to read mimic rules; without them every joint has a value.
 
     Raises:
         RobotError: The file is missing or is no URDF that can be used.
@@ -49,16 +53,20 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
         data = read_file(path, MAX_URDF_BYTES)
     except OSError as error:
         raise RobotError(f"cannot read URDF {path}: {error.strerror}") from None
-    return parse_urdf(data, path, MeshReader(path.resolve().parent) if meshes else None)
+    reader = MeshReader(path.resolve().parent) if meshes else None
+    return parse_urdf(data, path, reader, mimics)
 
 
-def parse_urdf(data: bytes, path: Path, reader: MeshReader | None = None) -> Robot:
+def parse_urdf(
+    data: bytes, path: Path, reader: MeshReader | None = None, mimics: bool = True
+) -> Robot:
     """Read a robot from the bytes of a URDF.
 
     Args:
         data: the URDF.
         path: where it comes from, for messages, and for a robot without a name.
         reader: reader of its meshes; links have none without it.
+        mimics: whether to read mimic rules; without them every joint has a value.
 
     Raises:
         RobotError: It is no URDF that can be used.
@@ -67,10 +75,50 @@ def parse_urdf(data: bytes, path: Path, reader: MeshReader | None = None) -> Rob
     try:
         check_counts(root)
         links = tuple(read_link(element, reader) for element in root.findall("link"))
-        joints = tuple(read_joint(element) for element in root.findall("joint"))
+        joints = tuple(read_joint(element, mimics) for element in root.findall("joint"))
+        check_mimics(root, joints)
         return Robot(root.get("name") or path.stem, links, joints, data)
+    except ElementError as error:
+        line = find_line(data, list(root.iter()).index(error.element))
+        raise RobotError(f"{path} line {line}: {error}") from None
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
+
+
+def check_mimics(root: Element, joints: Sequence[Joint]) -> None:
+    """Raise where a joint follows one that is missing, fixed, or follows another."""
+    moving = [j.name for j in joints if j.kind != "fixed" and j.mimic is None]
+    for joint, element in zip(joints, root.findall("joint"), strict=True):
+        if joint.mimic is not None and joint.mimic.joint not in moving:
+            near = get_close_matches(joint.mimic.joint, moving, 3) or moving[:3]
+            raise ElementError(
+                f"joint '{joint.name}' follows '{joint.mimic.joint}', which has no "
+                f"value of its own; allowed: a joint such as {', '.join(near)}; name "
+                f"one{REMEDY}",
+                find_child(element, "mimic", joint.name),
+            )
+
+
+class ElementError(RobotError):
+    """An element of a URDF cannot be used.
+
+    Attributes:
+        element: the element.
+    """
+
+    def __init__(self, message: str, element: Element) -> None:
+        """Store the message and the element."""
+        super().__init__(message)
+        self.element = element
+
+
+def find_line(data: bytes, index: int) -> int:
+    """Return the line of a URDF in which its n-th XML element begins, from 0."""
+    parser = expat.ParserCreate()
+    lines: list[int] = []
+    parser.StartElementHandler = lambda *_: lines.append(parser.CurrentLineNumber)
+    parser.Parse(data, True)
+    return lines[index]
 
 
 def parse_xml(data: bytes, path: Path) -> Element:
@@ -172,7 +220,7 @@ def read_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shap
             )
 
 
-def read_joint(element: Element) -> Joint:
+def read_joint(element: Element, mimics: bool) -> Joint:
     """Read a joint with its axis, limits and mimic rule."""
     name = read_text(element, "name", "robot")
     place = f"joint '{name}'"
@@ -191,7 +239,7 @@ def read_joint(element: Element) -> Joint:
         lower=lower,
         upper=upper,
         velocity=velocity,
-        mimic=read_mimic(element, kind, place),
+        mimic=read_mimic(element, kind, place) if mimics else None,
     )
 
 
@@ -241,6 +289,8 @@ def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
     found = element.find("mimic")
     if found is None or kind == "fixed":
         return None
+    if not found.get("joint", "").strip():
+        raise ElementError(f"{place}: <mimic> has no 'joint'; add it{REMEDY}", found)
     multiplier = read_number(found, "multiplier", place, 1.0)
     offset = read_number(found, "offset", place, 0.0)
     return Mimic(read_text(found, "joint", place), multiplier, offset)

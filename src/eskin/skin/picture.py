@@ -25,13 +25,15 @@ SPACE = 0.02
 """Distance between unrolled patches [m]."""
 LABEL_WIDTH = 0.075
 """Space for the label of an unrolled patch [m]."""
+MAX_LABELS = 24
+"""Number of patches up to which they have labels."""
 BAR = 0.05
 """Length of the scale bar [m]."""
 ROBOT_COLOUR = "#d8dade"
-SKIN_LIFT = 0.004
-"""Distance by which taxels are drawn in front of the robot's surface [m]."""
-MAX_EDGE = 0.02
-"""Largest edge of the triangles of which the robot is drawn [m]."""
+SKIN_LIFT = 0.9
+"""Distance by which taxels are drawn in front of the robot's surface, in taxels."""
+MAX_EDGE, EDGE_TAXELS = 0.02, 1.5
+"""Largest edge of the triangles of which the robot is drawn [m], and in taxels."""
 MARGIN = 0.25
 """Width of the robot that is drawn around the skin [m]."""
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -61,7 +63,8 @@ def draw_skin(
     path = Path(path)
     if not path.parent.is_dir():
         raise ValueError(f"no folder {path.parent} for {path.name}; make it first")
-    figure = Figure(figsize=(15.0, 9.0) if robot else (9.0, 9.0), layout="constrained")
+    height = 9.0 if robot is None or len(skin.patches) <= MAX_LABELS else 7.5
+    figure = Figure(figsize=(15.0 if robot else 9.0, height), layout="constrained")
     canvas = FigureCanvasAgg(figure)
     formats = canvas.get_supported_filetypes()
     if path.suffix.lstrip(".").lower() not in formats:
@@ -73,12 +76,17 @@ def draw_skin(
     if robot is None:
         draw_unrolled(figure.subplots(), skin, colours)
     else:
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
-        draw_unrolled(figure.add_subplot(grid[:, 0]), skin, colours)
+        if len(skin.patches) > MAX_LABELS:
+            # Patches without labels are small: the robot is what is looked at.
+            flat, *views = figure.subplots(1, 3, width_ratios=(0.8, 1.0, 1.0))
+        else:
+            grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
+            flat = figure.add_subplot(grid[:, 0])
+            views = [figure.add_subplot(grid[row, 1]) for row in (0, 1)]
+        draw_unrolled(flat, skin, colours)
         mounted = MountedSkin(skin, robot)
         pose = np.clip(0.0, robot.lower, robot.upper) if q is None else q
-        for row, view in enumerate(VIEWS):
-            panel = figure.add_subplot(grid[row, 1])
+        for panel, view in zip(views, VIEWS, strict=True):
             draw_robot(panel, mounted, pose, colours, view)
     area = 1e4 * skin.areas.sum()
     figure.suptitle(
@@ -95,7 +103,9 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
     from matplotlib.collections import PolyCollection
 
     # With rows of this width the drawing is about square.
-    row_width = max(1.45 * np.sqrt(skin.areas.sum()), 0.1)
+    labelled = len(skin.patches) <= MAX_LABELS
+    row_width = max((1.45 if labelled else 1.2) * np.sqrt(skin.areas.sum()), 0.1)
+    space = SPACE if labelled else 0.3 * SPACE
     left, top, low = 0.0, 0.0, 0.0
     for number, patch in enumerate(skin.patches):
         taxels = np.flatnonzero(skin.patch_index == number)
@@ -104,7 +114,7 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
         squares = build_unrolled_squares(skin, taxels)
         size = np.ptp(squares.reshape(-1, 2), axis=0)
         if left > 0 and left + size[0] > row_width:
-            left, top = 0.0, low - 3 * SPACE
+            left, top = 0.0, low - (3 * SPACE if labelled else space)
         corner = squares.reshape(-1, 2).min(axis=0)
         squares = squares - corner + [left, top - size[1]]
         panel.add_collection(
@@ -112,10 +122,12 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
                 list(squares), facecolors=colours[number], linewidths=0, snap=False
             )
         )
-        density = len(taxels) / (1e4 * skin.areas[taxels].sum())
-        label = f"{patch.id}\n{len(taxels)}, {density:.2f}/cm²"
-        panel.text(left, top + 0.2 * SPACE, label, fontsize=8, va="bottom")
-        left, low = left + max(size[0], LABEL_WIDTH) + SPACE, min(low, top - size[1])
+        if labelled:
+            density = len(taxels) / (1e4 * skin.areas[taxels].sum())
+            label = f"{patch.id}\n{len(taxels)}, {density:.2f}/cm²"
+            panel.text(left, top + 0.2 * SPACE, label, fontsize=8, va="bottom")
+        width = max(size[0], LABEL_WIDTH if labelled else 0.0)
+        left, low = left + width + space, min(low, top - size[1])
     panel.plot([0, BAR], [low - SPACE] * 2, color="black", linewidth=2)
     panel.text(BAR + 0.005, low - SPACE, f"{1e3 * BAR:.0f} mm", va="center", fontsize=8)
     panel.set_aspect("equal")
@@ -152,14 +164,16 @@ def draw_robot(
     from matplotlib.colors import to_rgb
 
     camera = build_camera_rotation(*view)
-    triangles = build_robot_triangles(mounted.robot, q)
+    taxel = float(np.sqrt(np.median(mounted.skin.areas)))
+    max_edge = min(EDGE_TAXELS * taxel, MAX_EDGE)
+    triangles = build_robot_triangles(mounted.robot, q, max_edge)
     quads = build_taxel_quads(mounted, q)
     robot_colours = np.tile(to_rgb(ROBOT_COLOUR), (len(triangles), 1))
     patch_colours = np.array([to_rgb(colour) for colour in colours])
     skin_colours = patch_colours[mounted.skin.patch_index]
     drawn = [
         *shade_polygons(triangles, robot_colours, camera, 0.0),
-        *shade_polygons(quads, skin_colours, camera, SKIN_LIFT),
+        *shade_polygons(quads, skin_colours, camera, SKIN_LIFT * taxel),
     ]
     drawn.sort(key=lambda item: item[0])
     panel.add_collection(
@@ -188,22 +202,22 @@ def build_camera_rotation(azimuth: float, elevation: float) -> Float[np.ndarray,
 
 
 def build_robot_triangles(
-    robot: Robot, q: Float[np.ndarray, "joint"]
+    robot: Robot, q: Float[np.ndarray, "joint"], max_edge: float
 ) -> Float[np.ndarray, "face 3 3"]:
     """Build small triangles of the surfaces of all geoms, in the world."""
     parts = [np.zeros((0, 3, 3))]
     for T_world_link, link in zip(Kinematics(robot).poses(q), robot.links, strict=True):
         for geom in link.geoms:
             mesh = build_geom_mesh(geom)
-            corners = subdivide(mesh.vertices[mesh.faces])
+            corners = subdivide(mesh.vertices[mesh.faces], max_edge)
             parts.append(apply(T_world_link, corners.reshape(-1, 3)).reshape(-1, 3, 3))
     return np.concatenate(parts)
 
 
 def subdivide(
-    triangles: Float[np.ndarray, "face 3 3"],
+    triangles: Float[np.ndarray, "face 3 3"], max_edge: float
 ) -> Float[np.ndarray, "piece 3 3"]:
-    """Halve triangles at their longest edge until all edges are short.
+    """Halve triangles at their longest edge until all edges are short [m].
 
     Sorting polygons by the depth of their centres needs small ones.
     """
@@ -211,7 +225,7 @@ def subdivide(
     while len(triangles):
         edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
         longest = np.argmax(edges, axis=1)
-        long = edges.max(axis=1) > MAX_EDGE
+        long = edges.max(axis=1) > max_edge
         done.append(triangles[~long])
         triangles, longest = triangles[long], longest[long]
         each = np.arange(len(triangles))

@@ -1,0 +1,215 @@
+"""This module designs the skin of a robot from its shapes and a specification."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from eskin.design.patches import (
+    PatchLayout,
+    RegionTask,
+    compute_area,
+    find_adjacency,
+    lay_patches,
+)
+from eskin.design.spec import PER_CM2, DesignSpec, RegionSpec
+from eskin.design.surface import LinkSurface, build_two_surfaces
+from eskin.design.zones import compute_exposure, find_swept_vertices
+from eskin.errors import RobotError, SkinError
+from eskin.robot import Robot
+from eskin.skin import Patch, Skin, build_skin
+
+EDGE = 0.45
+"""Length of the triangles' edges over the spacing of the taxels."""
+LEAST_EDGE, MOST_EDGE = 0.0015, 0.01
+"""Smallest and largest length of the triangles' edges [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RegionResult:
+    """A result says what was reached in one region."""
+
+    region: RegionSpec
+    """Region that was asked for."""
+    area: float
+    """Area of the region on the surface of its link [m2]."""
+    allowed_area: float
+    """Area without keep-out zones, hidden places and swept clearances [m2]."""
+    patches: tuple[int, ...]
+    """Indices of its patches."""
+
+
+@dataclass(frozen=True, eq=False)
+class SkinDesign:
+    """A design holds a skin, and the flat layout of every patch."""
+
+    skin: Skin
+    layouts: tuple[PatchLayout, ...]
+    """Layout of each patch, in the order of the skin."""
+    regions: tuple[RegionResult, ...]
+    """Results of the regions, in the order of the specification."""
+    spec: DesignSpec
+    warnings: tuple[str, ...]
+    """What was repaired or left out, one line each."""
+
+
+def design_skin(robot: Robot, spec: DesignSpec, seed: int = 0) -> SkinDesign:
+    """Design a skin.
+
+    The same robot, specification and seed give the same skin. The seed chooses where
+    the grids of the patches begin.
+
+    Args:
+        robot: the robot.
+        spec: what is asked for.
+        seed: seed of the random choices.
+
+    Raises:
+        RobotError: A region lies on a link that the robot lacks, or that has no shape.
+        SkinError: The regions have no room for a patch, or the density asks for a
+            smaller spacing than is allowed.
+    """
+    check_spec(robot, spec)
+    fine, coarse, warnings = build_surfaces(robot, spec)
+    allowed = find_allowed_vertices(robot, spec, fine, coarse)
+    taken = {name: np.zeros(len(own.faces), bool) for name, own in fine.items()}
+    layouts: list[PatchLayout] = []
+    patches: list[Patch] = []
+    results = []
+    for number, region in enumerate(spec.regions):
+        link = region.zone.link
+        surface = fine[link]
+        corners = region.zone.contains(surface.vertices)[surface.faces].all(axis=1)
+        own = corners & ~taken[link]
+        taken[link] |= own
+        usable = own & allowed[link][surface.faces].all(axis=1)
+        task = RegionTask(
+            surface,
+            find_adjacency(surface, spec.limits.max_bend),
+            compute_pitch(region),
+            spec.limits,
+            spec.keep_outs,
+            np.random.default_rng([seed, number]),
+        )
+        found = list(lay_patches(task, np.flatnonzero(usable)))
+        first = len(layouts)
+        layouts += found
+        patches += name_patches(found, region, first, patches)
+        results.append(
+            RegionResult(
+                region,
+                compute_area(surface, np.flatnonzero(own)),
+                compute_area(surface, np.flatnonzero(usable)),
+                tuple(range(first, len(layouts))),
+            )
+        )
+    if not layouts:
+        raise SkinError(
+            f"no patch of {spec.limits.min_taxels} taxels has room on "
+            f"{len(spec.regions)} regions; ask for a higher density, a smaller "
+            "clearance, or other links"
+        )
+    placed = [
+        (patch, layout.grid, layout.surface)
+        for patch, layout in zip(patches, layouts, strict=True)
+    ]
+    skin = build_skin(spec.name, placed)
+    return SkinDesign(skin, tuple(layouts), tuple(results), spec, tuple(warnings))
+
+
+def check_spec(robot: Robot, spec: DesignSpec) -> None:
+    """Raise where a specification does not fit the robot, or asks for too much."""
+    for zone in (*(region.zone for region in spec.regions), *spec.keep_outs):
+        robot.link_index(zone.link)
+    if not spec.regions:
+        raise SkinError(
+            f"robot '{robot.name}' has no link with a shape to cover; load it with its "
+            "meshes, or give regions"
+        )
+    for region in spec.regions:
+        pitch = compute_pitch(region)
+        if pitch < spec.limits.min_spacing:
+            most = 1 / spec.limits.min_spacing**2 / PER_CM2
+            raise SkinError(
+                f"region on link '{region.zone.link}' asks for "
+                f"{region.density / PER_CM2:g} taxels/cm2, which lie {1e3 * pitch:.3g} "
+                f"mm apart; allowed are {1e3 * spec.limits.min_spacing:g} mm or more, "
+                f"up to {most:.3g} taxels/cm2; lower the density or the least spacing"
+            )
+
+
+def compute_pitch(region: RegionSpec) -> float:
+    """Return the distance of neighbouring taxels at a region's density [m]."""
+    return 1.0 / np.sqrt(region.density)
+
+
+def build_surfaces(
+    robot: Robot, spec: DesignSpec
+) -> tuple[dict[str, LinkSurface], dict[str, LinkSurface], list[str]]:
+    """Build the surfaces of the links to cover, and simpler ones of all links.
+
+    Returns:
+        Surfaces of small triangles of the links with regions, those of all links with
+        a shape, and what was repaired.
+    """
+    fine, coarse, warnings = {}, {}, []
+    pitches: dict[str, float] = {}
+    for region in spec.regions:
+        pitch = compute_pitch(region)
+        pitches[region.zone.link] = min(pitch, pitches.get(region.zone.link, np.inf))
+    for link in robot.links:
+        if not link.geoms and link.name not in pitches:
+            continue
+        edge = None
+        if link.name in pitches:
+            edge = float(np.clip(EDGE * pitches[link.name], LEAST_EDGE, MOST_EDGE))
+        try:
+            coarse[link.name], small = build_two_surfaces(link, edge)
+        except RobotError as error:
+            if link.name in pitches:
+                raise
+            warnings.append(f"{error}; it is no obstacle")
+            continue
+        warnings += coarse[link.name].warnings
+        if small is not None:
+            fine[link.name] = small
+    return fine, coarse, warnings
+
+
+def find_allowed_vertices(
+    robot: Robot,
+    spec: DesignSpec,
+    fine: dict[str, LinkSurface],
+    coarse: dict[str, LinkSurface],
+) -> dict[str, Bool[np.ndarray, "vertex"]]:
+    """Return the vertices that can be touched, and lie in no keep-out or clearance."""
+    swept = find_swept_vertices(robot, fine, coarse, spec.limits.clearance)
+    for name, surface in fine.items():
+        exposure = compute_exposure(surface, coarse[name])
+        swept[name] |= exposure < spec.limits.min_exposure
+    for zone in spec.keep_outs:
+        if zone.link in swept:
+            swept[zone.link] |= zone.contains(fine[zone.link].vertices)
+    return {name: ~mask for name, mask in swept.items()}
+
+
+def name_patches(
+    found: Sequence[PatchLayout],
+    region: RegionSpec,
+    first: int,
+    earlier: Sequence[Patch],
+) -> list[Patch]:
+    """Give the patches of a region names, and addresses from 1 on."""
+    link = region.zone.link
+    before = sum(patch.link == link for patch in earlier)
+    return [
+        Patch(
+            f"{link}_{before + number + 1}",
+            link,
+            first + number + 1,
+            layout.grid.rows,
+            layout.grid.columns,
+        )
+        for number, layout in enumerate(found)
+    ]

@@ -1,0 +1,231 @@
+"""This module joins the shapes of a link into one closed surface, and searches it."""
+
+from dataclasses import dataclass
+from typing import final
+
+import manifold3d
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+
+from eskin.errors import RobotError
+from eskin.extras import find_package
+from eskin.robot import Cylinder, Geom, Link, Sphere, TriangleMesh, build_geom_mesh
+
+igl = find_package("igl", "libigl", "design", "skin design")
+
+SAGITTA = 5e-5
+"""Largest distance of a circle from the sides of its polygon [m]."""
+SEGMENTS = (24, 192)
+"""Smallest and largest number of corners of a circle."""
+MIN_BODY_VOLUME = 1e-9
+"""Volume below which a body of a mesh is left out [m3]."""
+MIN_OPEN_AREA = 1e-4
+"""Area below which bodies that are not closed are left out [m2]."""
+WRAP_CELLS = 80
+"""Number of cells of the grid along the longest side of a body that is wrapped."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSurface:
+    """A link's surface is a closed manifold mesh."""
+
+    link: str
+    """Name of the link."""
+    vertices: Float[np.ndarray, "vertex 3"]
+    """Positions of the vertices in the link's frame [m]."""
+    faces: Int[np.ndarray, "face 3"]
+    """Indices into `vertices`, counter-clockwise from outside."""
+    warnings: tuple[str, ...] = ()
+    """What was repaired, one line each."""
+
+    @property
+    def corners(self) -> Float[np.ndarray, "face 3 3"]:
+        """Return the corners of every triangle [m]."""
+        return self.vertices[self.faces]
+
+
+@final
+class PointLocator:
+    """A locator finds the nearest triangles of a mesh.
+
+    Attributes:
+        vertices: positions of the vertices [m].
+        faces: indices into `vertices`.
+    """
+
+    def __init__(
+        self, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
+    ) -> None:
+        """Build a tree of the triangles."""
+        self.vertices, self.faces = vertices, faces
+        self.tree = igl.AABB()
+        self.tree.init(vertices, faces)
+
+    def locate(
+        self, points: Float[np.ndarray, "point 3"]
+    ) -> tuple[
+        Int[np.ndarray, "point"],
+        Float[np.ndarray, "point 3"],
+        Float[np.ndarray, "point"],
+    ]:
+        """Return the nearest triangle, weights of its corners, and distance [m]."""
+        square, face, nearest = self.tree.squared_distance(
+            self.vertices, self.faces, np.ascontiguousarray(points)
+        )
+        a, b, c = (
+            np.ascontiguousarray(self.vertices[self.faces[face, i]]) for i in range(3)
+        )
+        weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
+        # A triangle without area has no such coordinates.
+        weights = np.where(np.isfinite(weights), np.clip(weights, 0.0, 1.0), 1.0)
+        weights /= weights.sum(axis=1, keepdims=True)
+        return face.astype(np.int64), weights, np.sqrt(np.maximum(square, 0.0))
+
+
+def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface:
+    """Join all bodies of a link into one closed surface.
+
+    Duplicate vertices are merged, and small bodies left out. A body with holes or
+    non-manifold edges is wrapped: it is replaced by the surface on which its winding
+    number is one half (Jacobson et al. 2013), with a warning.
+
+    Args:
+        link: the link.
+        max_edge: approximate length of the edges [m]; None for those of the shapes.
+
+    Raises:
+        RobotError: The link has no shape, or none that encloses a volume.
+    """
+    coarse, fine = build_two_surfaces(link, max_edge)
+    return coarse if fine is None else fine
+
+
+def build_two_surfaces(
+    link: Link, max_edge: float | None
+) -> tuple[LinkSurface, LinkSurface | None]:
+    """Build the surface of a link, and the same one of small triangles.
+
+    Arguments and errors are those of `build_link_surface`.
+    """
+    if not link.geoms:
+        raise RobotError(
+            f"link '{link.name}' has no surface: its URDF gives it no <collision>; "
+            "choose another link"
+        )
+    warnings: list[str] = []
+    bodies = [
+        body
+        for geom in link.geoms
+        for body in close_bodies(build_round_mesh(geom), link.name, warnings)
+    ]
+    joined = manifold3d.Manifold.batch_boolean(bodies, manifold3d.OpType.Add)
+    if joined.is_empty():
+        raise RobotError(
+            f"link '{link.name}' has no body of {1e9 * MIN_BODY_VOLUME:g} mm3 or more; "
+            "choose another link, or correct its mesh"
+        )
+    coarse = to_surface(joined, link.name, warnings)
+    if max_edge is None:
+        return coarse, None
+    return coarse, to_surface(joined.refine_to_length(max_edge), link.name, warnings)
+
+
+def to_surface(
+    body: manifold3d.Manifold, link: str, warnings: list[str]
+) -> LinkSurface:
+    """Return the surface of a body."""
+    mesh = body.to_mesh64()
+    return LinkSurface(
+        link,
+        np.array(mesh.vert_properties[:, :3], dtype=np.float64),
+        np.array(mesh.tri_verts, dtype=np.int64),
+        tuple(warnings),
+    )
+
+
+def build_round_mesh(geom: Geom) -> TriangleMesh:
+    """Build the mesh of a geom, with circles of as many corners as they need."""
+    radius = geom.shape.radius if isinstance(geom.shape, Cylinder | Sphere) else SAGITTA
+    half_angle = np.arccos(1 - min(SAGITTA / radius, 1.0))
+    return build_geom_mesh(geom, int(np.clip(np.ceil(np.pi / half_angle), *SEGMENTS)))
+
+
+def close_bodies(
+    shape: TriangleMesh, link: str, warnings: list[str]
+) -> list[manifold3d.Manifold]:
+    """Return the closed bodies of a mesh; append what was repaired to the warnings."""
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=True)
+    mesh.merge_vertices(merge_norm=True, merge_tex=True)
+    mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
+    parts = mesh.split(only_watertight=False)
+    closed, open_parts = [], []
+    for part in parts:
+        body = to_manifold(part)
+        if body is None:
+            open_parts.append(part)
+        elif body.volume() > MIN_BODY_VOLUME:
+            closed.append(body)
+    if open_parts:
+        broken = trimesh.util.concatenate(open_parts)
+        assert isinstance(broken, trimesh.Trimesh)
+        wrapped = wrap_mesh(broken) if broken.area > MIN_OPEN_AREA else None
+        warnings.append(
+            f"link '{link}': {len(open_parts)} of {len(parts)} bodies are not closed; "
+            + ("left them out" if wrapped is None else "wrapped them")
+        )
+        closed += [] if wrapped is None else [wrapped]
+    return closed
+
+
+def to_manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold | None:
+    """Return a mesh as a manifold of positive volume; None where it is not closed."""
+    if not mesh.is_watertight:
+        mesh = mesh.copy()
+        trimesh.repair.fill_holes(mesh)
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_normals(mesh)
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(mesh.faces, dtype=np.uint64)
+    body = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces))
+    if body.status() != manifold3d.Error.NoError:
+        return None
+    if body.volume() < 0:
+        body = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces[:, ::-1].copy()))
+    return body
+
+
+def wrap_mesh(mesh: trimesh.Trimesh) -> manifold3d.Manifold | None:
+    """Return a closed surface around a broken mesh; None where it encloses nothing."""
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    step = float((high - low).max()) / WRAP_CELLS
+    counts = np.ceil((high - low) / step).astype(np.int64) + 5
+    axes = [low[i] + step * (np.arange(counts[i]) - 2) for i in range(3)]
+    # libigl's grids run along x first.
+    z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    winding = igl.FastWindingNumberBVH()
+    winding.init(vertices, faces)
+    outside = 0.5 - winding.winding_number(points)
+    found = igl.marching_cubes(outside, points, *counts.tolist(), 0.0)
+    wrapped = trimesh.Trimesh(found[0], found[1], process=True)
+    if not len(wrapped.faces):
+        return None
+    snapped = snap_vertices(np.asarray(wrapped.vertices), vertices, faces, step)
+    body = to_manifold(trimesh.Trimesh(snapped, wrapped.faces, process=False))
+    if body is None:
+        body = to_manifold(wrapped)
+    return body if body is not None and body.volume() > MIN_BODY_VOLUME else None
+
+
+def snap_vertices(
+    points: Float[np.ndarray, "point 3"],
+    vertices: Float[np.ndarray, "vertex 3"],
+    faces: Int[np.ndarray, "face 3"],
+    reach: float,
+) -> Float[np.ndarray, "point 3"]:
+    """Move points onto a mesh where it is within reach [m]."""
+    square, _, nearest = igl.point_mesh_squared_distance(points, vertices, faces)
+    return np.where((square < reach**2)[:, None], nearest, points)

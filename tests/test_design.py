@@ -1,0 +1,601 @@
+"""Tests of skin design: what holds of every design, and what is refused."""
+
+import csv
+import json
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from eskin.cli.main import run
+from eskin.errors import RobotError, SkinError
+from eskin.robot import compute_surface_distance, load_robot, load_urdf
+from eskin.skin import check_skin, load_skin
+
+igl = pytest.importorskip("igl", reason="libigl is not installed: extra design")
+for package in ("manifold3d", "embreex", "ezdxf", "shapely"):
+    pytest.importorskip(package, reason=f"{package} is not installed: extra design")
+
+import trimesh  # noqa: E402
+from shapely import LineString, Polygon  # noqa: E402
+
+from eskin.design import (  # noqa: E402
+    BallZone,
+    BoxZone,
+    DesignLimits,
+    DesignSpec,
+    LinkZone,
+    RegionSpec,
+    SurfaceDistance,
+    UnrolledMesh,
+    build_link_surface,
+    compute_kinematic_distances,
+    design_skin,
+    draw_design,
+    save_design,
+    unroll_region,
+)
+from eskin.design.patches import divide, iterate_routable  # noqa: E402
+from eskin.skin import MountedSkin, Tube  # noqa: E402
+
+pytestmark = pytest.mark.slow
+
+SHAPES = {
+    "tube": '<cylinder radius="0.04" length="0.2"/>',
+    "ball": '<sphere radius="0.05"/>',
+    "box": '<box size="0.08 0.1 0.12"/>',
+    "torus": '<mesh filename="torus.stl"/>',
+}
+DENSITY = 1.2e4
+PITCH = DENSITY**-0.5
+MM = 1e-3
+
+
+def write_urdf(folder, shape, name="toy"):
+    """Write a robot of one link."""
+    path = folder / f"{name}.urdf"
+    path.write_text(
+        f'<robot name="{name}"><link name="body"><collision><geometry>{shape}'
+        "</geometry></collision></link></robot>"
+    )
+    return path
+
+
+def write_mesh(folder, mesh, name="mesh.stl"):
+    mesh.export(folder / name)
+    return write_urdf(folder, f'<mesh filename="{name}"/>')
+
+
+def make_spec(density=DENSITY, zone=None, keep_outs=(), **limits):
+    zone = zone or LinkZone("body")
+    regions = (RegionSpec(zone, density),)
+    return DesignSpec("toy", regions, tuple(keep_outs), DesignLimits(**limits))
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shapes")
+    trimesh.creation.torus(0.08, 0.03, 64, 24).export(folder / "torus.stl")
+    return {
+        name: load_urdf(write_urdf(folder, shape, name))
+        for name, shape in SHAPES.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def designs(robots):
+    """A design of each shape."""
+    return {name: design_skin(robot, make_spec()) for name, robot in robots.items()}
+
+
+def find_neighbours(grid):
+    """Return pairs of taxels that are next to each other in a row or a column."""
+    rows, columns = grid.cells()
+    places = {cell: i for i, cell in enumerate(zip(rows, columns, strict=True))}
+    return np.array(
+        [
+            (i, places[r + dr, c + dc])
+            for (r, c), i in places.items()
+            for dr, dc in ((0, 1), (1, 0))
+            if (r + dr, c + dc) in places
+        ]
+    )
+
+
+def sample_cells(layout, size=0.9):
+    """Return points of the link all over the cells of a patch."""
+    steps = size * layout.grid.column_pitch * np.linspace(-0.5, 0.5, 4)
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    flat = layout.grid.unrolled()[:, None] + offsets
+    return layout.surface.wrap(flat.reshape(-1, 2)).positions
+
+
+def count_overlapping(layout, points):
+    """Count points of the link that lie in a cell of a patch."""
+    flat = layout.surface.unroll(points)
+    back = layout.surface.wrap(flat).positions
+    on_surface = np.linalg.norm(back - points, axis=1) < 1e-7
+    away = np.abs(flat[:, None] - layout.grid.unrolled()[None]).max(axis=2)
+    inside = away.min(axis=1) < 0.49 * layout.grid.column_pitch
+    return int(np.count_nonzero(on_surface & inside))
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_taxels_lie_on_the_surface_as_densely_as_asked(robots, designs, name):
+    design = designs[name]
+    distances, _ = compute_surface_distance(
+        robots[name].links[0], design.skin.positions
+    )
+    assert np.abs(distances).max() < 0.2 * MM
+    assert check_skin(design.skin, robots[name]) == []
+    for number, layout in enumerate(design.layouts):
+        areas = design.skin.areas[design.skin.patch_index == number]
+        assert len(areas) / areas.sum() == pytest.approx(DENSITY, rel=0.1)
+        assert layout.distortion <= design.spec.limits.max_distortion
+        assert layout.grid.rows <= 16 and layout.grid.columns <= 16
+        assert len(areas) >= design.spec.limits.min_taxels
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_unrolled_and_surface_distances_of_neighbours_agree(robots, designs, name):
+    """To the distortion that is stated, by exact paths on the mesh."""
+    design = designs[name]
+    surface = build_link_surface(robots[name].links[0])
+    number = max(range(len(design.layouts)), key=lambda i: design.layouts[i].distortion)
+    layout = design.layouts[number]
+    taxels = design.skin.find_taxels(design.skin.patches[number].id)
+    pairs = find_neighbours(layout.grid)[:: len(taxels) // 6]
+    points = design.skin.positions[taxels]
+    distance = SurfaceDistance(surface, points)
+    for i, j in pairs:
+        length = distance.between(np.array([i]), np.array([j]))[0, 0]
+        # A tube's taxels lie on the cylinder, up to 0.02 mm outside of its mesh.
+        assert length == pytest.approx(PITCH, rel=layout.distortion + 5e-3)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_patches_do_not_overlap(designs, name):
+    layouts = designs[name].layouts
+    for first, second in combinations(layouts, 2):
+        assert count_overlapping(second, sample_cells(first)) == 0
+
+
+def test_overlap_of_a_patch_with_itself_is_found(designs):
+    layout = designs["ball"].layouts[0]
+    assert count_overlapping(layout, sample_cells(layout)) > 0
+
+
+def test_tube_unrolls_exactly(designs):
+    around = [p for p in designs["tube"].layouts if isinstance(p.surface, Tube)]
+    assert around
+    for layout in around:
+        assert layout.surface.radius == pytest.approx(0.04, abs=5e-5)
+        assert layout.distortion < 2e-3  # Eight chords for an arc.
+        flat = layout.grid.unrolled()
+        back = layout.surface.unroll(layout.surface.wrap(flat).positions)
+        np.testing.assert_allclose(back, flat, atol=1e-12)
+
+
+def test_curved_patch_maps_both_ways(designs):
+    curved = [p for p in designs["ball"].layouts if isinstance(p.surface, UnrolledMesh)]
+    assert curved
+    for layout in curved:
+        flat = layout.grid.unrolled()
+        points = layout.surface.wrap(flat)
+        back = layout.surface.unroll(points.positions)
+        np.testing.assert_allclose(back, flat, atol=1e-9)
+        assert layout.surface.fit_errors(points.positions, points.normals).max() < 1e-9
+        outward = points.positions / np.linalg.norm(
+            points.positions, axis=1, keepdims=True
+        )
+        assert np.sum(outward * points.normals, axis=1).min() > 0.99
+
+
+def test_ball_is_cut_until_its_patches_unroll(robots, designs):
+    """The limit decides; a ball of one patch would be distorted without end."""
+    fine = design_skin(robots["ball"], make_spec(max_distortion=0.02))
+    assert len(fine.layouts) > len(designs["ball"].layouts) > 1
+    assert max(layout.distortion for layout in fine.layouts) <= 0.02
+
+
+def test_closed_surface_is_not_unrolled(robots):
+    surface = build_link_surface(robots["torus"].links[0], 0.01)
+    assert unroll_region(surface, np.arange(len(surface.faces))) is None
+
+
+def test_another_seed_gives_another_skin(robots, designs):
+    other = design_skin(robots["box"], make_spec(), seed=1).skin
+    assert not np.allclose(designs["box"].skin.positions[:20], other.positions[:20])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_keep_outs_hold_no_part_of_a_cell(robots, seed):
+    rng = np.random.default_rng(seed)
+    zones = [
+        BoxZone("body", (-1.0, -1.0, 0.02), (1.0, 1.0, 0.05)),
+        BallZone("body", tuple(0.05 * rng.normal(size=3)), 0.02),
+    ]
+    design = design_skin(robots["box"], make_spec(keep_outs=zones), seed)
+    for layout in design.layouts:
+        points = sample_cells(layout)
+        assert not any(zone.contains(points).any() for zone in zones)
+
+
+def test_region_covers_only_its_part_at_its_density(robots):
+    part = BallZone("body", (0.04, 0.0, 0.0), 0.05)
+    regions = (RegionSpec(part, 3e4), RegionSpec(LinkZone("body"), 1e4))
+    design = design_skin(robots["box"], DesignSpec("toy", regions))
+    dense, rest = design.regions
+    in_part = np.isin(design.skin.patch_index, dense.patches)
+    assert in_part.sum() > 30
+    np.testing.assert_array_equal(part.contains(design.skin.positions), in_part)
+    assert rest.area + dense.area == pytest.approx(0.0592, rel=1e-6)
+
+
+ELBOW = """<robot name="elbow">
+<link name="upper"><collision><origin xyz="0 0 0.1"/><geometry>
+  <box size="0.05 0.05 0.2"/></geometry></collision></link>
+<link name="lower"><collision><origin xyz="0 0 0.1"/><geometry>
+  <box size="0.05 0.05 0.2"/></geometry></collision></link>
+<joint name="bend" type="revolute"><parent link="upper"/><child link="lower"/>
+  <origin xyz="0 0 0.23"/><axis xyz="0 1 0"/>
+  <limit lower="0" upper="2.6" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_skin_stays_clear_of_a_link_that_moves(tmp_path):
+    path = tmp_path / "elbow.urdf"
+    path.write_text(ELBOW)
+    robot, clearance = load_urdf(path), 5 * MM
+    regions = tuple(RegionSpec(LinkZone(name), 2e4) for name in ("upper", "lower"))
+    limits = DesignLimits(clearance=clearance)
+    design = design_skin(robot, DesignSpec("elbow", regions, (), limits))
+    mounted = MountedSkin(design.skin, robot)
+    names = np.array(design.skin.link_names)[design.skin.patch_index]
+    for angle in np.linspace(0.0, 2.6, 40):
+        q = np.array([angle])
+        positions, _ = mounted.place_taxels(q)
+        poses = mounted.kinematics.poses(q)
+        for link, T in zip(robot.links, poses, strict=True):
+            others = positions[names != link.name]
+            local = (others - T[:3, 3]) @ T[:3, :3]
+            distance, _ = compute_surface_distance(link, local)
+            # Between two positions of a sweep a link comes a little nearer.
+            assert distance.min() > 0.8 * clearance
+    free = design_skin(robot, DesignSpec("elbow", regions[:1]))
+    assert design.skin.count > 100
+    assert free.regions[0].allowed_area > design.regions[0].allowed_area
+
+
+def test_cells_are_cut_into_parts_that_boards_can_read():
+    rng = np.random.default_rng(0)
+    block = rng.random((16, 16)) < 0.9
+    parts = list(iterate_routable(block, 8))
+    assert sum(part.sum() for part in parts) > 0.7 * block.sum()
+    assert (np.sum(parts, axis=0) <= block).all()
+    for part in parts:
+        used = part[np.ix_(part.any(axis=1), part.any(axis=0))]
+        assert used.all(axis=1).any() and used.all(axis=0).any()
+        for lines in (used, used.T):
+            for line in lines:
+                run_of_cells = np.flatnonzero(line)
+                assert len(run_of_cells) == np.ptp(run_of_cells) + 1 > 1
+    assert divide(0, 33, 16) == [(0, 11), (11, 22), (22, 33)]
+
+
+# Drawings
+
+
+@pytest.fixture(scope="module")
+def written(designs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball")
+    return save_design(designs["ball"], folder), folder
+
+
+def test_dxf_read_by_another_reader_agrees_with_the_skin(designs, written):
+    """The reader of trimesh shares no code with the writer."""
+    _, folder = written
+    skin = load_skin(folder)
+    for number, patch in enumerate(skin.patches):
+        drawing = trimesh.load(folder / "patches" / f"{patch.id}.dxf")
+        layers = np.array(drawing.layers)
+        pads = [
+            drawing.vertices[entity.points[:4]].mean(axis=0)
+            for entity in drawing.entities[layers == "PADS"]
+        ]
+        flat = 1e3 * designs["ball"].layouts[number].grid.unrolled()
+        np.testing.assert_allclose(pads, flat, atol=1e-6)
+        assert np.count_nonzero(layers == "OUTLINE") == 1
+        assert np.count_nonzero(layers == "ROWS") == patch.rows
+        assert np.count_nonzero(layers == "COLUMNS") == patch.columns
+        for layer in ("RETURNS", "CONNECTOR"):
+            assert np.count_nonzero(layers == layer) == patch.rows + patch.columns
+        assert np.count_nonzero(layers == "FIDUCIALS") == 3
+
+
+def test_table_agrees_with_the_skin(written):
+    _, folder = written
+    skin = load_skin(folder)
+    for patch in skin.patches:
+        with (folder / "patches" / f"{patch.id}.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        taxels = skin.find_taxels(patch.id)
+        assert [int(row["taxel"]) for row in rows] == taxels.tolist()
+        assert [int(row["row"]) for row in rows] == skin.rows[taxels].tolist()
+        places = [[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in rows]
+        np.testing.assert_allclose(places, 1e3 * skin.positions[taxels], atol=1e-5)
+
+
+def test_lines_of_a_layer_never_meet_and_stay_inside(designs):
+    for name in SHAPES:
+        for drawing in draw_design(designs[name]):
+            outline = Polygon(drawing.select("OUTLINE")[0].points)
+            assert outline.is_valid
+            for layer in ("ROWS", "COLUMNS", "RETURNS"):
+                lines = [LineString(line.points) for line in drawing.select(layer)]
+                assert all(outline.covers(line) for line in lines), drawing.name
+                assert not any(a.intersects(b) for a, b in combinations(lines, 2))
+            pads = [Polygon(line.points) for line in drawing.select("PADS")]
+            marks = [
+                LineString([mark, mark]).buffer(drawing.fiducial_radius)
+                for mark in drawing.fiducials
+            ]
+            assert not any(p.intersects(m) for p in pads for m in marks)
+
+
+def test_every_row_and_column_reaches_its_contact(designs):
+    for drawing in draw_design(designs["torus"]):
+        rows, columns = drawing.select("ROWS"), drawing.select("COLUMNS")
+        returns = drawing.select("RETURNS")
+        contacts = drawing.select("CONNECTOR")
+        for line, path, contact in zip(
+            [*rows, *columns], returns, contacts, strict=True
+        ):
+            start, end = path.points[0], path.points[-1]
+            assert (
+                LineString(line.points).buffer(1e-6).covers(LineString([start, start]))
+            )
+            assert Polygon(contact.points).covers(LineString([end, end]))
+
+
+def test_same_design_gives_the_same_files(robots, written, tmp_path):
+    _, folder = written
+    save_design(design_skin(robots["ball"], make_spec()), tmp_path)
+    names = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+    assert len(names) > 10
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_report_has_the_figures_of_the_skin(designs, written):
+    report, folder = written
+    assert json.loads((folder / "report.json").read_text()) == report
+    skin = designs["ball"].skin
+    assert report["taxels"] == skin.count
+    assert report["boards"] == len(skin.patches)
+    assert 0.5 < report["coverage"] <= report["coverage_of_allowed"] < 1.0
+    counts = np.bincount(skin.patch_index)
+    bits = sum(8 * (2 * count + 18) for count in counts)
+    assert report["bandwidth_mbit_s"] == pytest.approx(1e-6 * 100 * bits, abs=1e-3)
+
+
+# Surfaces and distances
+
+
+def make_surface(folder, mesh):
+    return build_link_surface(load_urdf(write_mesh(folder, mesh)).links[0])
+
+
+def test_overlapping_bodies_become_one_closed_surface(tmp_path):
+    """What the first box hides of the second is not there any more."""
+    first = trimesh.creation.box((0.1, 0.1, 0.1))
+    second = first.copy()
+    second.apply_translation((0.05, 0.0, 0.0))
+    surface = make_surface(tmp_path, trimesh.util.concatenate([first, second]))
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces)
+    assert mesh.is_watertight and mesh.body_count == 1
+    assert mesh.volume == pytest.approx(0.1 * 0.1 * 0.15, rel=1e-6)
+    assert surface.warnings == ()
+
+
+def break_mesh(kind):
+    mesh = trimesh.creation.icosphere(3, 0.05)
+    if kind == "hole":
+        mesh.update_faces(np.arange(len(mesh.faces)) >= 40)
+    if kind == "duplicate vertices":
+        mesh.unmerge_vertices()
+    if kind == "non-manifold edge":
+        edge = mesh.faces[0, :2]
+        fin = np.vstack([mesh.vertices, [[0.0, 0.0, 0.1]]])
+        mesh = trimesh.Trimesh(
+            fin, np.vstack([mesh.faces, [*edge, len(fin) - 1]]), process=False
+        )
+    if kind == "inside out":
+        mesh.invert()
+    return mesh
+
+
+@pytest.mark.parametrize(
+    ("kind", "warned"),
+    [
+        ("hole", True),
+        ("non-manifold edge", True),
+        ("duplicate vertices", False),
+        ("inside out", False),
+    ],
+)
+def test_broken_mesh_is_repaired_with_a_warning(tmp_path, kind, warned):
+    surface = make_surface(tmp_path, break_mesh(kind))
+    assert bool(surface.warnings) == warned
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.05**3, rel=0.08)
+
+
+def test_mesh_without_a_volume_is_refused(tmp_path):
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    with pytest.raises(RobotError, match="no body of 1 mm3 .* choose another link"):
+        make_surface(tmp_path, flat)
+
+
+def test_distance_on_a_sphere_is_the_arc(robots):
+    rng = np.random.default_rng(3)
+    unit = rng.normal(size=(12, 3))
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    surface = build_link_surface(robots["ball"].links[0])
+    found = SurfaceDistance(surface, 0.05 * unit).between(np.arange(3), np.arange(12))
+    arcs = 0.05 * np.arccos(np.clip(unit[:3] @ unit.T, -1.0, 1.0))
+    np.testing.assert_allclose(found, arcs, rtol=0.03, atol=1e-9)
+
+
+def test_distance_on_a_cylinder_is_the_helix(robots):
+    rng = np.random.default_rng(4)
+    angle, z = rng.uniform(-1.5, 1.5, 12), rng.uniform(-0.05, 0.05, 12)
+    points = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), z])
+    surface = build_link_surface(robots["tube"].links[0])
+    found = SurfaceDistance(surface, points).between(np.arange(3), np.arange(12))
+    arcs = 0.04 * (angle[:3, None] - angle[None])
+    helix = np.hypot(arcs, z[:3, None] - z[None])
+    np.testing.assert_allclose(found, helix, rtol=0.03, atol=1e-9)
+
+
+def test_distance_on_a_torus_is_that_of_its_geodesics(robots):
+    """Around the tube, and along the inner equator, which is the shortest there."""
+    surface = build_link_surface(robots["torus"].links[0])
+    turn = np.linspace(0.0, np.pi, 5)
+    around = np.column_stack(
+        [0.08 + 0.03 * np.cos(turn), np.zeros(5), 0.03 * np.sin(turn)]
+    )
+    inner = 0.05 * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(5)])
+    found = SurfaceDistance(surface, around).between(np.array([0]), np.arange(5))
+    np.testing.assert_allclose(found[0], 0.03 * turn, rtol=0.03, atol=1e-9)
+    found = SurfaceDistance(surface, inner).between(np.array([0]), np.arange(4))
+    np.testing.assert_allclose(found[0], 0.05 * turn[:4], rtol=0.03, atol=1e-9)
+
+
+def test_distance_between_separate_bodies_is_infinite(tmp_path):
+    first = trimesh.creation.box((0.02, 0.02, 0.02))
+    second = first.copy()
+    second.apply_translation((0.1, 0.0, 0.0))
+    surface = make_surface(tmp_path, trimesh.util.concatenate([first, second]))
+    points = np.array([[0.0, 0.0, 0.01], [0.1, 0.0, 0.01], [0.005, 0.0, 0.01]])
+    found = SurfaceDistance(surface, points).between(np.array([0]), np.arange(3))
+    np.testing.assert_allclose(found, [[0.0, np.inf, 0.005]], atol=1e-4)
+
+
+def test_kinematic_distance_changes_with_the_pose_only_between_links():
+    robot, skin = load_robot("ur5"), load_skin("ur5")
+    mounted = MountedSkin(skin, robot)
+    same = skin.find_taxels("forearm_front")[:2]
+    other = skin.find_taxels("upper_arm_front")[:1]
+    poses = np.zeros((2, 6))
+    poses[1, 2] = 1.0
+    within, between = np.array(
+        [
+            [
+                compute_kinematic_distances(mounted, q, same[:1], taxels)[0, 0]
+                for q in poses
+            ]
+            for taxels in (same[1:], other)
+        ]
+    )
+    assert within[0] == pytest.approx(within[1], abs=1e-12)
+    assert abs(between[0] - between[1]) > 0.01
+
+
+# The command
+
+
+def test_command_writes_a_skin_that_the_check_accepts(tmp_path, capsys):
+    out = tmp_path / "skin"
+    arguments = [
+        "skin",
+        "design",
+        "tube",
+        "--out",
+        str(out),
+        "--density",
+        "1",
+        "--json",
+    ]
+    assert run(arguments) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["taxels"] == load_skin(out).count > 200
+    assert (
+        run(["skin", "check", str(out), "--robot", "tube", "--tolerance", "0.2"]) == 0
+    )
+    assert run(["skin", "show", str(out)]) == 0
+
+
+SPEC = """
+regions:
+- {link: tube, density_per_cm2: 2.0, box_mm: [[-100, -100, 0], [100, 100, 150]]}
+keep_out:
+- {link: tube, point_mm: [37.5, 0, 75], radius_mm: 20}
+"""
+
+
+def test_command_reads_regions_and_keep_outs(tmp_path):
+    spec, out = tmp_path / "spec.yaml", tmp_path / "skin"
+    spec.write_text(SPEC.replace("tube,", f"{load_robot('tube').links[-1].name},"))
+    command = ["skin", "design", "tube", "--out", str(out), "--spec", str(spec)]
+    assert run(command) == 0
+    skin = load_skin(out)
+    assert skin.positions[:, 2].min() > 0.0
+    away = np.linalg.norm(skin.positions - [0.0375, 0.0, 0.075], axis=1)
+    assert away.min() > 0.02
+    assert skin.count / (1e4 * skin.areas.sum()) == pytest.approx(2.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--density", "100"], ["100 taxels/cm2", "mm apart", "2.5 mm or more"]),
+        (["--density", "-1"], ["--density is -1", "above 0"]),
+        (["--links", "nose"], ["no link 'nose'", "allowed:"]),
+        (["--rows", "1"], ["--rows is 1", "2 to"]),
+        (["--distortion", "0"], ["--distortion is 0"]),
+        (["--density", "0.001"], ["no patch of 8 taxels", "higher density"]),
+        (["--spec", "missing.yaml"], ["missing.yaml", "No such file"]),
+    ],
+)
+def test_command_refuses_what_cannot_be_made_in_one_line(
+    tmp_path, capsys, options, words
+):
+    out = tmp_path / "skin"
+    assert run(["skin", "design", "tube", "--out", str(out), *options]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("regions: [{link: a, box_mm: [[0,0,0],[1,1,0]]}]", ["regions[0]", "smallest"]),
+        ("regions: [{link: a, point_mm: [0,0,0]}]", ["regions[0]", "radius_mm"]),
+        ("regions: [{links: a}]", ["regions[0]"]),
+        ("keep_out: 3", ["keep_out", "list"]),
+    ],
+)
+def test_specification_with_an_error_is_refused_in_one_line(
+    tmp_path, capsys, text, words
+):
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(text)
+    command = ["skin", "design", "tube", "--out", str(tmp_path / "x")]
+    assert run([*command, "--spec", str(spec)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+
+
+def test_region_of_a_link_without_a_shape_is_refused(tmp_path):
+    path = tmp_path / "bare.urdf"
+    path.write_text('<robot name="bare"><link name="body"/></robot>')
+    with pytest.raises(RobotError, match="has no surface"):
+        design_skin(load_urdf(path), make_spec())
+    with pytest.raises(SkinError, match="no link with a shape"):
+        design_skin(load_urdf(path), DesignSpec("bare", ()))
