@@ -114,9 +114,10 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
     print(
         f"{counts['touches']} touches in {outcome.seconds:g} s on {config.build_kind} "
         f"builds: {counts['correct']} obeyed correctly, {counts['wrong']} wrongly, "
-        f"{counts['missed']} missed; {outcome.accidents} accidental contacts, "
-        f"{counts['false_alarms']} false alarms; {outcome.score.holds} "
-        f"holds, {outcome.unlocked} protective stops, {outcome.delivered} parts brought"
+        f"{counts['missed']} missed; {counts['accidents']} accidental contacts, "
+        f"{counts['false_alarms']} unasked commands ({counts['unasked_stops']} stops, "
+        f"{counts['unasked_going_on']} to go on); {counts['holds']} holds, "
+        f"{outcome.unlocked} protective stops, {outcome.delivered} parts brought"
     )
     p50, p95 = outcome.delay or (None, None)
     if p50 is None:
@@ -134,8 +135,6 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
         "step_ms_p99": outcome.step[1],
         "delay_s_p50": p50,
         "delay_s_p95": p95,
-        "accidents": outcome.accidents,
-        "holds": outcome.score.holds,
         "protective_stops": outcome.unlocked,
         "delivered": outcome.delivered,
         "seconds": outcome.seconds,

@@ -1,6 +1,11 @@
 """This package turns touches into commands of an arm that works on a task."""
 
-from eskin.command.actions import command_function, resolve_action
+from eskin.command.actions import (
+    HALTING_ACTIONS,
+    REDUCING_ACTIONS,
+    command_function,
+    resolve_action,
+)
 from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import (
     NON_GESTURES,
@@ -22,7 +27,9 @@ from eskin.command.ur_arm import UrArm
 
 __all__ = [
     "FRAME_TASK",
+    "HALTING_ACTIONS",
     "NON_GESTURES",
+    "REDUCING_ACTIONS",
     "Arm",
     "ArmState",
     "CommandMap",

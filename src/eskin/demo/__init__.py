@@ -2,13 +2,8 @@
 
 from eskin.demo.headless import DemoConfig, DemoResult, run_headless
 from eskin.demo.live_source import LiveSource
-from eskin.demo.simulated_user import (
-    Attempt,
-    CommandScore,
-    SimulatedUser,
-    SimulatedUserConfig,
-    summarise_score,
-)
+from eskin.demo.score import Attempt, CommandScore, TouchCauses, summarise_score
+from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 
 __all__ = [
     "Attempt",
@@ -18,6 +13,7 @@ __all__ = [
     "LiveSource",
     "SimulatedUser",
     "SimulatedUserConfig",
+    "TouchCauses",
     "run_headless",
     "summarise_score",
 ]
