@@ -188,6 +188,8 @@ class HeldArm(Arm):
     def set_speed(self, share: float) -> None:
         """Do nothing."""
 
+    limit_speed = set_speed
+
     def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
         """Do nothing."""
 

@@ -105,6 +105,7 @@ class RecordingArm(Arm):
         self.clock, self.orders, self.steps = clock, [], []
         self.paused, self.hold_reason, self.jogging = False, None, False
         self.speed, self.gripper, self.at_work = 1.0, "open", True
+        self.speed_limit = 1.0
         self.protective_stop, self.connected, self.error = False, True, None
 
     def q_at(self, stamp):
@@ -115,7 +116,7 @@ class RecordingArm(Arm):
         return ArmState(
             stamp=self.clock.now(),
             q=Q,
-            moving=self.at_work and not stopped,
+            moving=self.at_work and not stopped and self.speed_limit > 0,
             paused=self.paused,
             hold_reason=self.hold_reason,
             speed=self.speed,
@@ -124,6 +125,7 @@ class RecordingArm(Arm):
             protective_stop=self.protective_stop,
             connected=self.connected,
             jogging=self.jogging,
+            speed_limit=self.speed_limit,
             pause_count=self.orders.count("pause"),
         )
 
@@ -157,6 +159,9 @@ class RecordingArm(Arm):
     def set_speed(self, share):
         self.record("set_speed")
         self.speed = share
+
+    def limit_speed(self, share):
+        self.speed_limit = share
 
     def close(self):
         self.hold("closed")

@@ -14,7 +14,7 @@ from eskin.command.command_map import (
     load_commands,
     parse_commands,
 )
-from eskin.command.policy import Policy, PolicyConfig
+from eskin.command.policy import WAIT, Policy, PolicyConfig
 from eskin.command.simulated_arm import (
     DynamicPlant,
     ProtectiveStopConfig,
@@ -43,6 +43,7 @@ __all__ = [
     "SkinMonitorConfig",
     "Task",
     "TaskExecutor",
+    "WAIT",
     "Trajectory",
     "UrArm",
     "Waypoint",

@@ -13,6 +13,7 @@ from eskin.command.actions import (
     FUNCTION,
     MIN_CONFIDENCE,
     STRICT_ACTIONS,
+    TOGGLES,
     Action,
 )
 from eskin.errors import CommandError
@@ -70,6 +71,16 @@ class CommandMap(BaseModel):
         ]
         order = [(rule.patch is not None, rule.link is not None) for rule in fitting]
         return fitting[order.index(max(order))] if order else None
+
+    def list_gestures(self, action: str) -> tuple[str, ...]:
+        """Return the gestures that give a plain action somewhere, in some state."""
+        found = {
+            rule.gesture: None
+            for rule in self.commands
+            if rule.action is not None
+            and action in TOGGLES.get(rule.action, (rule.action,))
+        }
+        return tuple(found)
 
     def find_problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
         """Return what does not fit model, skin or other rules, each with its path."""

@@ -8,7 +8,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS
+from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS, WAIT
 from eskin.live import Detection
 from eskin.recording import NONE, TruthRecord
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
@@ -42,6 +42,10 @@ class Attempt:
     """Stamp of its last contact; None while it lasts."""
     number: int = 0
     """Number that the simulated hand gave to it."""
+    works: bool = True
+    """Whether the arm was neither paused nor held when it began."""
+    stopped: int | None = None
+    """When the arm began to stop because of it [ns since the epoch]."""
     command: CommandEvent | None = None
     """First command that was executed because of it."""
     refusals: list[CommandEvent] = field(default_factory=list)
@@ -62,7 +66,7 @@ class Attempt:
         if self.outcome == "correct":
             return ""
         if self.refusals and self.command is None:
-            return re.split(r"[:\d]", self.refusals[-1].why)[0].strip()
+            return re.split(r"[:;,\d]", self.refusals[-1].why)[0].strip()
         others = [word for word in self.recognised if word != self.gesture]
         if others:
             return f"said to be {others[-1]}"
@@ -142,7 +146,8 @@ class CommandScore:
     A command counts for a touch if the tracked touch that gave it is that one, and if
     it comes within 1 s of its end. Only the first one counts. A further or later one,
     one of an accident, or one that no touch caused, is a false alarm. What the policy
-    does without a touch, such as a hold for a fault, is no command.
+    does by itself, such as a hold for a fault or to wait, is no command; a pause for a
+    touch that was not recognised is one.
     """
 
     attempts: list[Attempt] = field(default_factory=list)
@@ -169,10 +174,11 @@ class CommandScore:
             if attempt is not None:
                 attempt.refusals.append(command)
             return
-        if command.touch is None or (
-            command.gesture is None and command.action == "hold"
-        ):
-            self.holds += 1
+        if attempt is not None and command.action in (WAIT, *HALTING_ACTIONS):
+            attempt.stopped = attempt.stopped or command.stamp
+        own = command.touch is None or command.gesture is None
+        if own and command.action != "pause":
+            self.holds += command.action == "hold"
             return
         self.commands += 1
         fits = attempt is not None and attempt.command is None
@@ -224,12 +230,16 @@ class CommandScore:
         ]
 
     def stop_delays(self) -> list[float]:
-        """Return the times from first contact to the stop of correct pauses [s]."""
+        """Return the times from first contact to the stop of pauses [s].
+
+        Only correct ones of an arm at work count.
+        """
         return [
-            (attempt.command.stamp - attempt.begin) / NS_PER_S
+            (attempt.stopped - attempt.begin) / NS_PER_S
             for attempt in self.attempts
             if attempt.outcome == "correct"
-            and attempt.command is not None
+            and attempt.works
+            and attempt.stopped is not None
             and attempt.expected in HALTING_ACTIONS
         ]
 

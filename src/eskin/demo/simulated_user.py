@@ -85,6 +85,7 @@ class SimulatedUser:
         self.attempt: Attempt | None = None
         self.active = True
         self.stopped_since: int | None = None
+        self.pause_count = 0
         self.grace_until = 0
 
     def update(self, stamp: int) -> None:
@@ -98,6 +99,8 @@ class SimulatedUser:
             self.next_touch = stamp + round(self.config.first * NS_PER_S)
         stands = state.paused or state.protective_stop
         since = self.stopped_since if self.stopped_since is not None else stamp
+        if state.pause_count != self.pause_count:
+            since, self.pause_count = stamp, state.pause_count
         self.stopped_since = since if stands else None
         waits = stands and stamp - since < STOP_SECONDS * NS_PER_S
         if self.touch is not None:
@@ -124,7 +127,8 @@ class SimulatedUser:
         self.touch = self.skin.hand.perform(gesture)
         self.in_contact = False
         expected = self.find_expected(gesture, state)
-        self.attempt = Attempt(gesture, expected, stamp, number=self.touch)
+        works = not state.stopped
+        self.attempt = Attempt(gesture, expected, stamp, number=self.touch, works=works)
 
     def choose_gesture(self, state: ArmState) -> str:
         """Draw the next gesture; `none` for an accident."""
