@@ -6,7 +6,7 @@ import pytest
 
 from eskin.command import load_commands, parse_commands
 from eskin.errors import CommandError
-from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, VOCABULARY
+from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, TOGGLE, VOCABULARY
 
 HEAD = "commands:\n"
 POKE = "  - {gesture: poke, action: pause}\n"
@@ -37,7 +37,14 @@ def test_default_map_fits_vocabulary_of_model():
     rules = {rule.gesture: rule.action for rule in commands.commands}
     assert rules == {rule.gesture: rule.action for rule in DEFAULT.commands}
     (rule,) = load_commands(None, ("none", "poke", "hug"), SKIN).commands
-    assert rule.action_or_function == "toggle_pause"
+    assert rule.action_or_function == "pause"
+
+
+def test_gestures_of_plain_action_are_listed():
+    assert DEFAULT.list_gestures("pause") == ("poke",)
+    assert DEFAULT.list_gestures("resume") == ("double_pat",)
+    assert TOGGLE.list_gestures("resume") == ("poke",)
+    assert DEFAULT.list_gestures("jog") == ()
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=str)

@@ -200,7 +200,17 @@ class Policy(Listener):
 
     def update_limit(self) -> None:
         """Let the arm stand, go slowly or at its speed, and publish a change of it."""
-        now = self.context.clock.now()
+        now, state = self.context.clock.now(), self.arm.state()
+        if not state.stopped:
+            self.update_slowing(now)
+        limit = 1.0 if self.slowed is None else self.config.slow_speed
+        if self.possible_stops.waiting or self.monitor.is_hand_lost(now):
+            limit = 0.0
+        if state.speed_limit != limit:
+            self.arm.limit_speed(limit)
+
+    def update_slowing(self, now: int) -> None:
+        """Slow the arm where the skin asks for it, and no longer once that is over."""
         reason = self.monitor.find_slowing(now)
         clear = now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S
         if reason is not None:
@@ -210,11 +220,6 @@ class Policy(Listener):
         elif self.slowed is not None and clear:
             self.publish("normal", True, f"no longer {self.slowed}")
             self.slowed = None
-        limit = 1.0 if self.slowed is None else self.config.slow_speed
-        if self.possible_stops.waiting or self.monitor.is_hand_lost(now):
-            limit = 0.0
-        if self.arm.state().speed_limit != limit:
-            self.arm.limit_speed(limit)
 
     def run(self) -> None:
         """Check the skin again and again, though no reading may come."""

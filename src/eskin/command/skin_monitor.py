@@ -138,12 +138,13 @@ class SkinMonitor:
         if state.open:
             for row in state.rows:
                 if row.confirmed and not row.closed and row.last == stamp:
-                    self.update_touch(row, state.records.contacts[row.contact])
+                    patch = state.records.contacts[row.contact]["patch"]
+                    self.update_touch(row, int(patch))
 
-    def update_touch(self, row: TouchRecord, contact: np.void) -> None:
-        """Update from a touch that is in contact."""
-        self.last_touched[contact["patch"]] = self.latest
-        self.touches[row.id] = row.onset, self.patches[contact["patch"]]
+    def update_touch(self, row: TouchRecord, patch: int) -> None:
+        """Update from a touch that is in contact, and the index of its patch."""
+        self.last_touched[patch] = self.latest
+        self.touches[row.id] = row.onset, self.patches[patch]
         if row.force > self.config.light_force:
             self.light_since[row.id] = self.latest
         since = self.light_since.setdefault(row.id, self.latest)
@@ -152,7 +153,7 @@ class SkinMonitor:
             self.lasting.pop(row.id, None)
             self.last_contact = self.latest
         else:
-            self.lasting[row.id] = self.patches[contact["patch"]]
+            self.lasting[row.id] = self.patches[patch]
 
     def find_touch(self, touch: int | None) -> tuple[int | None, str | None]:
         """Return onset [ns since the epoch] and patch of a touch, None if unknown."""

@@ -283,7 +283,8 @@ class TaskExecutor:
         waiting = self.gripping is not None or stands
         speed = min(self.speed, self.speed_limit, JOG_SPEED if self.jogging else 1.0)
         share = 0.0 if waiting else speed * scaling
-        self.trajectory.advance(seconds, share, urgent=scaling < 1)
+        limited = self.speed_limit < 1 and share < self.trajectory.scale
+        self.trajectory.advance(seconds, share, urgent=scaling < 1 or limited)
         if self.trajectory.arrived and self.jogging:
             self.end_jog()
         elif self.trajectory.arrived and not waiting:
