@@ -321,7 +321,7 @@ def test_invalid_speed_limit_is_refused(arm, share):
 
 def test_speed_limit_slows_as_fast_as_a_stop_and_gives_commanded_speed_back(arm):
     arm.set_speed(0.8)
-    arm.clock.sleep(1.0)
+    arm.clock.sleep(0.3)
     arm.limit_speed(0.0)
     arm.clock.sleep(CONFIG.brake_seconds)
     state = arm.state()
@@ -329,7 +329,7 @@ def test_speed_limit_slows_as_fast_as_a_stop_and_gives_commanded_speed_back(arm)
     arm.clock.sleep(5.0)
     np.testing.assert_array_equal(arm.state().q, state.q)
     arm.limit_speed(1.0)
-    arm.clock.sleep(1.0)
+    arm.clock.sleep(0.3)
     assert arm.state().moving and arm.state().speed == 0.8
 
 

@@ -56,11 +56,16 @@ class RunCommand:
 
     robot: str | None = None
     """Arm that touches command: sim:ur5 or ur://HOST. It also gives the joint
-    positions. A real arm is held until a poke pauses it and another resumes it."""
+    positions. A real arm is held until a touch pauses it and another resumes it: with
+    the default map a poke, and a second later a double pat."""
 
     commands: Path | None = None
     """Command map, which tells what each touch commands; by default the one that comes
     with eskin."""
+
+    import_functions: bool = False
+    """Import the functions `module:function` of the command map from its folder, which
+    runs the code there."""
 
     record: Path | None = None
     """Path of a recording of scans, detections and events."""
@@ -198,6 +203,11 @@ def check_options(command: RunCommand) -> None:
         raise ArmError(
             "--commands is given without --robot; allowed is both; say which robot"
         )
+    if command.import_functions and command.commands is None:
+        raise ArmError(
+            "--import-functions is given without --commands; allowed is both; name the "
+            "command map"
+        )
     if command.robot is not None and command.q is not None:
         raise ArmError(
             "--q is given with --robot; allowed is one of them; the robot tells where "
@@ -271,7 +281,9 @@ def build_policy(
     from eskin.command import Policy, load_commands
 
     vocabulary = model.card.vocabulary
-    commands = load_commands(command.commands, vocabulary, source.info.skin)
+    commands = load_commands(
+        command.commands, vocabulary, source.info.skin, command.import_functions
+    )
     return Policy(arm, commands, vocabulary)
 
 

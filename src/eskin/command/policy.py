@@ -124,6 +124,7 @@ class Policy(Listener):
         self.slowed: str | None = None
         self.slowed_at = 0
         self.held_for: str | None = None
+        self.over: str | None = None
         self.failure: BaseException | None = None
         self.closing = Flag()
         self.thread: Thread | None = None
@@ -190,12 +191,13 @@ class Policy(Listener):
                 if state.hold_reason is None:
                     self.hold(problem)
                     self.held_for = problem
+                self.over = None
             elif state.hold_reason is None:
-                self.held_for = None
-            elif self.held_for is not None:
+                self.held_for = self.over = None
+            elif self.held_for is not None and self.over is None:
+                self.over = f"no longer {self.held_for}"
                 way = self.describe_way(state)
-                self.publish("resume", False, f"no longer {self.held_for}: {way}")
-                self.held_for = None
+                self.publish("resume", False, f"{self.over}; {way}")
             self.update_limit()
 
     def update_limit(self) -> None:
@@ -302,7 +304,7 @@ class Policy(Listener):
     def decide(self, detection: Detection) -> None:
         """Execute a detection's action now or later, or publish why not."""
         rule = self.commands.find_rule(
-            detection.gesture, detection.link, detection.patch
+            detection.gesture, detection.link, detection.patch, detection.heading
         )
         if rule is None:
             self.publish("none", False, "the map has no rule for it", detection)
@@ -389,7 +391,8 @@ class Policy(Listener):
             *REDUCING_ACTIONS,
             "resume",
         ):
-            return f"the arm is held: {state.hold_reason}; {self.describe_way(state)}"
+            reason = self.over or state.hold_reason
+            return f"the arm is held: {reason}; {self.describe_way(state)}"
         if action == "jog" and not detection.direction_world.any():
             return "the touch did not travel; stroke farther"
         if action in STARTING_ACTIONS:

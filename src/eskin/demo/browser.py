@@ -310,7 +310,9 @@ def run_demo(
     warm_up_hand(config)
     skins = (config.skin, *(name for name in SKINS if name != config.skin))
     vocabulary, clock = model.card.vocabulary, clock or HostClock()
-    commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
+    commands = load_commands(
+        config.commands, vocabulary, skin.mounted.skin, config.imports
+    )
     with build_arm(config, clock) as arm:
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))

@@ -38,6 +38,8 @@ class DemoConfig:
     """Name of weights that come with eskin, or a model file."""
     commands: Path | None = None
     """Path of a command map; the map that comes with eskin unless given."""
+    imports: bool = False
+    """Whether functions of that map are imported from its folder."""
     build_kind: BuildKind = "fresh"
     """Sensors as in training, `shifted` ones of wider distributions, or those of a
     family."""
@@ -174,7 +176,9 @@ def run_build(
     skin = InteractiveSkin(config.skin, seed, config.build_kind)
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
-    commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
+    commands = load_commands(
+        config.commands, vocabulary, skin.mounted.skin, config.imports
+    )
     user = SimulatedUser(skin, arm, commands, seed, config.user)
     storm = FaultStorm(skin, config.storm, seed)
     source = LiveSource(
