@@ -28,19 +28,23 @@ FUNCTION = "function"
 """Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
-    "hold": 0.25,
-    "pause": 0.25,
-    "slow": 0.6,
-    "next_waypoint": 0.7,
-    "previous_waypoint": 0.7,
-    "close_gripper": 0.7,
+    "hold": 0.32,
+    "pause": 0.32,
+    "slow": 0.75,
+    "next_waypoint": 0.72,
+    "previous_waypoint": 0.72,
+    "normal": 0.72,
     FUNCTION: 0.8,
-    "normal": 0.8,
-    "open_gripper": 0.85,
-    "resume": 0.95,
+    "resume": 0.9,
+    "close_gripper": 0.95,
     "jog": 0.95,
+    "open_gripper": 0.97,
 }
-"""Default confidence that each action needs: the more can go wrong, the higher."""
+"""Default confidence that each action needs, by what errors of it cost.
+
+Those of the default map are chosen by `python -m benchmarks.command_thresholds`; `hold`
+and `previous_waypoint` are like `pause` and `next_waypoint`, and the other two are set.
+"""
 STRICT_ACTIONS = ("open_gripper", "resume", "jog")
 """Actions whose default confidence a rule can only raise."""
 COOL_DOWN = 0.5

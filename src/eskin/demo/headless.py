@@ -223,6 +223,7 @@ def merge_results(parts: list[DemoResult]) -> DemoResult:
         false_alarms=[command for each in scores for command in each.false_alarms],
         commands=sum(each.commands for each in scores),
         holds=sum(each.holds for each in scores),
+        faults=sum(each.faults for each in scores),
     )
     return DemoResult(
         score=score,

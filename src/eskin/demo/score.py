@@ -160,6 +160,8 @@ class CommandScore:
     """Number of commands that were executed."""
     holds: int = 0
     """Number of times that the policy held the arm by itself."""
+    faults: int = 0
+    """Number of commands that no simulated touch caused: only a fault can have."""
     causes: TouchCauses = field(default_factory=TouchCauses)
     """Simulated touch of each tracked touch."""
 
@@ -176,11 +178,12 @@ class CommandScore:
             return
         if attempt is not None and command.action in (WAIT, *HALTING_ACTIONS):
             attempt.stopped = attempt.stopped or command.stamp
-        own = command.touch is None or command.gesture is None
-        if own and command.action != "pause":
+        own = command.gesture is None and command.action != "pause"
+        if command.touch is None or own:
             self.holds += command.action == "hold"
             return
         self.commands += 1
+        self.faults += self.causes.find(command.touch) is None
         fits = attempt is not None and attempt.command is None
         if attempt is not None and fits:
             attempt.command = command
@@ -291,6 +294,7 @@ def summarise_score(score: CommandScore) -> Mapping[str, int]:
         "accidents": len(score.accidents),
         "false_alarms": len(score.false_alarms),
         **score.count_unasked(),
+        "commands_of_faults": score.faults,
         "commands": score.commands,
         "holds": score.holds,
     }
