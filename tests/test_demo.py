@@ -2,12 +2,13 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import WAIT, SimulatedArm, load_commands
+from eskin.command import WAIT, Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.demo import (
     Attempt,
     CommandScore,
@@ -20,11 +21,14 @@ from eskin.demo import (
     run_headless,
 )
 from eskin.demo.browser import PageOrderHandler
+from eskin.demo.headless import SynchronousStream
 from eskin.drivers import ManualClock
+from eskin.live import Recognizer
+from eskin.model import load_model
 from eskin.page import PageOrder, TouchOrder
 from eskin.recording import TruthRecord
 from eskin.sim.interactive import InteractiveSkin
-from eskin.stream import CommandEvent
+from eskin.stream import CommandEvent, Recognition
 
 pytestmark = pytest.mark.slow
 
@@ -200,3 +204,35 @@ def test_orders_of_page_touch_skin_and_pause_arm():
     assert not scan.received[skin.mounted.skin.find_taxels("wrist_1")].any()
     handler.handle(PageOrder("skin", "ur5-half"))
     assert [order.kind for order in others] == ["skin"]
+
+
+def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
+    clock, events = ManualClock(SECOND), []
+    arm, skin = SimulatedArm(clock=clock), InteractiveSkin("ur5", 1, loses=False)
+    model = load_model("ur5")
+    vocabulary = model.card.vocabulary
+    commands = load_commands(None, vocabulary, skin.mounted.skin)
+    policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
+    recognizer = Recognizer(model, skin.mounted, skin.calibration)
+    source = LiveSource(skin, arm, clock)
+    stream = SynchronousStream(source, [Recognition(recognizer), policy])
+    policy.context = replace(policy.context, publish=events.append)
+
+    def wait(seconds):
+        for _ in range(round(seconds / skin.period)):
+            stream.publish(source.read())
+
+    wait(4.0)
+    skin.unplug("forearm_front")
+    wait(2.0)
+    assert "forearm_front" in arm.state().hold_reason
+    skin.plug("forearm_front")
+    skin.kill(0.1)
+    wait(10.0)
+    skin.restore()
+    wait(10.0)
+    assert [event.action for event in events] == ["slow", "hold", "resume"]
+    assert "poke, then double pat" in events[-1].why and not events[-1].accepted
+    monitor = policy.monitor
+    assert monitor.latest - monitor.last_contact > SECOND
+    assert monitor.find_problem(monitor.latest) is None and not monitor.lasting
