@@ -41,6 +41,15 @@ def test_default_map_fits_vocabulary_of_model():
     assert rule.action_or_function == "pause"
 
 
+def test_map_tells_what_each_gesture_commands():
+    assert DEFAULT.describe() == (
+        "poke: pause",
+        "double pat: resume or normal or next waypoint",
+        "grab: close gripper or open gripper",
+        "stroke: slow",
+    )
+
+
 def test_gestures_of_plain_action_are_listed():
     assert DEFAULT.list_gestures("pause") == ("poke",)
     assert DEFAULT.list_gestures("resume") == ("double_pat",)

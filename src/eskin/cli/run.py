@@ -160,7 +160,8 @@ def run(command: RunCommand) -> dict[str, object]:
         gc.freeze()
         recognition = Recognition(recognizer, drop=choose_drop_policy(command))
         policies = [] if arm is None else [build_policy(command, arm, model, source)]
-        others = [*policies, *build_listeners(command, source, recognition, arm)]
+        listeners = build_listeners(command, source, recognition, arm, policies)
+        others = [*policies, *listeners]
         stream = Stream(source, [recognition, *others])
         print_source(source, describe_doubt(command))
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
@@ -288,7 +289,11 @@ def build_policy(
 
 
 def build_listeners(
-    command: RunCommand, source: "Source", recognition: "Recognition", arm: "Arm | None"
+    command: RunCommand,
+    source: "Source",
+    recognition: "Recognition",
+    arm: "Arm | None",
+    policies: "list[Policy]",
 ) -> "list[Listener]":
     """Build the other listeners: the terminal's, and recorder and viewer if asked."""
     from eskin.cli.terminal import TerminalPrinter
@@ -306,7 +311,8 @@ def build_listeners(
         from eskin.viewer import Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
-        page = ViewerConfig(port, warning=describe_doubt(command))
+        told = [line for policy in policies for line in policy.commands.describe()]
+        page = ViewerConfig(port, warning=describe_doubt(command), commands=tuple(told))
         listeners.append(Viewer(recognition, page, arm=arm))
         print(f"see {page.link}", flush=True)
     return listeners

@@ -48,6 +48,14 @@ class Rule(BaseModel):
         """The action, or `function` where the rule names one."""
         return FUNCTION if self.action is None else self.action
 
+    def describe(self) -> str:
+        """Return what the rule commands, such as `stroke left: slow`."""
+        places = (self.direction, self.link, self.patch)
+        touch = " ".join((self.gesture, *(place for place in places if place)))
+        action = self.function or self.action or ""
+        done = " or ".join(TOGGLES.get(action, (action,)))
+        return f"{touch}: {done}".replace("_", " ")
+
     @property
     def key(self) -> tuple[str | None, ...]:
         """Gesture, link, patch and direction, which identify the rule."""
@@ -82,6 +90,10 @@ class CommandMap(BaseModel):
             for rule in fitting
         ]
         return fitting[order.index(max(order))] if order else None
+
+    def describe(self) -> tuple[str, ...]:
+        """Return what each rule commands, one line a rule, such as `poke: pause`."""
+        return tuple(rule.describe() for rule in self.commands)
 
     def list_gestures(self, action: str) -> tuple[str, ...]:
         """Return the gestures that give a plain action somewhere, in some state."""

@@ -320,7 +320,7 @@ def run_demo(
         handler = PageOrderHandler(
             skin, arm, lambda order: handle_page_order(order, button, choice)
         )
-        page = replace(page, skins=skins)
+        page = replace(page, skins=skins, commands=commands.describe())
         viewer = Viewer(recognition, page, log_errors(handler.handle), arm)
         source = LiveSource(
             skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
