@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from eskin.command import load_commands, parse_commands
-from eskin.command.actions import COMMAND_FUNCTIONS
+from eskin.command.actions import COMMAND_FUNCTIONS, MIN_CONFIDENCE
 from eskin.errors import CommandError
 from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, TOGGLE, VOCABULARY
 
@@ -169,7 +169,11 @@ def test_invalid_file_is_refused(path, text, parts):
         ("action: pause", "gesture", ("missing",)),
         ("gesture: poke, action: pause, sure: 1", "sure", ("confidence",)),
         ("gesture: poke, action: pause, confidence: 1.5", "confidence", ("1.5",)),
-        ("gesture: poke, action: resume, confidence: 0.9", "confidence", ("0.95",)),
+        (
+            "gesture: poke, action: resume, confidence: 0.5",
+            "confidence",
+            (f"{MIN_CONFIDENCE['resume']:g}",),
+        ),
         ("gesture: stroke, action: jog, confidence: 0.9", "confidence", ("0.95",)),
         ("gesture: stroke, action: jog, step: 0.5", "step", ("0.5", "0.1")),
         ("gesture: stroke, action: slow, step: 0.05", "step", ("0.05", "jog")),

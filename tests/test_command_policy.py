@@ -14,6 +14,7 @@ from eskin.command import (
     SkinMonitorConfig,
     command_function,
 )
+from eskin.command.actions import MIN_CONFIDENCE
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
@@ -30,6 +31,9 @@ from helpers.commands import (
     make_paused_scene,
 )
 
+LEAST = MIN_CONFIDENCE
+MAYBE = MIN_CONFIDENCE["pause"] + 0.05
+"""Confidence of a poke that may be a stop."""
 SLOW = 0.3
 """Share of full speed of an arm whose skin is out in part."""
 
@@ -94,10 +98,10 @@ def test_registered_function_is_called_like_any_action():
 @pytest.mark.parametrize(
     ("gesture", "confidence", "accepted"),
     [
-        ("poke", 0.26, True),
-        ("poke", 0.24, False),
-        ("double_pat", 0.69, False),
-        ("grab", 0.71, True),
+        ("poke", LEAST["pause"] + 0.01, True),
+        ("poke", LEAST["pause"] - 0.01, False),
+        ("double_pat", LEAST["next_waypoint"] - 0.01, False),
+        ("grab", LEAST["close_gripper"] + 0.01, True),
     ],
 )
 def test_action_needs_its_confidence(gesture, confidence, accepted):
@@ -108,7 +112,7 @@ def test_action_needs_its_confidence(gesture, confidence, accepted):
 def test_rule_cannot_lower_confidence_of_releasing():
     rule = Rule(gesture="grab", action="toggle_gripper", confidence=0.1)
     scene = Scene(CommandMap(commands=[rule]))
-    for confidence in (0.2, 0.84, 0.86):
+    for confidence in (0.2, LEAST["open_gripper"] - 0.01, 0.999):
         scene.touch("grab", confidence)
     assert scene.accepted == ["close_gripper", "open_gripper"]
 
@@ -116,8 +120,8 @@ def test_rule_cannot_lower_confidence_of_releasing():
 @pytest.mark.parametrize(
     ("likeliest", "confidence", "accepted"),
     [
-        ("poke", 0.26, ["pause"]),
-        ("poke", 0.24, []),
+        ("poke", LEAST["pause"] + 0.01, ["pause"]),
+        ("poke", LEAST["pause"] - 0.01, []),
         ("stroke", 0.75, []),
         ("none", 0.75, []),
         ("", 0.75, []),
@@ -444,10 +448,10 @@ def test_light_touch_that_becomes_strong_counts_again():
     assert scene.arm.paused
 
 
-@pytest.mark.parametrize(("chance", "waits"), [(0.24, False), (0.26, True)])
-def test_arm_stands_while_touch_may_be_a_stop(chance, waits):
+@pytest.mark.parametrize(("more", "waits"), [(-0.01, False), (0.01, True)])
+def test_arm_stands_while_touch_may_be_a_stop(more, waits):
     scene = Scene()
-    number = scene.begin("poke", confidence=chance)
+    number = scene.begin("poke", confidence=LEAST["pause"] + more)
     scene.step()
     assert (scene.arm.speed_limit == 0.0) == waits
     assert scene.waits == [number] * waits and scene.accepted == []
@@ -455,7 +459,7 @@ def test_arm_stands_while_touch_may_be_a_stop(chance, waits):
 
 def test_arm_goes_on_once_possible_stop_is_recognised_as_something_else():
     scene = Scene()
-    number = scene.begin("poke", confidence=0.3)
+    number = scene.begin("poke", confidence=MAYBE)
     scene.step()
     scene.touches[number].gesture, scene.touches[number].confidence = "grab", 0.99
     scene.detect(number)
@@ -465,7 +469,7 @@ def test_arm_goes_on_once_possible_stop_is_recognised_as_something_else():
 
 def test_possible_stop_that_ends_unrecognised_pauses():
     scene = Scene()
-    number = scene.begin("poke", confidence=0.3)
+    number = scene.begin("poke", confidence=MAYBE)
     scene.step()
     scene.lift(number)
     scene.close(number)
@@ -476,7 +480,7 @@ def test_possible_stop_that_ends_unrecognised_pauses():
 
 def test_heir_of_possible_stop_is_waited_for():
     scene = Scene()
-    number, heir = scene.begin("poke", confidence=0.3), scene.begin("none")
+    number, heir = scene.begin("poke", confidence=MAYBE), scene.begin("none")
     scene.step()
     scene.close(number, heir)
     assert scene.arm.speed_limit == 0.0

@@ -35,10 +35,10 @@ MIN_CONFIDENCE = {
     "previous_waypoint": 0.72,
     "normal": 0.72,
     FUNCTION: 0.8,
-    "resume": 0.9,
     "close_gripper": 0.95,
     "jog": 0.95,
-    "open_gripper": 0.97,
+    "resume": 0.97,
+    "open_gripper": 0.98,
 }
 """Default confidence that each action needs, by what errors of it cost.
 
