@@ -319,7 +319,22 @@ def test_invalid_speed_limit_is_refused(arm, share):
         arm.limit_speed(share)
 
 
-def test_speed_limit_slows_as_fast_as_a_stop_and_gives_commanded_speed_back(arm):
+def test_speed_limit_slows_as_fast_as_a_stop(arm):
+    arm.clock.sleep(0.3)
+    arm.limit_speed(0.3)
+    arm.clock.sleep(CONFIG.brake_seconds)
+    arm.state()
+    assert arm.executor.trajectory.scale == pytest.approx(0.3)
+
+
+def test_arm_limited_to_no_speed_begins_nothing():
+    arm = SimulatedArm(clock=ManualClock(SECOND))
+    arm.limit_speed(0.0)
+    arm.clock.sleep(2.0)
+    assert arm.state().target == NAMES[0]
+
+
+def test_speed_limit_of_none_lets_arm_stand_and_gives_commanded_speed_back(arm):
     arm.set_speed(0.8)
     arm.clock.sleep(0.3)
     arm.limit_speed(0.0)
