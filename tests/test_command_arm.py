@@ -320,7 +320,7 @@ def test_invalid_speed_limit_is_refused(arm, share):
 
 
 def test_speed_limit_slows_as_fast_as_a_stop(arm):
-    arm.clock.sleep(0.3)
+    arm.clock.sleep(0.6)
     arm.limit_speed(0.3)
     arm.clock.sleep(CONFIG.brake_seconds)
     arm.state()
