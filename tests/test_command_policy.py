@@ -409,6 +409,24 @@ def test_arm_stands_under_long_unrecognised_touch_and_is_paused_by_longer_one(de
     assert scene.events[-1].touch == number and scene.arm.hold_reason is None
 
 
+def test_strong_touch_holds_arm_that_stands_under_a_long_one():
+    scene = Scene()
+    scene.begin("none")
+    scene.wait(2.2)
+    assert scene.arm.speed_limit == 0.0
+    scene.begin("none", force=60.0)
+    scene.wait(0.1)
+    assert "60 N" in scene.arm.hold_reason
+
+
+def test_policy_leaves_arm_held_and_without_limit():
+    scene = Scene()
+    scene.begin("poke", confidence=MAYBE)
+    scene.step()
+    scene.policy.close()
+    assert scene.arm.hold_reason and scene.arm.speed_limit == 1.0
+
+
 def test_arm_goes_on_after_long_touch_that_was_surely_no_gesture():
     scene = Scene()
     number = scene.begin("none")

@@ -539,5 +539,6 @@ class Policy(Listener):
         """Hold the arm: nothing monitors the skin any more."""
         self.closing.set()
         self.arm.hold("the stream has ended")
+        self.arm.limit_speed(1.0)
         if self.thread is not None:
             self.thread.join()

@@ -256,8 +256,10 @@ class SkinMonitor:
     def find_unrecognised(
         self, recognition: RecognitionState
     ) -> UnrecognisedTouch | None:
-        """Find a strong or long touch that was not recognised; None if none is."""
+        """Find the strong or longest touch that was not recognised; None if none is."""
         state, config = recognition.state, self.config
+        longest: UnrecognisedTouch | None = None
+        most = config.max_seconds
         if not state.open:
             return None
         for row in state.rows:
@@ -269,9 +271,8 @@ class SkinMonitor:
             if row.force > config.max_force:
                 reason = f"unrecognised touch of {row.force:.0f} N"
                 return UnrecognisedTouch(row.id, "hold", reason)
-            if seconds > config.max_seconds and row.id not in self.lasting:
-                reason = f"unrecognised touch for {seconds:.1f} s"
-                too_long = seconds > config.pause_seconds
-                effect = "pause" if too_long else "wait"
-                return UnrecognisedTouch(row.id, effect, reason)
-        return None
+            if seconds > most and row.id not in self.lasting:
+                reason, most = f"unrecognised touch for {seconds:.1f} s", seconds
+                effect = "pause" if seconds > config.pause_seconds else "wait"
+                longest = UnrecognisedTouch(row.id, effect, reason)
+        return longest
