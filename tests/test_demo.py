@@ -167,6 +167,7 @@ def test_demo_command_without_commands_prints_no_delay(capsys):
         ("--headless --pause 1 inf", "--pause is 1 inf"),
         ("--headless --seconds 0", "--seconds is 0"),
         ("--same-touch --dynamics", "dynamics on"),
+        ("--headless --import-functions", "without --commands"),
     ],
 )
 def test_invalid_option_is_refused_in_one_line(words, part, capsys):
