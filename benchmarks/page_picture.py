@@ -146,7 +146,7 @@ def play(film: Film) -> str | None:
     film.run(1.5)
     if not demo.state["paused"]:
         return "pause"
-    visit.click()
+    visit.double_click()
     film.run(1.2, lambda: not demo.state["paused"])
     if demo.state["paused"]:
         return "resume"
@@ -165,7 +165,7 @@ def begin_again(visit: Visit) -> None:
     """Resume the task at full speed."""
     visit.tab.get_by_role("button", name="resume").click()
     if visit.demo.state["speed"] < 1.0:
-        visit.drag()
+        visit.double_click()
         visit.demo.wait(2.0 / PACE)
 
 

@@ -30,7 +30,14 @@ def test_fresh_burst_is_used_whole():
     assert attack_timing("bursts every 0.1 s", "one-way", minutes=0.05).used == 1
 
 
-@pytest.mark.parametrize("one", [False, True])
 @pytest.mark.parametrize("rate", [50.0, 200.0])
-def test_arm_is_held_within_150_ms_of_the_last_packet(rate, one):
-    assert hold_played(rate, one, seed=0) < 0.15
+def test_arm_is_held_within_150_ms_of_the_last_packet(rate):
+    assert hold_played(rate, one=False, seed=0)[1] < 0.15
+
+
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_arm_is_slowed_within_150_ms_of_last_packet_of_a_patch_and_then_held(rate):
+    # It was held within 150 ms before; one run of lost packets held an arm then, at a
+    # loss of 0.2 % every minute. Slowed, its tool goes 0.15 m until it is held.
+    slowed, held = hold_played(rate, one=True, seed=0)
+    assert slowed < 0.15 and held < 0.55

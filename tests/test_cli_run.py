@@ -234,7 +234,7 @@ def test_page_of_run_shows_its_arm_and_takes_no_touches():
     command = RunCommand(("udp://127.0.0.1:9",), view=True, port=0)
     for arm in (SimulatedArm(clock=ManualClock()), None):
         doubts = ("unauthenticated", "not calibrated")
-        viewer = build_listeners(command, None, recognition, arm, doubts)[-1]
+        viewer = build_listeners(command, None, recognition, arm, [], doubts)[-1]
         assert isinstance(viewer, Viewer) and viewer.arm is arm
         scene = viewer.describe_scene()
         assert scene.is_arm == (arm is not None) and not scene.touchable

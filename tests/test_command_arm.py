@@ -313,6 +313,41 @@ def test_invalid_speed_is_refused(arm, share):
         arm.set_speed(share)
 
 
+@pytest.mark.parametrize("share", [-0.1, 1.1])
+def test_invalid_speed_limit_is_refused(arm, share):
+    with pytest.raises(ValueError, match=f"speed limit is {share}"):
+        arm.limit_speed(share)
+
+
+def test_speed_limit_slows_as_fast_as_a_stop(arm):
+    arm.clock.sleep(0.6)
+    arm.limit_speed(0.3)
+    arm.clock.sleep(CONFIG.brake_seconds)
+    arm.state()
+    assert arm.executor.trajectory.scale == pytest.approx(0.3)
+
+
+def test_arm_limited_to_no_speed_begins_nothing():
+    arm = SimulatedArm(clock=ManualClock(SECOND))
+    arm.limit_speed(0.0)
+    arm.clock.sleep(2.0)
+    assert arm.state().target == NAMES[0]
+
+
+def test_speed_limit_of_none_lets_arm_stand_and_gives_commanded_speed_back(arm):
+    arm.set_speed(0.8)
+    arm.clock.sleep(0.3)
+    arm.limit_speed(0.0)
+    arm.clock.sleep(CONFIG.brake_seconds)
+    state = arm.state()
+    assert not state.moving and not state.stopped and state.speed_limit == 0.0
+    arm.clock.sleep(5.0)
+    np.testing.assert_array_equal(arm.state().q, state.q)
+    arm.limit_speed(1.0)
+    arm.clock.sleep(0.3)
+    assert arm.state().moving and arm.state().speed == 0.8
+
+
 @pytest.mark.parametrize(("second", "match"), [("a", "a, a"), ("b", "'b' has 2")])
 def test_task_of_invalid_waypoints_is_refused(second, match):
     waypoints = Waypoint("a", (0.0,)), Waypoint(second, (0.0, 1.0))

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from eskin.command import load_commands, parse_commands
+from eskin.command.actions import COMMAND_FUNCTIONS, MIN_CONFIDENCE
 from eskin.errors import CommandError
-from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, VOCABULARY
+from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, TOGGLE, VOCABULARY
 
 HEAD = "commands:\n"
 POKE = "  - {gesture: poke, action: pause}\n"
@@ -37,12 +38,83 @@ def test_default_map_fits_vocabulary_of_model():
     rules = {rule.gesture: rule.action for rule in commands.commands}
     assert rules == {rule.gesture: rule.action for rule in DEFAULT.commands}
     (rule,) = load_commands(None, ("none", "poke", "hug"), SKIN).commands
-    assert rule.action_or_function == "toggle_pause"
+    assert rule.action_or_function == "pause"
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=str)
+def test_map_tells_what_each_gesture_commands():
+    assert DEFAULT.describe() == (
+        "poke: pause",
+        "double pat: resume or normal or next waypoint",
+        "grab: close gripper or open gripper",
+        "stroke: slow",
+    )
+
+
+def test_gestures_of_plain_action_are_listed():
+    assert DEFAULT.list_gestures("pause") == ("poke",)
+    assert DEFAULT.list_gestures("resume") == ("double_pat",)
+    assert TOGGLE.list_gestures("resume") == ("poke",)
+    assert DEFAULT.list_gestures("jog") == ()
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.rglob("*.yaml")), ids=str)
 def test_example_map_is_valid(path):
-    assert load_commands(path, VOCABULARY, SKIN).commands
+    assert load_commands(path, VOCABULARY, SKIN, imports=True).commands
+
+
+CALLS = "  - {gesture: poke, function: 'mine:act'}\n"
+
+
+@pytest.fixture
+def functions():
+    """Remove the functions that a test has imported."""
+    yield
+    COMMAND_FUNCTIONS.pop("mine:act", None)
+
+
+def test_function_beside_map_is_imported_only_if_asked(path, functions):
+    (path.parent / "mine.py").write_text("def act(arm, detection):\n    pass\n")
+    message = refuse(path, HEAD + CALLS)
+    assert "'mine:act'" in message and "--import-functions" in message
+    (rule,) = load_commands(path, VOCABULARY, SKIN, imports=True).commands
+    assert rule.function in COMMAND_FUNCTIONS
+
+
+@pytest.mark.parametrize(
+    ("code", "part"),
+    [
+        (None, "no file"),
+        ("act = 1", "no function 'act'"),
+        ("1 / 0", "ZeroDivisionError"),
+        ("def", "SyntaxError"),
+    ],
+)
+def test_module_that_gives_no_function_is_refused(path, functions, code, part):
+    path.write_text(HEAD + CALLS, "utf-8")
+    if code is not None:
+        (path.parent / "mine.py").write_text(code)
+    with pytest.raises(CommandError, match=part) as error:
+        load_commands(path, VOCABULARY, SKIN, imports=True)
+    assert "mine.py" in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["os:system", "..mine:act", "a.b:c", "mine/x:act"])
+def test_function_elsewhere_than_beside_map_is_refused(path, name):
+    path.write_text(f"{HEAD}  - {{gesture: poke, function: '{name}'}}\n", "utf-8")
+    with pytest.raises(CommandError):
+        load_commands(path, VOCABULARY, SKIN, imports=True)
+
+
+def test_rule_of_direction_applies_before_rule_of_any(path):
+    rules = (
+        "  - {gesture: stroke, action: slow}\n"
+        "  - {gesture: stroke, direction: left, action: jog}\n"
+    )
+    commands = load(path, HEAD + rules)
+    place = PATCH.link, PATCH.id
+    assert commands.find_rule("stroke", *place, "left").action == "jog"
+    assert commands.find_rule("stroke", *place, "right").action == "slow"
+    assert commands.find_rule("stroke", *place).action == "slow"
 
 
 def test_most_specific_rule_applies(path):
@@ -92,11 +164,16 @@ def test_invalid_file_is_refused(path, text, parts):
             (OTHER_PATCH.link, PATCH.link),
         ),
         ("gesture: poke, function: os.system", "function", ("'os.system'",)),
+        ("gesture: stroke, action: slow, direction: up", "direction", ("'up'", "left")),
         ("gesture: poke", "", ("action", "function")),
         ("action: pause", "gesture", ("missing",)),
         ("gesture: poke, action: pause, sure: 1", "sure", ("confidence",)),
         ("gesture: poke, action: pause, confidence: 1.5", "confidence", ("1.5",)),
-        ("gesture: poke, action: resume, confidence: 0.9", "confidence", ("0.95",)),
+        (
+            "gesture: poke, action: resume, confidence: 0.5",
+            "confidence",
+            (f"{MIN_CONFIDENCE['resume']:g}",),
+        ),
         ("gesture: stroke, action: jog, confidence: 0.9", "confidence", ("0.95",)),
         ("gesture: stroke, action: jog, step: 0.5", "step", ("0.5", "0.1")),
         ("gesture: stroke, action: slow, step: 0.05", "step", ("0.05", "jog")),

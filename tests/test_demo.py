@@ -1,12 +1,14 @@
 """Tests of the demonstration: scores, simulated users, and its command."""
 
 import json
+from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import SimulatedArm, load_commands
+from eskin.command import WAIT, Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.demo import (
     Attempt,
     CommandScore,
@@ -15,13 +17,18 @@ from eskin.demo import (
     LiveSource,
     SimulatedUser,
     SimulatedUserConfig,
+    TouchCauses,
     run_headless,
 )
 from eskin.demo.browser import PageOrderHandler
+from eskin.demo.headless import SynchronousStream
 from eskin.drivers import ManualClock
+from eskin.live import Recognizer
+from eskin.model import load_model
 from eskin.page import PageOrder, TouchOrder
+from eskin.recording import TruthRecord
 from eskin.sim.interactive import InteractiveSkin
-from eskin.stream import CommandEvent
+from eskin.stream import CommandEvent, Recognition
 
 pytestmark = pytest.mark.slow
 
@@ -30,13 +37,21 @@ VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 
 
 def command(seconds, action="pause", accepted=True, touch=1, why=""):
-    return CommandEvent(round(seconds * SECOND), action, touch, "poke", accepted, why)
+    gesture = None if touch is None or action == WAIT else "poke"
+    stamp = round(seconds * SECOND)
+    return CommandEvent(stamp, action, touch, gesture, accepted, why)
 
 
 def score_of(*commands):
-    """Return the score of commands after a poke from 1.0 to 1.4 s that is to pause."""
-    attempt = Attempt("poke", "pause", SECOND, round(1.4 * SECOND))
-    score = CommandScore(attempts=[attempt])
+    """Return the score of commands after a poke from 1.0 to 1.4 s that is to pause.
+
+    Tracked touch 1 is the poke, 2 an accident at the same time, 3 nobody's.
+    """
+    end = round(1.4 * SECOND)
+    attempt = Attempt("poke", "pause", SECOND, end, number=10)
+    accident = Attempt("none", "none", SECOND, end, number=20)
+    score = CommandScore(attempts=[attempt], accidents=[accident])
+    score.causes.readings = {1: Counter({10: 5, 20: 1}), 2: Counter({20: 3})}
     for each in commands:
         score.add_command(each)
     return score
@@ -48,10 +63,28 @@ def test_command_within_second_of_touch_counts_for_it():
     assert score.delays() == pytest.approx([0.9])
 
 
-@pytest.mark.parametrize("seconds", [0.9, 2.5])
-def test_command_at_another_time_is_false_alarm(seconds):
-    score = score_of(command(seconds))
+@pytest.mark.parametrize(("seconds", "touch"), [(2.5, 1), (1.5, 2), (1.5, 3)])
+def test_command_too_late_or_of_another_touch_is_false_alarm(seconds, touch):
+    score = score_of(command(seconds, touch=touch))
     assert (score.count("missed"), len(score.false_alarms)) == (1, 1)
+    assert score.count_unasked()["unasked_stops"] == 1
+
+
+def test_stop_is_timed_from_first_contact_to_first_wait():
+    score = score_of(command(1.1, WAIT), command(1.5))
+    assert score.stop_delays() == pytest.approx([0.1]) and score.commands == 1
+
+
+def test_touch_is_caused_by_nearest_simulated_one():
+    causes = TouchCauses()
+    for stamp, x in ((1, 0.0), (2, 0.0), (3, 0.5)):
+        causes.felt = {
+            7: TruthRecord(stamp, 7, "poke", "", "", 1.0, 1.0, (0.05, 0.0, 0.0)),
+            8: TruthRecord(stamp, 8, "grab", "", "", 1.0, 1.0, (0.5, 0.0, 0.0)),
+        }
+        causes.add_reading(4, np.array([x, 0.0, 0.0]))
+        causes.add_reading(5, np.array([0.25, 0.0, 0.0]))
+    assert (causes.find(4), causes.find(5), causes.find(6)) == (7, None, None)
 
 
 def test_other_action_is_wrong_and_second_command_false_alarm():
@@ -110,7 +143,7 @@ def test_demonstration_adds_up_repeats_and_waits_for_last_touch():
 
 
 def test_demo_command_prints_result(monkeypatch, capsys):
-    result = DemoResult(score_of(command(2.3)), 8.0, 1, 0, 2, (3.0, 4.0))
+    result = DemoResult(score_of(command(2.3)), 8.0, 0.0, 0, 2, (3.0, 4.0))
     monkeypatch.setattr("eskin.demo.run_headless", lambda seconds, config: result)
     assert run(["demo", "--headless", "--json"]) == 0
     out = capsys.readouterr().out
@@ -134,6 +167,7 @@ def test_demo_command_without_commands_prints_no_delay(capsys):
         ("--headless --pause 1 inf", "--pause is 1 inf"),
         ("--headless --seconds 0", "--seconds is 0"),
         ("--same-touch --dynamics", "dynamics on"),
+        ("--headless --import-functions", "without --commands"),
     ],
 )
 def test_invalid_option_is_refused_in_one_line(words, part, capsys):
@@ -171,3 +205,35 @@ def test_orders_of_page_touch_skin_and_pause_arm():
     assert not scan.received[skin.mounted.skin.find_taxels("wrist_1")].any()
     handler.handle(PageOrder("skin", "ur5-half"))
     assert [order.kind for order in others] == ["skin"]
+
+
+def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
+    clock, events = ManualClock(SECOND), []
+    arm, skin = SimulatedArm(clock=clock), InteractiveSkin("ur5", 1, loses=False)
+    model = load_model("ur5")
+    vocabulary = model.card.vocabulary
+    commands = load_commands(None, vocabulary, skin.mounted.skin)
+    policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
+    recognizer = Recognizer(model, skin.mounted, skin.calibration)
+    source = LiveSource(skin, arm, clock)
+    stream = SynchronousStream(source, [Recognition(recognizer), policy])
+    policy.context = replace(policy.context, publish=events.append)
+
+    def wait(seconds):
+        for _ in range(round(seconds / skin.period)):
+            stream.publish(source.read())
+
+    wait(4.0)
+    skin.unplug("forearm_front")
+    wait(2.0)
+    assert "forearm_front" in arm.state().hold_reason
+    skin.plug("forearm_front")
+    skin.kill(0.1)
+    wait(10.0)
+    skin.restore()
+    wait(10.0)
+    assert [event.action for event in events] == ["slow", "hold", "resume"]
+    assert "poke, then double pat" in events[-1].why and not events[-1].accepted
+    monitor = policy.monitor
+    assert monitor.latest - monitor.last_contact > SECOND
+    assert monitor.find_problem(monitor.latest) is None and not monitor.lasting

@@ -302,7 +302,7 @@ def execute(visit, touch, line, condition, shown):
 
 
 @pytest.mark.long
-def test_clicks_pause_and_resume_arm_of_demonstration(visit):
+def test_click_pauses_and_double_click_resumes_arm_of_demonstration(visit):
     q = visit.demo.state["q"]
     assert becomes(lambda: scene_moves(visit), PATIENCE)
     assert not np.allclose(visit.demo.state["q"], q)
@@ -320,7 +320,8 @@ def test_clicks_pause_and_resume_arm_of_demonstration(visit):
     def is_resumed(before, now):
         return is_paused(now, before)
 
-    execute(visit, visit.click, "resume: poke", is_resumed, lambda state: "running\n")
+    resume = "resume: double_pat"
+    execute(visit, visit.double_click, resume, is_resumed, lambda state: "running\n")
     assert becomes(lambda: scene_moves(visit), PATIENCE)
 
 

@@ -61,6 +61,8 @@ def test_lids_close_bare_ends_and_leave_room_for_taxels():
     [
         ({}, "running", ""),
         ({"moving": False}, "waiting", ""),
+        ({"speed_limit": 0.3}, "running", "slow for its skin"),
+        ({"moving": False, "speed_limit": 0.0}, "waiting", "until a touch is clear"),
         ({"paused": True}, "paused", ""),
         ({"paused": True, "hold_reason": "stale skin"}, "held", "stale skin"),
         ({"protective_stop": True}, "stopped", "protective stop"),
@@ -69,7 +71,7 @@ def test_lids_close_bare_ends_and_leave_room_for_taxels():
 )
 def test_most_severe_state_of_arm_is_shown(changes, state, reason):
     arm = {"moving": True, "paused": False, "hold_reason": None, "speed": 0.5}
-    arm |= {"gripper": "open", "target": "rack"}
+    arm |= {"gripper": "open", "target": "rack", "speed_limit": 1.0}
     arm |= {"protective_stop": False, "connected": True}
     summary = describe_arm(SimpleNamespace(**(arm | changes)))
     assert (summary.state, summary.why) == (state, reason)

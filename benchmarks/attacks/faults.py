@@ -21,7 +21,7 @@ import tyro
 from benchmarks.attacks.skin_faults import FAULTS, FaultySkin, build_target
 from benchmarks.live_touches import GESTURES, Run, stand_still
 from benchmarks.tables import format_head, format_row
-from eskin.command import Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import WAIT, Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.demo.headless import SynchronousStream
 from eskin.demo.live_source import LiveSource
 from eskin.drivers import ManualClock
@@ -45,7 +45,7 @@ HOLD_SECONDS = 1.0
 """Time after which the operator releases a hold [s]."""
 PAUSE_SECONDS = 5.0
 """Time after which the operator lets a paused arm go on [s]."""
-ACTIONS = ("pause", "resume", "slow", "normal", "next_waypoint", "gripper")
+ACTIONS = (WAIT, "pause", "resume", "slow", "normal", "next_waypoint", "gripper")
 """Columns of the table for commands."""
 RECALL_SKINS = 9
 """Number of builds on which gestures are performed."""
@@ -88,7 +88,7 @@ class FaultTally:
     detections: int = 0
     """Number of detections, of any word."""
     stopped: float = 0.0
-    """Time in which the arm was held or paused [s]."""
+    """Time in which the arm was held or paused, or stood for a touch [s]."""
     holds: Counter[str] = field(default_factory=Counter)
     """Reasons of holds, without their figures."""
     commands: Counter[str] = field(default_factory=Counter)
@@ -135,9 +135,9 @@ class FaultTallyListener(Listener):
         elif isinstance(item, Detection):
             self.tally.detections += 1
         elif isinstance(item, CommandEvent) and item.accepted:
-            if item.touch is None:
+            if item.action == "hold":
                 self.tally.holds[item.why.split("'")[0].split(":")[0]] += 1
-            else:
+            elif item.touch is not None:
                 action = "gripper" if "gripper" in item.action else item.action
                 self.tally.commands[action] += 1
 
@@ -160,7 +160,8 @@ class Operator:
         """Look at the arm at a time [ns]."""
         state = self.arm.state()
         held, paused = state.hold_reason is not None, state.paused
-        if self.last is not None and (held or paused):
+        waits = state.speed_limit == 0.0
+        if self.last is not None and (held or paused or waits):
             self.tally.stopped += (now - self.last) / NS_PER_S
         self.last = now
         self.held_since = (self.held_since or now) if held else None

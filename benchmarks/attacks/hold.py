@@ -5,8 +5,9 @@
 
 Four patches scan at phases of their own. In each trial the packets of all of them or of
 one stop at a random moment. The time to the hold is measured from the arrival of the
-last packet; live from its sending, by another process. Live, a recogniser with the
-shipped weights takes every reading, and the policy checks the skin on its own thread.
+last packet; live from its sending, by another process. An arm is slowed before it is
+held where one patch stops. Live, a recogniser with the shipped weights takes every
+reading, and the policy checks the skin on its own thread.
 """
 
 import multiprocessing
@@ -54,8 +55,11 @@ REST = 200
 """Counts of a taxel at rest."""
 
 
-def hold_played(rate: float, one: bool, seed: int) -> float:
-    """Return the time from the last packet to the hold on a simulated clock [s]."""
+def hold_played(rate: float, one: bool, seed: int) -> tuple[float, float]:
+    """Return the times from the last packet to the limit and to the hold [s].
+
+    The clock is simulated. The first is the time until the arm is slowed or held.
+    """
     rng = np.random.default_rng((seed, 32))
     end = LEAD + rng.uniform(0.0, 0.2)
     errors = rng.uniform(-50e-6, 50e-6, PATCHES)
@@ -77,7 +81,8 @@ def hold_played(rate: float, one: bool, seed: int) -> float:
     line.play([a for a in arrivals if a.arrived > last], end + 1.0)
     if line.arm.held_at is None:
         raise TimeoutError("the arm was not held within a second")
-    return (line.arm.held_at - last) / NS_PER_S
+    limited = line.arm.limited_at or line.arm.held_at
+    return (limited - last) / NS_PER_S, (line.arm.held_at - last) / NS_PER_S
 
 
 @final
@@ -241,7 +246,7 @@ def main(args: list[str] | None = None) -> None:
                 times = hold_live(rate, one, command.trials, command.seed)
             else:
                 times = [
-                    hold_played(rate, one, 1000 * command.seed + trial)
+                    hold_played(rate, one, 1000 * command.seed + trial)[1]
                     for trial in range(command.trials)
                 ]
             figures = [f"{1e3 * np.percentile(times, p):.0f}" for p in (50, 99, 100)]

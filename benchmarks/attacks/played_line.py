@@ -140,6 +140,7 @@ class HeldArm(Arm):
 
     Attributes:
         held_at: when it was held [ns]; None while it is not.
+        limited_at: when it was slowed first [ns]; None while it was not.
     """
 
     name = "table"
@@ -149,6 +150,7 @@ class HeldArm(Arm):
         """Start to move."""
         self.clock = clock
         self.held_at: int | None = None
+        self.limited_at: int | None = None
         self.reason: str | None = None
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
@@ -177,7 +179,7 @@ class HeldArm(Arm):
 
     def release(self) -> None:
         """Move again."""
-        self.held_at = self.reason = None
+        self.held_at = self.limited_at = self.reason = None
 
     def ignore(self) -> None:
         """Do nothing."""
@@ -187,6 +189,11 @@ class HeldArm(Arm):
 
     def set_speed(self, share: float) -> None:
         """Do nothing."""
+
+    def limit_speed(self, share: float) -> None:
+        """Note when it is slowed first."""
+        if share < 1 and self.limited_at is None:
+            self.limited_at = self.clock.now()
 
     def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
         """Do nothing."""

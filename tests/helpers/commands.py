@@ -6,6 +6,7 @@ import numpy as np
 
 from eskin.command import (
     FRAME_TASK,
+    WAIT,
     Arm,
     ArmState,
     CommandMap,
@@ -77,11 +78,15 @@ def make_map(**actions):
 
 
 DEFAULT = make_map(
+    poke="pause", double_pat="go_on", grab="toggle_gripper", stroke="slow"
+)
+TOGGLE = make_map(
     poke="toggle_pause",
     double_pat="next_waypoint",
     grab="toggle_gripper",
     stroke="toggle_speed",
 )
+"""Map of `examples/toggle.yaml`, in which one gesture stops and goes on."""
 
 
 def make_order(name, **changes):
@@ -105,6 +110,7 @@ class RecordingArm(Arm):
         self.clock, self.orders, self.steps = clock, [], []
         self.paused, self.hold_reason, self.jogging = False, None, False
         self.speed, self.gripper, self.at_work = 1.0, "open", True
+        self.speed_limit = 1.0
         self.protective_stop, self.connected, self.error = False, True, None
 
     def q_at(self, stamp):
@@ -115,7 +121,7 @@ class RecordingArm(Arm):
         return ArmState(
             stamp=self.clock.now(),
             q=Q,
-            moving=self.at_work and not stopped,
+            moving=self.at_work and not stopped and self.speed_limit > 0,
             paused=self.paused,
             hold_reason=self.hold_reason,
             speed=self.speed,
@@ -124,6 +130,7 @@ class RecordingArm(Arm):
             protective_stop=self.protective_stop,
             connected=self.connected,
             jogging=self.jogging,
+            speed_limit=self.speed_limit,
             pause_count=self.orders.count("pause"),
         )
 
@@ -158,6 +165,9 @@ class RecordingArm(Arm):
         self.record("set_speed")
         self.speed = share
 
+    def limit_speed(self, share):
+        self.speed_limit = share
+
     def close(self):
         self.hold("closed")
 
@@ -187,7 +197,8 @@ class Scene:
     """A policy on a manual clock, an arm, and touches on its skin.
 
     Attributes:
-        events: what the policy has published.
+        events: what the policy has published, but for the touches that it waits for.
+        waits: ids of the touches that the arm has stood for.
         touches: open touches by their id.
         faulty_patches: ids of patches that are reported as faulty.
         silent_patches: ids of patches without valid taxels.
@@ -198,15 +209,22 @@ class Scene:
     def __init__(self, commands=DEFAULT, **config):
         self.clock = ManualClock()
         self.arm = RecordingArm(self.clock)
-        self.events = []
+        self.events, self.waits = [], []
         config = PolicyConfig(check_period=None, **config)
         self.policy = Policy(self.arm, commands, VOCABULARY, config)
-        self.policy.start(Context(INFO, self.clock, self.events.append))
+        self.policy.start(Context(INFO, self.clock, self.note))
         self.touches = {}
         self.count = 0
         self.faulty_patches = self.silent_patches = ()
         self.doubtful = np.zeros(SKIN.count, bool)
         self.valid_share = 1.0
+
+    def note(self, event):
+        """Keep an event of the policy."""
+        if event.action == WAIT:
+            self.waits.append(event.touch)
+        else:
+            self.events.append(event)
 
     @property
     def accepted(self):
@@ -236,6 +254,7 @@ class Scene:
                 pressure[touch.taxels] = touch.pressure
             loads += [(taxel, touch.pressure, touch.onset) for taxel in touch.taxels]
             contacts[k]["loads"] = begin, len(loads)
+            contacts[k]["patch"] = SKIN.patch_index[touch.taxels[0]]
         going = tuple(self.status(number) for number in self.touches)
         faults = tuple(
             Fault("patch", patch, None, None, None, now)

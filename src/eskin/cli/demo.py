@@ -17,8 +17,9 @@ HEADLESS_SECONDS = 60.0
 class DemoCommand:
     """Watch a simulated UR5 bring parts, and command it by touch.
 
-    In the browser, the mouse is the hand, and a click is a poke. Poke to pause and to
-    resume, pat twice for the next waypoint, grab for the gripper, stroke to slow down.
+    In the browser, the mouse is the hand, and a click is a poke. Poke to pause. Pat
+    twice to go on: to resume, then for full speed, then for the next waypoint. Stroke
+    to slow down, grab for the gripper.
     """
 
     headless: bool = False
@@ -51,6 +52,10 @@ class DemoCommand:
     commands: Path | None = None
     """Command map, which tells what each touch commands, such as `examples/jog.yaml`;
     by default the one that comes with eskin."""
+
+    import_functions: bool = False
+    """Import the functions `module:function` of the command map from its folder, which
+    runs the code there."""
 
     dynamics: bool = False
     """Simulate the arm's masses, joint servos and torque limits in MuJoCo (extra
@@ -87,14 +92,20 @@ def run(command: DemoCommand) -> dict[str, object]:
             f"and dynamics {'on' if command.dynamics else 'off'}; allowed are 1 pair "
             "and more, no commands and no dynamics; change it"
         )
+    if command.import_functions and command.commands is None:
+        raise DeviceError(
+            "--import-functions is given without --commands; allowed is both; name the "
+            "command map"
+        )
     if command.dynamics:
         find_mujoco("--dynamics")
     config = DemoConfig(
-        command.skin,
-        command.model,
-        command.commands,
-        command.build,
+        skin=command.skin,
+        model=command.model,
+        commands=command.commands,
+        build_kind=command.build,
         seed=command.seed,
+        imports=command.import_functions,
         dynamics=command.dynamics,
         user=SimulatedUserConfig(pause=command.pause),
     )
@@ -114,9 +125,10 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
     print(
         f"{counts['touches']} touches in {outcome.seconds:g} s on {config.build_kind} "
         f"builds: {counts['correct']} obeyed correctly, {counts['wrong']} wrongly, "
-        f"{counts['missed']} missed; {outcome.accidents} accidental contacts, "
-        f"{counts['false_alarms']} false alarms; {outcome.score.holds} "
-        f"holds, {outcome.unlocked} protective stops, {outcome.delivered} parts brought"
+        f"{counts['missed']} missed; {counts['accidents']} accidental contacts, "
+        f"{counts['false_alarms']} unasked commands ({counts['unasked_stops']} stops, "
+        f"{counts['unasked_going_on']} to go on); {counts['holds']} holds, "
+        f"{outcome.unlocked} protective stops, {outcome.delivered} parts brought"
     )
     p50, p95 = outcome.delay or (None, None)
     if p50 is None:
@@ -134,8 +146,6 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
         "step_ms_p99": outcome.step[1],
         "delay_s_p50": p50,
         "delay_s_p95": p95,
-        "accidents": outcome.accidents,
-        "holds": outcome.score.holds,
         "protective_stops": outcome.unlocked,
         "delivered": outcome.delivered,
         "seconds": outcome.seconds,

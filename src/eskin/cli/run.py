@@ -57,11 +57,16 @@ class RunCommand:
 
     robot: str | None = None
     """Arm that touches command: sim:ur5 or ur://HOST. It also gives the joint
-    positions. A real arm is held until a poke pauses it and another resumes it."""
+    positions. A real arm is held until a touch pauses it and another resumes it: with
+    the default map a poke, and a second later a double pat."""
 
     commands: Path | None = None
     """Command map, which tells what each touch commands; by default the one that comes
     with eskin."""
+
+    import_functions: bool = False
+    """Import the functions `module:function` of the command map from its folder, which
+    runs the code there."""
 
     record: Path | None = None
     """Path of a recording of scans, detections and events."""
@@ -157,7 +162,7 @@ def run(command: RunCommand) -> dict[str, object]:
         recognition = Recognition(recognizer, drop=choose_drop_policy(command))
         policies = [] if arm is None else [build_policy(command, arm, model, source)]
         doubts = describe_doubts(command, info.calibration)
-        listeners = build_listeners(command, source, recognition, arm, doubts)
+        listeners = build_listeners(command, source, recognition, arm, policies, doubts)
         others = [*policies, *listeners]
         stream = Stream(source, [recognition, *others])
         print_source(source, doubts)
@@ -200,6 +205,11 @@ def check_options(command: RunCommand) -> None:
     if command.commands is not None and command.robot is None:
         raise ArmError(
             "--commands is given without --robot; allowed is both; say which robot"
+        )
+    if command.import_functions and command.commands is None:
+        raise ArmError(
+            "--import-functions is given without --commands; allowed is both; name the "
+            "command map"
         )
     if command.robot is not None and command.q is not None:
         raise ArmError(
@@ -281,7 +291,9 @@ def build_policy(
     from eskin.command import Policy, load_commands
 
     vocabulary = model.card.vocabulary
-    commands = load_commands(command.commands, vocabulary, source.info.skin)
+    commands = load_commands(
+        command.commands, vocabulary, source.info.skin, command.import_functions
+    )
     return Policy(arm, commands, vocabulary)
 
 
@@ -290,6 +302,7 @@ def build_listeners(
     source: "Source",
     recognition: "Recognition",
     arm: "Arm | None",
+    policies: "list[Policy]",
     doubts: tuple[str, ...],
 ) -> "list[Listener]":
     """Build the other listeners: the terminal's, and recorder and viewer if asked."""
@@ -308,7 +321,8 @@ def build_listeners(
         from eskin.viewer import Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
-        page = ViewerConfig(port, warning="; ".join(doubts))
+        told = [line for policy in policies for line in policy.commands.describe()]
+        page = ViewerConfig(port, warning="; ".join(doubts), commands=tuple(told))
         listeners.append(Viewer(recognition, page, arm=arm))
         print(f"see {page.link}", flush=True)
     return listeners

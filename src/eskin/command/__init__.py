@@ -1,6 +1,11 @@
 """This package turns touches into commands of an arm that works on a task."""
 
-from eskin.command.actions import command_function, resolve_action
+from eskin.command.actions import (
+    HALTING_ACTIONS,
+    REDUCING_ACTIONS,
+    command_function,
+    resolve_action,
+)
 from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import (
     NON_GESTURES,
@@ -9,7 +14,7 @@ from eskin.command.command_map import (
     load_commands,
     parse_commands,
 )
-from eskin.command.policy import Policy, PolicyConfig
+from eskin.command.policy import WAIT, Policy, PolicyConfig
 from eskin.command.simulated_arm import (
     DynamicPlant,
     ProtectiveStopConfig,
@@ -22,7 +27,9 @@ from eskin.command.ur_arm import UrArm
 
 __all__ = [
     "FRAME_TASK",
+    "HALTING_ACTIONS",
     "NON_GESTURES",
+    "REDUCING_ACTIONS",
     "Arm",
     "ArmState",
     "CommandMap",
@@ -36,6 +43,7 @@ __all__ = [
     "SkinMonitorConfig",
     "Task",
     "TaskExecutor",
+    "WAIT",
     "Trajectory",
     "UrArm",
     "Waypoint",

@@ -10,6 +10,7 @@ Action = Literal[
     "pause",
     "resume",
     "toggle_pause",
+    "go_on",
     "next_waypoint",
     "previous_waypoint",
     "open_gripper",
@@ -27,23 +28,34 @@ FUNCTION = "function"
 """Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
-    "hold": 0.5,
-    "pause": 0.5,
-    "slow": 0.6,
-    "next_waypoint": 0.7,
-    "previous_waypoint": 0.7,
-    "close_gripper": 0.7,
+    "hold": 0.32,
+    "pause": 0.32,
+    "slow": 0.75,
+    "next_waypoint": 0.72,
+    "previous_waypoint": 0.72,
+    "normal": 0.72,
     FUNCTION: 0.8,
-    "normal": 0.8,
-    "open_gripper": 0.85,
-    "resume": 0.95,
+    "close_gripper": 0.95,
     "jog": 0.95,
+    "resume": 0.97,
+    "open_gripper": 0.98,
 }
-"""Default confidence that each action needs: the more can go wrong, the higher."""
+"""Default confidence that each action needs, by what errors of it cost.
+
+Those of the default map are chosen by `python -m benchmarks.command_thresholds`; `hold`
+and `previous_waypoint` are like `pause` and `next_waypoint`, and the other two are set.
+"""
 STRICT_ACTIONS = ("open_gripper", "resume", "jog")
 """Actions whose default confidence a rule can only raise."""
 COOL_DOWN = 0.5
 """Default time for which a rule rests after it was executed [s]."""
+TOGGLES = {
+    "toggle_pause": ("pause", "resume"),
+    "go_on": ("resume", "normal", "next_waypoint"),
+    "toggle_gripper": ("close_gripper", "open_gripper"),
+    "toggle_speed": ("slow", "normal"),
+}
+"""Actions that mean one of several plain ones, by the state of the arm."""
 HALTING_ACTIONS = ("pause", "hold")
 """Actions that stop the arm: neither a cool-down nor an unknown touch blocks them."""
 STARTING_ACTIONS = ("resume", "jog")
@@ -61,6 +73,9 @@ def resolve_action(action: str, state: ArmState) -> str:
     match action:
         case "toggle_pause":
             return "resume" if state.paused else "pause"
+        case "go_on":
+            further = "next_waypoint" if state.speed >= 1 else "normal"
+            return "resume" if state.paused else further
         case "toggle_gripper":
             return "close_gripper" if state.gripper == "open" else "open_gripper"
         case "toggle_speed":

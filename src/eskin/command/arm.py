@@ -58,6 +58,9 @@ class ArmState:
     jogging: bool = False
     """Whether it makes a step while it is paused."""
 
+    speed_limit: float = 1.0
+    """Share of full speed that the arm does not exceed for now, 0 to 1."""
+
     pause_count: int = 0
     """How often it was asked to pause so far, paused already or not."""
 
@@ -138,6 +141,17 @@ class Arm(JointSource, Closing):
 
         Raises:
             ValueError: the share is not above 0 and at most 1.
+        """
+
+    @abstractmethod
+    def limit_speed(self, share: float) -> None:
+        """Go at no more than a share of full speed until told otherwise.
+
+        The commanded speed stays as it is: a limit of 1 gives it back. With 0 the arm
+        stands, without being paused or held.
+
+        Raises:
+            ValueError: the share is not between 0 and 1.
         """
 
 

@@ -13,8 +13,10 @@ from eskin.command.actions import (
     FUNCTION,
     MIN_CONFIDENCE,
     STRICT_ACTIONS,
+    TOGGLES,
     Action,
 )
+from eskin.command.functions import FUNCTION_NAME, import_functions
 from eskin.errors import CommandError
 from eskin.files import read_file
 from eskin.plain_yaml import Name, format_entry_path, load_plain_yaml, shorten
@@ -36,6 +38,7 @@ class Rule(BaseModel):
     function: Name | None = None
     link: Name | None = None
     patch: Name | None = None
+    direction: Literal["toward_tool", "toward_base", "left", "right"] | None = None
     confidence: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
     cool_down: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] | None = None
     step: Annotated[float, Field(ge=0.005, le=0.1, allow_inf_nan=False)] | None = None
@@ -45,10 +48,18 @@ class Rule(BaseModel):
         """The action, or `function` where the rule names one."""
         return FUNCTION if self.action is None else self.action
 
+    def describe(self) -> str:
+        """Return what the rule commands, such as `stroke left: slow`."""
+        places = (self.direction, self.link, self.patch)
+        touch = " ".join((self.gesture, *(place for place in places if place)))
+        action = self.function or self.action or ""
+        done = " or ".join(TOGGLES.get(action, (action,)))
+        return f"{touch}: {done}".replace("_", " ")
+
     @property
-    def key(self) -> tuple[str, str | None, str | None]:
-        """Gesture, link and patch, which identify the rule."""
-        return self.gesture, self.link, self.patch
+    def key(self) -> tuple[str | None, ...]:
+        """Gesture, link, patch and direction, which identify the rule."""
+        return self.gesture, self.link, self.patch, self.direction
 
 
 class CommandMap(BaseModel):
@@ -59,17 +70,40 @@ class CommandMap(BaseModel):
     version: Literal[1] = 1
     commands: Annotated[list[Rule], Field(min_length=1, max_length=1000)]
 
-    def find_rule(self, gesture: str, link: str, patch: str) -> Rule | None:
-        """Return the rule for a touch: of its patch, else its link, else of neither."""
+    def find_rule(
+        self, gesture: str, link: str, patch: str, direction: str = ""
+    ) -> Rule | None:
+        """Return the rule for a touch: of its patch, else its link, else of neither.
+
+        Of rules for one place, the one of the touch's direction counts first.
+        """
         fitting = [
             rule
             for rule in self.commands
             if rule.gesture == gesture
             and rule.link in (None, link)
             and rule.patch in (None, patch)
+            and rule.direction in (None, direction)
         ]
-        order = [(rule.patch is not None, rule.link is not None) for rule in fitting]
+        order = [
+            tuple(part is not None for part in (rule.patch, rule.link, rule.direction))
+            for rule in fitting
+        ]
         return fitting[order.index(max(order))] if order else None
+
+    def describe(self) -> tuple[str, ...]:
+        """Return what each rule commands, one line a rule, such as `poke: pause`."""
+        return tuple(rule.describe() for rule in self.commands)
+
+    def list_gestures(self, action: str) -> tuple[str, ...]:
+        """Return the gestures that give a plain action somewhere, in some state."""
+        found = {
+            rule.gesture: None
+            for rule in self.commands
+            if rule.action is not None
+            and action in TOGGLES.get(rule.action, (rule.action,))
+        }
+        return tuple(found)
 
     def find_problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
         """Return what does not fit model, skin or other rules, each with its path."""
@@ -86,8 +120,11 @@ class CommandMap(BaseModel):
                 value = getattr(rule, key)
                 if value is not None and value not in allowed:
                     names = ", ".join(allowed) or "none"
+                    remedy = ""
+                    if key == "function" and FUNCTION_NAME.fullmatch(value):
+                        remedy = "; its module is imported with --import-functions"
                     found.append(
-                        f"{where}.{key}: got {shorten(value)}, allowed {names}"
+                        f"{where}.{key}: got {shorten(value)}, allowed {names}{remedy}"
                     )
             if rule.link and links.get(rule.patch or "", rule.link) != rule.link:
                 found.append(
@@ -126,7 +163,10 @@ def find_rule_problems(rule: Rule) -> list[str]:
 
 
 def load_commands(
-    path: Path | str | None, vocabulary: tuple[str, ...], skin: Skin
+    path: Path | str | None,
+    vocabulary: tuple[str, ...],
+    skin: Skin,
+    imports: bool = False,
 ) -> CommandMap:
     """Read a command map.
 
@@ -135,6 +175,8 @@ def load_commands(
             of its rules whose gesture the model does not know.
         vocabulary: gestures that the model knows.
         skin: the skin whose links and patches may be named.
+        imports: whether functions `module:function` are imported from the folder of
+            the map, which runs the code there.
 
     Raises:
         CommandError: it cannot be read or used; names every problem with its path, in
@@ -147,6 +189,9 @@ def load_commands(
         commands = commands.model_copy(update={"commands": fitting})
     else:
         commands = parse_commands(read_map_text(Path(path)), str(path))
+        if imports:
+            names = [rule.function for rule in commands.commands if rule.function]
+            import_functions(names, Path(path).parent)
     problems = commands.find_problems(vocabulary, skin)
     if problems:
         raise CommandError(f"{format_path(path)}: {'; '.join(problems)}")
@@ -209,6 +254,8 @@ def describe_entry_error(detail: ErrorDetails) -> str:
             return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
         case "literal_error" if path.endswith("action"):
             return f"{path}: got {got}, allowed {', '.join(ACTIONS)}"
+        case "literal_error" if path.endswith("direction"):
+            return f"{path}: got {got}, allowed toward_tool, toward_base, left, right"
         case "string_pattern_mismatch":
             return f"{path}: got {got}, allowed one line without spaces at its ends"
     wanted = detail["msg"].removeprefix("Input ").removeprefix("should ")

@@ -42,11 +42,6 @@ class PendingCommand:
         """Whether its confidence suffices."""
         return self.confidence >= self.required
 
-    @property
-    def doubt(self) -> str:
-        """Why it is refused where its confidence does not suffice."""
-        return f"confidence {self.confidence:.2f} is below {self.required:.2f}"
-
     def update(
         self, recognition: RecognitionState, vocabulary: tuple[str, ...]
     ) -> None:
@@ -66,6 +61,15 @@ class PendingCommand:
             self.confidence = float(probabilities[index])
 
 
+def describe_doubt(pending: PendingCommand) -> str:
+    """Return why a command is refused whose confidence does not suffice."""
+    gesture = pending.detection.gesture.replace("_", " ")
+    return (
+        f"not understood, most likely {gesture}: confidence {pending.confidence:.2f} "
+        f"is below {pending.required:.2f}; do it again, more clearly"
+    )
+
+
 @final
 class CommandedTouches:
     """This set holds the touches that have commanded or asked to; each does so once.
@@ -81,6 +85,10 @@ class CommandedTouches:
     def add(self, touch: int, onset: int) -> None:
         """Add a touch by its id and its onset [ns since the epoch]."""
         self.asked.add((touch, onset))
+
+    def block(self, touch: int) -> None:
+        """Add a touch for which the arm was stopped, whatever it is recognised as."""
+        self.blocked.add(touch)
 
     def contains(self, touch: int, onset: int) -> bool:
         """Return whether a touch has commanded or asked, or took over one that did."""
@@ -151,10 +159,12 @@ class StopTimes:
             min_pause: least duration of a pause [s].
         """
         if self.paused_since is None:
-            return "nobody has paused it"
+            return "nobody has paused it; pause it first"
         if onset <= self.paused_since:
-            return "the touch began before the pause"
+            return "the touch began before the pause; lift the hand, then ask again"
         if self.held_since is not None and onset <= self.held_since:
-            return "the touch began before the hold"
+            return "the touch began before the hold; lift the hand, then ask again"
         passed = (now - self.paused_since) / NS_PER_S
-        return f"it was paused only {passed:.1f} s ago" if passed < min_pause else None
+        if passed >= min_pause:
+            return None
+        return f"it was paused only {passed:.1f} s ago; ask again after {min_pause:g} s"

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
@@ -17,19 +17,31 @@ from eskin.command.actions import (
     required_confidence,
     resolve_action,
 )
-from eskin.command.arm import Arm
+from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
 from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
-from eskin.command.pending import CommandedTouches, PendingCommand, StopTimes
+from eskin.command.pending import (
+    CommandedTouches,
+    PendingCommand,
+    StopTimes,
+    describe_doubt,
+)
+from eskin.command.possible_stops import PossibleStops, StopRules
 from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
-from eskin.live import Detection
+from eskin.live import UNKNOWN, Detection
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
 from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
-ALREADY_COMMANDED = "its touch has commanded already"
-UNSOUND = "too few sound taxels felt it: it may be a fault of the skin"
+ALREADY_COMMANDED = "its touch has commanded already; lift the hand before the next"
+UNSOUND = (
+    "too few sound taxels felt it: it may be a fault of the skin; touch more firmly"
+)
+REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
+GOES_ON = "touching went on: the skin is still touched; let go, then ask again"
+WAIT = "wait"
+"""Action of events that tell that the arm stands until a touch is recognised."""
 logger = logging.getLogger(__name__)
 
 
@@ -54,7 +66,7 @@ class PolicyConfig:
     arm in motion may go on so long, and a doubtful one become confident so late [s]."""
 
     slow_speed: float = 0.3
-    """Share of full speed of the action `slow`."""
+    """Share of full speed of the action `slow`, and on a skin that is out in part."""
 
     jog_step: float = 0.05
     """Length of a jog whose rule gives none [m]."""
@@ -68,8 +80,10 @@ class PolicyConfig:
 class Policy(Listener):
     """A policy turns detections into commands of an arm, and publishes each decision.
 
-    What can make the arm do less needs little; what can start it needs much. Whatever
-    fails in here holds the arm. This is no certified safety function.
+    What can make the arm do less needs little; what can start it needs much. A moving
+    arm stands while a touch may be a stop, and goes on once it is recognised as
+    something else. Whatever fails in here holds the arm. This is no certified safety
+    function.
 
     Attributes:
         arm: the arm that is commanded.
@@ -107,6 +121,10 @@ class Policy(Listener):
         self.stop_times = StopTimes()
         self.last_used: dict[object, int] = {}
         self.pending: list[PendingCommand] = []
+        self.slowed: str | None = None
+        self.slowed_at = 0
+        self.held_for: str | None = None
+        self.over: str | None = None
         self.failure: BaseException | None = None
         self.closing = Flag()
         self.thread: Thread | None = None
@@ -128,6 +146,8 @@ class Policy(Listener):
         now = context.clock.now()
         self.monitor = SkinMonitor(context.info.skin, self.config.monitor, now)
         self.evidence = EvidenceMonitor(context.info.skin, self.config.evidence)
+        rules = StopRules.build(self.commands, self.vocabulary, context.info.skin)
+        self.possible_stops = PossibleStops(rules)
         if self.config.check_period is not None:
             self.thread = Thread(target=self.run, name="eskin watch", daemon=True)
             self.thread.start()
@@ -144,29 +164,64 @@ class Policy(Listener):
             self.monitor.add_detection(item)
             if item.gesture not in NON_GESTURES:
                 self.decide(item)
-            elif item.likeliest not in ("", *NON_GESTURES):
+            elif item.gesture == UNKNOWN:
                 self.decide_unknown(item)
+            self.possible_stops.add_detection(item)
         elif isinstance(item, RecognitionState):
             self.monitor.update(item)
             self.evidence.update(item)
             self.check_skin()
-            self.hold_if_unrecognised(item)
+            self.stop_if_unrecognised(item)
             self.pause_if_touched()
+            self.update_possible_stops(item)
             for pending in tuple(self.pending):
                 self.update_pending(pending, item)
             self.commanded.forget(item.state.closed)
+            self.update_limit()
 
     def check_skin(self) -> None:
-        """Hold the arm if its skin cannot be relied on."""
+        """Hold or slow the arm if its skin cannot be relied on."""
         with self.lock:
             now, state = self.context.clock.now(), self.arm.state()
             self.stop_times.update(state, now)
             problem = self.monitor.find_problem(now)
             if problem is not None:
                 for pending in tuple(self.pending):
-                    self.complete_pending(pending, problem)
+                    self.complete_pending(pending, f"{problem}; {REMEDY}")
                 if state.hold_reason is None:
                     self.hold(problem)
+                    self.held_for = problem
+                self.over = None
+            elif state.hold_reason is None:
+                self.held_for = self.over = None
+            elif self.held_for is not None and self.over is None:
+                self.over = f"no longer {self.held_for}"
+                way = self.describe_way(state)
+                self.publish("resume", False, f"{self.over}; {way}")
+            self.update_limit()
+
+    def update_limit(self) -> None:
+        """Let the arm stand, go slowly or at its speed, and publish a change of it."""
+        now, state = self.context.clock.now(), self.arm.state()
+        if not state.stopped:
+            self.update_slowing(now)
+        limit = 1.0 if self.slowed is None else self.config.slow_speed
+        if self.possible_stops.waiting or self.monitor.is_hand_lost(now):
+            limit = 0.0
+        if state.speed_limit != limit:
+            self.arm.limit_speed(limit)
+
+    def update_slowing(self, now: int) -> None:
+        """Slow the arm where the skin asks for it, and no longer once that is over."""
+        reason = self.monitor.find_slowing(now)
+        clear = now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S
+        if reason is not None:
+            if self.slowed is None:
+                self.publish("slow", True, f"{reason}; {REMEDY}")
+            self.slowed, self.slowed_at = reason, now
+        elif self.slowed is not None and clear:
+            self.publish("normal", True, f"no longer {self.slowed}")
+            self.slowed = None
 
     def run(self) -> None:
         """Check the skin again and again, though no reading may come."""
@@ -187,45 +242,77 @@ class Policy(Listener):
             self.arm.hold(f"the policy failed: {type(error).__name__}")
             raise
 
-    def hold_if_unrecognised(self, recognition: RecognitionState) -> None:
-        """Hold a moving arm under a strong or long touch that was not recognised."""
-        reason = self.monitor.find_unrecognised(recognition)
-        if reason is not None:
-            state = self.arm.state()
-            if state.moving and not state.stopped:
-                self.hold(reason)
+    def stop_if_unrecognised(self, recognition: RecognitionState) -> None:
+        """Stop a moving arm under a strong or long touch that was not recognised.
+
+        A strong one holds it. Under a long one it stands until the touch has ended, and
+        if that takes too long, it is paused.
+        """
+        found = self.monitor.find_unrecognised(recognition)
+        state, waiting = self.arm.state(), self.possible_stops.waiting
+        if found is None or state.stopped or not (state.moving or waiting):
+            return
+        if found.effect == "hold":
+            self.hold(found.reason, found.touch)
+        elif found.effect == "pause":
+            self.pause_for(found.touch, found.reason)
+        elif found.touch not in waiting:
+            waiting.add(found.touch)
+            reason = f"{found.reason}; the arm stands until it has ended"
+            self.publish(WAIT, True, reason, touch=found.touch)
+
+    def update_possible_stops(self, recognition: RecognitionState) -> None:
+        """Let a moving arm stand while a touch may be a stop; pause it at its end."""
+        stops, state = self.possible_stops, self.arm.state()
+        if state.stopped:
+            stops.waiting.clear()
+        works = not state.stopped and not state.jogging
+        for touch, chance in stops.update(recognition, works):
+            reason = (
+                f"it may be a stop ({chance:.2f}); the arm stands until it is clear"
+            )
+            self.publish(WAIT, True, reason, touch=touch)
+        for touch in stops.ended:
+            self.pause_for(touch, "not understood: the touch may have been a stop")
+
+    def pause_for(self, touch: int, reason: str) -> None:
+        """Pause the arm for a touch that was not recognised, and publish why."""
+        self.pause()
+        self.accepted += 1
+        self.commanded.block(touch)
+        self.publish("pause", True, reason, touch=touch)
 
     def pause_if_touched(self) -> None:
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
         monitor = self.monitor
         if monitor.last_contact == monitor.latest and self.arm.state().jogging:
             self.pause()
-            self.publish("pause", None, True, "touched while it jogs")
+            self.publish("pause", True, "touched while it jogs")
 
     def pause(self) -> None:
         """Pause the arm from now on."""
         self.arm.pause()
         self.stop_times.pause(self.arm.state(), self.context.clock.now())
 
-    def hold(self, reason: str) -> None:
-        """Hold the arm and publish why."""
+    def hold(self, reason: str, touch: int | None = None) -> None:
+        """Hold the arm and publish why, and for which touch."""
         self.arm.hold(reason)
         self.stop_times.hold(self.context.clock.now())
         self.held += 1
-        self.publish("hold", None, True, reason)
+        self.publish("hold", True, reason, touch=touch)
 
     def decide(self, detection: Detection) -> None:
         """Execute a detection's action now or later, or publish why not."""
         rule = self.commands.find_rule(
-            detection.gesture, detection.link, detection.patch
+            detection.gesture, detection.link, detection.patch, detection.heading
         )
         if rule is None:
-            self.publish("none", detection, False, "the map has no rule for it")
+            self.publish("none", False, "the map has no rule for it", detection)
             return
         state = self.arm.state()
         action = resolve_action(rule.action_or_function, state)
         if action == "none":
-            self.publish("none", detection, False, "the map says none")
+            self.publish("none", False, "the map says none", detection)
             return
         refusal = self.find_refusal(action, detection, rule, detection.stamp)
         if refusal is None and self.commanded.contains(
@@ -249,55 +336,97 @@ class Policy(Listener):
         self.complete(action, detection, rule, refusal)
 
     def decide_unknown(self, detection: Detection) -> None:
-        """Halt the arm where an unknown touch most likely asks for it, nothing else."""
+        """Stop a working arm if an unknown touch may ask for it; do nothing else."""
         gesture = detection.likeliest
-        rule = self.commands.find_rule(gesture, detection.link, detection.patch)
-        if rule is None:
-            return
-        if resolve_action(rule.action_or_function, self.arm.state()) in HALTING_ACTIONS:
-            self.decide(replace(detection, gesture=gesture))
+        chance = self.possible_stops.find_chance(detection)
+        known = gesture not in ("", *NON_GESTURES)
+        said = f", most likely {gesture} ({detection.confidence:.2f})" if known else ""
+        if chance is not None and not self.arm.state().paused:
+            refusal = self.find_refusal("pause", detection, None, detection.stamp)
+            if self.commanded.contains(detection.touch, detection.onset):
+                refusal = ALREADY_COMMANDED
+            if refusal is None:
+                reason = f"not understood{said}: it may be a stop ({chance:.2f})"
+                self.pause_for(detection.touch, reason)
+            else:
+                self.publish("pause", False, refusal, detection)
+        elif known:
+            reason = f"not understood{said}; do it again, more clearly"
+            self.publish("none", False, reason, detection)
 
     def find_refusal(
-        self, action: str, detection: Detection, rule: Rule, stamp: int
+        self, action: str, detection: Detection, rule: Rule | None, stamp: int
     ) -> str | None:
         """Return why a touch must not command an action, or None where it may.
 
-        Its confidence is not considered.
+        Its confidence is not considered. The reason is the one that holds now, and says
+        what to do.
 
         Args:
             action: plain action that it asks for.
             detection: detection of the touch.
-            rule: rule that maps the detection to the action.
+            rule: rule that maps the detection to the action; None for a stop that no
+                rule asks for.
             stamp: time of the latest reading of the touch [ns since the epoch].
         """
         now, state = self.context.clock.now(), self.arm.state()
-        problem = self.monitor.find_problem(now)
         age = self.context.age(stamp)
-        cool_down = rule.cool_down if rule.cool_down is not None else COOL_DOWN
-        rested = (now - self.last_used.get(rule.key, -NS_PER_S * 3600)) / NS_PER_S
         if state.protective_stop:
-            return "the arm is in protective stop"
+            return "the arm is in protective stop; unlock it at the robot"
         if not state.connected:
-            return "the arm is not connected"
-        if problem is not None:
-            return problem
+            return "the arm is not connected; see to its cable and its controller"
         if age > self.config.monitor.max_age:
-            return f"it was felt {1e3 * age:.0f} ms ago"
-        if rested < cool_down and action not in HALTING_ACTIONS:
-            return f"the same was done {rested:.1f} s ago, it rests {cool_down:g} s"
+            return f"it was felt {1e3 * age:.0f} ms ago; touch again"
+        if action in HALTING_ACTIONS:
+            return None
+        problem = self.monitor.find_problem(now)
+        if problem is not None:
+            return f"{problem}; {REMEDY}"
+        if self.monitor.is_out(detection.patch, now):
+            return f"patch '{detection.patch}' is out; touch elsewhere"
+        rested = self.find_rest(rule, now)
+        if rested is not None:
+            return rested
         if state.hold_reason is not None and action not in (
             *REDUCING_ACTIONS,
             "resume",
         ):
-            return f"the arm is held: {state.hold_reason}; pause it, then resume"
+            reason = self.over or state.hold_reason
+            return f"the arm is held: {reason}; {self.describe_way(state)}"
         if action == "jog" and not detection.direction_world.any():
-            return "the touch did not travel"
+            return "the touch did not travel; stroke farther"
         if action in STARTING_ACTIONS:
             if not state.paused:
-                return "nobody has paused it"
+                return f"nobody has paused it; {self.describe_way(state)}"
             min_pause = self.config.min_pause
             return self.stop_times.find_refusal(detection.onset, now, min_pause)
         return None
+
+    def find_rest(self, rule: Rule | None, now: int) -> str | None:
+        """Return why a rule rests at a time, or None where it does not."""
+        if rule is None or rule.key not in self.last_used:
+            return None
+        cool_down = rule.cool_down if rule.cool_down is not None else COOL_DOWN
+        rested = (now - self.last_used[rule.key]) / NS_PER_S
+        if rested >= cool_down:
+            return None
+        return (
+            f"the same was done {rested:.1f} s ago, it rests {cool_down:g} s; wait, "
+            "then do it again"
+        )
+
+    def describe_way(self, state: ArmState) -> str:
+        """Return what a person does at the skin to let a stopped arm go on."""
+        stops, goes = (
+            " or ".join(self.commands.list_gestures(action)).replace("_", " ")
+            for action in ("pause", "resume")
+        )
+        least = f"{self.config.min_pause:g} s later"
+        if state.paused:
+            return f"to go on: {goes or 'resume it in the program'}"
+        if not (stops and goes):
+            return "to go on: release it in the program"
+        return f"to go on: {stops}, then {goes} at least {least}"
 
     def update_pending(
         self, pending: PendingCommand, recognition: RecognitionState
@@ -321,11 +450,12 @@ class Policy(Listener):
         sound = action in HALTING_ACTIONS or self.evidence.suffices(pending.touch)
         if refusal is None and action in STARTING_ACTIONS and not ended:
             if late:
-                self.complete_pending(pending, "touching went on")
+                self.complete_pending(pending, GOES_ON)
         elif refusal is not None or (pending.confident and sound):
             self.complete_pending(pending, refusal)
         elif late or pending.closed:
-            self.complete_pending(pending, pending.doubt if sound else UNSOUND)
+            doubt = describe_doubt(pending)
+            self.complete_pending(pending, doubt if sound else UNSOUND)
 
     def complete_pending(self, pending: PendingCommand, refusal: str | None) -> None:
         """Remove a pending command; execute it unless it is refused."""
@@ -350,7 +480,7 @@ class Policy(Listener):
             self.last_used[rule.key] = self.context.clock.now()
         source = f"{detection.gesture} on {detection.patch}"
         reason = source if refusal is None else refusal
-        self.publish(action, detection, refusal is None, reason)
+        self.publish(action, refusal is None, reason, detection)
 
     def execute(self, action: str, detection: Detection, rule: Rule) -> None:
         """Make the arm execute an action."""
@@ -378,18 +508,37 @@ class Policy(Listener):
                 getattr(arm, action)()
 
     def publish(
-        self, action: str, detection: Detection | None, accepted: bool, reason: str
+        self,
+        action: str,
+        accepted: bool,
+        reason: str,
+        detection: Detection | None = None,
+        touch: int | None = None,
     ) -> None:
-        """Publish a decision to the other listeners."""
-        touch = None if detection is None else detection.touch
-        gesture = None if detection is None else detection.gesture
+        """Publish a decision to the other listeners.
+
+        Args:
+            action: plain action that it is about.
+            accepted: whether the action was carried out.
+            reason: why it was, or was not.
+            detection: detection that led to it, if any.
+            touch: id of the touch that led to it, where no detection did.
+        """
+        onset, patch = self.monitor.find_touch(touch)
+        gesture = None
+        if detection is not None:
+            touch, gesture = detection.touch, detection.gesture
+            onset, patch = detection.onset, detection.patch
         now = self.context.clock.now()
-        event = CommandEvent(now, action, touch, gesture, accepted, reason)
+        event = CommandEvent(
+            now, action, touch, gesture, accepted, reason, onset, patch
+        )
         self.context.publish(event)
 
     def close(self) -> None:
         """Hold the arm: nothing monitors the skin any more."""
         self.closing.set()
         self.arm.hold("the stream has ended")
+        self.arm.limit_speed(1.0)
         if self.thread is not None:
             self.thread.join()

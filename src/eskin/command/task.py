@@ -123,7 +123,8 @@ class TaskExecutor:
         paused: whether a person asked it to pause.
         pause_count: how often it was asked to pause.
         hold_reason: why it was stopped without being asked; None where it was not.
-        speed: share of full speed.
+        speed: commanded share of full speed.
+        speed_limit: share of full speed that it does not exceed for now.
         gripper: state of the gripper; while it moves, the state before.
         gripping: state that the gripper moves to; None where it does not move.
         carrying: whether a part is in the gripper.
@@ -144,7 +145,7 @@ class TaskExecutor:
         self.index = 0
         self.paused, self.pause_count = False, 0
         self.hold_reason: str | None = None
-        self.speed = 1.0
+        self.speed = self.speed_limit = 1.0
         self.gripper: Grip = "open"
         self.gripping: Grip | None = None
         self.grip_left = 0.0
@@ -246,6 +247,19 @@ class TaskExecutor:
             )
         self.speed = float(share)
 
+    def limit_speed(self, share: float) -> None:
+        """Go at no more than a share of full speed until told otherwise.
+
+        Raises:
+            ValueError: the share is not between 0 and 1.
+        """
+        if not 0 <= share <= 1:
+            raise ValueError(
+                f"speed limit is {share}; allowed is 0 to 1, a share of full speed; "
+                "correct it"
+            )
+        self.speed_limit = float(share)
+
     def advance(self, seconds: float, scaling: float = 1.0) -> None:
         """Advance by a time.
 
@@ -265,10 +279,12 @@ class TaskExecutor:
             self.grip_left -= seconds
             if self.grip_left <= 0:
                 self.finish_grip(self.gripping)
-        waiting = self.gripping is not None or (self.stopped and not self.jogging)
-        speed = min(self.speed, JOG_SPEED) if self.jogging else self.speed
+        stands = self.speed_limit <= 0 or (self.stopped and not self.jogging)
+        waiting = self.gripping is not None or stands
+        speed = min(self.speed, self.speed_limit, JOG_SPEED if self.jogging else 1.0)
         share = 0.0 if waiting else speed * scaling
-        self.trajectory.advance(seconds, share, urgent=scaling < 1)
+        limited = self.speed_limit < 1 and share < self.trajectory.scale
+        self.trajectory.advance(seconds, share, urgent=scaling < 1 or limited)
         if self.trajectory.arrived and self.jogging:
             self.end_jog()
         elif self.trajectory.arrived and not waiting:
@@ -313,6 +329,7 @@ class TaskExecutor:
             carrying=self.carrying,
             delivered=self.delivered,
             jogging=self.jogging,
+            speed_limit=self.speed_limit,
             pause_count=self.pause_count,
         )
 
@@ -383,3 +400,8 @@ class TaskArm(Arm):
         """Go at a share of full speed from now on."""
         with self.present_executor() as executor:
             executor.set_speed(share)
+
+    def limit_speed(self, share: float) -> None:
+        """Go at no more than a share of full speed until told otherwise."""
+        with self.present_executor() as executor:
+            executor.limit_speed(share)

@@ -310,7 +310,9 @@ def run_demo(
     warm_up_hand(config)
     skins = (config.skin, *(name for name in SKINS if name != config.skin))
     vocabulary, clock = model.card.vocabulary, clock or HostClock()
-    commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
+    commands = load_commands(
+        config.commands, vocabulary, skin.mounted.skin, config.imports
+    )
     with build_arm(config, clock) as arm:
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
@@ -318,7 +320,7 @@ def run_demo(
         handler = PageOrderHandler(
             skin, arm, lambda order: handle_page_order(order, button, choice)
         )
-        page = replace(page, skins=skins)
+        page = replace(page, skins=skins, commands=commands.describe())
         viewer = Viewer(recognition, page, log_errors(handler.handle), arm)
         source = LiveSource(
             skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)

@@ -1,25 +1,30 @@
 """This module runs the demonstration without a browser, faster than real time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 
 from eskin.command import (
     DynamicPlant,
+    MotionConfig,
     Policy,
     PolicyConfig,
     SimulatedArm,
     load_commands,
 )
 from eskin.demo.live_source import LiveSource
-from eskin.demo.simulated_user import CommandScore, SimulatedUser, SimulatedUserConfig
+from eskin.demo.score import CommandScore, ScoreListener
+from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
+from eskin.demo.storm import FaultStorm, StormConfig
 from eskin.drivers import Clock, ManualClock
-from eskin.live import Detection, Recognizer
+from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.sim.interactive import InteractiveSkin
-from eskin.stream import CommandEvent, Context, Listener, Message, Recognition
+from eskin.sim.sensor.build import BuildKind
+from eskin.stream import Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
 
 
@@ -33,8 +38,11 @@ class DemoConfig:
     """Name of weights that come with eskin, or a model file."""
     commands: Path | None = None
     """Path of a command map; the map that comes with eskin unless given."""
-    build_kind: Literal["fresh", "shifted"] = "fresh"
-    """Sensors as in training, or aged ones with wider distributions."""
+    imports: bool = False
+    """Whether functions of that map are imported from its folder."""
+    build_kind: BuildKind = "fresh"
+    """Sensors as in training, `shifted` ones of wider distributions, or those of a
+    family."""
     build_seconds: float = 120.0
     """Time after which another build of the skin is simulated [s]."""
     seed: int = 0
@@ -42,8 +50,12 @@ class DemoConfig:
     dynamics: bool = False
     """Whether the arm has masses and servos, and yields to touches; if not, its joints
     are exactly at the set-points."""
+    arm_speed: float = 1.0
+    """Full speed of the arm as a share of the usual one, above 0."""
     user: SimulatedUserConfig = field(default_factory=SimulatedUserConfig)
     """How often people touch."""
+    storm: StormConfig = field(default_factory=StormConfig)
+    """Faults of the skin beside those of its build."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +66,8 @@ class DemoResult:
     """Touches, and the commands that were executed."""
     seconds: float
     """Duration in simulated time [s]."""
-    accidents: int
-    """Number of accidental touches, which should cause no command."""
+    standing: float
+    """Time for which the arm was held though no person had asked for it [s]."""
     unlocked: int
     """Number of protective stops caused by touches."""
     delivered: int
@@ -66,10 +78,24 @@ class DemoResult:
     @property
     def delay(self) -> tuple[float, float] | None:
         """Time from the end of a touch to its command, p50 and p95 [s], or None."""
-        delays = self.score.delays()
-        if not delays:
-            return None
-        return float(np.median(delays)), float(np.percentile(delays, 95))
+        return compute_quantiles(self.score.delays())
+
+    @property
+    def stop_delay(self) -> tuple[float, float] | None:
+        """Time from the onset of a touch to its stop, p50 and p95 [s], or None."""
+        return compute_quantiles(self.score.stop_delays())
+
+    @property
+    def availability(self) -> float:
+        """Share of the time in which the arm is not held, 0 to 1."""
+        return 1.0 - self.standing / self.seconds
+
+
+def compute_quantiles(values: list[float]) -> tuple[float, float] | None:
+    """Return the median and the 95th percentile, or None where there is no value."""
+    if not values:
+        return None
+    return float(np.median(values)), float(np.percentile(values, 95))
 
 
 def build_arm(config: DemoConfig, clock: Clock) -> SimulatedArm:
@@ -78,7 +104,13 @@ def build_arm(config: DemoConfig, clock: Clock) -> SimulatedArm:
     Raises:
         ExtraError: the arm has dynamics, and MuJoCo is not installed.
     """
-    return SimulatedArm(clock=clock, plant=DynamicPlant() if config.dynamics else None)
+    usual = MotionConfig()
+    motion = MotionConfig(
+        speed=usual.speed * config.arm_speed,
+        acceleration=usual.acceleration * config.arm_speed,
+    )
+    plant = DynamicPlant() if config.dynamics else None
+    return SimulatedArm(clock=clock, motion=motion, plant=plant)
 
 
 @final
@@ -108,33 +140,6 @@ class SynchronousStream:
             listener.close()
 
 
-@final
-class ScoreListener(Listener):
-    """Adds detections and command events to a score."""
-
-    name = "judge"
-    message_types = (Detection, CommandEvent)
-    size = 1
-    drop = "never"
-
-    def __init__(self, score: CommandScore) -> None:
-        """Store the score to add to."""
-        self.score = score
-
-    def start(self, context: Context) -> None:
-        """Do nothing."""
-
-    def on_message(self, item: Message) -> None:
-        """Add a detection or a command event."""
-        if isinstance(item, Detection):
-            self.score.add_detection(item)
-        elif isinstance(item, CommandEvent):
-            self.score.add_command(item)
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
 def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult:
     """Simulate people who touch a working arm, on several builds of its skin in turn.
 
@@ -152,15 +157,30 @@ def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult
     return merge_results(parts)
 
 
-def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
-    """Simulate people who touch a working arm, on one build of its skin."""
+def run_build(
+    seconds: float,
+    config: DemoConfig,
+    seed: int,
+    watch: Callable[[CommandScore], list[Listener]] = lambda score: [],
+) -> DemoResult:
+    """Simulate people who touch a working arm, on one build of its skin.
+
+    Args:
+        seconds: duration in simulated time [s].
+        config: skin, model and arm.
+        seed: seed of the build, the people and their touches.
+        watch: builds further listeners; it gets the score.
+    """
     clock = ManualClock(NS_PER_S)
     arm = build_arm(config, clock)
     skin = InteractiveSkin(config.skin, seed, config.build_kind)
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
-    commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
+    commands = load_commands(
+        config.commands, vocabulary, skin.mounted.skin, config.imports
+    )
     user = SimulatedUser(skin, arm, commands, seed, config.user)
+    storm = FaultStorm(skin, config.storm, seed)
     source = LiveSource(
         skin,
         arm,
@@ -170,21 +190,24 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
-    listeners = [ScoreListener(user.score), recognition, policy]
-    stream = SynchronousStream(source, listeners)
+    listeners = [ScoreListener(user.score, skin.hand.truths), recognition, policy]
+    stream = SynchronousStream(source, [*listeners, *watch(user.score)])
     end = clock.now() + round(seconds * NS_PER_S)
+    held = 0
     while source.due <= end or user.is_touching(source.due):
         user.active = source.due <= end
+        storm.update(source.due)
         scan = source.read()
         assert scan is not None
-        stream.publish(scan)
+        stream.publish(storm.corrupt(scan))
+        held += user.active and arm.state().hold_reason is not None
     state = arm.state()
     stream.close()
     step = recognition.step
     return DemoResult(
         score=user.score,
         seconds=seconds,
-        accidents=user.accidents,
+        standing=held * skin.period,
         unlocked=user.unlocked,
         delivered=state.delivered,
         step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
@@ -196,14 +219,16 @@ def merge_results(parts: list[DemoResult]) -> DemoResult:
     scores = [part.score for part in parts]
     score = CommandScore(
         attempts=[attempt for each in scores for attempt in each.attempts],
+        accidents=[touch for each in scores for touch in each.accidents],
         false_alarms=[command for each in scores for command in each.false_alarms],
         commands=sum(each.commands for each in scores),
         holds=sum(each.holds for each in scores),
+        faults=sum(each.faults for each in scores),
     )
     return DemoResult(
         score=score,
         seconds=sum(part.seconds for part in parts),
-        accidents=sum(part.accidents for part in parts),
+        standing=sum(part.standing for part in parts),
         unlocked=sum(part.unlocked for part in parts),
         delivered=sum(part.delivered for part in parts),
         step=(

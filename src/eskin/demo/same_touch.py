@@ -6,7 +6,7 @@ The counts are a gesture in one pose of the arm, and none in the other.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,6 +29,7 @@ from eskin.sim.scene import (
     compute_joint_limits,
     load_environment,
 )
+from eskin.sim.sensor.build import BuildKind
 from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -91,7 +92,7 @@ class SameTouch:
 def draw_touches(
     number: int,
     skin: str = "ur5",
-    build_kind: Literal["fresh", "shifted"] = "fresh",
+    build_kind: BuildKind = "fresh",
     seed: int = 0,
 ) -> tuple[SameTouch, ...]:
     """Draw touches of people of no data set, on one build of the sensor.

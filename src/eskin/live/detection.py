@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.recording import DetectionRecord
 from eskin.touch import LinkPoseCache, Touch, TouchState, TouchStatus
+
+Heading = Literal["", "toward_tool", "toward_base", "left", "right"]
+"""Direction of travel on a link: along it, or across it as seen by who faces the skin
+there with the tool above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,8 @@ class Detection:
     touch stayed in its place."""
     peak_force: float
     """Greatest force until `stamp` [N]."""
+    heading: Heading = ""
+    """Direction of travel along or across the link; empty where it has none."""
     likeliest: str = ""
     """Likeliest class where the gesture is `unknown`, perhaps `none`; else empty."""
 
@@ -64,6 +70,17 @@ def to_tuple(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     """Return a vector as plain numbers."""
     x, y, z = array.tolist()
     return x, y, z
+
+
+MIN_HEADING = 0.5
+"""Part of a direction along or across the link from which it counts."""
+
+
+def find_row(state: TouchState, touch: int) -> np.void:
+    """Return the TOUCH with an id."""
+    touches = state.records.touches
+    [row] = touches[touches["id"] == touch]
+    return row
 
 
 @final
@@ -99,13 +116,33 @@ class DirectionTracker:
         It is a unit vector in the world, zero where the touch stayed in its place.
         """
         state, T_world_link = self.contacts[touch]
-        touches = state.records.touches
-        [row] = touches[touches["id"] == touch]
+        row = find_row(state, touch)
+        return T_world_link[row["link"], :3, :3] @ self.compute_travel(row)
+
+    def compute_travel(self, row: np.void) -> Float[np.ndarray, "3"]:
+        """Return the direction of a TOUCH in its link's frame, zero if it stayed."""
         travel = row["latest"] - row["start"]
         distance = np.linalg.norm(travel)
-        if distance < self.still:
-            return np.zeros(3)
-        return T_world_link[row["link"], :3, :3] @ travel / distance
+        return np.zeros(3) if distance < self.still else travel / distance
+
+    def find_heading(self, touch: int, n_world: Float[np.ndarray, "3"]) -> Heading:
+        """Return along or across which side of its link a touch has travelled.
+
+        Args:
+            touch: id of the touch.
+            n_world: outward normal of the skin at its latest contact.
+        """
+        state, T_world_link = self.contacts[touch]
+        row, robot = find_row(state, touch), state.mounted.robot
+        axis = robot.find_axis(robot.link_names[row["link"]])
+        n_link = T_world_link[row["link"], :3, :3].T @ n_world
+        travel = self.compute_travel(row)
+        along, across = float(travel @ axis), float(travel @ np.cross(axis, n_link))
+        if max(abs(along), abs(across)) < MIN_HEADING:
+            return ""
+        if abs(along) >= abs(across):
+            return "toward_tool" if along > 0 else "toward_base"
+        return "right" if across > 0 else "left"
 
     def forget(self, closed: Sequence[Touch | TouchStatus]) -> None:
         """Drop touches that have closed."""

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from eskin.errors import ReadingError, SkinMismatchError
 from eskin.graph import GraphStream
 from eskin.live.decision import Decision, DecisionFilter
-from eskin.live.detection import Detection, DirectionTracker
+from eskin.live.detection import Detection, DirectionTracker, Heading
 from eskin.live.logits import LogitStream
 from eskin.model import MODELS, DecisionConfig, Model, ModelCard, load_model
 from eskin.robot import Robot, load_robot
@@ -203,9 +203,10 @@ class Recognizer:
         return [
             build_detection(
                 decision,
-                by_id[decision.touch],
+                touch := by_id[decision.touch],
                 stamp,
-                self.directions.compute_direction(decision.touch),
+                self.directions.compute_direction(touch.id),
+                self.directions.find_heading(touch.id, touch.contact.n_world),
             )
             for decision in decisions
         ]
@@ -229,6 +230,7 @@ def build_detection(
     touch: Touch,
     stamp: int,
     direction_world: Float[np.ndarray, "3"],
+    heading: Heading = "",
 ) -> Detection:
     """Return the detection that reports a decision about a touch.
 
@@ -237,6 +239,7 @@ def build_detection(
         touch: the touch that it is about.
         stamp: stamp of the reading at which it is reported [ns since the epoch].
         direction_world: unit vector of the touch's travel, or zero.
+        heading: direction of that travel along or across the link.
     """
     contact = touch.contact
     return Detection(
@@ -252,6 +255,7 @@ def build_detection(
         n_world=contact.n_world,
         direction_world=direction_world,
         peak_force=touch.peak_force,
+        heading=heading,
         likeliest=decision.likeliest,
     )
 

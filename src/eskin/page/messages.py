@@ -64,7 +64,7 @@ class ArmSummary:
     protective stop or no connection; `waiting`: at rest in its program.
     """
     why: str
-    """Reason for `held` or `stopped`; empty otherwise."""
+    """Reason for `held` or `stopped`, or for a limit of the speed; empty otherwise."""
     speed: float
     """Speed as a share of full speed."""
     gripper: str
@@ -203,6 +203,8 @@ class SceneDescription:
     """Whether the guide through a calibration replaces the panel beside the scene."""
     warning: str = ""
     """Warning that is always shown above the panel; empty for none."""
+    commands: tuple[str, ...] = ()
+    """What each gesture commands, one line a rule of the command map."""
 
 
 TouchKind = Literal["poke", "double_pat", "grab", "begin", "move", "end"]

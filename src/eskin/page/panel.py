@@ -316,6 +316,8 @@ class Panel:
         self.bars = gui.add_html(render_bars((), setup.gestures))
         self.history = HistoryPlot(gui)
         self.legend = gui.add_html(render_block(scale.legend()))
+        if setup.commands:
+            gui.add_html(render_notice("; ".join(setup.commands)))
         gui.add_html(render_notice(NOT_CERTIFIED))
         tabs = gui.add_tab_group()
         if setup.touchable:

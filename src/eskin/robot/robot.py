@@ -14,6 +14,9 @@ from eskin.robot.shapes import Geom
 
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
+MIN_AXIS = 0.01
+"""Length of a link from which it has an axis [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Link:
@@ -135,6 +138,17 @@ class Robot:
                 f"allowed: {', '.join(self.link_names)}"
             )
         return self.link_names.index(name)
+
+    def find_axis(self, link: str) -> Float[np.ndarray, "3"]:
+        """Return the unit vector along a link toward the tool, in the link's frame.
+
+        It points from the joint that moves the link to the mean position of the joints
+        that the link carries; it is zero where that is less than 1 cm away.
+        """
+        carried = [j.T_parent_joint[:3, 3] for j in self.joints if j.parent == link]
+        along = np.mean(carried, axis=0) if carried else np.zeros(3)
+        length = np.linalg.norm(along)
+        return along / length if length >= MIN_AXIS else np.zeros(3)
 
 
 def check_tree(robot: Robot) -> None:

@@ -44,6 +44,10 @@ class CommandEvent:
     """Whether the action was carried out."""
     why: str
     """Reason why it was, or was not."""
+    onset: int | None = None
+    """First contact of that touch [ns since the epoch]; None without one."""
+    patch: str | None = None
+    """Patch of its strongest contact; None without one."""
 
 
 Message = Scan | RecognitionState | Detection | Event | CommandEvent

@@ -39,6 +39,7 @@ def describe_scene(
     compares: bool = False,
     calibrates: bool = False,
     warning: str = "",
+    commands: tuple[str, ...] = (),
 ) -> SceneDescription:
     """Return the description of a skin on its robot.
 
@@ -62,6 +63,7 @@ def describe_scene(
         compares=compares,
         calibrates=calibrates,
         warning=warning,
+        commands=commands,
     )
 
 

@@ -71,6 +71,11 @@ class ArmStatus(Protocol):
         ...
 
     @property
+    def speed_limit(self) -> float:
+        """Share of full speed that it does not exceed for now."""
+        ...
+
+    @property
     def gripper(self) -> str:
         """State of the gripper: `open` or `closed`."""
         ...
@@ -219,7 +224,8 @@ def pack_poses(
 
 def describe_arm(arm: ArmStatus) -> ArmSummary:
     """Return the summary of an arm's state, with the reason for a stop."""
-    speed, gripper, target = arm.speed, arm.gripper, arm.target
+    speed = min(arm.speed, arm.speed_limit)
+    gripper, target = arm.gripper, arm.target
     if not arm.connected:
         return ArmSummary("stopped", "lost connection", speed, gripper, target)
     if arm.protective_stop:
@@ -229,7 +235,10 @@ def describe_arm(arm: ArmStatus) -> ArmSummary:
     if arm.paused:
         return ArmSummary("paused", "", speed, gripper, target)
     state = "running" if arm.moving else "waiting"
-    return ArmSummary(state, "", speed, gripper, target)
+    why = ""
+    if arm.speed_limit < 1:
+        why = "slow for its skin" if arm.speed_limit else "until a touch is clear"
+    return ArmSummary(state, why, speed, gripper, target)
 
 
 MAX_UPDATE_RATE = 25.0
@@ -260,6 +269,8 @@ class ViewerConfig:
     """Skins offered for selection; the first is the current one."""
     warning: str = ""
     """Warning that the page always shows, such as that packets are unauthenticated."""
+    commands: tuple[str, ...] = ()
+    """What each gesture commands, as the page shows it."""
     token: str = field(default_factory=make_token, repr=False)
     """Token of the link that opens the page; by default a new one."""
 
@@ -339,6 +350,7 @@ class Viewer(Listener):
             is_arm=self.arm is not None,
             compares=self.board is not None,
             warning=self.config.warning,
+            commands=self.config.commands,
         )
 
     def on_message(self, item: Message) -> None:
