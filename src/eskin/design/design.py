@@ -14,7 +14,11 @@ from eskin.design.patches import (
     lay_patches,
 )
 from eskin.design.spec import PER_CM2, DesignSpec, RegionSpec
-from eskin.design.surface import LinkSurface, build_two_surfaces
+from eskin.design.surface import (
+    LinkSurface,
+    build_two_surfaces,
+    find_invented_vertices,
+)
 from eskin.design.zones import compute_exposure, find_swept_vertices
 from eskin.errors import RobotError, SkinError
 from eskin.robot import Robot
@@ -186,6 +190,9 @@ def find_allowed_vertices(
     """Return the vertices that can be touched, and lie in no keep-out or clearance."""
     swept = find_swept_vertices(robot, fine, coarse, spec.limits.clearance)
     for name, surface in fine.items():
+        if surface.warnings:
+            link = robot.links[robot.link_index(name)]
+            swept[name] |= find_invented_vertices(link, surface)
         exposure = compute_exposure(surface, coarse[name])
         swept[name] |= exposure < spec.limits.min_exposure
     for zone in spec.keep_outs:

@@ -30,6 +30,8 @@ NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns to the neighbours whose distances are measured."""
 MARGIN = 0.98
 """Size of the square of a cell that lies in its region, over that of the cell."""
+MAX_DENSITY_ERROR = 0.09
+"""Largest relative error of the area of a patch, and so of its density."""
 CELL_POINTS = 4
 """Number of points along a side of a cell that must lie in its region."""
 
@@ -148,7 +150,15 @@ def lay_piece(
     bad = mark_distorted(errors, present.shape, task.limits.max_distortion)
     if np.count_nonzero(bad & present) > MAX_SKIPPED * len(cells):
         return None
-    return list(cut_into_boards(task, region, present & ~bad))
+    layouts = list(cut_into_boards(task, region, present & ~bad))
+    dense = any(measure_stretch(p) > MAX_DENSITY_ERROR for p in layouts)
+    return None if dense else layouts
+
+
+def measure_stretch(layout: PatchLayout) -> float:
+    """Return the relative error of a patch's area in the plane."""
+    scale = layout.surface.wrap(layout.grid.unrolled()).area_scale
+    return abs(float(scale.mean()) - 1.0)
 
 
 def place_grid(task: RegionTask, region: FlatRegion) -> tuple[FlatRegion, Mask]:

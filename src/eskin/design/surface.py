@@ -6,7 +6,7 @@ from typing import final
 import manifold3d
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RobotError
 from eskin.extras import find_package
@@ -22,6 +22,8 @@ MIN_BODY_VOLUME = 1e-9
 """Volume below which a body of a mesh is left out [m3]."""
 MIN_OPEN_AREA = 1e-4
 """Area below which bodies that are not closed are left out [m2]."""
+MAX_OFFSET = 1e-4
+"""Largest distance of skin from the shapes of a link that was repaired [m]."""
 WRAP_CELLS = 80
 """Number of cells of the grid along the longest side of a body that is wrapped."""
 
@@ -86,9 +88,9 @@ class PointLocator:
 def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface:
     """Join all bodies of a link into one closed surface.
 
-    Duplicate vertices are merged, and small bodies left out. A body with holes or
-    non-manifold edges is wrapped: it is replaced by the surface on which its winding
-    number is one half (Jacobson et al. 2013), with a warning.
+    Duplicate vertices are merged, and small bodies left out. With a warning, holes of a
+    body are closed, and a body with non-manifold edges is wrapped: it is replaced by
+    the surface on which its winding number is one half (Jacobson et al. 2013).
 
     Args:
         link: the link.
@@ -159,23 +161,60 @@ def close_bodies(
     mesh.merge_vertices(merge_norm=True, merge_tex=True)
     mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
     parts = mesh.split(only_watertight=False)
-    closed, open_parts = [], []
+    closed, capped, broken = [], [], []
     for part in parts:
-        body = to_manifold(part)
-        if body is None:
-            open_parts.append(part)
-        elif body.volume() > MIN_BODY_VOLUME:
+        if (body := to_manifold(part)) is not None:
             closed.append(body)
-    if open_parts:
-        broken = trimesh.util.concatenate(open_parts)
-        assert isinstance(broken, trimesh.Trimesh)
-        wrapped = wrap_mesh(broken) if broken.area > MIN_OPEN_AREA else None
-        warnings.append(
-            f"link '{link}': {len(open_parts)} of {len(parts)} bodies are not closed; "
-            + ("left them out" if wrapped is None else "wrapped them")
-        )
-        closed += [] if wrapped is None else [wrapped]
-    return closed
+        elif (body := to_manifold(cap_holes(part))) is not None:
+            capped.append(body)
+        else:
+            broken.append(part)
+    joined = trimesh.util.concatenate(broken) if broken else trimesh.Trimesh()
+    assert isinstance(joined, trimesh.Trimesh)
+    wrapped = wrap_mesh(joined) if joined.area > MIN_OPEN_AREA else None
+    for count, done in (
+        (len(capped), "have holes; closed them"),
+        (len(broken), "are broken; " + ("wrapped" if wrapped else "left out")),
+    ):
+        if count:
+            text = f"link '{link}': {count} of {len(parts)} bodies {done}"
+            warnings.append(f"{text}, and no skin lies where the surface is not theirs")
+    found = [*closed, *capped, *([] if wrapped is None else [wrapped])]
+    return [body for body in found if body.volume() > MIN_BODY_VOLUME]
+
+
+def cap_holes(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Close every hole of a mesh by triangles to the middle of its border."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)
+    if not igl.is_edge_manifold(faces)[0]:
+        return mesh
+    for loop in igl.boundary_loop_all(faces):
+        middle = len(vertices)
+        vertices = np.vstack([vertices, vertices[loop].mean(axis=0)])
+        fan = [[b, a, middle] for a, b in zip(loop, np.roll(loop, -1), strict=True)]
+        faces = np.vstack([faces, fan])
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def find_invented_vertices(
+    link: Link, surface: LinkSurface
+) -> Bool[np.ndarray, "vertex"]:
+    """Find vertices of triangles that lie off the shapes of a link, as over a hole.
+
+    Args:
+        link: the link.
+        surface: its surface.
+    """
+    meshes = [build_round_mesh(geom) for geom in link.geoms]
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    shapes = PointLocator(
+        np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
+    )
+    invented = shapes.locate(surface.vertices)[2] > MAX_OFFSET
+    middles = shapes.locate(surface.corners.mean(axis=1))[2] > MAX_OFFSET
+    invented[surface.faces[middles]] = True
+    return invented
 
 
 def to_manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold | None:

@@ -32,7 +32,7 @@ BAR = 0.05
 ROBOT_COLOUR = "#d8dade"
 SKIN_LIFT = 0.9
 """Distance by which taxels are drawn in front of the robot's surface, in taxels."""
-MAX_EDGE, EDGE_TAXELS = 0.02, 1.5
+MAX_EDGE, EDGE_TAXELS = 0.02, 2.0
 """Largest edge of the triangles of which the robot is drawn [m], and in taxels."""
 MARGIN = 0.25
 """Width of the robot that is drawn around the skin [m]."""
