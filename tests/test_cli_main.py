@@ -96,7 +96,7 @@ def test_unknown_option_is_refused(name, refuse):
 
 @pytest.mark.parametrize("name", ["convert", "generate", "evaluate", "run", "train"])
 def test_missing_argument_is_refused(name, refuse):
-    refuse(name, "is missing; give it", f"see eskin {name} --help")
+    refuse(name, "is missing: ", "; give it", f"see eskin {name} --help")
 
 
 @pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_PATH))
@@ -107,7 +107,7 @@ def test_missing_path_is_refused(name, refuse):
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        ("dance", ("'dance'", "run, demo, replay")),
+        ("dance", ("'dance'", "run, demo, record")),
         ("skin", ("'skin'", "skin show, skin check")),
         ("skin paint", ("'skin'",)),
         ("--json train", ("'--json'",)),

@@ -112,7 +112,8 @@ def test_held_out_recordings_are_held_out_on_every_skin(tmp_path):
 
 
 def segments_of(maker):
-    return [s for found in maker.sampler.classes.values() for s in found]
+    classes = maker.sampler.classes.values()
+    return [s for datasets in classes for found in datasets.values() for s in found]
 
 
 def test_every_aging_has_its_own_pack_key(tmp_path):

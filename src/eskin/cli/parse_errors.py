@@ -46,9 +46,12 @@ def describe_unknown(found: re.Match[str]) -> str:
 
 
 def describe_missing(found: re.Match[str]) -> str:
-    """Describe options that are required."""
-    names = re.findall(r"(?<!\S)(--[a-z][\w.-]*|[A-Z]+(?= ))", found["missing"])
-    return f"{names[0] if names else found['missing']} is missing; give it"
+    """Describe the first argument that is required, by what it is for."""
+    first = found["missing"].split(" (required)")[0]
+    name, _, text = first.partition(" ")
+    text = re.sub(r"^(?:PATH|STR|INT|FLOAT|\[\S+ \[\S+ \.\.\.\]\]) ", "", text)
+    purpose = re.split(r"\.(?: |$)", text)[0]
+    return f"{name} is missing: {purpose[:1].lower()}{purpose[1:]}; give it"
 
 
 def describe_choice(found: re.Match[str]) -> str:
