@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 
 from eskin.cli.checks import check_writable
-from eskin.cli.guided import open_guided_source, print_line
+from eskin.cli.guided import GuidedCommand, open_guided_source, print_line
 from eskin.cli.run import DEFAULT_PORT
 from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError, RecordingError
@@ -34,8 +34,8 @@ MAX_SECONDS, MAX_PRESSES = 120.0, 50
 """Longest time at rest [s], and most presses of a patch."""
 
 
-@dataclass(frozen=True)
-class CalibrateCommand:
+@dataclass(frozen=True, kw_only=True)
+class CalibrateCommand(GuidedCommand):
     """Measure rest, noise and gains of a skin, and write them to a calibration file.
 
     Take all hands off first, then press each patch where you are asked to, with one
@@ -50,10 +50,6 @@ class CalibrateCommand:
     out: Path
     """Path of the calibration file to write. As calibration.json in the skin's folder
     it is found by itself."""
-
-    skin: str | None = None
-    """Skin of the device: a preset's name or a skin's folder. A recording has its own.
-    """
 
     seconds: float = 5.0
     """Time without touch [s]."""
@@ -72,26 +68,6 @@ class CalibrateCommand:
     """Longest time to wait for rest, and for each press, before the patch is left out
     [s]."""
 
-    calibration: Path | None = None
-    """Calibration file to start from; by default that of the recording, or
-    calibration.json in the skin's folder, else a nominal one."""
-
-    robot_urdf: str | None = None
-    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
-    have their own."""
-
-    rate: float | None = None
-    """Rate of the device's scans [1/s]; by default the one that it announces."""
-
-    baud: int = 1_000_000
-    """Baud rate of serial ports; ignored by ports that are USB only."""
-
-    allow_remote: bool = False
-    """Accept UDP packets from other computers without --key."""
-
-    key: Path | None = None
-    """Key file of the patches; packets without a valid seal are refused."""
-
     view: bool = False
     """Guide in the browser too, where the place to press is marked on the robot. It
     begins once the page is opened; a recording is then played as fast as it was made.
@@ -105,7 +81,6 @@ def run(command: CalibrateCommand) -> dict[str, object]:
     """Guide through the calibration, write the file and return what was measured."""
     from eskin.calibration import CalibrationGuide
     from eskin.recording import write_calibration
-    from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
 
     check_options(command)
@@ -115,7 +90,7 @@ def run(command: CalibrateCommand) -> dict[str, object]:
         pace = 1.0 if command.view else math.inf
         source = stack.enter_context(open_guided_source(command, pace))
         info = source.info
-        robot = load_recorded_robot(info.robot_name, info.urdf, command.robot_urdf)
+        robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         guide = CalibrationGuide(mounted, info.calibration, config)
         print(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")

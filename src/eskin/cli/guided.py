@@ -1,7 +1,10 @@
 """This module holds what commands share that guide a person in the terminal."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
+
+import tyro
 
 from eskin.errors import DeviceError
 
@@ -9,48 +12,36 @@ if TYPE_CHECKING:
     from eskin.drivers import Source
 
 
-class GuidedCommand(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class GuidedCommand:
     """The options that say which skin is read, and how."""
 
-    @property
-    def source(self) -> tuple[str, ...]:
-        """URIs of the source."""
-        ...
+    source: tyro.conf.Positional[tuple[str, ...]]
+    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE."""
 
-    @property
-    def skin(self) -> str | None:
-        """Name or folder of the skin."""
-        ...
+    skin: str | None = None
+    """Skin of the device: a preset's name or a skin's folder. A recording has its own.
+    """
 
-    @property
-    def robot_urdf(self) -> str | None:
-        """Robot of the skin."""
-        ...
+    robot_urdf: str | None = None
+    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
+    have their own."""
 
-    @property
-    def calibration(self) -> Path | None:
-        """Path of the calibration."""
-        ...
+    calibration: Path | None = None
+    """Calibration file to start from; by default that of the recording, or
+    calibration.json in the skin's folder, else a nominal one."""
 
-    @property
-    def rate(self) -> float | None:
-        """Rate of the scans [1/s]."""
-        ...
+    rate: float | None = None
+    """Rate of the device's scans [1/s]; by default the one that it announces."""
 
-    @property
-    def baud(self) -> int:
-        """Baud rate of serial ports."""
-        ...
+    baud: int = 1_000_000
+    """Baud rate of serial ports; ignored by ports that are USB only."""
 
-    @property
-    def allow_remote(self) -> bool:
-        """Whether packets from other computers are accepted."""
-        ...
+    allow_remote: bool = False
+    """Accept UDP packets from other computers without --key."""
 
-    @property
-    def key(self) -> Path | None:
-        """Path of the key file."""
-        ...
+    key: Path | None = None
+    """Key file of the patches; packets without a valid seal are refused."""
 
 
 def open_guided_source(command: GuidedCommand, pace: float) -> "Source":

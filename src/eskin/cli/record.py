@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from eskin.cli.checks import check_writable
-from eskin.cli.guided import open_guided_source, print_line
+from eskin.cli.guided import GuidedCommand, open_guided_source, print_line
 from eskin.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ MAX_GESTURES, MAX_TIMES = 50, 1000
 KEYS = "a: again, the last one was wrong; s: skip the gesture; q: finish (then Enter)"
 
 
-@dataclass(frozen=True)
-class RecordCommand:
+@dataclass(frozen=True, kw_only=True)
+class RecordCommand(GuidedCommand):
     """Record gestures of your own: make each when it is asked for, and it is labelled.
 
     Keep your hands off at first. A gesture is over when nothing has touched the skin
@@ -41,14 +41,10 @@ class RecordCommand:
     """Path of the recording to write (.mcap)."""
 
     gestures: tuple[str, ...]
-    """Names of the gestures; with none, the recogniser learns what is no gesture."""
+    """Names of the gestures, best with `none` among them: what is no gesture."""
 
     times: int = 10
     """Number of times that each is asked for, in turns."""
-
-    skin: str | None = None
-    """Skin of the device: a preset's name or a skin's folder. A recording has its own.
-    """
 
     person: str = ""
     """Name of the person, so that people can be told apart when scoring."""
@@ -56,40 +52,18 @@ class RecordCommand:
     session: str = ""
     """Name of the session."""
 
-    robot_urdf: str | None = None
-    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
-    have their own."""
-
-    calibration: Path | None = None
-    """Calibration file of the electronics, as eskin calibrate writes it. By default it
-    is that of the recording, or calibration.json in the skin's folder, else a nominal
-    calibration."""
-
-    rate: float | None = None
-    """Rate of the device's scans [1/s]; by default the one that it announces."""
-
-    baud: int = 1_000_000
-    """Baud rate of serial ports; ignored by ports that are USB only."""
-
-    allow_remote: bool = False
-    """Accept UDP packets from other computers without --key."""
-
-    key: Path | None = None
-    """Key file of the patches; packets without a valid seal are refused."""
-
 
 def run(command: RecordCommand) -> dict[str, object]:
     """Record until every gesture was made often enough, and return what there is."""
     from eskin.recording import Metadata, RecordingWriter
     from eskin.recording.guided import TakeGuide, review_takes
-    from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
 
     check_options(command)
     with ExitStack() as stack:
         source = stack.enter_context(open_guided_source(command, pace=float("inf")))
         info = source.info
-        robot = load_recorded_robot(info.robot_name, info.urdf, command.robot_urdf)
+        robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         guide = TakeGuide(mounted, info.calibration, command.gestures, command.times)
         print_line(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")

@@ -118,7 +118,6 @@ def run(command: RunCommand) -> dict[str, object]:
     from eskin.drivers import HostClock, read_key
     from eskin.live import Recognizer, mount_skin, warm_up
     from eskin.model import load_model
-    from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
     from eskin.stream import (
         Recognition,
@@ -153,7 +152,7 @@ def run(command: RunCommand) -> dict[str, object]:
         source = open_source(*command.source, config=config, clock=clock)
         stack.enter_context(source)
         info = source.info
-        robot = load_recorded_robot(info.robot_name, info.urdf, command.robot_urdf)
+        robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         recognizer = Recognizer(model, mounted, info.calibration)
         if command.skin is None:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event
+from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
 
@@ -54,6 +55,17 @@ class SourceInfo:
     """Nominal scan rate [1/s]."""
     urdf: bytes = b""
     """URDF of the robot; empty for a preset."""
+
+    def load_robot(self, urdf: str | None = None) -> Robot:
+        """Load the robot that carries the skin.
+
+        Args:
+            urdf: robot to load instead: the name of a preset or a URDF file.
+
+        Raises:
+            RobotError: It is no preset and its URDF is not known, or cannot be used.
+        """
+        return load_recorded_robot(self.robot_name, self.urdf, urdf)
 
 
 class Source(Closing):

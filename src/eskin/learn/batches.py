@@ -74,11 +74,10 @@ class Sampler:
     def draw_segment(self, label: int, rng: np.random.Generator) -> Segment:
         """Draw one segment of a class."""
         datasets = self.classes[label]
-        name, *names = datasets
-        if names:
-            shares = [self.shares.get(each, 0.0) for each in datasets]
-            left = [each == OTHERS for each in datasets]
-            shares = np.where(left, 1.0 - sum(shares), shares)
+        name, *others = datasets
+        if others:
+            left = 1.0 - sum(self.shares.get(each, 0.0) for each in datasets)
+            shares = np.array([self.shares.get(each, left) for each in datasets])
             name = str(rng.choice(list(datasets), p=shares / shares.sum()))
         segments = datasets[name]
         return segments[rng.integers(len(segments))]
