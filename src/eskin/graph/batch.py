@@ -1,6 +1,6 @@
 """This module defines contact graphs and operations on batches of them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -128,7 +128,7 @@ NODE_FIELDS = tuple(
 )
 
 
-def join_graphs(batches: Sequence[GraphBatch]) -> GraphBatch:
+def join_graphs(batches: Iterable[GraphBatch]) -> GraphBatch:
     """Lay batches end to end.
 
     What is zero in all of them, as shear is where no skin measures it, takes no memory.
@@ -136,6 +136,7 @@ def join_graphs(batches: Sequence[GraphBatch]) -> GraphBatch:
     Raises:
         ValueError: if there is none.
     """
+    batches = tuple(batches)
     if not batches:
         raise ValueError("no graphs to join; give at least one batch")
 

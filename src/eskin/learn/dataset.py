@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import track
 
 from eskin.errors import RecordingError
-from eskin.graph import GraphBatch, GraphConfig, join_graphs
+from eskin.graph import GraphBatch, GraphConfig, create_empty_batch, join_graphs
 from eskin.learn.ground_truth import (
     Clip,
     MissedGesture,
@@ -26,6 +26,7 @@ from eskin.learn.ground_truth import (
     find_missed_gestures,
     read_clips,
 )
+from eskin.learn.mapped_graphs import map_graphs
 from eskin.learn.prepared_recording import (
     PreparedRecording,
     load_prepared,
@@ -43,6 +44,7 @@ from eskin.recording import (
 from eskin.touch import PipelineConfig
 
 T = TypeVar("T")
+NO_GRAPHS = create_empty_batch(0)
 
 
 def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
@@ -152,7 +154,7 @@ def prepare(
             for t in transforms
             for r in recordings
         )
-        parts = list(track_progress(prepared, "Reading", total))
+        parts = track_progress(prepared, "Reading", total)
     else:
         jobs = (
             delayed(pack_recording)(path, pack, pipeline, graph, t, overrides)
@@ -160,27 +162,45 @@ def prepare(
             for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-        parts = [load_prepared(f) for f in track_progress(files, "Packing", total)]
-    if not any(len(part.stamps) for part in parts):
+        parts = map(load_prepared, track_progress(files, "Packing", total))
+    copies = len(transforms)
+    dataset = concatenate_recordings(recordings * copies, parts, copies, pack)
+    if not len(dataset.stamps):
         raise RecordingError(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
             "check that they were converted, and the thresholds"
         )
-    return concatenate_recordings(recordings * len(transforms), parts, len(transforms))
+    return dataset
 
 
 def concatenate_recordings(
     recordings: tuple[Recording, ...],
-    parts: Sequence[PreparedRecording],
+    parts: Iterable[PreparedRecording],
     copies: int = 1,
+    folder: Path | None = None,
 ) -> Dataset:
-    """Join prepared recordings into one data set; all of them again for every copy."""
+    """Join prepared recordings into one data set.
+
+    Args:
+        recordings: recordings, all of them again for every copy.
+        parts: their prepared forms.
+        copies: number of copies.
+        folder: folder on whose disk the graphs are laid; in memory where None.
+    """
+    rows: list[PreparedRecording] = []
+
+    def take_graphs() -> Iterator[GraphBatch]:
+        for part in parts:
+            rows.append(replace(part, graphs=NO_GRAPHS))
+            yield part.graphs
+
+    graphs = map_graphs(take_graphs(), folder) if folder else join_graphs(take_graphs())
     gestures: list[str] = []
     segments: list[Segment] = []
     missed: list[MissedGesture] = []
     sequences: list[np.ndarray] = []
     sequence_count = 0
-    for index, (recording, part) in enumerate(zip(recordings, parts, strict=True)):
+    for index, (recording, part) in enumerate(zip(recordings, rows, strict=True)):
         offset = len(gestures)
         if part.touches is not None:
             added = build_true_segments(part.sequence, part.touches, index, offset)
@@ -201,10 +221,10 @@ def concatenate_recordings(
         sequence_count += int(part.sequence.max(initial=-1)) + 1
     return Dataset(
         recordings=recordings,
-        graphs=join_graphs([part.graphs for part in parts]),
-        stamps=np.concatenate([part.stamps for part in parts]),
+        graphs=graphs,
+        stamps=np.concatenate([part.stamps for part in rows]),
         sequence=np.concatenate(sequences),
-        recording=np.repeat(np.arange(len(parts)), [len(p.stamps) for p in parts]),
+        recording=np.repeat(np.arange(len(rows)), [len(p.stamps) for p in rows]),
         gestures=tuple(gestures),
         segments=tuple(segments),
         missed=tuple(missed),

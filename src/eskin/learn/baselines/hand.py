@@ -219,7 +219,7 @@ class GraphWindow:
         """Add readings and return the graphs of the last ones."""
         for row, joints in zip(pressure.astype(np.float32), q, strict=True):
             self.push(row, joints)
-        return join_graphs(list(self.graphs))
+        return join_graphs(self.graphs)
 
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
