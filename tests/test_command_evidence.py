@@ -85,3 +85,24 @@ def test_touch_whose_taxel_becomes_doubtful_starts_anew():
     scene.doubtful = np.isin(np.arange(SKIN.count), FINGERTIP[:1])
     scene.step()
     assert not scene.policy.evidence.suffices(number)
+
+
+def test_taxel_that_becomes_doubtful_takes_no_more_than_its_row_and_column():
+    scene, wide = Scene(), find_block(PATCH, 4, 4)
+    number = scene.begin("double_pat")
+    scene.touches[number].taxels = wide
+    scene.wait(0.3)
+    for doubted, suffices in ((wide[:1], True), (wide, False)):
+        scene.doubtful = np.isin(np.arange(SKIN.count), doubted)
+        scene.step()
+        assert scene.policy.evidence.suffices(number) == suffices
+
+
+def test_doubt_elsewhere_takes_nothing():
+    scene = Scene()
+    number = scene.begin("double_pat")
+    scene.touches[number].taxels = FINGERTIP[:2]
+    scene.wait(0.3)
+    scene.doubtful = ~np.isin(np.arange(SKIN.count), WHOLE)
+    scene.step()
+    assert scene.policy.evidence.suffices(number)

@@ -1,5 +1,6 @@
 """This module judges whether a touch can be a fault of the skin."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import final
 
@@ -35,18 +36,29 @@ class EvidenceConfig:
     min_patch: int = 12
     """Number of taxels of a patch from which that share counts."""
 
+    keep_readings: int = 16
+    """Number of sound readings of a touch that are kept, the latest ones."""
+
     keep_seconds: float = 3.0
     """How long after its last contact the evidence of a touch is kept [s]."""
 
 
+@dataclass(frozen=True)
+class SoundReading:
+    """A sound reading holds the taxels of a touch that no fault explains."""
+
+    pressed: Int[np.ndarray, "pressed"]
+    """Taxels that were pressed and not doubtful."""
+    strong: Int[np.ndarray, "strong"]
+    """Those of them that were strongly pressed."""
+
+
 @dataclass
 class Evidence:
-    """Evidence counts the readings in which a touch was sound."""
+    """Evidence holds the readings in which a touch was sound."""
 
-    readings: int
-    """Number of sound readings since the latest doubt."""
-    taxels: set[int]
-    """Taxels that the touch has covered."""
+    readings: list[SoundReading]
+    """The latest sound readings, without the taxels that became doubtful since."""
     last: int
     """Stamp of the latest contact [ns since the epoch]."""
 
@@ -58,8 +70,8 @@ class EvidenceMonitor:
     In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
     too. If all of the touch lies in one row or column, it covers a small part of it,
     and the rest is not pressed. Taxels that are doubtful, as faulty ones are, or of a
-    patch that is active as a whole, do not count. A touch starts anew when a taxel that
-    it has covered becomes doubtful.
+    patch that is active as a whole, do not count. When a taxel becomes doubtful, it and
+    the taxels of its row and its column no longer count in the readings before.
     """
 
     def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
@@ -93,22 +105,39 @@ class EvidenceMonitor:
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
 
     def merge(self, ended: Evidence, heir: int) -> None:
-        """Add the evidence of a touch to that of the touch that it merged into."""
+        """Let a touch have the evidence of one that merged into it, if that is more."""
         evidence = self.touches.setdefault(heir, ended)
-        evidence.readings = max(evidence.readings, ended.readings)
-        evidence.taxels |= ended.taxels
+        evidence.readings = max(evidence.readings, ended.readings, key=len)
 
     def suffices(self, touch: int) -> bool:
         """Return whether a touch is no fault."""
         evidence = self.touches.get(touch)
-        return evidence is not None and evidence.readings >= self.config.readings
+        return evidence is not None and len(evidence.readings) >= self.config.readings
 
     def reset_doubted(self, taxels: Int[np.ndarray, "doubted"]) -> None:
-        """Start the touches anew that have covered one of some taxels."""
-        doubted = set(taxels.tolist())
+        """Take doubtful taxels, their rows and columns out of the readings before."""
+        believed = np.ones(len(self.rows), bool)
+        for taxel in taxels.tolist():
+            for line in self.select_lines(taxel):
+                believed &= ~line
         for evidence in self.touches.values():
-            if evidence.taxels & doubted:
-                evidence.readings = 0
+            evidence.readings = [
+                left
+                for reading in evidence.readings
+                if (left := self.reduce_reading(reading, believed)) is not None
+            ]
+
+    def reduce_reading(
+        self, reading: SoundReading, believed: Bool[np.ndarray, "taxel"]
+    ) -> SoundReading | None:
+        """Return what can be believed of a reading; None if that is not sound."""
+        if believed[reading.pressed].all():
+            return reading
+        pressed = reading.pressed[believed[reading.pressed]]
+        strong = reading.strong[believed[reading.strong]]
+        if not self.has_support(strong, pressed) or self.find_lines(pressed):
+            return None
+        return SoundReading(pressed, strong)
 
     def update_touch(
         self, row: TouchRecord, state: TouchState, sound: Bool[np.ndarray, "taxel"]
@@ -116,19 +145,28 @@ class EvidenceMonitor:
         """Update the evidence of a touch that is in contact."""
         loads = state.records.contacts[row.contact]["loads"]
         taxels = state.records.loads["taxel"][slice(*loads)]
-        evidence = self.touches.setdefault(row.id, Evidence(0, set(), row.last))
+        evidence = self.touches.setdefault(row.id, Evidence([], row.last))
         evidence.last = row.last
-        evidence.taxels.update(taxels.tolist())
         pressure = state.reading.pressure
-        evidence.readings += self.is_sound(taxels[sound[taxels]], pressure)
+        reading = self.find_sound_reading(taxels[sound[taxels]], pressure)
+        if reading is not None:
+            kept = evidence.readings[1 - self.config.keep_readings :]
+            evidence.readings = [*kept, reading]
 
-    def is_sound(
+    def find_sound_reading(
         self, taxels: Int[np.ndarray, "touched"], pressure: Float[np.ndarray, "taxel"]
-    ) -> bool:
-        """Return whether the sound taxels of a touch can be no fault."""
+    ) -> SoundReading | None:
+        """Return the pressed ones of some taxels; None if a fault can explain them."""
         pressed = taxels[pressure[taxels] >= self.config.weak]
         strong = pressed[pressure[pressed] >= self.config.strong]
-        return self.has_support(strong, pressed) and not self.is_line(pressed, pressure)
+        if not self.has_support(strong, pressed):
+            return None
+        for line in self.find_lines(pressed):
+            most = self.config.line_share * np.count_nonzero(line)
+            active = np.count_nonzero(pressure[line] >= self.config.weak)
+            if active > len(pressed) or active > most:
+                return None
+        return SoundReading(pressed, strong)
 
     def has_support(
         self, strong: Int[np.ndarray, "strong"], pressed: Int[np.ndarray, "pressed"]
@@ -141,19 +179,19 @@ class EvidenceMonitor:
             for i in strong
         )
 
-    def is_line(
-        self, pressed: Int[np.ndarray, "pressed"], pressure: Float[np.ndarray, "taxel"]
-    ) -> bool:
-        """Return whether a touch may be a row or column that is faulty as a whole."""
-        first = pressed[0]
-        members = self.patch_index == self.patch_index[first]
+    def find_lines(
+        self, pressed: Int[np.ndarray, "pressed"]
+    ) -> list[Bool[np.ndarray, "taxel"]]:
+        """Return the taxels of each row or column that all of a touch lies in."""
+        return [
+            line for line in self.select_lines(int(pressed[0])) if line[pressed].all()
+        ]
+
+    def select_lines(self, taxel: int) -> Iterator[Bool[np.ndarray, "taxel"]]:
+        """Yield the taxels of the row of a taxel, then those of its column."""
+        patch = self.patch_index == self.patch_index[taxel]
         for numbers in (self.rows, self.columns):
-            line = members & (numbers == numbers[first])
-            if line[pressed].all():
-                most = self.config.line_share * np.count_nonzero(line)
-                active = np.count_nonzero(pressure[line] >= self.config.weak)
-                return bool(active > len(pressed) or active > most)
-        return False
+            yield patch & (numbers == numbers[taxel])
 
     def find_sound(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
         """Find the taxels whose pressure can be believed."""
