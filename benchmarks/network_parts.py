@@ -1,0 +1,396 @@
+"""Measure what each part of the network is worth: the same training without it.
+
+    python -m benchmarks.network_parts --sets SETS --keep FILE
+    python -m benchmarks.network_parts --sets SETS --seeds 1 --only "summary alone"
+
+Every row is trained on the sets of `benchmarks.weights`, and on one recorded person,
+for as long and with the same augmentation, from random weights. It is tested on
+simulated people with sensors as in training (`val`) and of all families
+(`val-families`), on pairs of clips with the same counts and another label, and on the
+other recorded person, whose touches are placed on a robot. None of these is a final
+set, and the epoch of least loss is chosen on the first two.
+
+Accuracies are of clips, by the touch of largest impulse at its last reading. Intervals
+are those of 95 % of resampled people. The lead over the first row is paired. With
+`--keep` each training is kept in a file, and what is there is not trained again.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+import tyro
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import cross_entropy
+
+from benchmarks.tables import format_head, format_row
+from benchmarks.weights import (
+    OPTIONS,
+    SIMULATED,
+    VALIDATION,
+    Recipe,
+    build_recorded_sets,
+    generate,
+)
+from eskin.graph import compute_summary
+from eskin.learn.baselines.estimators import GradientBoosting
+from eskin.learn.baselines.hand import compute_statistics
+from eskin.learn.batches import Batch, BatchBuilder, build_sampler
+from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.evaluation import find_last_rows, predict_clips
+from eskin.learn.metrics import bootstrap_mean
+from eskin.learn.training import TrainConfig, Trainer
+from eskin.learn.windows import cut_windows
+from eskin.model import NetworkConfig
+from eskin.nn import GraphTensors, RecogniserNetwork, SlotIndex
+from eskin.recording import NONE, find_recordings
+
+VOCABULARY = (NONE, "double_pat", "grab", "poke", "stroke")
+SUMMARY, GRAPH = 0, 1
+"""Indices of the views."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part says which views a network has, and how large it is."""
+
+    views: tuple[int, ...] = (SUMMARY, GRAPH)
+    """Views whose logits are averaged."""
+    hides_summary: bool = False
+    """Whether the graph view is not given the summary."""
+    layers: int | None = None
+    """Number of equivariant layers; that of the weights where None."""
+    width: int | None = None
+    """Channels of a node; those of the weights where None."""
+    channels: int | None = None
+    """Channels of the heads; those of the weights where None."""
+    readings: int | None = None
+    """Readings encoded in a window; as many as for the weights where None."""
+    encoded: int | None = None
+    """Windows encoded in a step; as many as for the weights where None."""
+
+
+TREES = "trees on the summary"
+PARTS = {
+    "both views (shipped)": Part(),
+    "summary alone": Part(views=(SUMMARY,)),
+    "graph alone": Part(views=(GRAPH,), hides_summary=True),
+    "graph with summary": Part(views=(GRAPH,)),
+    "no messages": Part(layers=0),
+    "all readings encoded": Part(readings=100, encoded=16),
+    "twice as wide": Part(width=64, channels=96),
+    TREES: Part(views=()),
+}
+"""Rows by their names in the table."""
+
+TREE_WINDOWS = 40_000
+"""Number of augmented windows that trees are trained on."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Measure what each part of the network is worth."""
+
+    sets: Path
+    """Folder of the sets, and of the prepared recordings."""
+    socialtouch: Path = Path("../shared/data/socialtouch")
+    """Folder of the SocialTouch set, as published."""
+    only: tuple[str, ...] = tuple(PARTS)
+    """Rows to train; the first is what the others are compared to."""
+    seeds: int = 3
+    """Number of trainings of each row."""
+    epochs: int = 8
+    """Epochs of a training."""
+    steps: int = 250
+    """Steps of an epoch."""
+    workers: int = 1
+    """Number of processes that prepare, and of threads that train."""
+    keep: Path | None = None
+    """File to which results are appended, and of which they are read."""
+
+    def __post_init__(self) -> None:
+        """Raise if a row is not known."""
+        unknown = [name for name in self.only if name not in PARTS]
+        if unknown:
+            raise ValueError(
+                f"--only has '{unknown[0]}'; allowed are {', '.join(PARTS)}; take those"
+            )
+
+
+@dataclass
+class Result:
+    """A result holds which clips of each test a trained row classified correctly."""
+
+    row: str
+    seed: int
+    epochs: int
+    """Epochs and steps of the training."""
+    steps: int
+    seconds: float
+    """Duration of the training [s]."""
+    correct: dict[str, list[bool]] = field(default_factory=dict)
+    """Whether each clip of each test is right."""
+
+
+class PartNetwork(RecogniserNetwork):
+    """A part network is the recogniser's, with some of its views."""
+
+    def __init__(self, config: NetworkConfig, part: Part) -> None:
+        """Create a network of a part."""
+        super().__init__(config, len(VOCABULARY), shear=False)
+        self.part = part
+
+    def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
+        """Return summary and embedding; zeros for what the part has not."""
+        summary = self.standardise(graphs.summary)
+        if GRAPH not in self.part.views:
+            nothing = torch.zeros(len(summary), self.encoder.size)
+            return torch.cat([summary, nothing], dim=1)
+        if self.part.hides_summary:
+            summary = torch.zeros_like(summary)
+        return torch.cat([summary, self.encoder(graphs)], dim=1)
+
+    def classify(
+        self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
+    ) -> Float[Tensor, "view window class"]:
+        """Return the logits of the views of the part."""
+        summary = e[:, : len(self.summary_mean)]
+        views: dict[int, Callable[[], Tensor]] = {
+            SUMMARY: lambda: self.summary_view(summary, slot_index),
+            GRAPH: lambda: self.graph_view(e, slot_index),
+        }
+        return torch.stack([views[view]() for view in self.part.views])
+
+
+class PartTrainer(Trainer):
+    """A part trainer trains a part network."""
+
+    network: PartNetwork
+
+    def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
+        """Return the loss of all views as the recogniser's, or of the only one."""
+        network = self.network
+        if len(network.part.views) > 1:
+            return super().compute_loss(batch)
+        if network.part.views == (SUMMARY,):
+            summary = network.standardise(batch.summary)
+            logits = network.summary_view(summary, batch.slot_index)
+        else:
+            embedded = network.embed(batch.encoded.graphs)
+            logits = network.graph_view(embedded, batch.encoded.slot_index)
+        unused = sum(parameter.sum() for parameter in network.parameters())
+        labels = batch.labels[: len(logits)]
+        smoothing = self.config.smoothing
+        return cross_entropy(logits, labels, label_smoothing=smoothing) + 0.0 * unused
+
+
+def read_config(command: Command, part: Part) -> TrainConfig:
+    """Return the training of the weights, changed as a part says."""
+
+    @dataclass(frozen=True)
+    class Options:
+        train: TrainConfig = field(default_factory=TrainConfig)
+
+    words = OPTIONS[OPTIONS.index("--train.batch") :]
+    config = tyro.cli(Options, args=words).train
+    network = config.network
+    network = replace(
+        network,
+        layers=network.layers if part.layers is None else part.layers,
+        width=part.width or network.width,
+        channels=part.channels or network.channels,
+    )
+    return replace(
+        config,
+        epochs=command.epochs,
+        steps=command.steps,
+        workers=command.workers,
+        readings=part.readings or config.readings,
+        encoded=part.encoded or config.encoded,
+        network=network,
+    )
+
+
+def load_sets(command: Command) -> tuple[Dataset, Dataset, dict[str, Dataset]]:
+    """Return the sets to train on, to validate on and to test on."""
+
+    def load(sets: dict[str, str]) -> Dataset:
+        for folder, options in sets.items():
+            generate(command.sets / folder, options.split(), command.workers)
+        paths = find_recordings([command.sets / folder for folder in sets])
+        pack = command.sets / "pack"
+        config = TrainConfig().graph.without_shear()
+        return prepare(paths, graph=config, pack=pack, workers=command.workers)
+
+    first, other = (
+        build_recorded_sets(Recipe("", (person,), 0, 0), command.socialtouch)
+        for person in (0, 1)
+    )
+    tests = {
+        "val": load({"tuneval": VALIDATION["tuneval"]}),
+        "val-families": load({"tunefam": VALIDATION["tunefam"]}),
+        "pairs": load({"tunepairs": "--set pairs --seed 5 --clips 60"}),
+        "the other person": load(
+            {name: other[name] for name in other if name == "rec1"}
+        ),
+    }
+    return load(SIMULATED | first), load(VALIDATION), tests
+
+
+def run(command: Command) -> tuple[list[Result], dict[str, list[str]]]:
+    """Train the rows that are not kept; return results, and the person of each clip."""
+    train, validation, tests = load_sets(command)
+    results = read_results(command.keep)
+    done = {(r.row, r.seed, r.epochs, r.steps) for r in results}
+    for seed in range(command.seeds):
+        for row in command.only:
+            if (row, seed, command.epochs, command.steps) in done:
+                continue
+            fit = fit_trees if row == TREES else fit_network
+            start = time.perf_counter()
+            predict = fit(command, PARTS[row], train, validation, seed)
+            seconds = time.perf_counter() - start
+            result = Result(row, seed, command.epochs, command.steps, seconds)
+            for name, test in tests.items():
+                result.correct[name] = predict(test)
+            results.append(result)
+            if command.keep is not None:
+                with command.keep.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(asdict(result)) + "\n")
+    people = {name: find_people(test) for name, test in tests.items()}
+    wanted = command.epochs, command.steps
+    return [r for r in results if (r.epochs, r.steps) == wanted], people
+
+
+Predictor = Callable[[Dataset], list[bool]]
+"""Function that tells which clips of a set are classified correctly."""
+
+
+def fit_network(
+    command: Command, part: Part, train: Dataset, validation: Dataset, seed: int
+) -> Predictor:
+    """Train a part of the network."""
+    config = read_config(command, part)
+    trainer = PartTrainer(train, VOCABULARY, config, seed=seed, validation=validation)
+    torch.manual_seed(seed)
+    trainer.network = PartNetwork(config.network, part)
+    network = trainer.run(quiet=True)
+
+    def predict(test: Dataset) -> list[bool]:
+        found = predict_clips(network, test, VOCABULARY)
+        return (found.predicted == found.truth).tolist()
+
+    return predict
+
+
+def fit_trees(
+    command: Command, part: Part, train: Dataset, validation: Dataset, seed: int
+) -> Predictor:
+    """Boost trees on statistics of the summary of augmented windows."""
+    del part, validation
+    config = read_config(command, Part())
+    every = frozenset(range(len(train.recordings)))
+    slots = config.network.slots
+    sampler = build_sampler(train, VOCABULARY, every, slots, 0.0, config.shares)
+    builder = BatchBuilder(train, sampler, config.augment, slots, shear=False)
+    rng = np.random.default_rng(seed)
+    rows, labels = [], []
+    for _ in range(-(-TREE_WINDOWS // config.batch)):
+        batch = builder.build(config.batch, 1, 1, rng)
+        window, summary = batch.slot_index.window.numpy(), batch.summary.numpy()
+        rows += [compute_row(summary[window == n]) for n in range(config.batch)]
+        labels += batch.labels.tolist()
+    trees = GradientBoosting(leaves=31)(seed).fit(np.stack(rows), np.array(labels))
+
+    def predict(test: Dataset) -> list[bool]:
+        clips = [(n, c) for n, cs in enumerate(test.clips) for c in cs]
+        clips = [(n, clip) for n, clip in clips if clip.gesture in VOCABULARY]
+        ends = np.array(list(find_last_rows(test, clips)), dtype=np.int64)
+        truth = np.array([VOCABULARY.index(clip.gesture) for _, clip in clips])
+        answer = np.full(len(clips), VOCABULARY.index(NONE))
+        touched = np.flatnonzero(ends >= 0)
+        found = ends[touched]
+        windows = cut_windows(test, found, test.starts[found], slots)
+        summary = compute_summary(test.graphs.select(windows.rows), shear=False)
+        rows = [compute_row(summary[windows.window == n]) for n in range(len(found))]
+        answer[touched] = trees.predict_proba(np.stack(rows)).argmax(axis=1)
+        return (answer == truth).tolist()
+
+    return predict
+
+
+def compute_row(
+    summary: Float[np.ndarray, "reading feature"],
+) -> Float[np.ndarray, "column"]:
+    """Return statistics over a window, its length, and its last reading."""
+    if not len(summary):
+        return np.zeros(7 * summary.shape[1] + 1)
+    length = [float(len(summary))]
+    return np.concatenate([compute_statistics(summary.T), summary[-1], length])
+
+
+def read_results(path: Path | None) -> list[Result]:
+    """Return the results of a file; none without one."""
+    if path is None or not path.exists():
+        return []
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [Result(**json.loads(line)) for line in lines]
+
+
+def find_people(test: Dataset) -> list[str]:
+    """Return the person of each clip."""
+    return [
+        test.recordings[n].metadata.subject or str(n)
+        for n, clips in enumerate(test.clips)
+        for clip in clips
+        if clip.gesture in VOCABULARY
+    ]
+
+
+def format_table(
+    results: list[Result], people: dict[str, list[str]], rows: tuple[str, ...]
+) -> str:
+    """Format accuracies with their intervals, and the leads over the first row."""
+    lines = [
+        format_head(
+            ["row", "trainings", "s each", *people, "lead: " + ", ".join(people)]
+        )
+    ]
+    means = {
+        (row, name): np.mean([r.correct[name] for r in results if r.row == row], axis=0)
+        for row in rows
+        for name in people
+        if any(r.row == row for r in results)
+    }
+    for row in rows:
+        mine = [r for r in results if r.row == row]
+        if not mine:
+            continue
+        cells = [row, str(len(mine)), f"{np.mean([r.seconds for r in mine]):.0f}"]
+        leads = []
+        for name, members in people.items():
+            values, first = means[row, name], means[rows[0], name]
+            low, high = bootstrap_mean(values, np.array(members), seed=0)
+            cells.append(f"{values.mean():.1%} ({low:.1%} to {high:.1%})")
+            low, high = bootstrap_mean(values - first, np.array(members), seed=0)
+            lead = 100 * (values - first).mean()
+            leads.append(f"{lead:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]")
+        lines.append(format_row([*cells, ", ".join(leads) if row != rows[0] else ""]))
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Train, test and print the table."""
+    command = tyro.cli(Command)
+    torch.set_num_threads(1)
+    results, people = run(command)
+    print(format_table(results, people, command.only))
+
+
+if __name__ == "__main__":
+    main()
