@@ -106,3 +106,15 @@ def test_doubt_elsewhere_takes_nothing():
     scene.doubtful = ~np.isin(np.arange(SKIN.count), WHOLE)
     scene.step()
     assert scene.policy.evidence.suffices(number)
+
+
+def test_touch_that_is_felt_too_briefly_commands_no_more_than_a_stop():
+    for gesture, accepted in (("double_pat", []), ("poke", ["pause"])):
+        scene = Scene()
+        number = scene.begin(gesture)
+        scene.wait(0.04)
+        scene.lift(number)
+        scene.detect(number)
+        scene.wait(0.5)
+        scene.close(number)
+        assert scene.accepted == accepted

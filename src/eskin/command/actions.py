@@ -28,17 +28,17 @@ FUNCTION = "function"
 """Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
-    "hold": 0.32,
-    "pause": 0.32,
-    "slow": 0.75,
-    "next_waypoint": 0.72,
-    "previous_waypoint": 0.72,
-    "normal": 0.72,
+    "hold": 0.4,
+    "pause": 0.4,
     FUNCTION: 0.8,
-    "close_gripper": 0.95,
+    "slow": 0.95,
     "jog": 0.95,
-    "resume": 0.97,
-    "open_gripper": 0.98,
+    "close_gripper": 0.96,
+    "open_gripper": 0.97,
+    "next_waypoint": 0.98,
+    "previous_waypoint": 0.98,
+    "normal": 0.98,
+    "resume": 0.98,
 }
 """Default confidence that each action needs, by what errors of it cost.
 

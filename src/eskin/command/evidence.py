@@ -30,6 +30,14 @@ class EvidenceConfig:
     readings: int = 2
     """Number of readings in which it needs all this."""
 
+    seconds: float = 0.07
+    """Time for which it must be in contact, in all of its contacts together [s]; of 476
+    simulated double pats 9 were shorter, and so were 5 of 11 accidents that were
+    surely taken for one."""
+
+    max_interval: float = 0.1
+    """Longest time for which one reading counts [s]."""
+
     patch_share: float = 0.8
     """Share of a patch that must not be active at once: hum of a patch is."""
 
@@ -61,6 +69,8 @@ class Evidence:
     """The latest sound readings, without the taxels that became doubtful since."""
     last: int
     """Stamp of the latest contact [ns since the epoch]."""
+    seconds: float = 0.0
+    """Time in contact [s]."""
 
 
 @final
@@ -82,12 +92,15 @@ class EvidenceMonitor:
         self.rows, self.columns = np.asarray(skin.rows), np.asarray(skin.columns)
         self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
+        self.stamp = 0
         self.touches: dict[int, Evidence] = {}
 
     def update(self, recognition: RecognitionState) -> None:
         """Update the evidence by the next recognition state."""
         state = recognition.state
         stamp = state.reading.stamp
+        before = self.stamp or stamp
+        self.stamp = stamp
         if state.doubtful is not self.doubtful:
             self.reset_doubted(np.flatnonzero(state.doubtful & ~self.doubtful))
             self.doubtful = state.doubtful
@@ -99,8 +112,10 @@ class EvidenceMonitor:
         pressed = [row for row in state.rows if row.last == stamp and not row.closed]
         if pressed:
             sound = self.find_sound(state)
+            interval = min((stamp - before) / NS_PER_S, self.config.max_interval)
             for row in pressed:
                 self.update_touch(row, state, sound)
+                self.touches[row.id].seconds += interval
         limit = stamp - self.config.keep_seconds * NS_PER_S
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
 
@@ -108,11 +123,14 @@ class EvidenceMonitor:
         """Let a touch have the evidence of one that merged into it, if that is more."""
         evidence = self.touches.setdefault(heir, ended)
         evidence.readings = max(evidence.readings, ended.readings, key=len)
+        evidence.seconds = max(evidence.seconds, ended.seconds)
 
     def suffices(self, touch: int) -> bool:
         """Return whether a touch is no fault."""
         evidence = self.touches.get(touch)
-        return evidence is not None and len(evidence.readings) >= self.config.readings
+        if evidence is None or evidence.seconds < self.config.seconds:
+            return False
+        return len(evidence.readings) >= self.config.readings
 
     def reset_doubted(self, taxels: Int[np.ndarray, "doubted"]) -> None:
         """Take doubtful taxels, their rows and columns out of the readings before."""

@@ -36,7 +36,8 @@ from eskin.units import NS_PER_S
 
 ALREADY_COMMANDED = "its touch has commanded already; lift the hand before the next"
 UNSOUND = (
-    "too few sound taxels felt it: it may be a fault of the skin; touch more firmly"
+    "too few sound taxels felt it, or too briefly: it may be a fault of the skin; "
+    "touch more firmly"
 )
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
 GOES_ON = "touching went on: the skin is still touched; let go, then ask again"
