@@ -15,6 +15,7 @@ from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, hash_recordings, prepare
 from eskin.learn.evaluation import check_fits, evaluate
 from eskin.learn.events import choose_decision, trace_recordings
+from eskin.learn.processes import Processes, join_processes
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model, ModelCard, check_limits, load_model, save_model
@@ -89,22 +90,30 @@ def run(command: TrainCommand) -> dict[str, object]:
     """Train, write the model, and score it if test recordings are given.
 
     An interrupted training leaves its state beside the model, from which the same
-    command continues.
+    command continues. `torchrun` lets several processes train; the first one prepares
+    recordings, and writes and scores the model.
     """
+    with join_processes() as processes:
+        return train(command, processes)
+
+
+def train(command: TrainCommand, processes: Processes) -> dict[str, object]:
+    """Train as one of some processes; only the first one returns a result."""
     started = time.monotonic()
-    check_writable(command.out)
+    if processes.is_first:
+        check_writable(command.out)
     paths = find_recordings(command.data)
     find_recordings(command.streams)  # Refused now rather than after the training.
     start = load_start(command)
     skins = tuple(Aging(command.wear, number) for number in range(command.skins))
-    dataset = prepare_dataset(command, paths, command.train.graph_used, skins)
+    with processes.first_alone():
+        dataset = prepare_dataset(command, paths, command.train.graph_used, skins)
+        graph = select_graph(command, dataset)
+        validation, test = (
+            prepare_dataset(command, find_recordings(data), graph) if data else None
+            for data in (command.val, command.test)
+        )
     vocabulary = select_classes(dataset, command.classes)
-    validation, test = (
-        prepare_dataset(command, find_recordings(data), select_graph(command, dataset))
-        if data
-        else None
-        for data in (command.val, command.test)
-    )
     trainer = Trainer(
         dataset,
         vocabulary,
@@ -112,10 +121,12 @@ def run(command: TrainCommand) -> dict[str, object]:
         seed=command.seed,
         validation=validation,
         start=start,
+        processes=processes,
     )
-    report_truncated(dataset, validation, test)
-    if validation is None:
-        print(trainer.holdout)
+    if processes.is_first:
+        report_truncated(dataset, validation, test)
+        if validation is None:
+            print(trainer.holdout)
     content = hash_recordings(paths)
     card = build_card(command, trainer, content, start)
     if test is not None:
@@ -126,6 +137,8 @@ def run(command: TrainCommand) -> dict[str, object]:
     facts += f" {start.digest}" if start else ""
     facts += f" {card.training.get('overrides', '')}"
     network = trainer.run(checkpoint=kept, facts=facts)
+    if not processes.is_first:
+        return {}
     accuracy = trainer.validation_accuracy()
     card = replace(
         card,

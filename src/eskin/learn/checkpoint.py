@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from eskin.errors import ModelError
 from eskin.files import atomic_path
+from eskin.learn.processes import ALONE, Processes
 from eskin.model import Model, ModelCard, check_weights
 from eskin.nn import RecogniserNetwork
 
@@ -125,28 +126,43 @@ class TrainingState:
     schedule: torch.optim.lr_scheduler.OneCycleLR
     best: EarlyStopping
     rngs: list[np.random.Generator]
+    processes: Processes = ALONE
+    """Processes that train together; the first one writes and reads checkpoints."""
 
     def save(self, path: Path, facts: str, step: int) -> None:
         """Write a checkpoint after some steps."""
+        rngs = [dict(rng.bit_generator.state) for rng in self.rngs]
+        states = self.processes.gather((rngs, torch.get_rng_state()))
         state = {
             "network": self.network.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "cycle": self.schedule.state_dict(),
-            "rngs": [dict(rng.bit_generator.state) for rng in self.rngs],
-            "torch": torch.get_rng_state(),
+            "rngs": [rngs for rngs, _ in states],
+            "torch": [state for _, state in states],
         }
-        save_checkpoint(path, Checkpoint(facts, step, vars(self.best), state))
+        if self.processes.is_first:
+            facts = f"{facts} {self.processes.count}"
+            checkpoint = Checkpoint(facts, step, vars(self.best), state)
+            save_checkpoint(path, checkpoint)
 
     def resume(self, path: Path, facts: str) -> int:
-        """Load a checkpoint if there is one, and return the steps done."""
-        found = load_checkpoint(path, facts)
+        """Load a checkpoint if there is one, and return the steps done.
+
+        Raises:
+            ModelError: if it is damaged, of another training, or of another number of
+                processes.
+        """
+        first, count = self.processes.is_first, self.processes.count
+        found = load_checkpoint(path, f"{facts} {count}") if first else None
+        found = self.processes.broadcast(found)
         if found is None:
             return 0
         self.network.load_state_dict(found.state["network"])
         self.optimiser.load_state_dict(found.state["optimiser"])
         self.schedule.load_state_dict(found.state["cycle"])
-        for rng, state in zip(self.rngs, found.state["rngs"], strict=True):
+        rank = self.processes.rank
+        for rng, state in zip(self.rngs, found.state["rngs"][rank], strict=True):
             rng.bit_generator.state = state
-        torch.set_rng_state(found.state["torch"])
+        torch.set_rng_state(found.state["torch"][rank])
         vars(self.best).update(found.best)
         return found.step

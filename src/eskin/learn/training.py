@@ -19,6 +19,7 @@ from eskin.learn.checkpoint import EarlyStopping, TrainingState
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import predict_clips
 from eskin.learn.holdout import find_gestures, find_sessions, hold_out
+from eskin.learn.processes import ALONE, Processes
 from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
 
@@ -112,6 +113,7 @@ class Trainer:
         seed: int = 0,
         validation: Dataset | None = None,
         start: Model | None = None,
+        processes: Processes = ALONE,
     ) -> None:
         """Prepare to train.
 
@@ -124,17 +126,21 @@ class Trainer:
             validation: data set to validate on; where None, recordings are held out.
             start: model to start from, by its weights of matching names and shapes, and
                 the scale of its inputs; the last layers only with the same vocabulary.
+            processes: processes that train together, each by `config.workers` threads.
         """
         self.config, self.vocabulary, self.seed = config, vocabulary, seed
+        self.processes = processes
         torch.manual_seed(seed)
-        self.rngs = build_generators(seed, config.workers)
+        rngs = build_generators(seed, config.workers * processes.count)
+        first = processes.rank * config.workers
+        self.rngs = rngs[first : first + config.workers]
         if recordings is None:
             recordings = list(range(dataset.original_count))
         self.holdout = hold_out(
             find_sessions(dataset, recordings),
             find_gestures(dataset, vocabulary),
             0.0 if validation else config.validation,
-            self.rngs[0],
+            rngs[0],
         )
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
@@ -174,24 +180,30 @@ class Trainer:
                 removes it.
             facts: description of data and settings, stored in that file.
         """
-        config, network = self.config, self.network
+        config, network, processes = self.config, self.network, self.processes
         torch.set_num_threads(1)
-        first = self.batches.build(4 * config.batch, 1, 1, self.rngs[0])
-        if not self.keeps_scale:
-            network.fit_summary(first.summary)
+        if processes.is_first:
+            first = self.batches.build(4 * config.batch, 1, 1, self.rngs[0])
+            if not self.keeps_scale:
+                network.fit_summary(first.summary)
+        else:
+            torch.manual_seed(self.seed + processes.rank)
+        processes.copy_network(network)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
         schedule = torch.optim.lr_scheduler.OneCycleLR(
             optimiser, config.rate, total_steps=total
         )
         best = EarlyStopping(config.patience)
-        state = TrainingState(network, optimiser, schedule, best, self.rngs)
+        state = TrainingState(network, optimiser, schedule, best, self.rngs, processes)
         done = state.resume(checkpoint, facts) if checkpoint else 0
         self.epochs = done // config.steps
         last = done if best.should_stop else total
         saved = time.monotonic()
         with (
-            Progress(disable=quiet, transient=True) as progress,
+            Progress(
+                disable=quiet or not processes.is_first, transient=True
+            ) as progress,
             ThreadPoolExecutor(config.workers) as pool,
         ):
             task = progress.add_task("Training", total=total, completed=done)
@@ -203,8 +215,10 @@ class Trainer:
                 self.epochs, within = divmod(step + 1, config.steps)
                 stop = False
                 if within == 0 and self.held_out is not None:
-                    stop = best.update(network, self.validation_loss())
-                if checkpoint and (stop or time.monotonic() - saved > SAVE_PERIOD):
+                    loss = self.validation_loss() if processes.is_first else 0.0
+                    stop = best.update(network, processes.broadcast(loss))
+                is_due = stop or time.monotonic() - saved > SAVE_PERIOD
+                if checkpoint and processes.broadcast(is_due):
                     state.save(checkpoint, facts, step + 1)
                     saved = time.monotonic()
                 if stop:
@@ -213,17 +227,19 @@ class Trainer:
         return network.eval()
 
     def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:
-        """Take one step by the mean gradient of all workers' parts of a batch."""
+        """Take a step by the mean gradient of the parts of a batch of all workers."""
         parameters = list(self.network.parameters())
         parts = list(pool.map(self.compute_gradients, self.rngs))
-        for parameter, *gradients in zip(parameters, *parts, strict=True):
-            parameter.grad = torch.stack(gradients).mean(dim=0)
+        means = [torch.stack(each).mean(dim=0) for each in zip(*parts, strict=True)]
+        averages = self.processes.average(means)
+        for parameter, gradient in zip(parameters, averages, strict=True):
+            parameter.grad = gradient
         nn.utils.clip_grad_norm_(parameters, 1.0)
         optimiser.step()
 
     def compute_gradients(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
         """Return the gradients of one worker's part of a batch."""
-        config, workers = self.config, self.config.workers
+        config, workers = self.config, self.config.workers * self.processes.count
         batch = self.batches.build(
             -(-config.batch // workers),
             -(-config.encoded // workers),
