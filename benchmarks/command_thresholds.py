@@ -8,8 +8,9 @@ people of no set. Of every tracked touch the probabilities at each reading are k
 detection, and the simulated touch that caused it. For each action of the default map
 the command adds up, for every threshold, what it would have cost: `COSTS` states the
 cost of a touch that asks for the action and does not get it, and of another touch or an
-accident that gets it. Of the latter few are seen, so their upper limit counts (95 %, of
-a Poisson law). The threshold of least cost is chosen; of equal ones the lowest for a
+accident that gets it. A stop that begins more than 0.25 s after the onset counts as
+missed. Of unasked commands few are seen, so their upper limit counts (95 %, of a
+Poisson law). The threshold of least cost is chosen; of equal ones the lowest for a
 stop, and the highest for all else. The chosen figures belong into `MIN_CONFIDENCE` of
 `eskin.command.actions`. A last table compares the gestures that could let an arm go on.
 """
@@ -50,9 +51,14 @@ not get it, and cost of one that gets it and did not ask. A missed command is re
 1. A stop that does not come may hurt: 5. A part that falls costs 10 commands, an arm
 that starts though nobody asked costs 20."""
 
-LEAST = {"open_gripper": 0.85, "resume": 0.95}
+LEAST = {"open_gripper": 0.85, "resume": 0.95, "pause": 0.2}
 """Thresholds below which an action is not chosen, whatever it costs: an hour of data
-does not show that an error is rare enough."""
+does not show that an error is rare enough, and accidents may pause the arm in one of
+ten cases."""
+
+LATEST_STOP = 0.25
+"""Time after the onset of a touch from which a stop that it asks for counts as missed
+[s]."""
 
 WAIT_COST = 0.1
 """Cost of a touch that is no stop and for which the arm stands until it is decided."""
@@ -299,8 +305,11 @@ def choose(
         missed, unasked = int((asks & ~given).sum()), int((~asks & given).sum())
         cost = miss * missed + wrong * float(chi2.ppf(0.95, 2 * unasked + 2) / 2)
         if stops:
-            stood = [t.first_stop(gesture, threshold) is not None for t in used]
-            cost += WAIT_COST * int((~asks & np.array(stood)).sum())
+            begun = [trace.first_stop(gesture, threshold) for trace in used]
+            late = np.array([at is None or at > LATEST_STOP for at in begun])
+            stood = np.array([at is not None for at in begun])
+            cost += miss * int((asks & given & late).sum())
+            cost += WAIT_COST * int((~asks & stood).sum())
         counts = int(asks.sum()), missed, int((~asks).sum()), unasked
         choices.append(Choice(action, gesture, threshold, cost, *counts))
     least = min(choice.cost for choice in choices)

@@ -28,8 +28,8 @@ FUNCTION = "function"
 """Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
-    "hold": 0.4,
-    "pause": 0.4,
+    "hold": 0.21,
+    "pause": 0.21,
     FUNCTION: 0.8,
     "slow": 0.95,
     "jog": 0.95,
