@@ -37,6 +37,7 @@ BELOW = {
     "command": ("stream", "ur"),
     "page": ("transforms", "errors"),
     "viewer": ("stream", "page"),
+    "bus": ("stream", "page", "extras"),
     "demo": ("command", "viewer", "sim"),
     "bench": ("learn", "stream"),
 }

@@ -4,6 +4,7 @@ import gc
 import math
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,8 +13,10 @@ import tyro
 from eskin.errors import ArmError, DeviceError
 
 if TYPE_CHECKING:
+    from eskin.bus import Publisher
+    from eskin.bus.ros2 import Ros2Joints, Ros2Node
     from eskin.command import Arm, Policy
-    from eskin.drivers import Clock, Source
+    from eskin.drivers import Clock, JointSource, Source
     from eskin.model import Model
     from eskin.stream import Listener, Recognition, Stream
     from eskin.stream.listener import Drop
@@ -111,6 +114,21 @@ class RunCommand:
     port: int | None = None
     """TCP port of the page on this computer, 8080 by default; 0 takes any free one."""
 
+    ros2: bool = False
+    """Publish readings, contacts, detections, diagnostics and markers as topics of ROS
+    2 in the domain ROS_DOMAIN_ID, and take joint positions from /joint_states where
+    neither --robot nor --q nor the source has them."""
+
+    ros2_reliable: bool = False
+    """Send readings, contacts and markers of --ros2 again when they are lost; for
+    subscribers that ask for it."""
+
+    foxglove: bool = False
+    """Serve robot, taxels, contacts and detections to Foxglove on this computer."""
+
+    foxglove_port: int | None = None
+    """TCP port for Foxglove, 8765 by default; 0 takes any free one."""
+
 
 def run(command: RunCommand) -> dict[str, object]:
     """Stream until the end; print detections and events as they come."""
@@ -127,6 +145,7 @@ def run(command: RunCommand) -> dict[str, object]:
     )
 
     check_options(command)
+    import_buses(command)
     model, clock = load_model(command.model), HostClock()
     config = SourceConfig(
         skin=command.skin,
@@ -149,6 +168,9 @@ def run(command: RunCommand) -> dict[str, object]:
         arm = open_command_arm(command, clock)
         if arm is not None:
             config = replace(config, joints=stack.enter_context(arm))
+        node = open_ros2_node(command)
+        if node is not None and is_without_joints(command):
+            config = replace(config, joints=subscribe_joints(command, node, clock))
         source = open_source(*command.source, config=config, clock=clock)
         stack.enter_context(source)
         info = source.info
@@ -162,7 +184,8 @@ def run(command: RunCommand) -> dict[str, object]:
         policies = [] if arm is None else [build_policy(command, arm, model, source)]
         doubts = describe_doubts(command, info.calibration)
         listeners = build_listeners(command, source, recognition, arm, policies, doubts)
-        others = [*policies, *listeners]
+        publishers = build_publishers(command, recognition, node, config.joints)
+        others = [*policies, *listeners, *publishers]
         stream = Stream(source, [recognition, *others])
         print_source(source, doubts)
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
@@ -200,6 +223,14 @@ def check_options(command: RunCommand) -> None:
     if command.port is not None and not command.view:
         raise DeviceError(
             "--port is given without --view; allowed is both; ask for the page"
+        )
+    if command.foxglove_port is not None and not command.foxglove:
+        raise DeviceError(
+            "--foxglove-port is given without --foxglove; allowed is both; add it"
+        )
+    if command.ros2_reliable and not command.ros2:
+        raise DeviceError(
+            "--ros2-reliable is given without --ros2; allowed is both; add it"
         )
     if command.commands is not None and command.robot is None:
         raise ArmError(
@@ -261,6 +292,10 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
     doubts = []
     if command.key is None and any(uri.startswith("udp:") for uri in command.source):
         doubts.append("unauthenticated: who can send to this port can fake touches")
+    if command.ros2 and is_without_joints(command):
+        doubts.append(
+            "joint positions of /joint_states: who can publish it can misplace touches"
+        )
     if command.robot is not None and command.allow_simulated_touch:
         doubts.append("simulated: touches are not those of a person")
     is_device = command.source[0].startswith(("serial:", "udp:"))
@@ -325,6 +360,83 @@ def build_listeners(
         listeners.append(Viewer(recognition, page, arm=arm))
         print(f"see {page.link}", flush=True)
     return listeners
+
+
+def import_buses(command: RunCommand) -> None:
+    """Import what --ros2 and --foxglove need.
+
+    Raises:
+        ExtraError: it is not installed.
+    """
+    for name in ("ros2", "foxglove"):
+        if getattr(command, name):
+            import_module(f"eskin.bus.{name}")
+
+
+def open_ros2_node(command: RunCommand) -> "Ros2Node | None":
+    """Join the domain of ROS 2; return None without --ros2."""
+    if not command.ros2:
+        return None
+    from eskin.bus.ros2 import Ros2Node
+
+    return Ros2Node()
+
+
+def is_without_joints(command: RunCommand) -> bool:
+    """Return whether nothing but a bus can say where the robot's joints are."""
+    kinds = {uri.partition(":")[0] for uri in command.source}
+    given = command.robot is not None or command.q is not None
+    return not given and not kinds & {"replay", "sim"}
+
+
+def subscribe_joints(
+    command: RunCommand, node: "Ros2Node", clock: "Clock"
+) -> "Ros2Joints | None":
+    """Subscribe to the joint positions of the robot that the skin is mounted on.
+
+    It returns None where the source will be refused for want of a skin.
+    """
+    from eskin.bus.ros2 import Ros2Joints
+    from eskin.live import mount_skin
+
+    if command.skin is None:
+        return None
+    robot = mount_skin(command.skin, command.robot_urdf).robot
+    return Ros2Joints(node, robot, clock)
+
+
+def build_publishers(
+    command: RunCommand,
+    recognition: "Recognition",
+    node: "Ros2Node | None",
+    joints: "JointSource | None",
+) -> "list[Publisher]":
+    """Build the listeners that publish to ROS 2 and to Foxglove."""
+    from eskin.bus import Publisher
+
+    recognizer = recognition.recognizer
+    mounted, gestures = recognizer.mounted, recognizer.model.card.vocabulary
+    publishers = []
+    if node is not None:
+        from eskin.bus.ros2 import Ros2Bus, Ros2Joints
+
+        bus = Ros2Bus(node, command.ros2_reliable)
+        received = joints.diagnose if isinstance(joints, Ros2Joints) else None
+        publishers.append(Publisher(bus, mounted, gestures, received))
+    if command.foxglove:
+        from eskin.bus.foxglove import DEFAULT_PORT, FoxgloveBus, build_asset_finder
+        from eskin.page.link import free_port
+
+        port = command.foxglove_port
+        number = free_port(DEFAULT_PORT if port is None else port)
+        path = Path(command.robot_urdf or "")
+        find_asset = None
+        if path.is_file():
+            find_asset = build_asset_finder(mounted.robot, path.parent)
+        bus = FoxgloveBus(number, find_asset)
+        publishers.append(Publisher(bus, mounted, gestures))
+        print(f"open ws://127.0.0.1:{number} in Foxglove", flush=True)
+    return publishers
 
 
 def print_source(source: "Source", doubts: tuple[str, ...]) -> None:

@@ -46,10 +46,19 @@ class CdrPacker:
         self.align(4)
         self.buffer += struct.pack("<i", value)
 
+    def byte(self, value: int) -> None:
+        """Append a byte, a uint8 or a bool."""
+        self.buffer.append(value)
+
     def number(self, value: float, code: str = "d") -> None:
         """Append a float64 (`d`) or float32 (`f`)."""
         self.align(struct.calcsize(code))
         self.buffer += struct.pack("<" + code, value)
+
+    def numbers(self, values: Shaped[np.ndarray, "*item"]) -> None:
+        """Append fields of the array's type, such as those of a point."""
+        self.align(values.itemsize)
+        self.buffer += values.astype(values.dtype.newbyteorder("<")).tobytes()
 
     def stamp(self, stamp: int) -> None:
         """Append a `builtin_interfaces/Time` from a stamp [ns since the epoch]."""
@@ -78,12 +87,11 @@ class CdrPacker:
         for text in texts:
             self.string(text)
 
-    def sequence(self, values: Shaped[np.ndarray, "item"]) -> None:
-        """Append a sequence of numbers of the array's type."""
+    def sequence(self, values: Shaped[np.ndarray, "item *field"]) -> None:
+        """Append a sequence of numbers of the array's type, or of structures of them."""
         self.unsigned(len(values))
         if len(values):
-            self.align(values.itemsize)
-            self.buffer += values.astype(values.dtype.newbyteorder("<")).tobytes()
+            self.numbers(values)
 
 
 class CdrUnpacker:

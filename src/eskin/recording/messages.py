@@ -267,10 +267,10 @@ def unpack_label(data: bytes) -> Label:
     return Label(start, end, gesture, source)
 
 
-def pack_detection(record: DetectionRecord) -> bytes:
-    """Encode a message of `/eskin/detection`."""
+def pack_detection(record: DetectionRecord, frame_id: str = WORLD_FRAME) -> bytes:
+    """Encode a message of `/eskin/detection`; `frame_id` names the world."""
     packer = CdrPacker()
-    packer.header(record.stamp, WORLD_FRAME)
+    packer.header(record.stamp, frame_id)
     packer.string(record.gesture)
     packer.number(record.confidence, "f")
     packer.stamp(record.onset)

@@ -1,0 +1,38 @@
+"""This package publishes a stream to other programs: to ROS 2 and to Foxglove.
+
+The modules `ros2` and `foxglove` need the extras of their names.
+"""
+
+from eskin.bus.definitions import (
+    MessageField,
+    compute_type_hash,
+    parse_definition,
+)
+from eskin.bus.messages import (
+    CONTACTS,
+    DIAGNOSTICS,
+    MARKERS,
+    PRESSURE,
+    ROBOT_DESCRIPTION,
+    TRANSFORMS,
+    DiagnosticStatus,
+    Marker,
+)
+from eskin.bus.publisher import PUBLISHED, Bus, Publisher
+
+__all__ = [
+    "CONTACTS",
+    "DIAGNOSTICS",
+    "MARKERS",
+    "PRESSURE",
+    "PUBLISHED",
+    "ROBOT_DESCRIPTION",
+    "TRANSFORMS",
+    "Bus",
+    "DiagnosticStatus",
+    "Marker",
+    "MessageField",
+    "Publisher",
+    "compute_type_hash",
+    "parse_definition",
+]

@@ -1,0 +1,305 @@
+"""This module is a node of ROS 2 without an installation of it, by Cyclone DDS."""
+
+import os
+from graphlib import TopologicalSorter
+from struct import error as StructError
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.bus.definitions import (
+    Fields,
+    MessageField,
+    compute_type_hash,
+    parse_definition,
+)
+from eskin.bus.messages import (
+    CONTACTS,
+    MARKERS,
+    OK,
+    PRESSURE,
+    ROBOT_DESCRIPTION,
+    STALE,
+    TRANSFORMS,
+    WARN,
+    DiagnosticStatus,
+)
+from eskin.bus.publisher import Bus
+from eskin.drivers import Clock, JointSource
+from eskin.errors import DeviceError, RecordingError
+from eskin.extras import find_package
+from eskin.recording.messages import (
+    JOINT_STATES,
+    READING,
+    Topic,
+    unpack_joint_state,
+)
+from eskin.robot import Robot
+from eskin.units import NS_PER_S
+
+core, domain, idl, types, pub, qos, sub, topics = (
+    find_package(f"cyclonedds.{name}", "Cyclone DDS", "ros2", "--ros2")
+    for name in ("core", "domain", "idl", "idl.types", "pub", "qos", "sub", "topic")
+)
+
+DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+MAX_DOMAIN = 232
+"""Largest number of a domain, whose ports are below 65,536."""
+SENSOR_TOPICS = (READING, PRESSURE, CONTACTS, MARKERS, JOINT_STATES)
+"""Topics at the rate of the skin, with the quality of service of sensor data."""
+LEFT_TO_ROS = (TRANSFORMS, ROBOT_DESCRIPTION)
+"""Topics that `robot_state_publisher` publishes in a system of ROS 2."""
+SENSOR_DEPTH, DEPTH, RELIABLE_DEPTH = 5, 10, 1000
+"""Numbers of messages that are kept for a slow receiver: of sensor data and of other
+topics, as ROS 2 has them by default, and of sensor data that is sent reliably."""
+MAX_TAKEN = 64
+"""Largest number of joint states that are taken at a time."""
+STALE_SECONDS = 1.0
+"""Age from which joint positions are reported as stale [s]."""
+BLOCKING_SECONDS = 0.1
+"""Longest time that sending waits for a slow receiver of a reliable topic [s]."""
+
+
+@final
+class Ros2Node:
+    """A participant of the domain in `ROS_DOMAIN_ID`, which is 0 by default."""
+
+    def __init__(self) -> None:
+        """Join the domain.
+
+        Raises:
+            DeviceError: the domain has no such number, or cannot be joined.
+        """
+        number = read_domain()
+        try:
+            self.participant = domain.DomainParticipant(number)
+        except core.DDSException as error:
+            raise DeviceError(
+                f"domain {number} cannot be joined ({error}); allowed is a network "
+                "interface that Cyclone DDS can use; check CYCLONEDDS_URI"
+            ) from error
+
+    def create_writer(self, topic: Topic, reliable: bool) -> Any:  # noqa: ANN401
+        """Create the writer of a topic."""
+        return pub.DataWriter(
+            self.participant,
+            self.create_topic(topic),
+            qos=self.build_qos(topic, reliable),
+        )
+
+    def create_reader(self, topic: Topic) -> Any:  # noqa: ANN401
+        """Create the reader of a topic, which takes whatever reliability is offered."""
+        return sub.DataReader(
+            self.participant,
+            self.create_topic(topic),
+            qos=self.build_qos(topic, reliable=False),
+        )
+
+    def create_topic(self, topic: Topic) -> Any:  # noqa: ANN401
+        """Create a topic under the names that ROS 2 gives to it and to its type."""
+        data_type = build_type(topic)
+        return topics.Topic(self.participant, f"rt{topic.name}", data_type)
+
+    def build_qos(self, topic: Topic, reliable: bool) -> Any:  # noqa: ANN401
+        """Build the quality of service of a topic, with the hash of its type."""
+        policy, sensor = qos.Policy, topic in SENSOR_TOPICS
+        depth = SENSOR_DEPTH if sensor else DEPTH
+        if sensor and reliable:
+            depth = RELIABLE_DEPTH
+        wait = round(BLOCKING_SECONDS * NS_PER_S)
+        is_reliable = reliable or not sensor
+        kind = policy.Reliability
+        return qos.Qos(
+            kind.Reliable(wait) if is_reliable else kind.BestEffort,
+            policy.Durability.Volatile,
+            policy.History.KeepLast(depth),
+            policy.DataRepresentation(use_cdrv0_representation=True),
+            policy.Userdata(f"typehash={compute_type_hash(topic)};".encode()),
+        )
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self.participant = None
+
+
+def build_type(topic: Topic) -> Any:  # noqa: ANN401
+    """Build the type of a topic's messages, which stay encoded.
+
+    Cyclone DDS describes the type to others; an instance holds a message as `encoded`.
+    """
+    built: dict[str, Any] = {"string": str, "bool": bool}
+    for name, fields in sort_by_use(parse_definition(topic)):
+        package, _, short = name.split("/")
+        kinds = {field.name: find_type(field, built) for field in fields}
+        built[name] = idl.make_idl_struct(
+            f"{short}_", f"{package}::msg::dds_::{short}_", kinds
+        )
+    own = built[topic.type_name]
+    own.serialize = lambda self, **_: self.encoded
+    own.deserialize = classmethod(wrap_message)
+    return own
+
+
+def sort_by_use(definitions: dict[str, Fields]) -> list[tuple[str, Fields]]:
+    """Return the types of a topic, each after those that it uses."""
+    uses = {
+        name: {field.type_name for field in fields if field.is_nested}
+        for name, fields in definitions.items()
+    }
+    order = TopologicalSorter(uses).static_order()
+    return [(name, definitions[name]) for name in order]
+
+
+def find_type(field: MessageField, built: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Return the type of a field, given those of the messages that it may hold."""
+    kind = built.get(field.type_name) or getattr(types, field.type_name)
+    return types.sequence[kind] if field.is_sequence else kind
+
+
+def wrap_message(data_type: Any, data: bytes, **_: object) -> Any:  # noqa: ANN401
+    """Return an instance of a type built by a node that holds an encoded message."""
+    sample = data_type.__new__(data_type)
+    sample.encoded = data
+    return sample
+
+
+def read_domain() -> int:
+    """Return the number in `ROS_DOMAIN_ID`, or 0.
+
+    Raises:
+        DeviceError: it is no number of a domain.
+    """
+    text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
+    if not (text.isdecimal() and int(text) <= MAX_DOMAIN):
+        raise DeviceError(
+            f"{DOMAIN_VARIABLE} is '{text}'; allowed are 0 to {MAX_DOMAIN}; correct it"
+        )
+    return int(text)
+
+
+@final
+class Ros2Bus(Bus):
+    """Publishes on topics of ROS 2.
+
+    Attributes:
+        unsent: number of messages that a slow receiver of a reliable topic refused.
+    """
+
+    name = "ros2"
+
+    def __init__(self, node: Ros2Node, reliable: bool = False) -> None:
+        """Prepare to publish as a node.
+
+        Args:
+            node: node that publishes.
+            reliable: whether readings, pressure, contacts, markers and joint states are
+                sent again when they are lost. Sensor data is not, as in ROS 2; a
+                subscriber that asks for reliable delivery then gets none of it.
+        """
+        self.node = node
+        self.reliable = reliable
+        self.writers: dict[str, Any] = {}
+        self.unsent = 0
+
+    def open(self, topics: tuple[Topic, ...]) -> None:
+        """Create the writers of the topics that are not left to ROS 2."""
+        for topic in topics:
+            if topic not in LEFT_TO_ROS:
+                self.writers[topic.name] = self.node.create_writer(topic, self.reliable)
+
+    def wants(self, topic: Topic) -> bool:
+        """Return whether a subscriber of the topic is known."""
+        writer = self.writers.get(topic.name)
+        if writer is None:
+            return False
+        return writer.get_publication_matched_status().current_count > 0
+
+    def send(self, topic: Topic, stamp: int, data: bytes) -> None:
+        """Publish a message; its source timestamp is the time of sending."""
+        writer = self.writers.get(topic.name)
+        if writer is not None:
+            try:
+                writer.write(wrap_message(writer.data_type, data))
+            except core.DDSException as error:
+                if error.code != core.DDSException.DDS_RETCODE_TIMEOUT:
+                    raise
+                self.unsent += 1
+
+    def close(self) -> None:
+        """Delete the writers."""
+        self.writers.clear()
+
+
+@final
+class Ros2Joints(JointSource):
+    """Receives the joint positions of a robot from `/joint_states`.
+
+    A message may hold some of the joints, and joints of others. A joint is at 0 until
+    it has been received.
+
+    Attributes:
+        missing: names of joints that were not received so far.
+        refused: number of messages that could not be used.
+    """
+
+    def __init__(
+        self,
+        node: Ros2Node,
+        robot: Robot,
+        clock: Clock,
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            node: node that subscribes.
+            robot: robot whose joints are received.
+            clock: clock that tells how old positions are.
+        """
+        self.reader = node.create_reader(JOINT_STATES)
+        self.index = {name: i for i, name in enumerate(robot.joint_names)}
+        self.clock = clock
+        self.q = np.zeros(len(robot.joint_names))
+        self.missing = set(robot.joint_names)
+        self.received: int | None = None
+        self.refused = 0
+
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return the joint positions received so far [rad]."""
+        while samples := self.reader.take(MAX_TAKEN):
+            for sample in samples:
+                self.push(sample)
+        return self.q
+
+    def push(self, sample: Any) -> None:  # noqa: ANN401
+        """Take the positions of a message, or count it as refused."""
+        encoded = getattr(sample, "encoded", None)
+        if encoded is None:  # A publisher that has left.
+            return
+        try:
+            _, names, positions = unpack_joint_state(encoded)
+        except (RecordingError, StructError, ValueError):
+            self.refused += 1
+            return
+        if len(names) != len(positions) or not np.isfinite(positions).all():
+            self.refused += 1
+            return
+        q = self.q.copy()
+        for name, position in zip(names, positions, strict=True):
+            if name in self.index:
+                q[self.index[name]] = position
+                self.missing.discard(name)
+                self.received = self.clock.now()
+        self.q = q
+
+    def diagnose(self) -> DiagnosticStatus:
+        """Return whether the positions of all joints arrive."""
+        level, message, age = OK, "ok", float("inf")
+        if self.received is not None:
+            age = (self.clock.now() - self.received) / NS_PER_S
+        if self.missing:
+            level, message = WARN, f"never received: {', '.join(sorted(self.missing))}"
+        elif age > STALE_SECONDS:
+            level, message = STALE, f"nothing received for {age:.0f} s"
+        values = (("age [s]", f"{age:.3f}"), ("refused", str(self.refused)))
+        return DiagnosticStatus(level, "eskin: joint states", message, values)

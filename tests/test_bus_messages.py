@@ -1,0 +1,274 @@
+"""Tests of what is published: other programs decode it and find what was felt."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from eskin.bus import (
+    CONTACTS,
+    DIAGNOSTICS,
+    MARKERS,
+    PRESSURE,
+    PUBLISHED,
+    ROBOT_DESCRIPTION,
+    TRANSFORMS,
+    Bus,
+    Publisher,
+    compute_type_hash,
+)
+from eskin.live import Recognizer
+from eskin.recording.messages import (
+    DETECTION,
+    EVENT,
+    JOINT_STATES,
+    LABEL,
+    READING,
+    TRUTH,
+)
+from eskin.stream import Recognition, RecognitionState, Stream
+from helpers.live import (
+    VOCABULARY,
+    Press,
+    calibration_of,
+    mounted,
+    say_always,
+    scans,
+)
+from helpers.streams import INFO, Ear, played
+
+MESSAGES = Path(__file__).parents[1] / "msg" / "eskin_msgs"
+OTHERS = (JOINT_STATES, TRANSFORMS, ROBOT_DESCRIPTION)
+TOPICS = (*PUBLISHED, *OTHERS, LABEL, TRUTH)
+OWN = [topic for topic in TOPICS if topic.type_name.startswith("eskin_msgs")]
+
+
+class MemoryBus(Bus):
+    """Keeps what is sent, and wants all topics but some."""
+
+    name = "memory"
+
+    def __init__(self, unwanted=()):
+        self.unwanted = unwanted
+        self.sent = {}
+        self.open_topics = None
+
+    def open(self, topics):
+        self.open_topics = topics
+
+    def wants(self, topic):
+        return topic not in self.unwanted
+
+    def send(self, topic, stamp, data):
+        self.sent.setdefault(topic.name, []).append((stamp, data))
+
+    def close(self):
+        self.open_topics = ()
+
+
+@pytest.fixture(scope="module")
+def typestore():
+    """All types as ROS 2 defines them, and ours as `msg/` does; nothing of eskin."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in sorted((MESSAGES / "msg").glob("*.msg")):
+        name = f"eskin_msgs/msg/{path.stem}"
+        store.register(get_types_from_msg(path.read_text(), name))
+    return store
+
+
+def publish(bus, stream):
+    """Publish scans of the ur5 skin on a bus; return the states of the recognition."""
+    own = mounted("ur5")
+    source = played(stream)
+    joints = tuple(own.robot.joint_names)
+    source.info = replace(INFO, skin=own.skin, joint_names=joints, robot_name="ur5")
+    recognizer = Recognizer(say_always("poke"), own, calibration_of(own.skin))
+    recognition = Recognition(recognizer, drop="never")
+    publisher, ear = (
+        Publisher(bus, own, VOCABULARY),
+        Ear(message_types=(RecognitionState,)),
+    )
+    publisher.drop = "never"
+    with Stream(source, [recognition, publisher, ear]) as running:
+        running.wait()
+    return ear.received
+
+
+@pytest.fixture(scope="module")
+def published():
+    bus = MemoryBus()
+    stream = scans(mounted("ur5"), [Press(2.3, 2.8, 40, 40)], 50, 3.6)
+    return bus, stream, publish(bus, stream)
+
+
+@pytest.fixture
+def decode(published, typestore):
+    """Return the decoded messages of a topic, checked to be encoded canonically."""
+
+    def decode(topic):
+        messages = []
+        for _, data in published[0].sent.get(topic.name, ()):
+            message = typestore.deserialize_cdr(data, topic.type_name)
+            assert bytes(typestore.serialize_cdr(message, topic.type_name)) == data
+            messages.append(message)
+        return messages
+
+    return decode
+
+
+def stamp_of(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
+def test_hash_of_a_type_is_that_of_ros2(topic, typestore):
+    assert compute_type_hash(topic) == typestore.hash_rihs01(topic.type_name)
+
+
+def test_interface_package_defines_what_is_published_and_recorded():
+    defined = {}
+    for topic in OWN:
+        own, *others = re.split(r"=+\nMSG: ", topic.definition)
+        defined[topic.type_name.rpartition("/")[2]] = own
+        for other in others:
+            name, _, text = other.partition("\n")
+            if name.startswith("eskin_msgs/"):
+                defined[name.partition("/")[2]] = text
+    files = {path.stem: path.read_text() for path in (MESSAGES / "msg").glob("*.msg")}
+    assert files.keys() == defined.keys()
+    for name, text in files.items():
+        assert text.strip() == defined[name].strip()
+    built = re.findall(r"msg/(\w+)\.msg", (MESSAGES / "CMakeLists.txt").read_text())
+    assert sorted(built) == sorted(defined)
+
+
+def test_readings_hold_counts_and_pressure_of_each_scan(decode, published):
+    _, stream, states = published
+    readings, pressures = decode(READING), decode(PRESSURE)
+    assert [stamp_of(m) for m in readings] == [scan.stamp for scan in stream]
+    for message, scan in zip(readings, stream, strict=True):
+        assert message.counts.tolist() == scan.counts.tolist()
+        assert message.received.all()
+    assert len(pressures) == len(states)
+    for message, state in zip(pressures, states, strict=True):
+        reading = state.state.reading
+        assert stamp_of(message) == reading.stamp
+        np.testing.assert_array_equal(message.valid, reading.valid)
+        np.testing.assert_array_equal(
+            message.pressure[reading.valid], reading.pressure[reading.valid]
+        )
+
+
+def test_joint_states_hold_names_and_positions(decode, published):
+    stream, joints = published[1], mounted("ur5").robot.joint_names
+    for message, scan in zip(decode(JOINT_STATES), stream, strict=True):
+        assert tuple(message.name) == joints
+        assert message.position.tolist() == scan.q.tolist()
+
+
+def test_contacts_hold_what_was_tracked(decode, published):
+    touched = 0
+    for message, state in zip(decode(CONTACTS), published[2], strict=True):
+        own = state.state.contacts
+        assert message.header.frame_id == mounted("ur5").robot.link_names[0]
+        assert tuple(message.gestures) == VOCABULARY
+        assert len(message.contacts) == len(own)
+        ours = {tuple(contact.taxels): contact for contact in own}
+        for contact in message.contacts:
+            mine = ours[tuple(contact.taxels)]
+            assert (contact.link, contact.patch) == (mine.link, mine.patch)
+            assert contact.force == pytest.approx(mine.force)
+            point, normal = contact.point, contact.normal
+            assert (point.x, point.y, point.z) == tuple(mine.p_world)
+            assert (normal.x, normal.y, normal.z) == tuple(mine.n_world)
+            if contact.touch in state.probabilities:
+                expected = state.probabilities[contact.touch]
+                np.testing.assert_allclose(contact.probabilities, expected, rtol=1e-6)
+                touched += 1
+    assert touched > 10
+
+
+def test_detection_is_published_once(decode):
+    [message] = decode(DETECTION)
+    assert message.gesture == "poke" and message.confidence > 0.9
+
+
+def test_markers_show_taxels_where_they_are_and_contacts_where_they_press(
+    decode, published
+):
+    own, states = mounted("ur5"), {s.state.reading.stamp: s for s in published[2]}
+    messages = decode(MARKERS)
+    assert len(messages) == len(published[1]) / 2
+    shown = set()
+    for message in messages:
+        taxels, *others = message.markers
+        state = states[stamp_of(taxels)].state
+        positions, _ = own.place_taxels(state.reading.q)
+        points = [(p.x, p.y, p.z) for p in taxels.points]
+        np.testing.assert_allclose(points, positions, atol=1e-9)
+        assert len(taxels.colors) == len(points)
+        arrows = [m for m in others if m.ns == "contacts"]
+        tips = [tuple(vars(m.points[1]).values())[:3] for m in arrows]
+        np.testing.assert_allclose(
+            np.reshape(tips, (-1, 3)),
+            np.reshape([c.p_world for c in state.contacts], (-1, 3)),
+        )
+        shown |= {m.ns for m in others}
+    assert shown == {"contacts", "touches", "detections"}
+
+
+def test_transforms_place_every_link(decode, published):
+    own = mounted("ur5")
+    states = {s.state.reading.stamp: s for s in published[2]}
+    for message in decode(TRANSFORMS):
+        placed = {own.robot.link_names[0]: np.eye(4)}
+        q = states[stamp_of(message.transforms[0])].state.reading.q
+        for transform in message.transforms:
+            t, r = transform.transform.translation, transform.transform.rotation
+            T = np.eye(4)
+            T[:3, :3] = rotation_of(r.w, np.array([r.x, r.y, r.z]))
+            T[:3, 3] = t.x, t.y, t.z
+            placed[transform.child_frame_id] = placed[transform.header.frame_id] @ T
+        poses = own.kinematics.poses(q)
+        for name, T in zip(own.robot.link_names, poses, strict=True):
+            np.testing.assert_allclose(placed[name], T, atol=1e-9)
+
+
+def rotation_of(w, v):
+    """Return the matrix of a unit quaternion, by Rodrigues' formula."""
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def test_description_of_the_robot_is_its_urdf(decode):
+    [message] = decode(ROBOT_DESCRIPTION)
+    assert message.data.encode() == mounted("ur5").robot.urdf
+
+
+def test_diagnostics_tell_once_a_second_which_patch_is_silent(typestore):
+    own, bus = mounted("ur5"), MemoryBus(unwanted=set(TOPICS) - {DIAGNOSTICS})
+    silent = own.skin.patches[2].id
+    stream = scans(own, [], 50, 4.0)
+    for scan in stream:
+        scan.received[own.skin.find_taxels(silent)] = False
+    publish(bus, stream)
+    kinds = [
+        typestore.deserialize_cdr(data, DIAGNOSTICS.type_name)
+        for _, data in bus.sent[DIAGNOSTICS.name]
+    ]
+    assert len(kinds) == 4
+    levels = {status.name: status.level for status in kinds[-1].status}
+    assert levels.pop("eskin: skin") == levels.pop(f"eskin: patch {silent}") == 2
+    assert set(levels.values()) == {0}
+
+
+def test_what_nobody_receives_is_not_encoded():
+    unwanted = (READING, PRESSURE, CONTACTS, JOINT_STATES, MARKERS, TRANSFORMS)
+    bus = MemoryBus(unwanted)
+    publish(bus, scans(mounted("ur5"), [], 50, 2.0))
+    assert bus.sent.keys() == {ROBOT_DESCRIPTION.name, DIAGNOSTICS.name}
+    assert bus.open_topics == ()
+    assert EVENT.name not in bus.sent

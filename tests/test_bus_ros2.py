@@ -1,0 +1,144 @@
+"""Tests of ROS 2: another process, without eskin, hears and is heard."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.bus import Publisher, compute_type_hash
+from eskin.bus.messages import OK, STALE, WARN
+from eskin.bus.ros2 import Ros2Bus, Ros2Joints, Ros2Node, wrap_message
+from eskin.cli.run import RunCommand, check_options
+from eskin.drivers import HostClock, ManualClock
+from eskin.errors import DeviceError
+from eskin.live import Recognizer
+from eskin.recording.messages import DETECTION, READING, pack_joint_state
+from eskin.robot import load_robot
+from eskin.stream import Recognition, Stream
+from helpers.cli import assert_refused
+from helpers.live import VOCABULARY, Press, calibration_of, mounted, say_always, scans
+from helpers.streams import INFO, played
+
+pytestmark = pytest.mark.slow
+
+PEER = Path(__file__).parent / "helpers" / "ros2_peer.py"
+LOOPBACK = (
+    "<CycloneDDS><Domain><General><Interfaces>"
+    '<NetworkInterface name="lo" multicast="true"/>'
+    "</Interfaces></General></Domain></CycloneDDS>"
+)
+PATIENCE = 30.0
+
+
+@pytest.fixture
+def domain(monkeypatch):
+    """Keep to this computer, and apart from other tests."""
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200))
+
+
+def wait_until(condition):
+    clock = HostClock()
+    end = clock.now() + round(PATIENCE * 1e9)
+    while not condition():
+        assert clock.now() < end
+        clock.sleep(0.02)
+
+
+def test_another_process_hears_every_reading_and_moves_the_joints(domain):
+    on = mounted()
+    stream = scans(on, [Press(2.3, 2.7, 65, 65)], 50, 3.5)
+    source = played(stream)
+    source.info = replace(INFO, skin=on.skin, joint_names=(), robot_name="table")
+    recognizer = Recognizer(say_always("poke"), on, calibration_of(on.skin))
+    environment = {"PATH": os.environ["PATH"]} | {
+        name: os.environ[name] for name in ("CYCLONEDDS_URI", "ROS_DOMAIN_ID")
+    }
+    with subprocess.Popen(
+        [sys.executable, PEER, str(len(stream))],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    ) as peer:
+        assert peer.stdout is not None and peer.stdout.readline() == "ready\n"
+        node = Ros2Node()
+        bus = Ros2Bus(node, reliable=True)
+        joints = Ros2Joints(node, load_robot("ur5"), HostClock())
+        recognition = Recognition(recognizer, drop="never")
+        publisher = Publisher(bus, on, VOCABULARY, joints.diagnose)
+        publisher.drop = "never"
+        running = Stream(source, [recognition, publisher])
+        publisher.start = start_when_heard(publisher.start, bus)
+        with running:
+            running.wait()
+        heard = json.loads(peer.stdout.read().splitlines()[-1])
+    stamps = [1_000_000_000 * sec + nanosec for sec, nanosec in heard["stamps"]]
+    assert stamps == [scan.stamp for scan in stream]
+    assert heard["counts"] == [scan.counts.tolist() for scan in stream]
+    assert heard["skin"] == [on.skin.name] and heard["gestures"] == ["poke"]
+    for topic in (READING, DETECTION):
+        stated = heard["hashes"][f"rt{topic.name}"]
+        assert stated == f"typehash={compute_type_hash(topic)};"
+    assert bus.unsent == 0
+    assert joints.q_at(0).tolist() == [0.0, 0.0, -0.5, 0.0, 0.75, 0.0]
+    status = joints.diagnose()
+    assert status.level == WARN and "shoulder_lift_joint" in status.message
+
+
+def start_when_heard(start, bus):
+    """Wait, after the start of a publisher, until its topics are subscribed to."""
+
+    def start_and_wait(context):
+        start(context)
+        wait_until(lambda: bus.wants(READING) and bus.wants(DETECTION))
+
+    return start_and_wait
+
+
+def hear(joints, names, q):
+    """Let joints receive a message of a publisher."""
+    data = pack_joint_state(1, names, np.array(q))
+    joints.push(wrap_message(joints.reader.topic.data_type, data))
+
+
+def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain):
+    robot, clock = load_robot("ur5"), ManualClock()
+    joints = Ros2Joints(Ros2Node(), robot, clock)
+    assert joints.diagnose().level == WARN
+    q = np.arange(6) / 10
+    hear(joints, robot.joint_names[::-1], q[::-1])
+    assert joints.q_at(0).tolist() == q.tolist() and joints.diagnose().level == OK
+    hear(joints, robot.joint_names[:2], [1.0])
+    hear(joints, robot.joint_names[:2], [1.0, np.nan])
+    joints.push(wrap_message(joints.reader.topic.data_type, b"\0\1\0\0\7"))
+    assert joints.q_at(0).tolist() == q.tolist() and joints.refused == 3
+    hear(joints, ("elbow_joint", "lid"), [-1.0, 5.0])
+    assert joints.q_at(0).tolist() == [0.0, 0.1, -1.0, 0.3, 0.4, 0.5]
+    clock.sleep(2.0)
+    assert joints.diagnose().level == STALE
+
+
+@pytest.mark.parametrize("number", ["-1", "233", "two"])
+def test_domain_that_is_none_is_refused(monkeypatch, number):
+    monkeypatch.setenv("ROS_DOMAIN_ID", number)
+    with pytest.raises(DeviceError, match="ROS_DOMAIN_ID"):
+        Ros2Node()
+
+
+def test_options_of_ros2_and_foxglove_need_their_own():
+    command = RunCommand(("sim:ur5",))
+    for option in ({"ros2_reliable": True}, {"foxglove_port": 1}):
+        with pytest.raises(DeviceError, match="is given without --"):
+            check_options(replace(command, **option))
+
+
+def test_without_cyclone_dds_one_line_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "eskin.bus.ros2", raising=False)
+    monkeypatch.setitem(sys.modules, "cyclonedds.core", None)
+    words = ("run", "--source", "sim:ur5", "--ros2")
+    assert_refused(capsys, *words, part="pip install '.[ros2]'")
