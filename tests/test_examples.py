@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eskin.learn.onnx_export import export_onnx
+from eskin.model import load_model
 from helpers.learning import FLAGS
 
 pytestmark = pytest.mark.slow
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REAL_TOUCHES = "01_real_touches.py"
+ONNX_STEP = "02_onnx_step.py"
 
 
 @pytest.fixture
@@ -49,10 +52,11 @@ def write_sleeve(folder, gesture, stamp):
 
 def test_examples_are_short_numbered_and_titled():
     paths = sorted(EXAMPLES.glob("*.py"))
-    assert [path.name for path in paths] == [REAL_TOUCHES]
+    assert [path.name for path in paths] == [REAL_TOUCHES, ONNX_STEP]
     for path in paths:
         title, *lines = path.read_text().splitlines()
-        assert len(lines) < 100 and path.name[:2].isdigit()
+        assert len(lines) < 100, path
+        assert path.name[:2].isdigit()
         assert title.startswith('"""') and title.endswith(".")
 
 
@@ -89,3 +93,11 @@ def test_real_touches_refuses_missing_data_in_one_line(content, tmp_path, run_ex
         assert out == "" and str(data) in err
         assert "github.com/mdethmers/Social-Touch-Research" in err
         assert "make touches DATA=" in err
+
+
+def test_onnx_network_recognises_a_poke_step_by_step(tmp_path, run_example):
+    path = tmp_path / "ur5.onnx"
+    export_onnx(load_model("ur5"), path)
+    code, out, _ = run_example(ONNX_STEP, "--model", path)
+    lines = out.splitlines()
+    assert code == 0 and 20 < len(lines) < 60 and "touch 1  poke" in lines[-1]

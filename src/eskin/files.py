@@ -6,6 +6,7 @@ for a writer, and a device may never end.
 
 import errno
 import os
+import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -91,3 +92,35 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def write_folder(path: Path, error: type[Exception]) -> Iterator[Path]:
+    """Yield a temporary folder that becomes `path` at the end of the block.
+
+    If the block raises, it is deleted. Missing folders above are created.
+
+    Args:
+        path: the folder to write, which must not exist.
+        error: error to raise where it cannot be written.
+
+    Raises:
+        Exception: as given, where the folder exists or cannot be written.
+    """
+    if path.exists():
+        raise error(
+            f"cannot write {path}: it is there already; allowed is a new folder; move "
+            "it away or give another"
+        )
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.mkdir(parents=True)
+        yield part
+        part.rename(path)
+    except OSError as reason:
+        raise error(
+            f"cannot write {path}: {reason.strerror or reason}; give a folder in one "
+            "that exists and can be written to"
+        ) from reason
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

@@ -47,6 +47,7 @@ COMMANDS = {
     "study": Entry("compare:run_study", "compare neighbours and pooling"),
     "generate": Entry("generate:run", "generate recordings of simulated people"),
     "convert": Entry("recordings:run_convert", "convert a public data set"),
+    "export": Entry("export:run", "write a model as ONNX, recordings as bag or tables"),
     "calibrate": Entry("calibrate:run", "measure rest, noise and gain of a skin"),
     "device": Entry("device:run", "act as a skin: send simulated or recorded touches"),
     "skin show": Entry("skin:run_show", "describe and draw a skin, or what it feels"),
@@ -58,7 +59,7 @@ COMMANDS = {
 }
 """Entries of the commands, by name."""
 
-CHECKED_FIRST = ("compare", "demo", "evaluate", "run", "study", "train")
+CHECKED_FIRST = ("compare", "demo", "evaluate", "export", "run", "study", "train")
 """Commands that take a second or more before they read their files."""
 
 FAILED = 1

@@ -71,7 +71,8 @@ class TemporalHead(nn.Module):
         short, short_mask = self.short(fine, mask)
         long, long_mask = self.long(short, short_mask)
         # Share of the window since its first reading.
-        share = present.cummax(dim=1).values.mean(dim=1, keepdim=True)
+        begun = (present.cumsum(dim=1) > 0).to(present.dtype)
+        share = begun.mean(dim=1, keepdim=True)
         scales = (fine, mask), (short, short_mask), (long, long_mask)
         statistics = [compute_statistics(x, seen, share) for x, seen in scales]
         return self.classify(self.dropout(torch.cat(statistics, dim=1)))

@@ -29,9 +29,11 @@ from eskin.recording.reader import (
     read_recording,
 )
 from eskin.recording.records import DetectionRecord, EventRecord, Metadata, TruthRecord
+from eskin.recording.rosbag import write_bag
 from eskin.recording.shearsense import convert_shearsense
 from eskin.recording.sleeve import convert_sleeve
 from eskin.recording.socialtouch import convert_socialtouch
+from eskin.recording.tables import write_tables
 from eskin.recording.writer import RecordingWriter, rewrite_recording, write_all
 
 __all__ = [
@@ -67,5 +69,7 @@ __all__ = [
     "select_labels",
     "sort_labels",
     "write_all",
+    "write_bag",
     "write_calibration",
+    "write_tables",
 ]

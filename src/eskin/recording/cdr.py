@@ -88,7 +88,7 @@ class CdrPacker:
             self.string(text)
 
     def sequence(self, values: Shaped[np.ndarray, "item *field"]) -> None:
-        """Append a sequence of numbers of the array's type, or of structures of them."""
+        """Append a sequence of the array's rows, which are numbers or fields."""
         self.unsigned(len(values))
         if len(values):
             self.numbers(values)

@@ -1,0 +1,90 @@
+"""`eskin export` writes models and recordings for other programs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from eskin.cli.checks import check_folder, check_writable
+from eskin.errors import EskinError
+
+
+@dataclass(frozen=True)
+class ExportCommand:
+    """Write a model as ONNX, or recordings as a bag of ROS 2 or as Parquet tables."""
+
+    sources: tyro.conf.Positional[tuple[str, ...]]
+    """Name of weights that come with eskin or a model file, for --onnx; recordings, or
+    folders of them, for the others."""
+
+    onnx: Path | None = None
+    """File for one step of the network, of any numbers of taxels and edges."""
+
+    rosbag: Path | None = None
+    """New folder for a bag, with metadata.yaml, that `ros2 bag` opens."""
+
+    parquet: Path | None = None
+    """New folder for readings.parquet, one row a reading, and touches.parquet, one row
+    a touch."""
+
+
+def run(command: ExportCommand) -> dict[str, object]:
+    """Export; return the error of the network, or the numbers of what was written."""
+    given = [name for name in ("onnx", "rosbag", "parquet") if getattr(command, name)]
+    if len(given) != 1:
+        got = " and ".join(f"--{name}" for name in given) or "no format"
+        raise EskinError(
+            f"{got} is given; allowed is one of --onnx, --rosbag and --parquet; say "
+            "what to write"
+        )
+    if not command.sources:
+        raise EskinError(
+            "nothing to export is given; allowed is a model or recordings; name one"
+        )
+    if command.onnx is not None:
+        return export_model(command.sources, command.onnx)
+    if command.rosbag is not None:
+        return export_bag(command.sources, command.rosbag)
+    assert command.parquet is not None
+    return export_tables(command.sources, command.parquet)
+
+
+def export_model(sources: tuple[str, ...], path: Path) -> dict[str, object]:
+    """Write one model as ONNX; return the greatest error of a logit."""
+    if len(sources) > 1:
+        raise EskinError(
+            f"{len(sources)} models are given with --onnx; allowed is one; export each "
+            "by itself"
+        )
+    check_writable(path)
+    from eskin.learn.onnx_export import export_onnx
+    from eskin.model import load_model
+
+    error = export_onnx(load_model(sources[0]), path)
+    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB, greatest error {error:.1e}")
+    return {"max_error": error}
+
+
+def export_bag(sources: tuple[str, ...], folder: Path) -> dict[str, object]:
+    """Write recordings as a bag; return the numbers of recordings and messages."""
+    check_folder(folder.absolute().parent)
+    from eskin.recording import find_recordings, read_recording, write_bag
+
+    recordings = [read_recording(path) for path in find_recordings(sources)]
+    messages = write_bag(recordings, folder)
+    print(f"{folder}: {len(recordings)} recordings, {messages} messages")
+    return {"recordings": len(recordings), "messages": messages}
+
+
+def export_tables(sources: tuple[str, ...], folder: Path) -> dict[str, object]:
+    """Write recordings as tables; return the numbers of recordings and rows."""
+    check_folder(folder.absolute().parent)
+    from eskin.recording import find_recordings, read_recording, write_tables
+
+    recordings = [read_recording(path) for path in find_recordings(sources)]
+    readings, touches = write_tables(recordings, folder)
+    print(
+        f"{folder}: {len(recordings)} recordings, {readings} readings, "
+        f"{touches} touches"
+    )
+    return {"recordings": len(recordings), "readings": readings, "touches": touches}

@@ -1,0 +1,187 @@
+"""This module writes recordings as Parquet tables (extra `parquet`).
+
+The table `readings.parquet` has a row a reading, `touches.parquet` one a touch.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from eskin.errors import RecordingError
+from eskin.extras import find_package
+from eskin.files import write_folder
+from eskin.recording.labels import Label, select_labels
+from eskin.recording.reader import Recording
+from eskin.skin import MountedSkin
+from eskin.touch import Scan, Touch, TouchPipeline, TouchState
+from eskin.units import NS_PER_S
+
+READINGS, TOUCHES = "readings.parquet", "touches.parquet"
+GROUP_ROWS = 1000
+"""Number of readings in a row group, which is held in memory."""
+
+
+def write_tables(
+    recordings: Sequence[Recording], folder: Path | str
+) -> tuple[int, int]:
+    """Write the readings and touches of recordings as two Parquet files.
+
+    Pressures and touches are those that the live pipeline finds.
+
+    Args:
+        recordings: the recordings.
+        folder: folder of the tables, which must not exist.
+
+    Returns:
+        Numbers of readings and of touches.
+
+    Raises:
+        ExtraError: pyarrow is not installed.
+        RecordingError: the folder exists or cannot be written, or a recording cannot
+            be read.
+    """
+    arrow = find_package("pyarrow", "pyarrow", "parquet", "--parquet")
+    parquet = find_package("pyarrow.parquet", "pyarrow", "parquet", "--parquet")
+    touches: list[dict[str, Any]] = []
+    count = 0
+    schema = build_reading_schema(arrow)
+    with write_folder(Path(folder), RecordingError) as work:
+        with parquet.ParquetWriter(work / READINGS, schema, compression="zstd") as file:
+            for recording in recordings:
+                rows = list_rows(recording, touches)
+                for group in split_groups(rows):
+                    file.write_table(arrow.Table.from_pylist(group, schema))
+                    count += len(group)
+        table = arrow.Table.from_pylist(touches, build_touch_schema(arrow))
+        parquet.write_table(table, work / TOUCHES, compression="zstd")
+    return count, len(touches)
+
+
+def split_groups(rows: Iterator[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
+    """Yield the rows in groups."""
+    group = []
+    for row in rows:
+        group.append(row)
+        if len(group) == GROUP_ROWS:
+            yield group
+            group = []
+    if group:
+        yield group
+
+
+def list_rows(
+    recording: Recording, touches: list[dict[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a recording's readings; append those of its touches."""
+    mounted = MountedSkin(recording.skin, recording.load_robot())
+    pipeline = TouchPipeline(mounted, recording.calibration)
+    labels = select_labels(recording.labels)
+
+    def add(found: tuple[Touch, ...]) -> None:
+        kept = [touch for touch in found if touch.merged_into is None]
+        touches.extend(describe_touch(recording, touch, labels) for touch in kept)
+
+    for scan in recording.scans():
+        state = pipeline.push(scan)
+        add(state.closed_touches)
+        yield describe_reading(recording, scan, state, labels)
+    add(pipeline.finish())
+
+
+def build_reading_schema(arrow: Any) -> Any:  # noqa: ANN401
+    """Build the schema of the readings."""
+    return arrow.schema(
+        [
+            ("recording", arrow.dictionary(arrow.int32(), arrow.string())),
+            ("stamp", arrow.timestamp("ns", "UTC")),
+            ("counts", arrow.list_(arrow.int32())),
+            ("received", arrow.list_(arrow.bool_())),
+            ("pressure", arrow.list_(arrow.float32())),
+            ("valid", arrow.list_(arrow.bool_())),
+            ("shear", arrow.list_(arrow.int32())),
+            ("q", arrow.list_(arrow.float64())),
+            ("gesture", arrow.string()),
+        ]
+    )
+
+
+def build_touch_schema(arrow: Any) -> Any:  # noqa: ANN401
+    """Build the schema of the touches."""
+    number, text, place = arrow.float64(), arrow.string(), arrow.list_(arrow.float64())
+    stamp = arrow.timestamp("ns", "UTC")
+    return arrow.schema(
+        [
+            ("recording", text),
+            ("touch", arrow.int64()),
+            ("onset", stamp),
+            ("end", stamp),
+            ("duration", number),
+            ("link", text),
+            ("patch", text),
+            ("contacts", arrow.int64()),
+            ("peak_force", number),
+            ("peak_pressure", number),
+            ("impulse", number),
+            ("start", place),
+            ("latest", place),
+            ("gesture", text),
+            ("label_source", text),
+            ("detected", text),
+            ("confidence", number),
+        ]
+    )
+
+
+def describe_reading(
+    recording: Recording, scan: Scan, state: TouchState, labels: tuple[Label, ...]
+) -> dict[str, Any]:
+    """Return the row of a reading; `gesture` is that of its label, or null."""
+    named = [label for label in labels if label.start <= scan.stamp < label.end]
+    return {
+        "recording": recording.path.name,
+        "stamp": scan.stamp,
+        "counts": scan.counts,
+        "received": scan.received,
+        "pressure": state.reading.pressure,
+        "valid": state.reading.valid,
+        "shear": None if scan.shear is None else scan.shear.reshape(-1),
+        "q": scan.q,
+        "gesture": named[-1].gesture if named else None,
+    }
+
+
+def describe_touch(
+    recording: Recording, touch: Touch, labels: tuple[Label, ...]
+) -> dict[str, Any]:
+    """Return the row of a touch, with its label and detection where it has them."""
+    label = find_label(touch, labels)
+    found = next((d for d in recording.detections if d.onset == touch.onset), None)
+    return {
+        "recording": recording.path.name,
+        "touch": touch.id,
+        "onset": touch.onset,
+        "end": touch.last,
+        "duration": (touch.last - touch.onset) / NS_PER_S,
+        "link": touch.link,
+        "patch": touch.contact.patch,
+        "contacts": len(touch.tracks),
+        "peak_force": touch.peak_force,
+        "peak_pressure": touch.peak,
+        "impulse": touch.impulse,
+        "start": touch.start,
+        "latest": touch.latest,
+        "gesture": None if label is None else label.gesture,
+        "label_source": None if label is None else label.source,
+        "detected": None if found is None else found.gesture,
+        "confidence": None if found is None else found.confidence,
+    }
+
+
+def find_label(touch: Touch, labels: tuple[Label, ...]) -> Label | None:
+    """Return the label that overlaps a touch longest; None without one."""
+    overlaps = [
+        (min(label.end, touch.last) - max(label.start, touch.onset), label)
+        for label in labels
+    ]
+    overlap, label = max(overlaps, default=(-1, None), key=lambda pair: pair[0])
+    return label if overlap >= 0 else None
