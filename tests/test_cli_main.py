@@ -23,6 +23,7 @@ ARGUMENTS = {
     "study": "a",
     "run": "--source replay:a.mcap",
     "device": "gone --play a.mcap",
+    "export": "gone.mcap --rosbag bag",
     "calibrate": "replay:gone.mcap --out a.json",
     "view": "a.mcap",
     "record": "replay:gone.mcap --out a.mcap --gestures a b",

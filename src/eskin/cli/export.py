@@ -51,16 +51,17 @@ def run(command: ExportCommand) -> dict[str, object]:
 
 def export_model(sources: tuple[str, ...], path: Path) -> dict[str, object]:
     """Write one model as ONNX; return the greatest error of a logit."""
-    if len(sources) > 1:
+    if len(sources) != 1:
         raise EskinError(
             f"{len(sources)} models are given with --onnx; allowed is one; export each "
             "by itself"
         )
+    [source] = sources
     check_writable(path)
     from eskin.learn.onnx_export import export_onnx
     from eskin.model import load_model
 
-    error = export_onnx(load_model(sources[0]), path)
+    error = export_onnx(load_model(source), path)
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB, greatest error {error:.1e}")
     return {"max_error": error}
 

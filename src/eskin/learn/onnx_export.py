@@ -149,6 +149,7 @@ def export_onnx(model: Model, path: Path | str, seed: int = 0) -> float:
             dynamo=True,
             verbose=False,
         )
+    assert program is not None
     exported = program.model_proto
     for key, value in describe_model(model).items():
         exported.metadata_props.add(key=key, value=value)
