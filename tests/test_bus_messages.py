@@ -1,5 +1,6 @@
 """Tests of what is published: other programs decode it and find what was felt."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from eskin.bus import (
     Bus,
     Publisher,
     compute_type_hash,
+    parse_definition,
 )
 from eskin.live import Recognizer
 from eskin.recording.messages import (
@@ -41,6 +43,7 @@ from helpers.live import (
 from helpers.streams import INFO, Ear, played
 
 MESSAGES = Path(__file__).parents[1] / "msg" / "eskin_msgs"
+LAYOUT = "examples/foxglove_layout.json"
 OTHERS = (JOINT_STATES, TRANSFORMS, ROBOT_DESCRIPTION)
 TOPICS = (*PUBLISHED, *OTHERS, LABEL, TRUTH)
 OWN = [topic for topic in TOPICS if topic.type_name.startswith("eskin_msgs")]
@@ -272,3 +275,32 @@ def test_what_nobody_receives_is_not_encoded():
     assert bus.sent.keys() == {ROBOT_DESCRIPTION.name, DIAGNOSTICS.name}
     assert bus.open_topics == ()
     assert EVENT.name not in bus.sent
+
+
+def find_texts(value):
+    """Yield all texts inside nested dictionaries and lists, keys included."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield key
+            yield from find_texts(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from find_texts(inner)
+
+
+def test_layout_of_foxglove_names_topics_and_fields_that_exist():
+    layout = json.loads((MESSAGES.parents[1] / LAYOUT).read_text())
+    paths = {text for text in find_texts(layout) if text.startswith("/")}
+    topics = {topic.name: topic for topic in TOPICS}
+    for path in paths:
+        name, *names = re.sub(r"\[.*?\]", "", path).split(".")
+        types = parse_definition(topics[name])
+        fields = types[topics[name].type_name]
+        for step in names:
+            [field] = [field for field in fields if field.name == step]
+            fields = types.get(field.type_name, ())
+    assert len(paths) >= 8
+    panels = set(layout["configById"])
+    assert panels == {text for text in find_texts(layout["layout"]) if "!" in text}

@@ -14,11 +14,14 @@ from jaxtyping import Float
 from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task, UrArm
 from eskin.drivers import (
     Clock,
+    CsvMatrix,
     DeviceSource,
     FixedJoints,
     HostClock,
     JointSource,
     PlayedSource,
+    SampleDevice,
+    SampledSource,
     SerialTransport,
     Source,
     SourceInfo,
@@ -40,7 +43,12 @@ CALIBRATION = "calibration.json"
 NOMINAL_CALIBRATION = "nominal_calibration.json"
 """Name of the calibration file of the preset skins, with the gain of every taxel."""
 
-ALLOWED_URIS = "serial:PATH, udp://HOST:PORT, replay:FILE or sim:SKIN"
+SERIAL_BAUD, CSV_BAUD = 1_000_000, 115_200
+"""Baud rates of serial ports unless others are given, by the kind of source."""
+
+ALLOWED_URIS = (
+    "serial:PATH, udp://HOST:PORT, csv:PATH, xela://HOST:PORT, replay:FILE or sim:SKIN"
+)
 
 
 @dataclass(frozen=True)
@@ -73,8 +81,9 @@ class SourceConfig:
     seed: int = 0
     """Seed of the simulated person."""
 
-    baud: int = 1_000_000
-    """Baud rate of serial ports; without meaning where the port is USB alone."""
+    baud: int | None = None
+    """Baud rate of serial ports; None is 1,000,000, or 115,200 for `csv:`. Without
+    meaning where the port is USB alone."""
 
     allow_remote: bool = False
     """Whether UDP packets from other computers are accepted: they do not tell their
@@ -94,8 +103,8 @@ def open_source(
     """Open a source of scans.
 
     Args:
-        uris: `serial:PATH` (several for several ports), `udp://HOST:PORT`,
-            `replay:FILE` or `sim:SKIN`.
+        uris: `serial:PATH` or `csv:PATH` (several for several ports),
+            `udp://HOST:PORT`, `xela://HOST:PORT`, `replay:FILE` or `sim:SKIN`.
         skin: skin that devices are patches of, in place of that of `config`.
         config: how the source is opened.
         clock: clock that stamps scans; this computer's unless given.
@@ -110,6 +119,8 @@ def open_source(
     kinds = {uri.partition(":")[0] for uri in uris}
     if kinds == {"serial"}:
         return open_device(uris, config, clock)
+    if kinds == {"csv"} or (kinds == {"xela"} and len(uris) == 1):
+        return open_samples(uris, config, clock)
     if len(uris) != 1 or not kinds <= {"udp", "replay", "sim"}:
         raise DeviceError(
             f"source is '{' '.join(uris)}'; allowed is one of {ALLOWED_URIS}, or "
@@ -170,12 +181,7 @@ def open_arm(
 
 def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
     """Open patches on a cable or a network."""
-    if config.skin is None:
-        raise DeviceError(
-            f"source {uris[0]} is given without a skin; allowed is a preset's name or "
-            "a skin's folder; say whose patches they are"
-        )
-    mounted = mount_skin(config.skin, config.robot)
+    mounted = mount_device_skin(uris, config)
     calibration = load_calibration(config, mounted.skin)
     joints = config.joints or FixedJoints(fixed_positions(config, mounted))
     with ExitStack() as stack:
@@ -195,13 +201,50 @@ def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sour
     return source
 
 
+def mount_device_skin(uris: Sequence[str], config: SourceConfig) -> MountedSkin:
+    """Load the skin that devices are patches of, on its robot.
+
+    Raises:
+        DeviceError: no skin is given.
+    """
+    if config.skin is None:
+        raise DeviceError(
+            f"source {uris[0]} is given without a skin; allowed is a preset's name or "
+            "a skin's folder; say whose patches they are"
+        )
+    return mount_skin(config.skin, config.robot)
+
+
+def open_samples(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
+    """Open a device that has a driver of its own."""
+    mounted = mount_device_skin(uris, config)
+    calibration = load_calibration(config, mounted.skin)
+    joints = config.joints or FixedJoints(fixed_positions(config, mounted))
+    kind, _, rest = uris[0].partition(":")
+    device: SampleDevice
+    if kind == "csv":
+        paths = [uri.removeprefix("csv:") for uri in uris]
+        device = CsvMatrix(clock, paths, mounted.skin, config.baud or CSV_BAUD)
+    else:
+        from eskin.drivers.shear_modules import ShearModules
+
+        device = ShearModules(clock, f"ws:{rest}", mounted.skin)
+    with ExitStack() as stack:
+        stack.callback(device.close)
+        source = SampledSource(
+            device, mounted, calibration, joints, clock, " ".join(uris), config.rate
+        )
+        stack.pop_all()
+    return source
+
+
 def open_transport(
     uris: Sequence[str], config: SourceConfig, clock: Clock
 ) -> Transport:
     """Open serial ports, or a UDP socket."""
     if uris[0].startswith("serial:"):
         paths = [uri.removeprefix("serial:") for uri in uris]
-        return SerialTransport(clock, paths, config.baud)
+        return SerialTransport(clock, paths, config.baud or SERIAL_BAUD)
     host, port = parse_udp_address(uris[0])
     has_key = config.key is not None
     return UdpTransport(clock, host, port, config.allow_remote, has_key)

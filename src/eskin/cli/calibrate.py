@@ -44,8 +44,9 @@ class CalibrateCommand(GuidedCommand):
     """
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE, a
-    recording of some seconds of rest and then presses."""
+    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT; or replay:FILE, a recording of some seconds of rest and then
+    presses."""
 
     out: Path
     """Path of the calibration file to write. As calibration.json in the skin's folder
@@ -128,7 +129,8 @@ def check_options(command: CalibrateCommand) -> None:
     """
     if not command.source:
         raise ValueError(
-            "no source given; allowed are serial:PATH, udp://HOST:PORT and replay:FILE"
+            "no source given; allowed are serial:PATH, csv:PATH, udp://HOST:PORT, "
+            "xela://HOST:PORT and replay:FILE"
         )
     limits = {
         "seconds": (command.seconds, 1.0, MAX_SECONDS),

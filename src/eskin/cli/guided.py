@@ -34,7 +34,7 @@ class GuidedCommand:
     rate: float | None = None
     """Rate of the device's scans [1/s]; by default the one that it announces."""
 
-    baud: int = 1_000_000
+    baud: int | None = None
     """Baud rate of serial ports; ignored by ports that are USB only."""
 
     allow_remote: bool = False

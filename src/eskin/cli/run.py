@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 8080
 """Default TCP port of the page."""
+NETWORK, KEYED = {"udp", "xela"}, {"serial", "udp"}
+"""Kinds of sources whose senders are on a network, and whose packets may be sealed."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,8 @@ class RunCommand:
     """
 
     source: tuple[str, ...]
-    """Source of the scans: serial:PATH (one or several), udp://HOST:PORT, replay:FILE
-    or sim:SKIN."""
+    """Source of the scans: serial:PATH or csv:PATH (one or several), udp://HOST:PORT,
+    xela://HOST:PORT, replay:FILE or sim:SKIN."""
 
     skin: str | None = None
     """Skin of the patches: a preset's name or a skin's folder. Recordings and
@@ -90,8 +92,9 @@ class RunCommand:
     seed: int = 0
     """Random seed of the simulated person."""
 
-    baud: int = 1_000_000
-    """Baud rate of serial ports; ignored by ports that are USB only."""
+    baud: int | None = None
+    """Baud rate of serial ports, 1,000,000 for serial: and 115,200 for csv: by default;
+    ignored by ports that are USB only."""
 
     allow_remote: bool = False
     """Accept UDP packets from other computers, although UDP does not authenticate the
@@ -102,8 +105,8 @@ class RunCommand:
     without a valid seal are refused."""
 
     allow_unauthenticated: bool = False
-    """Let a udp:// source without --key command a real robot, although any program that
-    can send to its port can fake touches."""
+    """Let a udp:// source without --key, or an xela:// source, command a real robot,
+    although any program that can send to its port can fake touches."""
 
     allow_simulated_touch: bool = False
     """Let touches of a recording or a simulated person command a real robot."""
@@ -247,7 +250,7 @@ def check_options(command: RunCommand) -> None:
             "its joints are"
         )
     kinds = {uri.partition(":")[0] for uri in command.source}
-    if command.key is not None and kinds & {"replay", "sim"}:
+    if command.key is not None and not kinds <= KEYED:
         raise DeviceError(
             f"--key is given with {' '.join(command.source)}; allowed is a key with "
             "serial: or udp: sources, whose packets it checks; leave it out"
@@ -271,11 +274,12 @@ def check_touches(command: RunCommand) -> None:
         if kind in ("sim", "replay") and not command.allow_simulated_touch:
             raise DeviceError(
                 f"--robot {command.robot} is real and {uri} has touches that nobody "
-                "makes; allowed are serial: and udp: sources; use --robot sim:ur5, or "
+                "makes; allowed are sources that are devices; use --robot sim:ur5, or "
                 "--allow-simulated-touch with nobody near the robot"
             )
-        if kind == "udp" and command.key is None:
-            check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
+        if kind in NETWORK and command.key is None:
+            if kind == "udp":
+                check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
             if not command.allow_unauthenticated:
                 raise DeviceError(
                     f"--robot {command.robot} is real and packets of {uri} are "
@@ -290,7 +294,8 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
     On loopback any program of this computer can send, so it is a network too.
     """
     doubts = []
-    if command.key is None and any(uri.startswith("udp:") for uri in command.source):
+    kind = command.source[0].partition(":")[0]
+    if command.key is None and kind in NETWORK:
         doubts.append("unauthenticated: who can send to this port can fake touches")
     if command.ros2 and is_without_joints(command):
         doubts.append(
@@ -298,8 +303,7 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
         )
     if command.robot is not None and command.allow_simulated_touch:
         doubts.append("simulated: touches are not those of a person")
-    is_device = command.source[0].startswith(("serial:", "udp:"))
-    if is_device and calibration.source == "nominal":
+    if kind not in ("replay", "sim") and calibration.source == "nominal":
         doubts.append(
             "not calibrated: forces are relative, by a nominal curve; measure the "
             "skin's own with eskin calibrate"

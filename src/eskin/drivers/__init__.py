@@ -2,6 +2,7 @@
 
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.clock import Clock, HostClock, ManualClock
+from eskin.drivers.csv_matrix import CsvMatrix
 from eskin.drivers.device_source import DeviceSource
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.framing import Deframer, encode_frame
@@ -17,6 +18,7 @@ from eskin.drivers.packet import (
 )
 from eskin.drivers.patch_stream import ScanRateMeter
 from eskin.drivers.played_source import STEPPED, PlayedSource, replay_source
+from eskin.drivers.sampled_source import PatchSample, SampleDevice, SampledSource
 from eskin.drivers.seal import SessionSeal, read_key
 from eskin.drivers.serial_transport import (
     SerialPortInfo,
@@ -32,6 +34,7 @@ __all__ = [
     "STEPPED",
     "Assembler",
     "Clock",
+    "CsvMatrix",
     "Data",
     "Deframer",
     "DeviceSource",
@@ -45,9 +48,12 @@ __all__ = [
     "JointSource",
     "ManualClock",
     "Packet",
+    "PatchSample",
     "PlayedSource",
     "ReceivedPacket",
     "Request",
+    "SampleDevice",
+    "SampledSource",
     "ScanRateMeter",
     "SerialPortInfo",
     "SerialTransport",

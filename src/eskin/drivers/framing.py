@@ -5,6 +5,7 @@ only between frames, so a receiver that starts anywhere, or receives garbage, is
 synchronised again at the next zero.
 """
 
+from abc import ABC, abstractmethod
 from typing import final
 
 from cobs import cobs
@@ -23,23 +24,36 @@ def encode_frame(packet: bytes) -> bytes:
     return cobs.encode(packet) + END
 
 
-@final
-class Deframer:
-    """Finds the packets in the bytes of a line, however they are cut into chunks.
-
-    Garbage destroys at most the frame that it touches. At most one frame is buffered.
+class Framing(ABC):
+    """Finds what is sent as a whole in the bytes of a line.
 
     Attributes:
         bytes: number of bytes pushed so far.
         frames: number of valid frames so far.
-        broken: number of frames that were not COBS, or too long; empty frames do not
-            count.
+        broken: number of frames that were not valid, or too long.
     """
 
     def __init__(self) -> None:
-        """Start between two frames."""
+        """Start with an empty frame."""
         self.bytes = self.frames = self.broken = 0
         self.reset()
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Discard the open frame; the counters go on."""
+
+    @abstractmethod
+    def push(self, chunk: bytes) -> list[bytes]:
+        """Return what ends in this chunk, without framing."""
+
+
+@final
+class Deframer(Framing):
+    """Finds the packets in the bytes of a line, however they are cut into chunks.
+
+    Garbage destroys at most the frame that it touches. At most one frame is buffered.
+    Empty frames do not count as broken.
+    """
 
     def reset(self) -> None:
         """Discard the open frame; the counters go on."""

@@ -14,7 +14,7 @@ from serial.tools import list_ports
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
-from eskin.drivers.framing import END, Deframer, encode_frame
+from eskin.drivers.framing import END, Deframer, Framing, encode_frame
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S
@@ -37,12 +37,21 @@ class SerialPort:
         deframer: finds packets in its bytes and counts them.
     """
 
-    def __init__(self, path: str, baud: int) -> None:
-        """Open the port; raise a DeviceError if it is missing, busy or not readable."""
+    def __init__(self, path: str, baud: int, deframer: Framing | None = None) -> None:
+        """Open the port.
+
+        Args:
+            path: path of its device file.
+            baud: baud rate [bit/s].
+            deframer: what finds packets in its bytes; frames of COBS unless given.
+
+        Raises:
+            DeviceError: it is missing, busy or not readable.
+        """
         self.path = path
         self.baud = baud
         self.line: serial.Serial | None = None
-        self.deframer = Deframer()
+        self.deframer = deframer or Deframer()
         self.tried = 0
         try:
             self.open()

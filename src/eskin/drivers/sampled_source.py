@@ -1,0 +1,309 @@
+"""This module makes a source of any device that sends samples of whole patches.
+
+A driver of a new device is a `SampleDevice`; `SampledSource` does the rest.
+"""
+
+from abc import abstractmethod
+from collections import deque
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Int
+
+from eskin.closing import Closing
+from eskin.drivers.clock import Clock
+from eskin.drivers.events import Event, EventLog
+from eskin.drivers.module_registry import MAX_SCAN_RATE
+from eskin.drivers.source import JointSource, Source, SourceInfo
+from eskin.errors import DeviceError, SkinMismatchError
+from eskin.skin import MountedSkin
+from eskin.touch import Calibration, Scan
+from eskin.units import NS_PER_S
+
+DEFAULT_RATE = 50.0
+"""Scan rate of a device that sends nothing while it is opened [1/s]."""
+MEASURE_SECONDS = 1.2
+"""Time for which the rate of a device is measured when it is opened [s]."""
+RETRY_INTERVAL = NS_PER_S // 4
+"""Time between two attempts to connect a device that is gone [ns]."""
+MAX_WAIT = 0.05
+"""Longest wait for a sample before it is checked what is missing [s]."""
+SILENT_PERIODS, LEAST_SILENCE = 3, NS_PER_S // 10
+"""Silence of a patch from which scans go on without it: a number of periods of the
+device, at least a time [ns]."""
+MAX_SPREAD = 0.9
+"""Longest time between the samples of a scan, in periods of the device."""
+MAX_AGE = NS_PER_S // 5
+"""Age from which a sample is not used [ns]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PatchSample:
+    """A sample holds the counts of one patch at one instant."""
+
+    patch: int
+    """Index of the patch in `Skin.patches`."""
+    stamp: int
+    """Time at which it was taken, by the host's clock [ns since the epoch]."""
+    counts: Int[np.ndarray, "taxel"]
+    """Counts of the patch's taxels, in the order of the skin."""
+    shear: Int[np.ndarray, "taxel 2"] | None = None
+    """Counts along each taxel's tangents, 0 at rest; None where not measured."""
+
+
+class SampleDevice(Closing):
+    """A device sends samples of patches; one thread uses it.
+
+    To add a device, derive a class and implement the four methods. The source of the
+    device reopens it when it is gone, keeps stamps in order, drops what is too old,
+    joins patches to scans, and marks as not received what is missing.
+    """
+
+    @abstractmethod
+    def connect(self) -> None:
+        """Open the line to the device.
+
+        Raises:
+            OSError: it is not there. At the start that is an error; later `connect` is
+                called again every quarter of a second.
+        """
+
+    @abstractmethod
+    def receive(self, timeout: float) -> list[PatchSample]:
+        """Return the samples that have arrived, each once, in the order of time.
+
+        Args:
+            timeout: longest wait for the first [s].
+
+        Raises:
+            OSError: the device is gone; `connect` is called next.
+        """
+
+    @abstractmethod
+    def disconnect(self) -> None:
+        """Close the line; it may be closed already, and may be opened again."""
+
+    @abstractmethod
+    def counters(self) -> dict[str, int]:
+        """Return how much was received, and how much of it was refused and why."""
+
+    def close(self) -> None:
+        """Close the line for good."""
+        self.disconnect()
+
+
+@final
+class SampledSource(Source):
+    """Returns the scans of a device that sends samples; it never ends by itself.
+
+    A scan is returned once every patch that sends has a new sample, or when one of them
+    has a second or would be a period older than another. Without samples, scans in
+    which nothing is received are returned at the rate of the device, so that a skin
+    that is silent is noticed.
+
+    Attributes:
+        late: number of samples that were too old to be used.
+    """
+
+    def __init__(
+        self,
+        device: SampleDevice,
+        mounted: MountedSkin,
+        calibration: Calibration,
+        joints: JointSource,
+        clock: Clock,
+        uri: str,
+        rate: float | None = None,
+    ) -> None:
+        """Connect a device, which is closed with the source.
+
+        Args:
+            device: the device.
+            mounted: the skin on its robot.
+            calibration: calibration of the skin's electronics.
+            joints: source of the robot's joint positions.
+            clock: clock that stamps everything.
+            uri: URI that the source was opened with.
+            rate: scan rate of the device [1/s]; None measures it for 1.2 s.
+
+        Raises:
+            SkinMismatchError: the calibration is not of this skin.
+            DeviceError: the device is not there, or the rate is out of range.
+        """
+        skin = mounted.skin
+        if len(calibration.gain) != skin.count:
+            raise SkinMismatchError(
+                f"calibration has {len(calibration.gain)} taxels, skin '{skin.name}' "
+                f"has {skin.count}; allowed is one gain a taxel; use the skin's own"
+            )
+        if rate is not None and not 0.1 <= rate <= MAX_SCAN_RATE:
+            raise DeviceError(
+                f"rate is {rate}; allowed is 0.1 to {MAX_SCAN_RATE} scans a second; "
+                "correct it, or leave it out to measure it"
+            )
+        self.device, self.clock, self.joints, self.uri = device, clock, joints, uri
+        self.skin = skin
+        self.taxels = [skin.find_taxels(patch.id) for patch in skin.patches]
+        self.log = EventLog()
+        self.ready: deque[Scan] = deque()
+        self.pending: dict[int, PatchSample] = {}
+        self.heard: dict[int, int] = {}
+        self.sending: set[int] = set()
+        self.is_open, self.closed = True, False
+        self.tried = self.last = 0
+        self.readings = self.late = 0
+        try:
+            device.connect()
+        except DeviceError:
+            raise
+        except OSError as error:
+            raise DeviceError(
+                f"cannot open {uri} ({error}); allowed is a device that is there and "
+                "that no other program uses; plug it in, or correct the name"
+            ) from error
+        self.due = clock.now() + round(MEASURE_SECONDS * NS_PER_S)
+        rate = self.measure_rate() if rate is None else rate
+        self.period = round(NS_PER_S / rate)
+        self.silence = max(SILENT_PERIODS * self.period, LEAST_SILENCE)
+        self.due = clock.now() + self.silence
+        self.info = SourceInfo(
+            uri=uri,
+            robot_name=mounted.robot.name,
+            joint_names=mounted.robot.joint_names,
+            skin=skin,
+            calibration=calibration,
+            rate=rate,
+            urdf=mounted.robot.urdf,
+        )
+
+    def measure_rate(self) -> float:
+        """Return the highest rate of a patch, by its samples [1/s]."""
+        stamps: dict[int, list[int]] = {}
+        while (left := self.due - self.clock.now()) > 0:
+            for sample in self.receive(left / NS_PER_S):
+                stamps.setdefault(sample.patch, []).append(sample.stamp)
+        spans = [(len(found) - 1, found[-1] - found[0]) for found in stamps.values()]
+        rates = [count * NS_PER_S / span for count, span in spans if span > 0]
+        highest = max(rates, default=DEFAULT_RATE)
+        return float(round(min(max(highest, 1.0), MAX_SCAN_RATE)))
+
+    def read(self, timeout: float | None = None) -> Scan | None:
+        """Return the next scan of the whole skin; None where none was due in time."""
+        end = None if timeout is None else self.clock.now() + round(timeout * NS_PER_S)
+        while not self.ready and not self.closed:
+            now = self.clock.now()
+            wait = MAX_WAIT if end is None else min(MAX_WAIT, (end - now) / NS_PER_S)
+            wait = min(wait, max(self.due - now, 0) / NS_PER_S)
+            for sample in self.receive(max(wait, 0.0)):
+                self.push(sample)
+            self.poll(self.clock.now())
+            if end is not None and now >= end:
+                break
+        return self.ready.popleft() if self.ready else None
+
+    def receive(self, timeout: float) -> list[PatchSample]:
+        """Return what the device sends; reconnect it where it is gone."""
+        now = self.clock.now()
+        if not self.is_open:
+            if now - self.tried < RETRY_INTERVAL:
+                self.clock.sleep(min(timeout, RETRY_INTERVAL / NS_PER_S))
+                return []
+            self.tried = now
+            try:
+                self.device.connect()
+            except OSError:
+                return []
+            self.is_open = True
+            self.log.add(now, "returned", f"{self.uri} is back")
+        try:
+            return self.device.receive(timeout)
+        except OSError as error:
+            self.device.disconnect()
+            self.is_open = False
+            text = f"{self.uri} is gone ({error}); plug it in again"
+            self.log.add(self.clock.now(), "silent", text)
+            return []
+
+    def push(self, sample: PatchSample) -> None:
+        """Take a sample, unless it is too old."""
+        now, patch = self.clock.now(), sample.patch
+        if now - sample.stamp > MAX_AGE:
+            self.late += 1
+            name = self.skin.patches[patch].id
+            text = f"samples of patch '{name}' arrived too late to be used"
+            self.log.count("late", text, patch=name)
+            return
+        oldest = min((one.stamp for one in self.pending.values()), default=sample.stamp)
+        if patch in self.pending or sample.stamp - oldest > MAX_SPREAD * self.period:
+            self.emit(now)
+        self.pending[patch] = sample
+        self.note_patch(patch, now)
+        if self.sending <= self.pending.keys():
+            self.emit(now)
+
+    def note_patch(self, patch: int, now: int) -> None:
+        """Note that a patch sends."""
+        if patch not in self.sending:
+            name = self.skin.patches[patch].id
+            known = patch in self.heard
+            kind, text = ("returned", "again") if known else ("appeared", "data")
+            self.log.add(now, kind, f"patch '{name}' sends {text}", name)
+            self.sending.add(patch)
+        self.heard[patch] = now
+
+    def poll(self, now: int) -> None:
+        """Note which patches have become silent; emit what is due."""
+        for patch in [p for p in self.sending if now - self.heard[p] > self.silence]:
+            self.sending.discard(patch)
+            name = self.skin.patches[patch].id
+            text = f"patch '{name}' no longer sends; check its cable"
+            self.log.add(now, "silent", text, name)
+        if self.pending and self.sending <= self.pending.keys():
+            self.emit(now)
+        elif now >= self.due:
+            self.emit(now)
+        self.log.flush_counts(now)
+
+    def emit(self, now: int) -> None:
+        """Make a scan of the samples that wait; what has none is not received."""
+        counts = np.zeros(self.skin.count, np.int32)
+        received = np.zeros(self.skin.count, bool)
+        shear = (
+            np.zeros((self.skin.count, 2), np.int32) if self.skin.has_shear else None
+        )
+        for patch, sample in self.pending.items():
+            taxels = self.taxels[patch]
+            counts[taxels], received[taxels] = sample.counts, True
+            if shear is not None and sample.shear is not None:
+                shear[taxels] = sample.shear
+        newest = max((one.stamp for one in self.pending.values()), default=now)
+        self.last = stamp = max(newest, self.last + 1)
+        # While nothing comes, the next scan without data is due one period later.
+        self.due = now + (self.silence if self.pending else self.period)
+        self.pending.clear()
+        self.readings += 1
+        q = self.joints.q_at(stamp)
+        self.ready.append(Scan(stamp, counts, received, q, shear))
+
+    @property
+    def ended(self) -> bool:
+        """Whether it was closed and all scans were read."""
+        return self.closed and not self.ready
+
+    def take_events(self) -> list[Event]:
+        """Return the events since the last call."""
+        return self.log.take()
+
+    def counters(self) -> dict[str, int]:
+        """Return readings, samples that were too late, and the device's counters."""
+        own = {"readings": self.readings - len(self.ready), "late": self.late}
+        return {**own, **self.device.counters()}
+
+    def close(self) -> None:
+        """Close the device; may be called twice."""
+        if not self.closed:
+            self.closed = True
+            self.readings -= len(self.ready)
+            self.ready.clear()
+            self.device.close()

@@ -1,0 +1,497 @@
+"""Tests of devices with drivers of their own: nothing crashes, nothing old is used."""
+
+import contextlib
+import json
+import os
+import random
+import time
+import tty
+from dataclasses import replace
+from functools import reduce
+from itertools import pairwise
+from operator import xor
+from pathlib import Path
+from threading import Event as Flag
+from threading import Thread
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import serve
+
+from eskin.app import SourceConfig, open_source
+from eskin.cli.run import RunCommand, check_options
+from eskin.cli.terminal import TerminalPrinter
+from eskin.drivers import (
+    FixedJoints,
+    ManualClock,
+    PatchSample,
+    SampleDevice,
+    SampledSource,
+)
+from eskin.drivers.csv_matrix import LineDeframer, MatrixLine
+from eskin.drivers.shear_modules import ShearModules
+from eskin.errors import DeviceError
+from eskin.recording import read_recording
+from eskin.skin import Patch, Plane, TaxelGrid, build_skin, save_skin
+from helpers.cli import call_json
+from helpers.devices import calibration_of, mounted_small, small_skin
+from test_firmware import COMPILER, FIRMWARE, STRICT, run_program
+
+pytestmark = pytest.mark.slow
+
+ROWS, COLUMNS = 6, 5
+RATE = 100
+MS = 1_000_000
+SECOND = 1_000_000_000
+
+
+def matrix_skin(kind="pressure"):
+    """Build one patch on a table."""
+    patch = Patch("pad", "table", 1, ROWS, COLUMNS, kind)
+    return build_skin(
+        "pad", [(patch, TaxelGrid(ROWS, COLUMNS, 0.01, 0.01), Plane(np.eye(4)))]
+    )
+
+
+def format_line(counts, time=None, checksum=False):
+    text = (
+        ",".join(map(str, counts))
+        if time is None
+        else f"@{time}," + ",".join(map(str, counts))
+    )
+    if checksum:
+        text += f"*{reduce(xor, text.encode(), 0):02X}"
+    return text.encode() + b"\n"
+
+
+class Pad:
+    """A matrix at a pseudo-terminal whose counts tell when they were sent."""
+
+    def __init__(self, folder, timed):
+        self.path, self.timed = folder / "port", timed
+        self.uri = f"csv:{self.path}"
+        self.plug()
+
+    def plug(self):
+        self.host, self.device = os.openpty()
+        tty.setraw(self.host)
+        tty.setraw(self.device)
+        os.set_blocking(self.host, False)
+        self.path.symlink_to(os.ttyname(self.device))
+
+    def unplug(self):
+        self.path.unlink()
+        os.close(self.device)
+        os.close(self.host)
+
+    def write(self, data):
+        with contextlib.suppress(BlockingIOError):
+            os.write(self.host, data)
+
+    def send(self, now, number):
+        counts = encode_time(now, number)
+        time = now // 1000 % 2**32 if self.timed else None
+        self.write(format_line(counts, time, self.timed))
+
+    def disturb(self, rng):
+        """Send noise, then the end of a line."""
+        self.write(rng.randbytes(rng.randrange(1, 40)) + b"\n")
+
+    def close(self):
+        self.unplug()
+
+
+class Modules:
+    """A server of one shear module whose counts tell when they were sent."""
+
+    def __init__(self, folder, timed):
+        self.number, self.port = 0, 0
+        self.plug()
+        self.port = self.server.socket.getsockname()[1]
+        self.uri = f"xela://127.0.0.1:{self.port}"
+
+    def plug(self):
+        self.clients = []
+        self.server = serve(self.greet, "127.0.0.1", self.port)
+        self.thread = Thread(target=self.server.serve_forever)
+        self.thread.start()
+
+    def greet(self, client):
+        client.send(json.dumps({"message": "Welcome", "sensors": 1}))
+        self.clients.append(client)
+        with contextlib.suppress(ConnectionClosed):
+            for _ in client:
+                pass
+
+    def unplug(self):
+        self.server.shutdown()
+        for client in self.clients:
+            client.close()
+        self.thread.join()
+        self.number = 0
+
+    def write(self, text):
+        for client in self.clients:
+            with contextlib.suppress(ConnectionClosed):
+                client.send(text)
+
+    def send(self, now, number):
+        self.number += 1
+        self.write(format_message(self.number, now, encode_time(now, number)))
+
+    def disturb(self, rng):
+        """Send a message of which a part is replaced by noise."""
+        text = format_message(self.number + 1, time.time_ns(), [7] * 30)
+        at = rng.randrange(len(text))
+        self.write(text[:at] + str(rng.randbytes(3)) + text[at + 9 :])
+
+    def close(self):
+        self.unplug()
+
+
+def encode_time(now, number):
+    """Return counts of which the first two tell a time [ns], the next a number."""
+    ms = now // MS
+    rest = [20] * (ROWS * COLUMNS - 3)
+    return [ms % 10_000, ms // 10_000 % 10_000, number, *rest]
+
+
+def tell_age(scan):
+    """Return how old the data of a scan is, by its own counts [s]."""
+    sent = int(scan.counts[0]) + 10_000 * int(scan.counts[1])
+    return (scan.stamp // MS % 100_000_000 - sent) / 1000
+
+
+def format_message(number, now, counts, **changes):
+    words = [f"{v:04X}" for z in counts for v in (32_768 + 5, 32_768 - 7, z)]
+    module = {"sensor": "1", "taxels": len(counts), "data": ",".join(words)}
+    whole = {"message": number, "time": now / SECOND, "sensors": 1, "1": module}
+    module.update(changes)
+    return json.dumps(whole)
+
+
+def play(device, seconds, begun, stop):
+    """Send at the rate, with noise; once begun, unplug in the third quarter."""
+    rng, begin, first = random.Random(0), time.monotonic(), float("inf")
+    plugged, count = True, 0
+    while not stop.is_set():
+        if begun.is_set():
+            first = min(first, time.monotonic())
+        away = 0.5 <= (time.monotonic() - first) / seconds < 0.75
+        if away == plugged:
+            device.unplug() if away else device.plug()
+            plugged = not away
+        if plugged:
+            device.send(time.time_ns(), count)
+            if count % 10 == 0:
+                device.disturb(rng)
+        count += 1
+        stop.wait(max(0.0, begin + count / RATE - time.monotonic()))
+    if not plugged:
+        device.plug()
+
+
+def run_device(kind, timed, seconds, tmp_path, capsys, monkeypatch):
+    """Record a device through `eskin run`; return its result and recording."""
+    begun, start = Flag(), TerminalPrinter.start
+
+    def note_start(printer, context):
+        start(printer, context)
+        begun.set()
+
+    monkeypatch.setattr(TerminalPrinter, "start", note_start)
+    skin = matrix_skin("shear" if kind is Modules else "pressure")
+    save_skin(skin, tmp_path / "skin")
+    device, stop = kind(tmp_path, timed), Flag()
+    thread = Thread(target=play, args=(device, seconds, begun, stop))
+    thread.start()
+    words = ["--skin", tmp_path / "skin", "--robot-urdf", "table", "--seconds", seconds]
+    words += ["--record", tmp_path / "kept.mcap", "--source", device.uri]
+    try:
+        result, out = call_json(capsys, "run", *words)
+    finally:
+        stop.set()
+        thread.join()
+        device.close()
+    return result, out, read_recording(tmp_path / "kept.mcap")
+
+
+DEVICES = [(Pad, False), (Pad, True), (Modules, True)]
+NAMES = ["bare", "timed", "modules"]
+
+
+@pytest.mark.parametrize("seconds", [4, pytest.param(60, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("kind", "timed"), DEVICES, ids=NAMES)
+def test_device_is_read_unplugged_and_read_again(
+    kind, timed, seconds, tmp_path, capsys, monkeypatch
+):
+    given = (tmp_path, capsys, monkeypatch)
+    result, out, recording = run_device(kind, timed, seconds, *given)
+    scans = list(recording.scans())
+    heard = [scan for scan in scans if scan.received.any()]
+    assert result["readings"] == len(scans) and result["source"]["damaged"] > 0
+    # Nothing old is given as new: no data twice, none late, none while it was away.
+    ages = [tell_age(scan) for scan in heard]
+    assert max(ages) < 0.3 and min(ages) > -0.05
+    assert all(b.counts[2] > a.counts[2] for a, b in pairwise(heard))
+    silent = [scan for scan in scans if not scan.received.any()]
+    assert len(silent) > 0.1 * seconds * RATE
+    assert len(heard) > 0.25 * seconds * RATE
+    assert "is gone" in out or "no longer sends" in out
+    assert "again" in out or "is back" in out
+    if kind is Modules:
+        assert all((scan.shear == (5, -7)).all() for scan in heard)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.binary(max_size=30), max_size=8), st.integers(1, 7))
+def test_lines_are_found_however_bytes_are_cut(parts, size):
+    data = b"\n".join(parts)
+    whole, cut = LineDeframer(), LineDeframer()
+    found = [
+        line
+        for at in range(0, len(data), size)
+        for line in cut.push(data[at : at + size])
+    ]
+    assert whole.push(data) == found == [*b"".join([data]).split(b"\n")[1:-1]]
+
+
+@pytest.fixture
+def line(tmp_path):
+    """The line of a matrix at a port that sends nothing."""
+    pad = Pad(tmp_path, False)
+    yield MatrixLine(str(pad.path), 115_200, matrix_skin(), 0)
+    pad.close()
+
+
+def test_line_with_checksum_is_refused_when_any_byte_is_changed(line):
+    counts = list(range(0, 3000, 100))
+    good = format_line(counts, 1_020_000, True).strip()
+    time, found = line.parse(good)
+    assert (time, found.tolist()) == (1_020_000, counts)
+    for at in range(len(good)):
+        for flipped in (1, 2, 16, 128):
+            bad = bytearray(good)
+            bad[at] ^= flipped
+            result = line.parse(bytes(bad))
+            assert result is None or result[1].tolist() == counts, bytes(bad)
+
+
+@pytest.mark.parametrize(
+    "bad", [b"", b"1,2,3", b"1," * 29 + b"x", b"1," * 29 + b"70000", b"-1," * 30, b"@1"]
+)
+def test_line_that_is_no_scan_is_refused_and_counted(line, bad):
+    assert line.parse(bad) is None and line.counts["damaged"] == 1
+
+
+def test_line_holds_all_cells_or_the_taxels_alone(line):
+    skin = matrix_skin()
+    keep = np.arange(skin.count) != 4
+    fields = ("patch_index", "rows", "columns", "positions", "normals", "areas")
+    parts = {name: getattr(skin, name)[keep] for name in (*fields, "tangents")}
+    line.port.close()
+    other = MatrixLine(str(line.port.path), 115_200, replace(skin, **parts), 0)
+    counts = np.arange(ROWS * COLUMNS)
+    for text in (format_line(counts), format_line(counts[keep])):
+        assert other.parse(text.strip())[1].tolist() == counts[keep].tolist()
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler: cc, gcc, clang")
+@pytest.mark.parametrize("words", [(), ("bare",)], ids=["timed", "bare"])
+def test_firmware_sends_the_scans_of_a_simulated_matrix(tmp_path, line, words):
+    sources = [FIRMWARE / "eskin_matrix.c", FIRMWARE / "matrix_main.c"]
+    program = tmp_path / "matrix"
+    run_program(COMPILER, *STRICT, f"-I{FIRMWARE}", *sources, "-o", program)
+    rng = np.random.default_rng(0)
+    counts = rng.integers(0, 65_536, (20, ROWS * COLUMNS))
+    times = rng.integers(0, 2**32, 20)
+    given = "\n".join(
+        f"{t} {' '.join(map(str, c))}" for t, c in zip(times, counts, strict=True)
+    )
+    size = (str(ROWS), str(COLUMNS))
+    out = run_program(program, *size, *words, given=given.encode())
+    parsed = [line.parse(text) for text in out.splitlines()]
+    assert [found.tolist() for _, found in parsed] == counts.tolist()
+    assert [time for time, _ in parsed] == ([None] * 20 if words else times.tolist())
+    assert line.has_checksum == (not words)
+
+
+class Script(SampleDevice):
+    """Gives samples when they are due, and is gone in between where it should be."""
+
+    def __init__(self, clock, events):
+        self.clock, self.events = clock, sorted(events, key=lambda event: event[0])
+        self.open = False
+
+    def connect(self):
+        if self.events and self.events[0][1] == "gone":
+            if self.clock.now() < self.events[0][2]:
+                raise OSError("not there")
+            self.events.pop(0)
+        self.open = True
+
+    def receive(self, timeout):
+        assert self.open
+        due = self.events[0][0] if self.events else self.clock.now() + SECOND
+        self.clock.sleep(min(timeout, max(0.0, (due - self.clock.now()) / SECOND)))
+        if self.clock.now() < due:
+            return []
+        if self.events[0][1] == "gone":
+            raise OSError("pulled")
+        return [self.events.pop(0)[1]]
+
+    def disconnect(self):
+        self.open = False
+
+    def counters(self):
+        return {}
+
+
+def sample(patch, stamp, value, age=0):
+    size = len(small_skin().find_taxels(small_skin().patches[patch].id))
+    counts = np.full(size, value, np.int32)
+    return stamp + age, PatchSample(patch, stamp, counts)
+
+
+def read_script(events, count, rate=50.0):
+    """Return the first scans of a scripted device, and its source."""
+    clock = ManualClock(SECOND)
+    source = SampledSource(
+        Script(clock, events),
+        mounted_small(),
+        calibration_of(small_skin()),
+        FixedJoints(np.zeros(0)),
+        clock,
+        "test:",
+        rate,
+    )
+    return [source.read() for _ in range(count)], source
+
+
+def patches_of(scan):
+    """Return the value of each patch that was received."""
+    skin = small_skin()
+    taxels = {p.id: skin.find_taxels(p.id) for p in skin.patches}
+    return {
+        name: int(scan.counts[places[0]])
+        for name, places in taxels.items()
+        if scan.received[places].all()
+    }
+
+
+def test_samples_of_all_patches_become_one_scan():
+    names = [patch.id for patch in small_skin().patches]
+    events = [
+        sample(patch, SECOND + period * 20 * MS + patch * MS, 10 * period + patch)
+        for period in range(1, 9)
+        for patch in range(3)
+    ]
+    scans, _ = read_script(events, 12)
+    values = [patches_of(scan) for scan in scans if scan.received.any()]
+    # Until all three are known, what has come counts alone.
+    for period in range(3, 9):
+        whole = {name: 10 * period + patch for patch, name in enumerate(names)}
+        assert whole in values
+    assert all(b.stamp > a.stamp for a, b in pairwise(scans))
+
+
+def test_patch_that_stops_is_not_received_and_the_others_go_on():
+    events = [
+        sample(patch, SECOND + period * 20 * MS, period)
+        for period in range(1, 40)
+        for patch in range(3)
+        if patch != 1 or period < 10
+    ]
+    scans, source = read_script(events, 40)
+    values = [patches_of(scan) for scan in scans]
+    assert all("middle" not in value or value["middle"] < 10 for value in values)
+    assert values[-1] == {"left": 39, "right": 39} or values[-1].keys() <= {
+        "left",
+        "right",
+    }
+    assert [e.kind for e in source.take_events() if e.patch == "middle"] == [
+        "appeared",
+        "silent",
+    ]
+
+
+def test_sample_that_is_old_is_not_used():
+    events = [sample(0, SECOND + n * 20 * MS, n) for n in range(1, 20)]
+    events.append(sample(0, SECOND + 100 * MS, 999, age=250 * MS))
+    scans, source = read_script(events, 20)
+    assert all(999 not in patches_of(scan).values() for scan in scans)
+    assert source.counters()["late"] == 1
+
+
+def test_device_that_is_gone_gives_scans_without_data_until_it_is_back():
+    away = (SECOND + 210 * MS, "gone", 2 * SECOND)
+    events = [
+        sample(0, SECOND + n * 20 * MS, n) for n in (*range(1, 11), *range(60, 90))
+    ]
+    scans, source = read_script([*events, away], 70)
+    heard = [scan for scan in scans if scan.received.any()]
+    values = [patches_of(scan)["left"] for scan in heard]
+    assert values == sorted(set(values)) and {10, 60} <= set(values)
+    assert 30 < sum(not scan.received.any() for scan in scans) < 60
+    kinds = [event.kind for event in source.take_events() if event.patch is None]
+    assert kinds == ["silent", "returned"]
+
+
+def test_module_that_the_server_repeats_is_not_received_again():
+    clock = ManualClock(SECOND)
+    device = ShearModules(clock, "ws://127.0.0.1:1", matrix_skin("shear"))
+    found = []
+    for number in range(1, 40):
+        clock.sleep(0.01)
+        taken = min(number, 30)
+        text = format_message(number, clock.now(), [number] * 30, time=taken)
+        found += device.parse(text, clock.now())
+    assert [int(one.counts[0]) for one in found] == list(range(31 - len(found), 31))
+    assert len(found) > 15 and device.counters()["repeated"] == 9
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_no_message_of_a_server_raises(data):
+    device = ShearModules(ManualClock(), "ws://127.0.0.1:1", matrix_skin("shear"))
+    text = format_message(1, SECOND, [20] * 30)
+    at = data.draw(st.integers(0, len(text)))
+    noise = data.draw(st.text(max_size=5))
+    device.parse(text[:at] + noise + text[at + len(noise) :], SECOND)
+    device.parse(json.dumps(data.draw(JSON)), SECOND)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["message", "time", "1", "data"]), inner)
+    ),
+    max_leaves=6,
+)
+
+
+@pytest.mark.parametrize("uri", ["csv:/nowhere/port", "xela://127.0.0.1:1"])
+def test_device_that_is_not_there_is_refused(uri):
+    with pytest.raises(DeviceError, match="cannot open"):
+        open_source(uri, config=SourceConfig(skin=matrix_skin(), robot="table"))
+
+
+def test_number_of_ports_is_that_of_patches(tmp_path):
+    config = SourceConfig(skin=small_skin(), robot="table")
+    with pytest.raises(DeviceError, match="one port a patch"):
+        open_source("csv:a", "csv:b", config=config)
+
+
+def test_server_of_modules_commands_no_real_robot_unless_allowed():
+    command = RunCommand(("xela://127.0.0.1:5000",), robot="ur://127.0.0.1")
+    with pytest.raises(DeviceError, match="--allow-unauthenticated"):
+        check_options(command)
+    check_options(replace(command, allow_unauthenticated=True))
+    check_options(replace(command, source=("csv:/dev/ttyACM0",)))
+    for uri in ("csv:/dev/ttyACM0", "xela://127.0.0.1:5000"):
+        with pytest.raises(DeviceError, match="--key"):
+            check_options(RunCommand((uri,), key=Path("key")))
