@@ -128,7 +128,7 @@ def test_device_without_calibration_needs_no_simulator():
 @pytest.mark.parametrize(
     ("uris", "options", "part"),
     [
-        (["can:1"], {}, "serial:PATH, udp://HOST:PORT, replay:FILE"),
+        (["can:1"], {}, "serial:PATH, udp://HOST:PORT, csv:PATH, xela:"),
         ([], {}, "serial:PATH"),
         ([UDP, "serial:/dev/x"], {}, "several serial ports"),
         ([UDP, "udp://127.0.0.1:9752"], {}, "several serial"),
