@@ -17,7 +17,7 @@ def call_generate(monkeypatch, capsys):
     """Return a function that runs the command with a stand-in, in this process."""
 
     def call(*words, factory=StandIn):
-        def generate_here(folder, settings, workers, on_progress):
+        def generate_here(folder, settings, workers, on_progress, write):
             return generate(folder, settings, 0, factory, on_progress)
 
         monkeypatch.setattr(command, "generate", generate_here)

@@ -32,7 +32,7 @@ BELOW = {
     "design": ("drivers",),
     "live": ("model", "recording"),
     "stream": ("live", "drivers"),
-    "sim": ("recording",),
+    "sim": ("recording", "extras", "code_digest"),
     "ur": (),
     "command": ("stream", "ur"),
     "page": ("transforms", "errors"),

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -98,6 +98,10 @@ class GenerateCommand:
     workers: int | None = None
     """Number of processes; by default one for each core."""
 
+    ray: str | None = None
+    """Address of a Ray cluster whose machines generate, HOST:PORT of its head or auto,
+    in place of processes of this computer."""
+
     families: tuple[FamilyName, ...] | None = None
     """Families of sensors: each session has a new build of one of them, in turn. By
     default the builds are those of the set."""
@@ -115,6 +119,11 @@ class GenerateCommand:
 
 def run(command: GenerateCommand) -> dict[str, object]:
     """Generate recordings; return the number of clips and the time taken."""
+    if command.ray is not None and command.workers is not None:
+        raise ValueError(
+            "--workers is given with --ray; allowed is one of them; the cluster has as "
+            "many workers as cores"
+        )
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     if workers < 1:
         raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
@@ -137,8 +146,16 @@ def run(command: GenerateCommand) -> dict[str, object]:
         command.families,
         recorded,
     )
-    with show_progress(settings.clip_set.clips) as update:
-        result = generate(command.out, settings, workers, on_progress=update)
+    with ExitStack() as stack:
+        write = None
+        if command.ray is not None:
+            from eskin.sim.dataset.cluster import open_cluster
+
+            write = stack.enter_context(open_cluster(command.ray))
+        update = stack.enter_context(show_progress(settings.clip_set.clips))
+        result = generate(
+            command.out, settings, workers, on_progress=update, write=write
+        )
     rate = round(result.clips_per_minute, 1)
     print(
         f"{command.out}: {result.clips} clips in {result.files} recordings, "

@@ -12,11 +12,12 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from fcntl import LOCK_EX, LOCK_NB, flock
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
 from multiprocessing.synchronize import Event
 from pathlib import Path
+from typing import Protocol
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
@@ -133,6 +134,22 @@ PENDING_PER_WORKER = 2
 Rows = Generator[tuple[ClipRow, ...], None, None]
 
 
+class WriteSessions(Protocol):
+    """Writes the files of sessions, and yields their rows in order."""
+
+    def __call__(
+        self,
+        folder: Path,
+        settings: GenerationSettings,
+        sessions: Sequence[SessionPlan],
+        /,
+        *,
+        factory: Callable[[str], ClipGenerator],
+    ) -> Rows:
+        """Write the files into a folder."""
+        ...
+
+
 @dataclass(frozen=True)
 class GenerationResult:
     """A generation result holds counts of what was generated."""
@@ -158,6 +175,7 @@ def generate(
     workers: int = 0,
     factory: Callable[[str], ClipGenerator] | None = None,
     on_progress: Callable[[int], None] = lambda done: None,
+    write: WriteSessions | None = None,
 ) -> GenerationResult:
     """Generate a set, or the part of it that is missing.
 
@@ -171,6 +189,8 @@ def generate(
         factory: function that builds the clip generator of a skin; must be importable
             by other processes; None chooses the simulator of the set.
         on_progress: function that is called with the number of complete clips.
+        write: function that writes sessions elsewhere, as `open_cluster` yields it;
+            None uses processes of this computer.
 
     Raises:
         GenerationError: the folder holds something else, or a clip cannot be made.
@@ -189,7 +209,9 @@ def generate(
         missing = settings.sessions[done:]
         made = 0
         on_progress(kept)
-        written = write_sessions(folder, settings, missing, workers, factory)
+        if write is None:
+            write = partial(write_sessions, workers=workers)
+        written = write(folder, settings, missing, factory=factory)
         try:
             with closing(written):
                 for rows in written:
