@@ -8,14 +8,16 @@ people of no set. Of every tracked touch the probabilities at each reading are k
 detection, and the simulated touch that caused it. For each action of the default map
 the command adds up, for every threshold, what it would have cost: `COSTS` states the
 cost of a touch that asks for the action and does not get it, and of another touch or an
-accident that gets it. A stop that begins more than 0.25 s after the onset counts as
-missed. Of unasked commands few are seen, so their upper limit counts (95 %, of a
-Poisson law). The threshold of least cost is chosen; of equal ones the lowest for a
-stop, and the highest for all else. The chosen figures belong into `MIN_CONFIDENCE` of
-`eskin.command.actions`. A last table compares the gestures that could let an arm go on.
+accident that gets it. Of unasked commands few are seen, so their upper limit counts
+(95 %, of a Poisson law). The threshold of least cost is chosen; of equal ones the
+lowest for a stop, and the highest for all else. So is the probability from which a
+moving arm stands for a possible stop. The chosen figures belong into `MIN_CONFIDENCE`
+and `STAND_CONFIDENCE` of `eskin.command.actions`. A last table compares the gestures
+that could let an arm go on.
 """
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
@@ -51,14 +53,13 @@ not get it, and cost of one that gets it and did not ask. A missed command is re
 1. A stop that does not come may hurt: 5. A part that falls costs 10 commands, an arm
 that starts though nobody asked costs 20."""
 
-LEAST = {"open_gripper": 0.85, "resume": 0.95, "pause": 0.2}
+LEAST = {"open_gripper": 0.85, "resume": 0.95}
 """Thresholds below which an action is not chosen, whatever it costs: an hour of data
-does not show that an error is rare enough, and accidents may pause the arm in one of
-ten cases."""
+does not show that an error is rare enough."""
 
 LATEST_STOP = 0.25
-"""Time after the onset of a touch from which a stop that it asks for counts as missed
-[s]."""
+"""Time after the onset of a poke from which it costs a missed stop that the arm does
+not stand yet [s]."""
 
 WAIT_COST = 0.1
 """Cost of a touch that is no stop and for which the arm stands until it is decided."""
@@ -304,17 +305,39 @@ def choose(
         given = values >= threshold
         missed, unasked = int((asks & ~given).sum()), int((~asks & given).sum())
         cost = miss * missed + wrong * float(chi2.ppf(0.95, 2 * unasked + 2) / 2)
-        if stops:
-            begun = [trace.first_stop(gesture, threshold) for trace in used]
-            late = np.array([at is None or at > LATEST_STOP for at in begun])
-            stood = np.array([at is not None for at in begun])
-            cost += miss * int((asks & given & late).sum())
-            cost += WAIT_COST * int((~asks & stood).sum())
         counts = int(asks.sum()), missed, int((~asks).sum()), unasked
         choices.append(Choice(action, gesture, threshold, cost, *counts))
     least = min(choice.cost for choice in choices)
     equal = [choice for choice in choices if choice.cost == least]
     return equal[0] if stops else equal[-1]
+
+
+def choose_standing(
+    gesture: str, miss: float, traces: Iterable[TouchTrace]
+) -> tuple[Choice, list[float]]:
+    """Choose the probability from which a moving arm stands for a possible stop.
+
+    Args:
+        gesture: gesture that stops the arm.
+        miss: cost of such a touch for which it does not stand in time.
+        traces: all tracked touches.
+
+    Returns:
+        The choice, and when the arm stands for the touches that ask for it [s].
+    """
+    used = [trace for trace in traces if trace.works]
+    asks = np.array([trace.true == gesture for trace in used])
+    found = []
+    for threshold in GRID:
+        first = [trace.first_stop(gesture, threshold) for trace in used]
+        begun = np.array([math.inf if at is None else at for at in first])
+        late = int((asks & (begun > LATEST_STOP)).sum())
+        others = int((~asks & np.isfinite(begun)).sum())
+        cost = miss * late + WAIT_COST * others
+        counts = int(asks.sum()), late, int((~asks).sum()), others
+        choice = Choice("stand", gesture, threshold, cost, *counts)
+        found.append((choice, begun[asks & np.isfinite(begun)].tolist()))
+    return min(found, key=lambda pair: pair[0].cost)
 
 
 def format_choice(choice: Choice, hours: float) -> str:
@@ -360,17 +383,13 @@ def main() -> None:
     print(format_head(HEAD))
     for action, (gesture, miss, wrong) in COSTS.items():
         print(format_choice(choose(action, gesture, miss, wrong, caused), hours))
-    stop = choose("pause", *COSTS["pause"], caused)
-    delays = [
-        at
-        for trace in caused
-        if trace.true == stop.gesture and trace.works
-        if (at := trace.first_stop(stop.gesture, stop.threshold)) is not None
-    ]
+    gesture, miss, _ = COSTS["pause"]
+    standing, delays = choose_standing(gesture, miss, caused)
+    print(format_choice(standing, hours))
     print(
         f"an arm at work begins to stop {np.median(delays):.2f} s after the onset of "
+        f"a {gesture}, p95 {np.percentile(delays, 95):.2f} s"
     )
-    print(f"a {stop.gesture}, p95 {np.percentile(delays, 95):.2f} s")
     print("gestures that could let an arm go on, by the cost of resume:")
     print(format_head(HEAD))
     for gesture in ("double_pat", "grab", "poke", "stroke"):

@@ -14,7 +14,7 @@ from eskin.command import (
     SkinMonitorConfig,
     command_function,
 )
-from eskin.command.actions import MIN_CONFIDENCE
+from eskin.command.actions import MIN_CONFIDENCE, STAND_CONFIDENCE
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
@@ -469,7 +469,7 @@ def test_light_touch_that_becomes_strong_counts_again():
 @pytest.mark.parametrize(("more", "waits"), [(-0.01, False), (0.01, True)])
 def test_arm_stands_while_touch_may_be_a_stop(more, waits):
     scene = Scene()
-    number = scene.begin("poke", confidence=LEAST["pause"] + more)
+    number = scene.begin("poke", confidence=STAND_CONFIDENCE + more)
     scene.step()
     assert (scene.arm.speed_limit == 0.0) == waits
     assert scene.waits == [number] * waits and scene.accepted == []
@@ -494,6 +494,16 @@ def test_possible_stop_that_ends_unrecognised_pauses():
     (event,) = scene.events
     assert (event.action, event.touch, event.patch) == ("pause", number, PATCH.id)
     assert "may have been a stop" in event.why and scene.arm.speed_limit == 1.0
+
+
+def test_arm_that_stood_for_too_little_of_a_chance_goes_on():
+    scene = Scene()
+    number = scene.begin("poke", confidence=LEAST["pause"] - 0.01)
+    scene.step()
+    assert scene.arm.speed_limit == 0.0
+    scene.lift(number)
+    scene.close(number)
+    assert scene.arm.speed_limit == 1.0 and not scene.arm.state().paused
 
 
 def test_heir_of_possible_stop_is_waited_for():

@@ -28,8 +28,8 @@ FUNCTION = "function"
 """Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
-    "hold": 0.21,
-    "pause": 0.21,
+    "hold": 0.4,
+    "pause": 0.4,
     FUNCTION: 0.8,
     "slow": 0.95,
     "jog": 0.95,
@@ -45,6 +45,9 @@ MIN_CONFIDENCE = {
 Those of the default map are chosen by `python -m benchmarks.command_thresholds`; `hold`
 and `previous_waypoint` are like `pause` and `next_waypoint`, and the other two are set.
 """
+STAND_CONFIDENCE = 0.13
+"""Probability of a stop from which a moving arm stands until the touch is recognised,
+where the stop itself needs more; chosen by the same command."""
 STRICT_ACTIONS = ("open_gripper", "resume", "jog")
 """Actions whose default confidence a rule can only raise."""
 COOL_DOWN = 0.5

@@ -3,7 +3,12 @@
 from dataclasses import dataclass
 from typing import final
 
-from eskin.command.actions import HALTING_ACTIONS, TOGGLES, required_confidence
+from eskin.command.actions import (
+    HALTING_ACTIONS,
+    STAND_CONFIDENCE,
+    TOGGLES,
+    required_confidence,
+)
 from eskin.command.command_map import NON_GESTURES, CommandMap
 from eskin.live import UNKNOWN, Detection
 from eskin.skin import Skin
@@ -18,7 +23,7 @@ class StopRules:
     """Indices of the gestures in the vocabulary that stop the arm, by patch."""
 
     required: tuple[float, ...]
-    """Least probability of them that the arm stops for, by patch."""
+    """Least probability of them that the arm pauses for, by patch."""
 
     names: tuple[str, ...]
     """Names of the patches."""
@@ -53,11 +58,13 @@ class PossibleStops:
     """Possible stops are open touches of which the recogniser cannot say yet.
 
     The chance of a touch is the probability that it is one of the gestures that stop
-    the arm where it is.
+    the arm where it is. An arm stands for less of a chance than it pauses for, since it
+    goes on by itself.
 
     Attributes:
         waiting: ids of the touches for which the arm stands until they are recognised.
-        ended: ids of those among them that have just closed without being recognised.
+        ended: ids of those among them that have just closed without being recognised,
+            and whose chance suffices for a pause.
     """
 
     def __init__(self, rules: StopRules) -> None:
@@ -93,7 +100,8 @@ class PossibleStops:
             self.chances[row.id] = chance, self.rules.required[patch]
             if row.id in self.decided or row.id in self.waiting or not works:
                 continue
-            if row.last == state.reading.stamp and chance >= self.rules.required[patch]:
+            least = min(self.rules.required[patch], STAND_CONFIDENCE)
+            if row.last == state.reading.stamp and chance >= least:
                 self.waiting.add(row.id)
                 begun.append((row.id, chance))
         return begun
@@ -102,9 +110,10 @@ class PossibleStops:
         """Forget a touch that has closed; what it merged into is waited for instead."""
         if touch in self.waiting:
             self.waiting.discard(touch)
-            if not merged_into:
+            chance, required = self.chances.get(touch, (0.0, 1.0))
+            if not merged_into and chance >= required:
                 self.ended += (touch,)
-            elif merged_into not in self.decided:
+            if merged_into and merged_into not in self.decided:
                 self.waiting.add(merged_into)
         if merged_into and touch in self.decided:
             self.decided.add(merged_into)
