@@ -44,6 +44,9 @@ from helpers.streams import INFO, Ear, played
 
 MESSAGES = Path(__file__).parents[1] / "msg" / "eskin_msgs"
 LAYOUT = "examples/foxglove_layout.json"
+ARROW, SPHERE_LIST, TEXT = 0, 7, 9
+KINDS = {"contacts": ARROW, "touches": TEXT, "detections": TEXT}
+"""Types of markers by namespace, as `visualization_msgs/msg/Marker` numbers them."""
 OTHERS = (JOINT_STATES, TRANSFORMS, ROBOT_DESCRIPTION)
 TOPICS = (*PUBLISHED, *OTHERS, LABEL, TRUTH)
 OWN = [topic for topic in TOPICS if topic.type_name.startswith("eskin_msgs")]
@@ -213,6 +216,9 @@ def test_markers_show_taxels_where_they_are_and_contacts_where_they_press(
         points = [(p.x, p.y, p.z) for p in taxels.points]
         np.testing.assert_allclose(points, positions, atol=1e-9)
         assert len(taxels.colors) == len(points)
+        assert (taxels.ns, taxels.type) == ("taxels", SPHERE_LIST)
+        assert all(m.type == KINDS[m.ns] for m in others)
+        assert len({(m.ns, m.id) for m in others}) == len(others)
         arrows = [m for m in others if m.ns == "contacts"]
         tips = [tuple(vars(m.points[1]).values())[:3] for m in arrows]
         np.testing.assert_allclose(

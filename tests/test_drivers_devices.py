@@ -280,6 +280,14 @@ def test_line_with_checksum_is_refused_when_any_byte_is_changed(line):
             assert result is None or result[1].tolist() == counts, bytes(bad)
 
 
+def test_line_without_checksum_is_refused_after_one_with(line):
+    counts = list(range(30))
+    plain = format_line(counts).strip()
+    assert line.parse(plain) is not None
+    assert line.parse(format_line(counts, 5, True).strip()) is not None
+    assert line.parse(plain) is None
+
+
 @pytest.mark.parametrize(
     "bad", [b"", b"1,2,3", b"1," * 29 + b"x", b"1," * 29 + b"70000", b"-1," * 30, b"@1"]
 )
@@ -424,6 +432,14 @@ def test_sample_that_is_old_is_not_used():
     scans, source = read_script(events, 20)
     assert all(999 not in patches_of(scan).values() for scan in scans)
     assert source.counters()["late"] == 1
+
+
+def test_stamps_increase_whatever_a_device_states():
+    times = (20, 40, 40, 30, 60)
+    events = [sample(0, SECOND + ms * MS, n) for n, ms in enumerate(times)]
+    scans, _ = read_script(events, 5)
+    assert all(b.stamp > a.stamp for a, b in pairwise(scans))
+    assert [patches_of(scan).get("left") for scan in scans] == [0, 3, 1, 2, 4]
 
 
 def test_device_that_is_gone_gives_scans_without_data_until_it_is_back():
