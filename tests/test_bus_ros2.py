@@ -13,15 +13,29 @@ import pytest
 from eskin.bus import Publisher, compute_type_hash
 from eskin.bus.messages import OK, STALE, WARN
 from eskin.bus.ros2 import Ros2Bus, Ros2Joints, Ros2Node, wrap_message
-from eskin.cli.run import RunCommand, check_options
+from eskin.cli.run import (
+    RunCommand,
+    check_options,
+    describe_doubts,
+    is_without_joints,
+    subscribe_joints,
+)
 from eskin.drivers import HostClock, ManualClock
 from eskin.errors import DeviceError
 from eskin.live import Recognizer
 from eskin.recording.messages import DETECTION, READING, pack_joint_state
 from eskin.robot import load_robot
 from eskin.stream import Recognition, Stream
-from helpers.cli import assert_refused
-from helpers.live import VOCABULARY, Press, calibration_of, mounted, say_always, scans
+from helpers.cli import assert_refused, call_json
+from helpers.live import (
+    VOCABULARY,
+    Press,
+    calibration_of,
+    mounted,
+    record,
+    say_always,
+    scans,
+)
 from helpers.streams import INFO, played
 
 pytestmark = pytest.mark.slow
@@ -88,6 +102,42 @@ def test_another_process_hears_every_reading_and_moves_the_joints(domain):
     assert joints.q_at(0).tolist() == [0.0, 0.0, -0.5, 0.0, 0.75, 0.0]
     status = joints.diagnose()
     assert status.level == WARN and "shoulder_lift_joint" in status.message
+
+
+def test_run_publishes_to_ros2_and_foxglove(domain, tmp_path, capsys):
+    on = mounted()
+    path = record(tmp_path / "a.mcap", on, scans(on, [], 50, 1.0))
+    words = ("run", "--source", f"replay:{path}", "--pace", 5)
+    words += ("--ros2", "--foxglove", "--foxglove-port", 0)
+    result, out = call_json(capsys, *words)
+    assert "ws://127.0.0.1:" in out
+    for name in ("ros2", "foxglove"):
+        count = result["queues"][name]
+        assert count["given"] == count["taken"] >= 2 * result["readings"]
+
+
+@pytest.mark.parametrize(
+    ("options", "subscribes"),
+    [
+        ({}, True),
+        ({"q": (0.0,) * 6}, False),
+        ({"robot": "sim:ur5"}, False),
+        ({"source": ("sim:ur5",)}, False),
+        ({"source": ("replay:a.mcap",)}, False),
+    ],
+)
+def test_joint_states_are_used_where_nothing_else_tells_the_joints(options, subscribes):
+    command = RunCommand(("serial:/dev/ttyACM0",), skin="ur5", ros2=True)
+    assert is_without_joints(replace(command, **options)) == subscribes
+
+
+def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain):
+    command = RunCommand(("serial:/dev/ttyACM0",), skin="ur5", ros2=True)
+    joints = subscribe_joints(command, Ros2Node(), ManualClock())
+    assert joints is not None
+    assert tuple(joints.index) == load_robot("ur5").joint_names
+    doubts = describe_doubts(command, calibration_of(mounted("ur5").skin))
+    assert any("/joint_states" in doubt for doubt in doubts)
 
 
 def start_when_heard(start, bus):

@@ -72,11 +72,25 @@ def feed(graph, window, present, shear=False):
     return {name: getattr(one, name).numpy() for name in NAMES}
 
 
+@pytest.fixture(scope="module")
+def exported_shear(tmp_path_factory):
+    """A model of skins with shear, and its path as ONNX."""
+    path, model = (
+        tmp_path_factory.mktemp("onnx") / "shear.onnx",
+        model_of(network("shear")),
+    )
+    assert export_onnx(model, path) < 1e-4
+    return model, path
+
+
 @pytest.mark.parametrize("kind", ["pressure", "shear"])
-def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(tmp_path, kind):
-    model = model_of(network(kind))
-    error = export_onnx(model, tmp_path / "model.onnx")
-    session, net = open_session(tmp_path / "model.onnx"), to_network(model)
+def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(
+    exported, exported_shear, kind
+):
+    model, path = exported_shear
+    if kind == "pressure":
+        model, path = load_model("ur5"), exported[0]
+    session, net = open_session(path), to_network(model)
     rng, slots = np.random.default_rng(5), net.config.slots
     size = len(net.summary_mean) + net.encoder.size
     sizes = set()
@@ -95,7 +109,7 @@ def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(tmp_path, ki
             expected = net(NetworkInput(tensors, index))[0].numpy()
         np.testing.assert_allclose(found, expected, atol=1e-4, rtol=1e-5)
         sizes.add((len(inputs["forces"]), len(inputs["targets"])))
-    assert len(sizes) > 90 and 0 <= error < 1e-4
+    assert len(sizes) > 90
 
 
 def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exported):
@@ -106,7 +120,7 @@ def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exporte
     stream = GraphStream(on, card.graph)
     shapes = {one.name: one.shape for one in session.get_inputs()}
     windows, compared = {}, 0
-    for scan in scans(on, PRESSES, 100, 5.2):
+    for scan in scans(on, PRESSES, 50, 5.2):
         live.push(scan)
         slot = scan.stamp // SLOT_NS
         for touch, graph in stream.push(pipeline.push(scan)).items():
@@ -122,7 +136,7 @@ def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exporte
             if touch in live.probabilities:
                 np.testing.assert_allclose(found, live.probabilities[touch], atol=1e-4)
                 compared += 1
-    assert compared > 100
+    assert compared > 50
 
 
 def test_export_of_shipped_weights_states_its_error(exported):
