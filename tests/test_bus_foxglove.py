@@ -91,8 +91,7 @@ def shown():
     recognizer = Recognizer(say_always("poke"), on, calibration_of(on.skin))
     recognition = Recognition(recognizer, drop="never")
     bus = FoxgloveBus(0)
-    publisher = Publisher(bus, on, VOCABULARY)
-    publisher.drop = "never"
+    publisher = Publisher(bus, on, VOCABULARY, drop="never")
     start, clients = publisher.start, []
     subscribed = [topic for topic in PUBLISHED if topic.name in TOPICS]
 

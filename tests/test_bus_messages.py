@@ -94,10 +94,9 @@ def publish(bus, stream):
     recognizer = Recognizer(say_always("poke"), own, calibration_of(own.skin))
     recognition = Recognition(recognizer, drop="never")
     publisher, ear = (
-        Publisher(bus, own, VOCABULARY),
+        Publisher(bus, own, VOCABULARY, drop="never"),
         Ear(message_types=(RecognitionState,)),
     )
-    publisher.drop = "never"
     with Stream(source, [recognition, publisher, ear]) as running:
         running.wait()
     return ear.received

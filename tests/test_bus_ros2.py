@@ -84,8 +84,7 @@ def test_another_process_hears_every_reading_and_moves_the_joints(domain):
         bus = Ros2Bus(node, reliable=True)
         joints = Ros2Joints(node, load_robot("ur5"), HostClock())
         recognition = Recognition(recognizer, drop="never")
-        publisher = Publisher(bus, on, VOCABULARY, joints.diagnose)
-        publisher.drop = "never"
+        publisher = Publisher(bus, on, VOCABULARY, joints.diagnose, "never")
         running = Stream(source, [recognition, publisher])
         publisher.start = start_when_heard(publisher.start, bus)
         with running:

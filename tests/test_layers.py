@@ -37,7 +37,7 @@ BELOW = {
     "command": ("stream", "ur"),
     "page": ("transforms", "errors"),
     "viewer": ("stream", "page"),
-    "bus": ("stream", "page", "extras"),
+    "bus": ("stream", "page", "extras", "closing"),
     "demo": ("command", "viewer", "sim"),
     "bench": ("learn", "stream"),
 }

@@ -121,7 +121,6 @@ class Publisher(Listener):
 
     message_types = (Scan, RecognitionState, Detection, Event)
     size = 512
-    drop: Drop = "oldest"
 
     def __init__(
         self,
@@ -129,6 +128,7 @@ class Publisher(Listener):
         mounted: MountedSkin,
         gestures: tuple[str, ...],
         received_joints: Callable[[], DiagnosticStatus] | None = None,
+        drop: Drop = "oldest",
     ) -> None:
         """Prepare to publish.
 
@@ -138,8 +138,10 @@ class Publisher(Listener):
             gestures: vocabulary of the model.
             received_joints: function that returns the state of the joint positions
                 where they come from the bus, and are not published on it.
+            drop: what is dropped when messages come faster than they are published.
         """
         self.name = bus.name
+        self.drop = drop
         self.bus = bus
         self.mounted = mounted
         self.gestures = gestures

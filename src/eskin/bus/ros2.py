@@ -26,6 +26,7 @@ from eskin.bus.messages import (
     DiagnosticStatus,
 )
 from eskin.bus.publisher import Bus
+from eskin.closing import Closing
 from eskin.drivers import Clock, JointSource
 from eskin.errors import DeviceError, RecordingError
 from eskin.extras import find_package
@@ -62,7 +63,7 @@ BLOCKING_SECONDS = 0.1
 
 
 @final
-class Ros2Node:
+class Ros2Node(Closing):
     """A participant of the domain in `ROS_DOMAIN_ID`, which is 0 by default."""
 
     def __init__(self) -> None:
@@ -119,7 +120,7 @@ class Ros2Node:
         )
 
     def close(self) -> None:
-        """Leave the domain."""
+        """Leave the domain; what was created for it is of no use any more."""
         self.participant = None
 
 

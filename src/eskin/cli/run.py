@@ -172,8 +172,11 @@ def run(command: RunCommand) -> dict[str, object]:
         if arm is not None:
             config = replace(config, joints=stack.enter_context(arm))
         node = open_ros2_node(command)
-        if node is not None and is_without_joints(command):
-            config = replace(config, joints=subscribe_joints(command, node, clock))
+        if node is not None:
+            stack.enter_context(node)
+            if is_without_joints(command):
+                joints = subscribe_joints(command, node, clock)
+                config = replace(config, joints=joints)
         source = open_source(*command.source, config=config, clock=clock)
         stack.enter_context(source)
         info = source.info
@@ -420,13 +423,13 @@ def build_publishers(
 
     recognizer = recognition.recognizer
     mounted, gestures = recognizer.mounted, recognizer.model.card.vocabulary
-    publishers = []
+    publishers, drop = [], choose_drop_policy(command)
     if node is not None:
         from eskin.bus.ros2 import Ros2Bus, Ros2Joints
 
         bus = Ros2Bus(node, command.ros2_reliable)
         received = joints.diagnose if isinstance(joints, Ros2Joints) else None
-        publishers.append(Publisher(bus, mounted, gestures, received))
+        publishers.append(Publisher(bus, mounted, gestures, received, drop))
     if command.foxglove:
         from eskin.bus.foxglove import DEFAULT_PORT, FoxgloveBus, build_asset_finder
         from eskin.page.link import free_port
@@ -438,7 +441,7 @@ def build_publishers(
         if path.is_file():
             find_asset = build_asset_finder(mounted.robot, path.parent)
         bus = FoxgloveBus(number, find_asset)
-        publishers.append(Publisher(bus, mounted, gestures))
+        publishers.append(Publisher(bus, mounted, gestures, drop=drop))
         print(f"open ws://127.0.0.1:{number} in Foxglove", flush=True)
     return publishers
 
