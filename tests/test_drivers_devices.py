@@ -223,7 +223,7 @@ DEVICES = [(Pad, False), (Pad, True), (Modules, True)]
 NAMES = ["bare", "timed", "modules"]
 
 
-@pytest.mark.parametrize("seconds", [4, pytest.param(60, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seconds", [3, pytest.param(60, marks=pytest.mark.long)])
 @pytest.mark.parametrize(("kind", "timed"), DEVICES, ids=NAMES)
 def test_device_is_read_unplugged_and_read_again(
     kind, timed, seconds, tmp_path, capsys, monkeypatch
