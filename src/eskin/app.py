@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task, UrArm
 from eskin.drivers import (
+    CalledJoints,
     Clock,
     CsvMatrix,
     DeviceSource,
@@ -26,9 +27,11 @@ from eskin.drivers import (
     Source,
     SourceInfo,
     Transport,
+    UdpJoints,
     UdpTransport,
     replay_source,
 )
+from eskin.drivers.joints import JointFunction
 from eskin.errors import ArmError, DeviceError
 from eskin.live import mount_skin
 from eskin.recording import Overrides, read_calibration
@@ -69,8 +72,9 @@ class SourceConfig:
     q: tuple[float, ...] | None = None
     """Joint positions of a robot that does not move [rad]; all zero where None."""
 
-    joints: JointSource | None = None
-    """Source of joint positions, in place of `q`."""
+    joints: JointSource | JointFunction | None = None
+    """Source of joint positions in place of `q`, or a function that returns them [rad]
+    at a stamp [ns since the epoch]."""
 
     rate: float | None = None
     """Scan rate of a device [1/s]; the rate that its patches announce where None."""
@@ -179,11 +183,46 @@ def open_arm(
     return UrArm(UrLink(host, gripper_output), task, clock, motion)
 
 
+def open_joints(
+    uri: str, robot: Robot, clock: Clock | None = None, allow_remote: bool = False
+) -> UdpJoints:
+    """Open a source of joint positions, and wait for the first ones.
+
+    Args:
+        uri: `udp://HOST:PORT`, to which JSON is sent as `UdpJoints` describes.
+        robot: robot whose joints they are.
+        clock: clock that stamps them; this computer's unless given.
+        allow_remote: whether datagrams of other computers are accepted.
+
+    Raises:
+        DeviceError: there is no such port, or nothing came within 3 s.
+    """
+    if not uri.startswith("udp:"):
+        raise DeviceError(
+            f"joints are '{uri}'; allowed is udp://HOST:PORT, such as "
+            "udp://127.0.0.1:9760; correct it"
+        )
+    if not robot.joint_names:
+        raise DeviceError(
+            f"joints are '{uri}', but robot '{robot.name}' has no moving joint; "
+            "allowed is a robot with joints; leave them out"
+        )
+    joints = UdpJoints(robot, *parse_udp_address(uri), clock, allow_remote)
+    try:
+        joints.wait()
+    except DeviceError:
+        joints.close()
+        raise
+    return joints
+
+
 def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
     """Open patches on a cable or a network."""
     mounted = mount_device_skin(uris, config)
     calibration = load_calibration(config, mounted.skin)
     joints = config.joints or FixedJoints(fixed_positions(config, mounted))
+    if not isinstance(joints, JointSource):
+        joints = CalledJoints(joints, mounted.robot)
     with ExitStack() as stack:
         transport = open_transport(uris, config, clock)
         stack.callback(transport.close)
@@ -263,7 +302,7 @@ def parse_udp_address(uri: str) -> tuple[str, int]:
         host, port, rest = None, None, ""
     if not host or not port or rest:
         raise DeviceError(
-            f"source is '{uri}'; allowed is udp://HOST:PORT with a port from 1 to "
+            f"address is '{uri}'; allowed is udp://HOST:PORT with a port from 1 to "
             "65535, such as udp://127.0.0.1:9750; correct it"
         )
     return host, port

@@ -13,6 +13,7 @@ EskinError
 ├── CommandError        a command map that cannot be used         (ValueError)
 ├── ExtraError          an optional package that is not installed (ImportError)
 ├── DeviceError         a device or port that cannot be used      (OSError)
+│   └── JointsError     joint positions that are not known
 ├── ArmError            an arm that cannot be used                (OSError)
 │   └── JogError        a jog that an arm does not make
 └── StreamError         a stream that had to stop                 (RuntimeError)
@@ -20,6 +21,9 @@ EskinError
 Every message says in one line what is wrong, what was got, what is allowed, and the
 remedy. The command line prints that line and exits with code 2.
 """
+
+import numpy as np
+from jaxtyping import Float
 
 
 class EskinError(Exception):
@@ -77,6 +81,19 @@ class ExtraError(EskinError, ImportError):
 
 class DeviceError(EskinError, OSError):
     """A device, port or address cannot be used, or is lost."""
+
+
+class JointsError(DeviceError):
+    """The joint positions of a robot are not known at a time.
+
+    Attributes:
+        q: the last that were known, zeros before [rad].
+    """
+
+    def __init__(self, message: str, q: Float[np.ndarray, "joint"]) -> None:
+        """Store the message and the last joint positions."""
+        super().__init__(message)
+        self.q = q
 
 
 class CommandError(EskinError, ValueError):

@@ -89,7 +89,7 @@ def run(command: CalibrateCommand) -> dict[str, object]:
     is_live = not command.source[0].startswith("replay:")
     with ExitStack() as stack:
         pace = 1.0 if command.view else math.inf
-        source = stack.enter_context(open_guided_source(command, pace))
+        source = open_guided_source(command, pace, stack)
         info = source.info
         robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)

@@ -1,8 +1,9 @@
 """This module holds what commands share that guide a person in the terminal."""
 
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -31,6 +32,13 @@ class GuidedCommand:
     """Calibration file to start from; by default that of the recording, or
     calibration.json in the skin's folder, else a nominal one."""
 
+    q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
+    """Joint positions [rad] of a robot that does not move; zeros by default."""
+
+    joints: str | None = None
+    """Address to which the joint positions of a robot are sent as JSON,
+    udp://HOST:PORT."""
+
     rate: float | None = None
     """Rate of the device's scans [1/s]; by default the one that it announces."""
 
@@ -44,18 +52,24 @@ class GuidedCommand:
     """Key file of the patches; packets without a valid seal are refused."""
 
 
-def open_guided_source(command: GuidedCommand, pace: float) -> "Source":
+def open_guided_source(
+    command: GuidedCommand, pace: float, stack: ExitStack
+) -> "Source":
     """Open a device, or a recording.
 
     Args:
         command: what is opened.
         pace: seconds of a recording that are played in a second.
+        stack: what closes it.
 
     Raises:
         DeviceError: the source is neither.
     """
-    from eskin.app import SourceConfig, open_source
+    from eskin.app import SourceConfig, open_joints, open_source
     from eskin.drivers import read_key
+    from eskin.live import mount_skin
+
+    check_joints(command.joints, command.q, command.source)
 
     kinds = {uri.partition(":")[0] for uri in command.source}
     if not command.source or not kinds <= {"serial", "udp", "replay"}:
@@ -72,13 +86,39 @@ def open_guided_source(command: GuidedCommand, pace: float) -> "Source":
         skin=command.skin,
         robot=command.robot_urdf,
         calibration=command.calibration,
+        q=command.q,
         rate=command.rate,
         pace=pace,
         baud=command.baud,
         allow_remote=command.allow_remote,
         key=None if command.key is None else read_key(command.key),
     )
-    return open_source(*command.source, config=config)
+    if command.skin is not None and command.joints is not None:
+        robot = mount_skin(command.skin, command.robot_urdf).robot
+        joints = open_joints(command.joints, robot, None, command.allow_remote)
+        config = replace(config, joints=stack.enter_context(joints))
+    return stack.enter_context(open_source(*command.source, config=config))
+
+
+def check_joints(
+    joints: str | None, q: tuple[float, ...] | None, sources: tuple[str, ...]
+) -> None:
+    """Raise if joint positions are given twice, or to a source that has its own.
+
+    Raises:
+        DeviceError: for --joints or --q.
+    """
+    if joints is not None and q is not None:
+        raise DeviceError(
+            "--joints is given with --q; allowed is one of them; leave out --q of a "
+            "robot that moves"
+        )
+    played = [uri for uri in sources if uri.startswith(("replay:", "sim:"))]
+    if joints is not None and played:
+        raise DeviceError(
+            f"--joints is given with {played[0]}, which has joint positions of its "
+            "own; allowed is --joints with serial: or udp: sources; leave it out"
+        )
 
 
 def print_line(line: str) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from eskin.cli.guided import check_joints
 from eskin.errors import ArmError, DeviceError
 
 if TYPE_CHECKING:
@@ -59,6 +60,10 @@ class RunCommand:
 
     q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
     """Joint positions [rad] of a robot that does not move; zeros by default."""
+
+    joints: str | None = None
+    """Address to which the joint positions of a robot are sent as JSON,
+    udp://HOST:PORT."""
 
     robot: str | None = None
     """Arm that touches command: sim:ur5 or ur://HOST. It also gives the joint
@@ -135,7 +140,7 @@ class RunCommand:
 
 def run(command: RunCommand) -> dict[str, object]:
     """Stream until the end; print detections and events as they come."""
-    from eskin.app import SourceConfig, open_source
+    from eskin.app import SourceConfig, open_joints, open_source
     from eskin.drivers import HostClock, read_key
     from eskin.live import Recognizer, mount_skin, warm_up
     from eskin.model import load_model
@@ -165,9 +170,13 @@ def run(command: RunCommand) -> dict[str, object]:
     with ExitStack() as stack:
         # Devices send at any time, so code is compiled before they are opened.
         if command.skin is not None:
-            warm_up(
-                Recognizer(model, mount_skin(command.skin, command.robot_urdf), None)
-            )
+            mounted = mount_skin(command.skin, command.robot_urdf)
+            warm_up(Recognizer(model, mounted, None))
+            if command.joints is not None:
+                joints = open_joints(
+                    command.joints, mounted.robot, clock, command.allow_remote
+                )
+                config = replace(config, joints=stack.enter_context(joints))
         arm = open_command_arm(command, clock)
         if arm is not None:
             config = replace(config, joints=stack.enter_context(arm))
@@ -251,6 +260,12 @@ def check_options(command: RunCommand) -> None:
         raise ArmError(
             "--q is given with --robot; allowed is one of them; the robot tells where "
             "its joints are"
+        )
+    check_joints(command.joints, command.q, command.source)
+    if command.joints is not None and command.robot is not None:
+        raise ArmError(
+            "--joints is given with --robot; allowed is one of them; the robot tells "
+            "where its joints are"
         )
     kinds = {uri.partition(":")[0] for uri in command.source}
     if command.key is not None and not kinds <= KEYED:

@@ -1,10 +1,8 @@
 """This module defines the abstract arm, which runs a task and takes commands."""
 
 from abc import abstractmethod
-from bisect import bisect_right
-from collections import deque
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -153,32 +151,3 @@ class Arm(JointSource, Closing):
         Raises:
             ValueError: the share is not between 0 and 1.
         """
-
-
-@final
-class JointHistory:
-    """A joint history keeps the latest joint positions and interpolates linearly."""
-
-    def __init__(
-        self, stamp: int, q: Float[np.ndarray, "joint"], size: int = 250
-    ) -> None:
-        """Start with positions [rad] at a time; keep at most `size` of them."""
-        self.stamps = deque([stamp], size)
-        self.positions = deque([np.array(q, np.float64)], size)
-
-    def add(self, stamp: int, q: Float[np.ndarray, "joint"]) -> None:
-        """Add positions [rad] at a time later than the last [ns since the epoch]."""
-        if stamp > self.stamps[-1]:
-            self.stamps.append(stamp)
-            self.positions.append(np.array(q, np.float64))
-
-    def at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Return the positions at a time [rad]; the nearest outside the history."""
-        if stamp >= self.stamps[-1]:
-            return self.positions[-1]
-        index = bisect_right(self.stamps, stamp)
-        if index == 0:
-            return self.positions[0]
-        before, after = self.stamps[index - 1], self.stamps[index]
-        q, q_after = self.positions[index - 1], self.positions[index]
-        return q + (q_after - q) * ((stamp - before) / (after - before))

@@ -9,10 +9,10 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command.arm import ArmState, JointHistory
+from eskin.command.arm import ArmState
 from eskin.command.task import FRAME_TASK, Task, TaskArm, TaskExecutor
 from eskin.command.trajectory import MotionConfig
-from eskin.drivers import Clock, HostClock
+from eskin.drivers import Clock, HostClock, JointHistory
 from eskin.errors import ArmError
 from eskin.robot import Dynamics, ServoConfig, Wrench
 from eskin.units import NS_PER_S

@@ -6,6 +6,13 @@ from eskin.drivers.csv_matrix import CsvMatrix
 from eskin.drivers.device_source import DeviceSource
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.framing import Deframer, encode_frame
+from eskin.drivers.joints import (
+    CalledJoints,
+    FixedJoints,
+    JointHistory,
+    JointSource,
+    UdpJoints,
+)
 from eskin.drivers.packet import (
     Data,
     Echo,
@@ -26,13 +33,14 @@ from eskin.drivers.serial_transport import (
     list_serial_ports,
 )
 from eskin.drivers.sessions import HostSessions
-from eskin.drivers.source import FixedJoints, JointSource, Source, SourceInfo
+from eskin.drivers.source import Source, SourceInfo
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.drivers.udp_transport import UdpTransport, check_udp_host
 
 __all__ = [
     "STEPPED",
     "Assembler",
+    "CalledJoints",
     "Clock",
     "CsvMatrix",
     "Data",
@@ -45,6 +53,7 @@ __all__ = [
     "Hello",
     "HostClock",
     "HostSessions",
+    "JointHistory",
     "JointSource",
     "ManualClock",
     "Packet",
@@ -62,6 +71,7 @@ __all__ = [
     "SourceInfo",
     "Status",
     "Transport",
+    "UdpJoints",
     "UdpTransport",
     "check_udp_host",
     "decode_packet",

@@ -6,10 +6,11 @@ from typing import final
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
+from eskin.drivers.joints import JointSource
 from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.packet import decode_packet
 from eskin.drivers.sessions import HostSessions
-from eskin.drivers.source import JointSource, Source, SourceInfo
+from eskin.drivers.source import Source, SourceInfo
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError, SkinMismatchError
 from eskin.skin import MountedSkin

@@ -32,6 +32,8 @@ EventKind = Literal[
     "mended",
     "unrecorded",
     "unauthenticated",
+    "unposed",
+    "posed",
 ]
 
 
@@ -51,7 +53,8 @@ class Event:
     known; `in_time`: no longer late; `damaged`: packets arrive broken; `lost`: scans do
     not arrive; `fault`: a taxel, line or patch is faulty; `mended`: no longer;
     `unrecorded`: recording has stopped, the rest goes on; `unauthenticated`: packets
-    were refused for their seal, or are used without one."""
+    were refused for their seal, or are used without one; `unposed`: joint positions are
+    missing or too old; `posed`: they arrive again."""
     text: str
     """The same as a sentence, with the remedy where there is one."""
     patch: str | None = None

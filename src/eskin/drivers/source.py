@@ -1,12 +1,8 @@
-"""This module defines the abstract sources of scans and of joint positions."""
+"""This module defines the abstract source of scans."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import final
-
-import numpy as np
-from jaxtyping import Float
 
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
@@ -14,27 +10,6 @@ from eskin.drivers.events import Event
 from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
-
-
-class JointSource(ABC):
-    """Provides the joint positions of a robot at a time."""
-
-    @abstractmethod
-    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Return the last joint positions [rad] before a time [ns since the epoch]."""
-
-
-@final
-class FixedJoints(JointSource):
-    """Provides the joint positions of a robot that does not move."""
-
-    def __init__(self, q: Float[np.ndarray, "joint"]) -> None:
-        """Keep the joint positions `q` [rad]."""
-        self.q = np.array(q, np.float64)
-
-    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Return the same joint positions at all times."""
-        return self.q
 
 
 @dataclass(frozen=True)

@@ -79,18 +79,9 @@ class UdpTransport(Transport):
         Raises:
             DeviceError: the port cannot be bound, or the address is not loopback.
         """
-        check_udp_host(host, allow_remote or authenticated)
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self.socket = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-            self.socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self.socket.close()
-            raise DeviceError(
-                f"cannot listen on UDP {host} port {port} ({error}); allowed is a free "
-                "port of an address of this computer; choose another"
-            ) from error
+        self.socket = bind_udp(
+            host, port, allow_remote or authenticated, RECEIVE_BUFFER
+        )
         self.socket.setblocking(False)
         self.port: int = self.socket.getsockname()[1]
         self.clock = clock
@@ -158,6 +149,36 @@ class UdpTransport(Transport):
         """Close the socket."""
         self.closed = True
         self.socket.close()
+
+
+def bind_udp(
+    host: str, port: int, allow_remote: bool, buffer: int | None = None
+) -> socket.socket:
+    """Bind a UDP port.
+
+    Args:
+        host: IP address of this computer.
+        port: port number; 0 takes any free one.
+        allow_remote: whether the address may be one that others can send to.
+        buffer: size of the receive buffer that is asked for [bytes].
+
+    Raises:
+        DeviceError: the port cannot be bound, or the address is not allowed.
+    """
+    check_udp_host(host, allow_remote)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    bound = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        if buffer is not None:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
+        bound.bind((host, port))
+    except (OSError, OverflowError) as error:
+        bound.close()
+        raise DeviceError(
+            f"cannot listen on UDP {host} port {port} ({error}); allowed is a free "
+            "port of an address of this computer; choose another"
+        ) from error
+    return bound
 
 
 def check_udp_host(host: str, allow_remote: bool) -> None:

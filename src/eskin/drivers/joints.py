@@ -1,0 +1,321 @@
+"""This module provides the joint positions of a robot: fixed, called for, or by UDP."""
+
+import json
+import threading
+from abc import ABC, abstractmethod
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.closing import Closing
+from eskin.drivers.clock import Clock, HostClock
+from eskin.drivers.udp_transport import PEER_TIMEOUT, bind_udp
+from eskin.errors import DeviceError, JointsError
+from eskin.robot import Robot
+from eskin.units import NS_PER_S
+
+MAX_AGE = 0.1
+"""Age from which joint positions are not used any more [s]."""
+FIRST_TIMEOUT = 3.0
+"""Longest wait for the first joint positions [s]."""
+MAX_MESSAGE_BYTES = 16 << 10
+"""Largest datagram with joint positions [bytes]."""
+LIMIT_MARGIN = 0.5
+"""Distance beyond the limits of a joint up to which a position is believed [rad]."""
+MAX_POSITION = 1e6
+"""Largest position of a joint without limits [rad]."""
+POLL = 0.1
+"""Longest wait for a datagram before it is checked whether to stop [s]."""
+
+JointFunction = Callable[[int], Sequence[float] | Float[np.ndarray, "joint"] | None]
+"""Function of a stamp [ns since the epoch] that returns the joint positions [rad] in
+the order of the robot's joints, or None where it does not know them."""
+
+
+class JointSource(ABC):
+    """Provides the joint positions of a robot at a time."""
+
+    @abstractmethod
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return the joint positions [rad] at a time [ns since the epoch].
+
+        Raises:
+            JointsError: they are not known at that time.
+        """
+
+
+@final
+class FixedJoints(JointSource):
+    """Provides the joint positions of a robot that does not move."""
+
+    def __init__(self, q: Float[np.ndarray, "joint"]) -> None:
+        """Keep the joint positions `q` [rad]."""
+        self.q = np.array(q, np.float64)
+
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return the same joint positions at all times."""
+        return self.q
+
+
+@final
+class CalledJoints(JointSource):
+    """Provides the joint positions that a function returns.
+
+    The function is called once a scan, in the thread that reads the source, some 20 ms
+    after the time that it is called for.
+    """
+
+    def __init__(self, function: JointFunction, robot: Robot) -> None:
+        """Keep the function, and the robot whose joints it knows."""
+        self.function = function
+        self.robot = robot
+        self.last = np.zeros(len(robot.joint_names))
+
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return what the function returns.
+
+        Raises:
+            JointsError: it returns None.
+            DeviceError: it returns something else than a finite number a joint.
+        """
+        given = self.function(stamp)
+        if given is None:
+            raise JointsError("the function of joint positions gives none", self.last)
+        try:
+            self.last = check_positions(given, self.robot)
+        except ValueError as error:
+            raise DeviceError(f"the function of joint positions: {error}") from error
+        return self.last
+
+
+@final
+class JointHistory:
+    """A joint history keeps the latest joint positions and interpolates linearly."""
+
+    def __init__(
+        self, stamp: int, q: Float[np.ndarray, "joint"], size: int = 250
+    ) -> None:
+        """Start with positions [rad] at a time; keep at most `size` of them."""
+        self.stamps = deque([stamp], size)
+        self.positions = deque([np.array(q, np.float64)], size)
+
+    def add(self, stamp: int, q: Float[np.ndarray, "joint"]) -> None:
+        """Add positions [rad] at a time later than the last [ns since the epoch]."""
+        if stamp > self.stamps[-1]:
+            self.stamps.append(stamp)
+            self.positions.append(np.array(q, np.float64))
+
+    def at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return the positions at a time [rad]; the nearest outside the history."""
+        if stamp >= self.stamps[-1]:
+            return self.positions[-1]
+        index = bisect_right(self.stamps, stamp)
+        if index == 0:
+            return self.positions[0]
+        before, after = self.stamps[index - 1], self.stamps[index]
+        q, q_after = self.positions[index - 1], self.positions[index]
+        return q + (q_after - q) * ((stamp - before) / (after - before))
+
+
+@final
+class UdpJoints(JointSource, Closing):
+    """Receives joint positions as JSON, one object a datagram, and interpolates them.
+
+    The fields are those of `sensor_msgs/JointState`: `position` [rad], and `name`, the
+    joints that they are of. Without `name` there is one position for each joint of the
+    robot, in its order. Positions count from their arrival on, and for 0.1 s.
+
+    Attributes:
+        accepted, refused: numbers of datagrams that were used, and that were not.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        clock: Clock | None = None,
+        allow_remote: bool = False,
+    ) -> None:
+        """Listen on a port.
+
+        Args:
+            robot: robot whose joint positions are received.
+            host: IP address of this computer to listen on.
+            port: port number; 0 takes any free one.
+            clock: clock that stamps arrivals; this computer's unless given.
+            allow_remote: whether datagrams of other computers are accepted.
+
+        Raises:
+            DeviceError: the port cannot be bound, or the address is not loopback.
+        """
+        self.robot = robot
+        self.clock = clock or HostClock()
+        self.socket = bind_udp(host, port, allow_remote)
+        self.uri = f"udp://{host}:{self.socket.getsockname()[1]}"
+        self.history: JointHistory | None = None
+        self.sender: tuple[str, int] | None = None
+        self.accepted = self.refused = 0
+        self.reason = ""
+        self.lock, self.arrived = threading.Lock(), threading.Event()
+        self.closed = False
+        self.socket.settimeout(POLL)
+        self.thread = threading.Thread(target=self.receive, daemon=True)
+        self.thread.start()
+
+    def receive(self) -> None:
+        """Push datagrams until the socket is closed."""
+        while not self.closed:
+            try:
+                data, address = self.socket.recvfrom(MAX_MESSAGE_BYTES + 1)
+            except TimeoutError:
+                continue
+            except OSError:
+                return
+            self.push(data, address[:2], self.clock.now())
+
+    def push(self, data: bytes, sender: tuple[str, int], now: int) -> None:
+        """Use a datagram that arrived at a time [ns], or count it as refused."""
+        with self.lock:
+            try:
+                self.check_sender(sender, now)
+                q = parse_positions(data, self.robot)
+            except ValueError as error:
+                self.refused += 1
+                self.reason = str(error)
+                return
+            self.accepted, self.sender = self.accepted + 1, sender
+            if self.history is None:
+                self.history = JointHistory(now, q)
+            self.history.add(now, q)
+        self.arrived.set()
+
+    def check_sender(self, sender: tuple[str, int], now: int) -> None:
+        """Refuse a second sender while the first one sends."""
+        if self.history is None or sender == self.sender:
+            return
+        if now - self.history.stamps[-1] < PEER_TIMEOUT:
+            raise ValueError("a second program sends joint positions; stop one of them")
+
+    def wait(self, seconds: float = FIRST_TIMEOUT) -> None:
+        """Wait for the first joint positions.
+
+        Raises:
+            DeviceError: none came in time.
+        """
+        if not self.arrived.wait(seconds):
+            raise DeviceError(
+                f"no joint positions came on {self.uri} within {seconds:g} s"
+                f"{self.describe_refused()}; allowed is JSON such as "
+                f"{describe_example(self.robot)} at least 20 times a second; start "
+                "what sends them first"
+            )
+
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return the joint positions at a time [rad].
+
+        Raises:
+            JointsError: the nearest that were received are more than 0.1 s away.
+        """
+        with self.lock:
+            if self.history is None:
+                text = f"no joint positions have come{self.describe_refused()}"
+                raise JointsError(text, np.zeros(len(self.robot.joint_names)))
+            q, stamps = self.history.at(stamp), self.history.stamps
+            age = max(stamp - stamps[-1], stamps[0] - stamp) / NS_PER_S
+            if age > MAX_AGE:
+                text = f"no joint positions for {MAX_AGE:g} s{self.describe_refused()}"
+                raise JointsError(text, q)
+            return q
+
+    def describe_refused(self) -> str:
+        """Describe how many datagrams were refused so far, and why the last one."""
+        if not self.refused:
+            return ""
+        return f" ({self.refused} datagrams refused, the last: {self.reason})"
+
+    def close(self) -> None:
+        """Close the socket and end the thread."""
+        if not self.closed:
+            self.closed = True
+            self.thread.join()
+            self.socket.close()
+
+
+def parse_positions(data: bytes, robot: Robot) -> Float[np.ndarray, "joint"]:
+    """Parse a datagram with joint positions; return them in the robot's order [rad].
+
+    Raises:
+        ValueError: it is not of the form that `UdpJoints` describes.
+    """
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise ValueError(f"it has more than {MAX_MESSAGE_BYTES} bytes")
+    try:
+        message = json.loads(data)
+    except (ValueError, RecursionError):
+        raise ValueError("it is no JSON") from None
+    if not isinstance(message, dict) or not isinstance(message.get("position"), list):
+        raise ValueError("it has no list 'position'")
+    position, names = message["position"], message.get("name")
+    if names is None:
+        return check_positions(position, robot)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ValueError("'name' is no list of names")
+    if len(names) != len(position) or len(set(names)) < len(names):
+        raise ValueError(
+            f"{len(names)} names for {len(position)} positions; allowed is one each, "
+            "every name once"
+        )
+    missing = [name for name in robot.joint_names if name not in names]
+    if missing:
+        raise ValueError(
+            f"joint '{missing[0]}' is missing; allowed are all of "
+            f"{', '.join(robot.joint_names)}"
+        )
+    return check_positions([position[names.index(n)] for n in robot.joint_names], robot)
+
+
+def check_positions(
+    given: Sequence[object] | Float[np.ndarray, "joint"], robot: Robot
+) -> Float[np.ndarray, "joint"]:
+    """Return joint positions as an array [rad].
+
+    Raises:
+        ValueError: they are not one finite number for each joint, within its limits.
+    """
+    names = robot.joint_names
+    wrong = [value for value in given if not is_position(value)]
+    if wrong or len(given) != len(names):
+        got = (
+            f"the position {str(wrong[0])[:20]!r}" if wrong else f"{len(given)} of them"
+        )
+        raise ValueError(
+            f"it has {got}; allowed is one finite number for each of "
+            f"{', '.join(names)} [rad]"
+        )
+    q = np.array(given, np.float64)
+    beyond = (q < robot.lower - LIMIT_MARGIN) | (q > robot.upper + LIMIT_MARGIN)
+    if beyond.any():
+        first = int(np.flatnonzero(beyond)[0])
+        raise ValueError(
+            f"'{names[first]}' is {q[first]:g}; allowed is {robot.lower[first]:.2f} to "
+            f"{robot.upper[first]:.2f} rad; send radians, not degrees"
+        )
+    return q
+
+
+def is_position(value: object) -> bool:
+    """Return whether a value is a number that is small enough for a position."""
+    if not isinstance(value, int | float | np.floating) or isinstance(value, bool):
+        return False
+    return bool(abs(value) < MAX_POSITION)
+
+
+def describe_example(robot: Robot) -> str:
+    """Describe a message that would be used."""
+    names = list(robot.joint_names)
+    return json.dumps({"name": names, "position": [0.0] * len(names)})
