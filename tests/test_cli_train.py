@@ -141,12 +141,14 @@ def test_interrupted_training_continues_with_the_same_command_only(
 
 
 def test_training_starts_from_the_weights_of_a_model(eve, tmp_path, train):
-    sizes = ("--train.network.width", "32", "--train.network.layers", "3")
-    sizes += ("--train.network.channels", "48", "--train.rate", "1e-9")
     words = ("--out", tmp_path / "m", "--train.validation", "0", "--start", "ur5")
-    train(eve, *words, *sizes)
+    # The sizes of `FLAGS` are those of no model, so the default ones take their place.
+    words += ("--train.network.width", 8, "--train.network.layers", 2)
+    words += ("--train.network.channels", 32, "--train.rate", "1e-9")
+    train(eve, *words)
     trained, start = load_model(tmp_path / "m"), load_model("ur5")
     assert trained.card.training["start"] == "ur5"
+    assert trained.card.network.width == start.card.network.width
     name = "encoder.embed.weight"
     np.testing.assert_allclose(trained.weights[name], start.weights[name], atol=1e-6)
 
@@ -228,7 +230,7 @@ def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
         ((ann, *out, "--test", wave), "hold wave"),
         ((ann, *out, "--test", silent), "no labels"),
         ((ann, *out, "--start", gone), f"{gone}: no such model"),
-        ((ann, *out, "--start", "ur5"), "--train.network.channels 48"),
+        ((ann, *out, "--start", "ur5"), "leave out --train.network.width"),
         ((ann, *out, "--train.workers", "0"), "workers is 0"),
         ((ann, *out, "--train.rate", "fast"), "--train.rate"),
         ((ann, *out, "--train.validation", "1.5"), "validation is 1.5"),

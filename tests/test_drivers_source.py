@@ -132,6 +132,16 @@ def test_packets_of_another_version_are_counted_and_reported():
         assert "version" in source.take_events()[0].text
 
 
+def test_device_that_sends_no_byte_is_waited_for_no_longer_than_said():
+    class Silent(ScriptedTransport):
+        def counters(self):
+            return {"bytes": 5 * (self.clock.now() >= START + 2 * SECOND)}
+
+    with pytest.raises(DeviceError, match=r"test: sent no byte within 1\.5 s; allowed"):
+        open_device(Silent(ManualClock(START), []), patience=1.5)
+    open_device(Silent(ManualClock(START), []), patience=2.5).close()
+
+
 @pytest.mark.parametrize(
     ("options", "error", "value"),
     [

@@ -93,6 +93,9 @@ class SourceConfig:
     """Whether UDP packets from other computers are accepted: they do not tell their
     sender."""
 
+    patience: float = 0.0
+    """Longest wait for the first byte of a device [s]; 0 waits for none."""
+
     key: bytes | None = None
     """Key of the patches: packets without a valid seal are refused. None accepts
     packets that are not authenticated."""
@@ -235,6 +238,7 @@ def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sour
             " ".join(uris),
             config.rate,
             key=config.key,
+            patience=config.patience,
         )
         stack.pop_all()
     return source

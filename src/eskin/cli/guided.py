@@ -12,6 +12,9 @@ from eskin.errors import DeviceError
 if TYPE_CHECKING:
     from eskin.drivers import Source
 
+PATIENCE = 10.0
+"""Longest wait for the first byte of a device [s]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class GuidedCommand:
@@ -89,6 +92,7 @@ def open_guided_source(
         q=command.q,
         rate=command.rate,
         pace=pace,
+        patience=PATIENCE,
         baud=command.baud,
         allow_remote=command.allow_remote,
         key=None if command.key is None else read_key(command.key),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from eskin.cli.guided import check_joints
+from eskin.cli.guided import PATIENCE, check_joints
 from eskin.errors import ArmError, DeviceError
 
 if TYPE_CHECKING:
@@ -163,6 +163,7 @@ def run(command: RunCommand) -> dict[str, object]:
         rate=command.rate,
         pace=command.pace,
         seed=command.seed,
+        patience=min(PATIENCE, command.seconds or PATIENCE),
         baud=command.baud,
         allow_remote=command.allow_remote,
         key=None if command.key is None else read_key(command.key),

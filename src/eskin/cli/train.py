@@ -18,7 +18,14 @@ from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.processes import Processes, join_processes
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.model import Model, ModelCard, check_limits, load_model, save_model
+from eskin.model import (
+    Model,
+    ModelCard,
+    NetworkConfig,
+    check_limits,
+    load_model,
+    save_model,
+)
 from eskin.recording import NONE, Overrides, find_recordings
 
 SIZES = ("width", "layers", "channels")
@@ -43,10 +50,9 @@ class TrainCommand:
     are kept."""
 
     start: Path | None = None
-    """Model to start from: a name of weights that come with eskin, or a file. Its
-    network must have the same sizes; its weights and the scale of its inputs are taken
-    wherever they fit, all of them for the same gestures; for others, the last layers
-    are new."""
+    """Model to start from: a name of weights that come with eskin, or a file. The
+    network has its sizes; its weights and the scale of its inputs are taken, all of
+    them for the same gestures; for others, the last layers are new."""
 
     test: tuple[Path, ...] = ()
     """Recordings to score the trained model on."""
@@ -105,6 +111,7 @@ def train(command: TrainCommand, processes: Processes) -> dict[str, object]:
     paths = find_recordings(command.data)
     find_recordings(command.streams)  # Refused now rather than after the training.
     start = load_start(command)
+    command = take_sizes(command, start)
     skins = tuple(Aging(command.wear, number) for number in range(command.skins))
     with processes.first_alone():
         dataset = prepare_dataset(command, paths, command.train.graph_used, skins)
@@ -163,23 +170,30 @@ def load_start(command: TrainCommand) -> Model | None:
     """Load the model to start from; return None if none is named.
 
     Raises:
-        ModelError: when there is no such model, or its network has other sizes.
+        ModelError: when there is no such model.
     """
-    if command.start is None:
-        return None
-    model = load_model(command.start)
-    theirs, ours = (
-        {size: getattr(network, size) for size in SIZES}
-        for network in (model.card.network, command.train.network)
-    )
-    if theirs != ours:
-        flags = " ".join(f"--train.network.{size} {n}" for size, n in theirs.items())
+    return None if command.start is None else load_model(command.start)
+
+
+def take_sizes(command: TrainCommand, start: Model | None) -> TrainCommand:
+    """Return the command with a network of the sizes of the model to start from.
+
+    Raises:
+        ModelError: when other sizes are asked for.
+    """
+    if start is None:
+        return command
+    asked, usual = command.train.network, NetworkConfig()
+    theirs = {size: getattr(start.card.network, size) for size in SIZES}
+    ours = {size: getattr(asked, size) for size in SIZES}
+    if any(ours[size] not in (theirs[size], getattr(usual, size)) for size in SIZES):
         raise ModelError(
             f"--start {command.start} has a network of {format_sizes(theirs)}, the one "
-            f"to be trained {format_sizes(ours)}; allowed are the same sizes; train "
-            f"with {flags}"
+            f"asked for {format_sizes(ours)}; allowed are the same sizes; leave out "
+            + " ".join(f"--train.network.{size}" for size in SIZES)
         )
-    return model
+    network = replace(asked, **theirs)
+    return replace(command, train=replace(command.train, network=network))
 
 
 def format_sizes(sizes: Mapping[str, int]) -> str:

@@ -46,6 +46,7 @@ class DeviceSource(Source):
         rate: float | None = None,
         grace: float | None = None,
         key: bytes | None = None,
+        patience: float = 0.0,
     ) -> None:
         """Listen to a transport, which is closed with the source.
 
@@ -62,11 +63,12 @@ class DeviceSource(Source):
                 a period, at least 20 ms.
             key: key of 32 bytes that packets must be sealed with; None accepts packets
                 that are not authenticated.
+            patience: longest wait for the first byte [s]; 0 waits for none.
 
         Raises:
             SkinError: two patches have the same address.
             SkinMismatchError: the calibration is not of this skin.
-            DeviceError: the transport is lost.
+            DeviceError: the transport is lost, or no byte came in time.
         """
         skin = mounted.skin
         if len(calibration.gain) != skin.count:
@@ -86,6 +88,7 @@ class DeviceSource(Source):
         self.sessions = HostSessions(self.assembler.streams, clock, key)
         self.ready: deque[Scan] = deque()
         self.closed, self.left_unread = False, 0
+        self.receive_bytes(patience, uri)
         rate = self.receive_hellos() if rate is None else rate
         self.assembler.start(clock.now(), rate, grace)
         self.info = SourceInfo(
@@ -97,6 +100,20 @@ class DeviceSource(Source):
             rate=rate,
             urdf=mounted.robot.urdf,
         )
+
+    def receive_bytes(self, patience: float, uri: str) -> None:
+        """Wait for the first byte; raise `DeviceError` where none comes in time [s]."""
+        end = self.clock.now() + round(patience * NS_PER_S)
+        while patience and not self.transport.counters()["bytes"]:
+            if (now := self.clock.now()) >= end:
+                raise DeviceError(
+                    f"{uri} sent no byte within {patience:g} s; allowed is a device "
+                    "that sends; switch it on, and check its cable, address and port"
+                )
+            self.push_packets(
+                self.transport.read(min(MAX_WAIT, (end - now) / NS_PER_S))
+            )
+            self.send_requests()
 
     def receive_hellos(self) -> float:
         """Wait for the hellos of all patches; return their nominal rate [1/s]."""
