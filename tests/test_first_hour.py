@@ -1,0 +1,67 @@
+"""Tests of docs/first_hour.md: all that it says can be done as it stands."""
+
+import re
+import shlex
+import socket
+import tempfile
+from pathlib import Path
+
+import pytest
+from benchmarks.first_hour import (
+    PAGE,
+    Step,
+    find_detections,
+    find_made,
+    read_steps,
+    run_step,
+)
+
+from eskin.cli.main import load_command, parse, split_command
+
+STEPS = read_steps()
+
+
+def find_commands():
+    """Return the words of every `eskin` command of the page."""
+    script = "".join(step.script for step in STEPS).replace("\\\n", " ")
+    lines = re.findall(r"^eskin (.*?)&?$", script, re.MULTILINE)
+    return [shlex.split(line) for line in lines]
+
+
+def test_steps_are_numbered_and_all_blocks_of_commands_are_in_one():
+    titles = [step.title.split(".")[0] for step in STEPS]
+    assert titles == [str(number + 1) for number in range(len(STEPS))]
+    blocks = PAGE.read_text().count("```bash")
+    assert sum(bool(step.script) for step in STEPS) == blocks > 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", find_commands(), ids=" ".join)
+def test_commands_of_the_page_are_those_of_eskin(words):
+    name, rest = split_command(words)
+    parse(load_command(name)[1], name, rest)
+
+
+@pytest.mark.slow
+def test_robot_and_skin_are_made_as_the_page_says(tmp_path):
+    steps = [step for step in STEPS if re.match("[23]", step.title)]
+    printed = [run_step(step, tmp_path) for step in steps]
+    assert "no problems, checked on robot panel" in printed[1]
+    assert len((tmp_path / "panel_skin" / "taxels.csv").read_text().split()) == 121
+
+
+def test_failing_step_is_named_with_what_it_printed(tmp_path):
+    step = Step("9. Wrong", "echo so far\nfalse\n")
+    with pytest.raises(RuntimeError, match=r"9\. Wrong failed: so far"):
+        run_step(step, tmp_path)
+
+
+@pytest.mark.long
+def test_page_leads_from_an_empty_folder_to_live_detections():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    with tempfile.TemporaryDirectory() as folder:
+        steps = read_steps(port)
+        printed = [run_step(step, Path(folder)) for step in steps]
+    assert find_detections(printed[-1]) == find_made(steps)
