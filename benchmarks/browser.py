@@ -11,7 +11,7 @@ from jaxtyping import Float
 from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
 
 from eskin.page.page import CAMERA_DISTANCE, CAMERA_TARGET
-from eskin.page.scene import CAMERA_DIRECTION, FIELD_OF_VIEW
+from eskin.page.scene import CAMERA_DIRECTION, FIELD_OF_VIEW, place_camera
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = (
@@ -96,10 +96,13 @@ class Canvas:
 
     def drawn_at(self, p_world: Float[np.ndarray, "3"]) -> tuple[float, float]:
         """Return where the tab shows [px] a point in the world frame [m]."""
-        ahead = (CAMERA_TARGET - EYE) / np.linalg.norm(CAMERA_TARGET - EYE)
+        eye, target = place_camera(
+            CAMERA_TARGET, CAMERA_DISTANCE, CAMERA_DIRECTION, self.x / self.half
+        )
+        ahead = (target - eye) / np.linalg.norm(target - eye)
         right = np.cross(ahead, (0.0, 0.0, 1.0))
         right /= np.linalg.norm(right)
-        away = p_world - EYE
+        away = p_world - eye
         scale = self.half / (np.tan(FIELD_OF_VIEW / 2) * (away @ ahead))
         up = np.cross(right, ahead)
         return float(self.x + scale * away @ right), float(self.y - scale * away @ up)

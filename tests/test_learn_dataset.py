@@ -7,6 +7,7 @@ from eskin.errors import RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import hash_recordings, prepare
 from eskin.learn.holdout import hold_out
+from eskin.recording import PARTLY_LABELLED
 from eskin.touch import ContactConfig, PipelineConfig
 from helpers.clips import Elsewhere, Placed, generated
 from helpers.learning import (
@@ -72,6 +73,16 @@ def test_labelled_segments_are_the_labels(tmp_path):
         for s in dataset.labelled
     ] == spans
     assert {s.gesture for s in dataset.segments if not s.labelled} == {"none"}
+
+
+def test_touch_without_a_label_is_no_example_where_only_some_were_corrected(tmp_path):
+    some = labels_for(["hold", "tap"])[:1]
+    options = {"labels": some, "calibrated": True}
+    whole = prepare([record(tmp_path / "a.mcap", **options)])
+    partly = prepare([record(tmp_path / "b.mcap", notes=PARTLY_LABELLED, **options)])
+    assert [segment.gesture for segment in whole.segments] == ["hold", "none"]
+    assert [segment.gesture for segment in partly.segments] == ["hold"]
+    assert len(partly.gestures) == len(whole.gestures) == len(whole.stamps)
 
 
 @pytest.mark.parametrize(("on", "missed"), [(True, [("soft", 0)]), (False, [])])

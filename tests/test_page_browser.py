@@ -27,7 +27,7 @@ if not CHROMIUM.exists():
 
 pytestmark = pytest.mark.slow
 
-RESTING, RING, PLACE = (55, 15, 70), (213, 94, 0), (231, 41, 138)
+RESTING, RING, PLACE = (150, 160, 172), (0, 90, 181), (231, 41, 138)
 """Colours of taxels at rest, and of rings around a contact and a place to press."""
 SCALE = 0.5
 """Rendered points per CSS pixel."""
@@ -150,7 +150,7 @@ def test_pressed_taxel_is_ringed(page):
         assert becomes(lambda: len(page.find(RING, 45)) > 20, PATIENCE)
         ring = page.find(RING, 45).mean(axis=0)
         assert np.linalg.norm(ring - page.place(TARGET)) < 25
-        page.tab.wait_for_selector("text=touch 3 on forearm_link")
+        page.tab.wait_for_selector("text=touch 3 on forearm link")
     finally:
         page.content = {}
 
@@ -192,11 +192,25 @@ def test_drag_on_skin_moves_finger(page):
 def test_page_shows_log_and_reason_of_hold(page):
     page.content = {
         "log_entries": (LogEntry(1.0, "command", "next <b>"),),
-        "arm": ArmSummary("held", "stale skin", 0.5, "open", "rack"),
+        "arm": ArmSummary("held", "stale skin", 0.5, "open", "rack", "poke it"),
     }
     page.tab.wait_for_selector("text=held: stale skin")
+    page.tab.wait_for_selector("text=poke it")
     page.tab.wait_for_selector("text=next <b>")
     page.content = {}
+
+
+def test_click_beside_the_skin_is_answered_and_touches_nothing(page):
+    page.orders.clear()
+
+    def click():
+        page.tab.mouse.click(200, 700)
+
+    def is_answered():
+        return page.tab.get_by_text("that click hit no taxel").count() > 0
+
+    assert becomes_after(click, is_answered)
+    assert not page.orders
 
 
 def test_page_that_may_not_touch_has_no_controls(browser, page):
@@ -206,7 +220,7 @@ def test_page_that_may_not_touch_has_no_controls(browser, page):
         assert page.shows_skin()
         page.tab.mouse.click(*page.place(TARGET))
         time.sleep(1.0)
-        assert page.tab.locator("text=force [N]").count() == 0
+        assert page.tab.locator("text=duration [s]").count() == 0
         assert not page.orders and not page.process.dropped
     finally:
         page.close()
@@ -320,7 +334,7 @@ def test_click_pauses_and_double_click_resumes_arm_of_demonstration(visit):
     def is_resumed(before, now):
         return is_paused(now, before)
 
-    resume = "resume: double_pat"
+    resume = "resume: double pat"
     execute(visit, visit.double_click, resume, is_resumed, lambda state: "running\n")
     assert becomes(lambda: scene_moves(visit), PATIENCE)
 
@@ -328,9 +342,9 @@ def test_click_pauses_and_double_click_resumes_arm_of_demonstration(visit):
 @pytest.mark.long
 def test_every_other_gesture_of_mouse_commands_arm(visit):
     for touch, line, key, shown in (
-        (visit.double_click, "next_waypoint: double_pat", "target", "to {}"),
+        (visit.double_click, "next waypoint: double pat", "target", "to {}"),
         (visit.drag, "slow: stroke", "speed", "{:.0%} speed"),
-        (visit.grab, "_gripper: grab", "gripper", "gripper {}"),
+        (visit.grab, " gripper: grab", "gripper", "gripper {}"),
     ):
         execute(
             visit,

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from eskin.page import ColourScale
-from eskin.page.colours import INVALID_COLOUR
+from eskin.page.colours import (
+    GESTURE_COLOURS,
+    INVALID_COLOUR,
+    REST_COLOUR,
+    choose_gesture_colours,
+)
 from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, MouseHand, SurfacePoint
 from helpers.viewer import make_setup, mounted
 
@@ -28,20 +33,63 @@ VISION = {
 
 
 @pytest.mark.parametrize("vision", VISION)
-def test_luminance_rises_with_pressure_for_every_colour_vision(vision):
-    colours = ColourScale(60.0).colours(np.linspace(0, 60, 500), np.ones(500, bool))
+def test_luminance_falls_with_pressure_for_every_colour_vision(vision):
+    colours = ColourScale(60.0).colours(np.linspace(0.6, 60, 500), np.ones(500, bool))
+    luminance = see(colours, vision) @ (0.2126, 0.7152, 0.0722)  # WCAG 2.1.
+    assert (np.diff(luminance) < 2e-3).all()
+    assert luminance[0] - luminance[-1] > 0.5
+
+
+def see(colours, vision):
+    """Return linear colours as people of a colour vision see them."""
     share = np.asarray(colours, float) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    seen = np.clip(linear @ np.transpose(VISION[vision]), 0, 1)
-    luminance = seen @ (0.2126, 0.7152, 0.0722)  # WCAG 2.1.
-    assert (np.diff(luminance) > -2e-3).all()
-    assert luminance[-1] - luminance[0] > 0.6
+    return np.clip(linear @ np.transpose(VISION[vision]), 0, 1)
+
+
+def compute_lab(colours, vision):
+    """Return colours in CIE 1976 L*a*b*, in which people see distances alike."""
+    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722]]
+    to_xyz += [[0.0193, 0.1192, 0.9505]]
+    xyz = see(colours, vision) @ np.transpose(to_xyz) / (0.9505, 1.0, 1.089)
+    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116).T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def find_nearest(colours, vision):
+    """Return the least distance of two of some colours."""
+    lab = compute_lab(colours, vision)
+    away = np.linalg.norm(lab[:, None] - lab, axis=-1)
+    return away[np.triu_indices(len(lab), 1)].min()
+
+
+@pytest.mark.parametrize("vision", VISION)
+def test_touched_taxels_stand_out_from_those_at_rest_and_not_used(vision):
+    table = ColourScale(60.0).table
+    for colour in (REST_COLOUR, INVALID_COLOUR):
+        lab = compute_lab([colour, *table], vision)
+        assert np.linalg.norm(lab[1:] - lab[0], axis=1).min() > 20
+    assert find_nearest([REST_COLOUR, INVALID_COLOUR], vision) > 20
+
+
+@pytest.mark.parametrize("vision", VISION)
+def test_gestures_are_told_apart_by_their_colours(vision):
+    own = choose_gesture_colours(["wave", "knock"])
+    colours = [tuple(bytes.fromhex(colour[1:])) for colour in own.values()]
+    assert find_nearest(colours, vision) > 10
+
+
+def test_gesture_keeps_its_colour_beside_any_others():
+    assert choose_gesture_colours(["poke", "b"])["poke"] == GESTURE_COLOURS["poke"]
+    one, other = (choose_gesture_colours(names) for names in (["a", "b"], ["b", "a"]))
+    assert one == other
+    assert len(choose_gesture_colours(map(str, range(40)))) == 40 + len(GESTURE_COLOURS)
 
 
 def test_resting_and_invalid_taxels_have_their_own_colours():
     scale, valid = ColourScale(60.0), np.array([True, True, True, False])
     colours = scale.colours(np.array([0.0, 0.3, 200.0, 40.0]), valid)
-    assert np.array_equal(colours[0], colours[1])
+    assert np.array_equal(colours[0], colours[1]) and tuple(colours[0]) == REST_COLOUR
     assert np.array_equal(colours[2], scale.table[-1])
     assert tuple(colours[3]) == INVALID_COLOUR
 
@@ -96,7 +144,7 @@ def test_two_clicks_near_and_fast_are_double_pat(hand, second, delay, expected):
 @pytest.mark.parametrize(("mode", "least"), sorted(MIN_SECONDS.items()))
 def test_slow_touches_last_least_time(hand, mode, least):
     for hand.seconds in (0.1, 2.0):
-        hand.click(point(), 0.0, mode.replace("_", "-"))
+        hand.click(point(), 0.0, mode.replace("_", " "))
     assert [order.seconds for order in hand.sent] == [least, 2.0]
 
 

@@ -14,7 +14,7 @@ from eskin.drivers import Event
 from eskin.errors import RecordingError, StreamError
 from eskin.live import Detection
 from eskin.recording import read_recording, rewrite_recording
-from eskin.stream import Recorder, RecorderConfig, Stream
+from eskin.stream import Correction, Recorder, RecorderConfig, Stream
 from eskin.touch import Scan
 from helpers.streams import (
     INFO,
@@ -103,6 +103,25 @@ def test_detections_and_events_are_recorded_and_rewritten(path):
     again = read_recording(other)
     assert again.events == recording.events
     assert same_scans(list(again.scans()), SCANS)
+
+
+def correct(seconds, start, gesture):
+    """Return a correction of a touch that lasts half a second."""
+    begin = START + round(start * SECOND)
+    stamp = START + round(seconds * SECOND)
+    return Correction(stamp, begin, begin + SECOND // 2, gesture)
+
+
+def test_last_correction_of_each_touch_becomes_its_label(path):
+    made = correct(1, 0.2, "poke"), correct(2, 0.2, "wave"), correct(3, 1.4, "grab")
+    play(SCANS, make_publisher(*made), make_recorder(path))
+    labels = read_recording(path).labels
+    assert [(label.gesture, label.source) for label in labels] == [
+        ("wave", "true"),
+        ("grab", "true"),
+    ]
+    spans = [(label.start, label.end) for label in labels]
+    assert spans == [(found.start, found.end) for found in made[1:]]
 
 
 def test_event_is_message_of_ros(path):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ import pytest
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
 from eskin.live import Detection, Recognizer
-from eskin.page import PageOrder, TouchOrder
+from eskin.page import CorrectionOrder, PageOrder, TouchOrder
 from eskin.page.link import free_port
 from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
@@ -72,9 +73,35 @@ def test_lids_close_bare_ends_and_leave_room_for_taxels():
 def test_most_severe_state_of_arm_is_shown(changes, state, reason):
     arm = {"moving": True, "paused": False, "hold_reason": None, "speed": 0.5}
     arm |= {"gripper": "open", "target": "rack", "speed_limit": 1.0}
-    arm |= {"protective_stop": False, "connected": True}
+    arm |= {"protective_stop": False, "connected": True, "carrying": False}
     summary = describe_arm(SimpleNamespace(**(arm | changes)))
     assert (summary.state, summary.why) == (state, reason)
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({}, ()),
+        ({"paused": True}, ("double pat to resume",)),
+        (
+            {"hold_reason": "stale skin: no reading"},
+            ("wait for readings", "double pat"),
+        ),
+        ({"hold_reason": "broken skin: patch 'a' is out"}, ("plug the patch in",)),
+        ({"hold_reason": "unrecognised touch of 41 N"}, ("take your hand off",)),
+        ({"protective_stop": True}, ("at the robot", "double pat")),
+        ({"connected": False}, ("network",)),
+    ],
+)
+def test_stopped_arm_says_what_ends_the_stop(changes, parts):
+    arm = {"moving": True, "paused": False, "hold_reason": None, "speed": 0.5}
+    arm |= {"gripper": "open", "target": "rack", "speed_limit": 1.0, "carrying": True}
+    arm |= {"protective_stop": False, "connected": True} | changes
+    commands = ("poke: pause", "double pat: resume or normal")
+    remedy = describe_arm(SimpleNamespace(**arm), commands).remedy
+    assert bool(remedy) == bool(parts)
+    for part in parts:
+        assert part in remedy
 
 
 def test_detection_is_logged_at_its_place_on_link():
@@ -100,18 +127,19 @@ def test_detection_is_logged_at_its_place_on_link():
     (entry,) = encoder.log_entries
     assert entry.link == link and np.allclose(entry.p_link, place)
     assert entry.seconds == 2.5
-    for part in ("double-pat", "97%", "8 N", "forearm back"):
+    assert entry.touch == 4
+    for part in ("double pat", "97%", "8 N", "forearm back"):
         assert part in entry.text
 
 
 def test_commands_and_events_are_logged():
     encoder = FrameEncoder(mounted(), START)
     encoder.note(CommandEvent(START, "pause", 4, "poke", True, ""))
-    encoder.note(CommandEvent(START, "resume", 5, "poke", False, "too soon"))
+    encoder.note(CommandEvent(START, "go_on", 5, "double_pat", False, "too soon"))
     encoder.note(Event(START, "silent", "patch 'a' is silent"))
     assert [(entry.kind, entry.text) for entry in encoder.log_entries] == [
         ("command", "pause"),
-        ("refused", "resume: too soon"),
+        ("refused", "go on: too soon"),
         ("event", "patch 'a' is silent"),
     ]
     for number in range(MAX_LOG_ENTRIES + 5):
@@ -151,6 +179,30 @@ def test_viewer_shows_touches_and_detections_of_stream(monkeypatch):
     entries = [entry for update in updates for entry in update.log_entries]
     assert {e.gesture for e in entries if e.kind == "detection"} == {"poke"}
     assert updates[0].poses.shape == (len(mounted().robot.link_names), 7)
+
+
+def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
+    page = SimpleNamespace(give=len, wants=lambda: False, close=lambda: None)
+    monkeypatch.setattr("eskin.viewer.viewer.PageProcess", lambda *_: page)
+    recognition, kept, states = make_recognition(drop="never"), [], [""]
+    viewer = Viewer(recognition, ViewerConfig(0), recording=lambda: states[0])
+    source = make_source(scans(mounted(), two_hands(mounted()), 50, 3.0))
+    with Stream(source, [recognition, viewer]) as stream:
+        stream.wait()
+    viewer.context = SimpleNamespace(clock=ManualClock(START), publish=kept.append)
+    [touch, *_] = viewer.touches
+    for states[0], number, name, said in (
+        ("", touch, "stroke", "not kept: nothing is recorded; press record"),
+        ("saved to a.mcap", touch, "stroke", "not kept: nothing is recorded"),
+        ("recording to a.mcap", touch, " ", "name of the gesture is missing"),
+        ("recording to a.mcap", 999, "stroke", "not kept: the touch"),
+        ("recording to a.mcap", touch, "My Wave ", "kept: that was a my wave"),
+    ):
+        viewer.take_order(CorrectionOrder(number, name))
+        assert said in viewer.encoder.log_entries[-1].text
+    [correction] = kept
+    assert correction.gesture == "my_wave"
+    assert START <= correction.start < correction.end <= START + 3_000_000_000
 
 
 def wait_until(condition, seconds=20.0):
@@ -222,7 +274,20 @@ def test_orders_of_untouchable_page_are_dropped(make_page):
     page = make_page(orders.append, touchable=False)
     page.queue_order(ORDER)
     page.queue_order(PageOrder("kill", 0.1))
-    assert page.dropped == 2 and not orders
+    page.queue_order(CorrectionOrder(1, "poke"))
+    assert page.dropped == 3 and not orders
+
+
+def test_page_that_corrects_may_send_nothing_else():
+    orders = []
+    page = PageProcess(replace(make_setup(False), corrects=True), 0, orders.append)
+    try:
+        for order in (ORDER, PageOrder("kill", 0.1), CorrectionOrder(1, "poke")):
+            page.queue_order(order)
+        wait_until(lambda: orders)
+    finally:
+        page.close()
+    assert page.dropped == 2 and orders == [CorrectionOrder(1, "poke")]
 
 
 def test_orders_beyond_queue_are_dropped(make_page):

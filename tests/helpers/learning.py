@@ -66,6 +66,7 @@ def record(
     kind="pressure",
     strength=1.0,
     size=(5, 6),
+    notes=None,
 ) -> Path:
     """Write a recording of gestures one after the other."""
     skin = build_grid_skin(*size, calibrated=calibrated, kind=kind)
@@ -88,7 +89,7 @@ def record(
     calibration = Calibration(
         np.full(skin.count, 0.1), 4000, shear_gain=0.1, shear_rest=500
     )
-    metadata = Metadata("scene", subject, session)
+    metadata = Metadata("scene", subject, session, notes=notes or {})
     with RecordingWriter(path, "table", skin, calibration, metadata) as writer:
         write_all(writer, scans, labels_for(gestures) if labels is None else labels)
     return path

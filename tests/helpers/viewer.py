@@ -34,7 +34,14 @@ def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
         away = np.linalg.norm(skin.positions - skin.positions[taxel], axis=1)
         near = (away < 0.02) & (mounted().taxel_link_index == link)
         pressure[near] = 40 * np.exp(-((away[near] / 0.012) ** 2))
-        mark = ContactMarker(link, skin.positions[taxel], skin.normals[taxel], 0.015)
+        mark = ContactMarker(
+            link,
+            skin.positions[taxel],
+            skin.normals[taxel],
+            0.015,
+            7.5,
+            skin.patches[skin.patch_index[taxel]].id,
+        )
         chances = np.array([0.01, 0.9, 0.05, 0.01, 0.03], np.float32)
         contacts = (mark,)
         touches = (OpenTouch(3, make_setup().links[link], 7.5, chances),)
@@ -48,7 +55,6 @@ def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
         force=7.5 if contacts else 0.0,
         peak=float(pressure.max()),
         log_entries=tuple(log_entries),
-        faults=0,
         rate=50.0,
         step=2e-4,
         age=1e-3,

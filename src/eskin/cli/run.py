@@ -364,23 +364,27 @@ def build_listeners(
 ) -> "list[Listener]":
     """Build the other listeners: the terminal's, and recorder and viewer if asked."""
     from eskin.cli.terminal import TerminalPrinter
-    from eskin.recording import Metadata
+    from eskin.recording import PARTLY_LABELLED, Metadata
     from eskin.stream import Recorder, RecorderConfig
 
     listeners: list[Listener] = [TerminalPrinter()]
     if command.record is not None:
         piece = None if command.piece_mb is None else round(1e6 * command.piece_mb)
-        metadata = Metadata("live", "unknown", source.info.uri)
+        notes = PARTLY_LABELLED if command.view else {}
+        metadata = Metadata("live", "unknown", source.info.uri, notes=notes)
         config = RecorderConfig(piece_bytes=piece)
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
         from eskin.page.link import free_port
         from eskin.viewer import Viewer, ViewerConfig
+        from eskin.viewer.viewer import RECORDING
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
         told = [line for policy in policies for line in policy.commands.describe()]
         page = ViewerConfig(port, warning="; ".join(doubts), commands=tuple(told))
-        listeners.append(Viewer(recognition, page, arm=arm))
+        path = None if command.record is None else f"{RECORDING}{command.record}"
+        describe = None if path is None else lambda: path
+        listeners.append(Viewer(recognition, page, arm=arm, recording=describe))
         print(f"see {page.link}", flush=True)
     return listeners
 

@@ -18,6 +18,7 @@ from eskin.command import (
     PolicyConfig,
     SimulatedArm,
     SkinMonitorConfig,
+    Task,
     load_commands,
 )
 from eskin.demo.headless import DemoConfig, build_arm
@@ -28,10 +29,12 @@ from eskin.live import Detection, Recognizer, warm_up
 from eskin.model import load_model
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.link import free_port, make_token
-from eskin.recording import Metadata
+from eskin.recording import PARTLY_LABELLED, Metadata
+from eskin.robot import Kinematics, load_robot
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import (
     Context,
+    Correction,
     Listener,
     Message,
     Recognition,
@@ -43,6 +46,7 @@ from eskin.stream import (
 from eskin.stream.listener import Drop
 from eskin.touch import Scan
 from eskin.viewer import Viewer, ViewerConfig
+from eskin.viewer.viewer import RECORDING
 
 
 @final
@@ -50,7 +54,7 @@ class RecordButton(Listener):
     """Records from each `press` to the next `release`, each time into a new file."""
 
     name = "record button"
-    message_types = (Scan, Detection, Event)
+    message_types = (Scan, Detection, Event, Correction)
     size = 2000
     drop: Drop = "newest"
 
@@ -64,6 +68,7 @@ class RecordButton(Listener):
         self.folder = folder
         self.metadata = metadata
         self.recorder: Recorder | None = None
+        self.saved = ""
         self.lock = Lock()
 
     def start(self, context: Context) -> None:
@@ -89,6 +94,12 @@ class RecordButton(Listener):
             recorder, self.recorder = self.recorder, None
             if recorder is not None:
                 recorder.close()
+                self.saved = f"saved to {recorder.path}"
+
+    def describe(self) -> str:
+        """Return state and path of the recording; empty before the first."""
+        recorder = self.recorder
+        return self.saved if recorder is None else f"{RECORDING}{recorder.path}"
 
     def on_message(self, item: Message) -> None:
         """Record a message while recording."""
@@ -131,7 +142,7 @@ class PageOrderHandler:
         """Apply an order."""
         if isinstance(order, TouchOrder):
             self.handle_touch(order)
-        else:
+        elif isinstance(order, PageOrder):
             self.handle_other(order)
 
     def handle_touch(self, order: TouchOrder) -> None:
@@ -316,12 +327,24 @@ def run_demo(
     with build_arm(config, clock) as arm:
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
-        button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
+        metadata = Metadata("demo", "mouse", "browser", notes=PARTLY_LABELLED)
+        button = RecordButton(Path.cwd(), metadata)
         handler = PageOrderHandler(
             skin, arm, lambda order: handle_page_order(order, button, choice)
         )
-        page = replace(page, skins=skins, commands=commands.describe())
-        viewer = Viewer(recognition, page, log_errors(handler.handle), arm)
+        page = replace(
+            page,
+            skins=skins,
+            commands=commands.describe(),
+            places=locate_places(arm.executor.task),
+        )
+        viewer = Viewer(
+            recognition,
+            page,
+            log_errors(handler.handle),
+            arm,
+            recording=button.describe,
+        )
         source = LiveSource(
             skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
         )
@@ -339,6 +362,23 @@ def run_demo(
                 policy=policy,
                 stream=stream,
             )
+
+
+TOOL_LENGTH = 0.1
+"""Distance from the tool's link to the part between the fingers [m]."""
+
+
+def locate_places(task: Task) -> tuple[tuple[str, tuple[float, float, float]], ...]:
+    """Return the places at which a task takes and brings parts, in the world [m]."""
+    robot = load_robot(task.robot_name)
+    kinematics, tool = Kinematics(robot), robot.link_index(task.tool)
+    found = []
+    for waypoint in task.waypoints:
+        if waypoint.purpose is not None:
+            T_world_tool = kinematics.poses(np.array(waypoint.q))[tool]
+            x, y, z = (T_world_tool @ (0.0, 0.0, TOOL_LENGTH, 1.0))[:3].tolist()
+            found.append((waypoint.name, (x, y, z)))
+    return tuple(found)
 
 
 def warm_up_hand(config: DemoConfig) -> None:

@@ -210,13 +210,19 @@ def concatenate_recordings(
             added = build_labelled_segments(
                 labels, label_index, part.sequence, index, offset
             )
+            if recording.metadata.partly_labelled:
+                added = [segment for segment in added if segment.labelled]
             detected = set(label_index.tolist())
             missed += [
                 MissedGesture(gesture, index)
                 for gesture in find_missed_gestures(recording, labels, detected)
             ]
         segments += added
-        gestures += [s.gesture for s in added for _ in range(s.first, s.end)]
+        names = [NONE] * len(part.stamps)
+        for segment in added:
+            first, end = segment.first - offset, segment.end - offset
+            names[first:end] = [segment.gesture] * (end - first)
+        gestures += names
         sequences.append(part.sequence + sequence_count)
         sequence_count += int(part.sequence.max(initial=-1)) + 1
     return Dataset(

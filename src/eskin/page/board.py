@@ -6,17 +6,9 @@ from typing import final
 from viser import GuiApi, Icon
 
 from eskin.page.colours import ColourScale
+from eskin.page.html import AMBER, LINE, PALE, RED, TEAL, render_block, to_words
 from eskin.page.messages import Answer, ComparisonBoard, SceneDescription, ViewUpdate
-from eskin.page.panel import (
-    AMBER,
-    LINE,
-    PALE,
-    RED,
-    TEAL,
-    add_scale,
-    render_block,
-    to_words,
-)
+from eskin.page.panel import add_scale
 
 DULL = "#b9c2cd"
 

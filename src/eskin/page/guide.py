@@ -8,6 +8,14 @@ from typing import final
 from viser import GuiApi, GuiEvent, Icon
 
 from eskin.page.colours import ColourScale
+from eskin.page.html import (
+    LINE,
+    render_block,
+    render_log,
+    render_patches,
+    render_warning,
+    unpack_valid,
+)
 from eskin.page.messages import (
     GuideBoard,
     LogEntry,
@@ -16,16 +24,7 @@ from eskin.page.messages import (
     SceneDescription,
     ViewUpdate,
 )
-from eskin.page.panel import (
-    LINE,
-    LINES,
-    add_scale,
-    render_block,
-    render_log,
-    render_patches,
-    render_warning,
-    unpack_valid,
-)
+from eskin.page.panel import LINES, add_scale
 
 WAITING = GuideBoard("waiting for the skin", 0.0)
 """What is shown before the first scan."""

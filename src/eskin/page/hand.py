@@ -73,7 +73,7 @@ class TaxelPicker:
         )
 
 
-TouchMode = Literal["poke", "double-pat", "grab", "stroke"]
+TouchMode = Literal["poke", "double pat", "grab", "stroke"]
 DOUBLE_CLICK = 0.35
 """Longest time between two clicks that make a double pat [s]."""
 DOUBLE_CLICK_DISTANCE = 0.05

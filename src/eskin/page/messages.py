@@ -19,6 +19,10 @@ class ContactMarker:
     """Outward unit normal at the centre, in the frame of its link."""
     radius: float
     """Radius of a circle of the area of the contact [m]."""
+    force: float = 0.0
+    """Force [N]."""
+    patch: str = ""
+    """Name of the patch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +45,9 @@ class LogEntry:
 
     seconds: float
     """Time since the stream began [s]."""
-    kind: Literal["detection", "command", "refused", "event"]
-    """Kind of the entry; `refused` marks a command that was not accepted."""
+    kind: Literal["detection", "command", "refused", "event", "note"]
+    """Kind of the entry; `refused` marks a command that was not accepted, `note` an
+    answer to what was done in the page."""
     text: str
     """Text of the line."""
     gesture: str = ""
@@ -51,6 +56,8 @@ class LogEntry:
     """Index of the link of a detection; -1 for other entries."""
     p_link: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Position of a detection in the frame of its link [m]."""
+    touch: int = -1
+    """Number of the touch of a detection; -1 for other entries."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,10 @@ class ArmSummary:
     """State of the gripper: `open` or `closed`."""
     target: str
     """Name of the target of the motion."""
+    remedy: str = ""
+    """What ends `held` or `stopped`; empty where there is nothing to do."""
+    carrying: bool = False
+    """Whether a part is in the gripper."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +148,6 @@ class ViewUpdate:
     """Greatest pressure [kPa]."""
     log_entries: tuple[LogEntry, ...]
     """Log entries since the last update."""
-    faults: int
-    """Number of known faults."""
     rate: float
     """Rate of readings [1/s]."""
     step: float
@@ -151,6 +160,8 @@ class ViewUpdate:
     """Comparison of recognisers; None where none are compared."""
     guide: GuideBoard | None = None
     """Guide through a calibration; None where nothing is calibrated."""
+    recording: str = ""
+    """State and path of the recording; empty before the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +200,10 @@ class SceneDescription:
     """Names of the patches."""
     patch_index: Int[np.ndarray, "taxel"]
     """Index of the patch of each taxel."""
+    rows: Int[np.ndarray, "taxel"]
+    """Row of each taxel in its patch."""
+    columns: Int[np.ndarray, "taxel"]
+    """Column of each taxel in its patch."""
     gestures: tuple[str, ...]
     """Vocabulary, in the order of the probabilities."""
     touchable: bool
@@ -205,6 +220,11 @@ class SceneDescription:
     """Warning that is always shown above the panel; empty for none."""
     commands: tuple[str, ...] = ()
     """What each gesture commands, one line a rule of the command map."""
+    corrects: bool = False
+    """Whether detections can be corrected, which is kept in the recording."""
+    places: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    """Name of each place of the task, and where parts are put there, in the world frame
+    [m]."""
 
 
 TouchKind = Literal["poke", "double_pat", "grab", "begin", "move", "end"]
@@ -253,7 +273,17 @@ class PageOrder:
     skin."""
 
 
-Order = TouchOrder | PageOrder
+@dataclass(frozen=True)
+class CorrectionOrder:
+    """Requests that a detection is corrected, and kept as a label."""
+
+    touch: int
+    """Number of the touch that was recognised."""
+    gesture: str
+    """Name of the gesture that it was."""
+
+
+Order = TouchOrder | PageOrder | CorrectionOrder
 
 MessageKind = Literal["ready", "refused", "shown", "order"]
 READY: MessageKind = "ready"

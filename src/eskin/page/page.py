@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from viser import (
     BatchedMeshHandle,
+    SceneClickEvent,
     SceneNodeDragEvent,
     SceneNodePointerEvent,
     ViserServer,
@@ -31,6 +32,10 @@ CAMERA_TARGET = np.array([0.05, 0.0, 0.3])
 CAMERA_DISTANCE = 1.75
 """Distance of the camera from that point [m]."""
 BRAND = (31, 120, 137)
+SAME_CLICK = 0.05
+"""Longest time between the two events of a click on a taxel [s]."""
+MISSED = "that click hit no taxel: click on the dots"
+"""What the page says of a click beside the skin."""
 
 
 @final
@@ -68,11 +73,15 @@ class Page:
         self.picker = TaxelPicker(self.scene)
         self.drawn = -np.inf
         self.asked: tuple[object, ...] = ()
+        self.seconds, self.hit = 0.0, -np.inf
+        self.framed = False
         if setup.touchable:
             for link, discs in self.scene.discs.items():
                 self.register_events(link, discs)
                 self.register_events(link, self.scene.add_pads(link))
             server.on_client_disconnect(lambda _: self.hand.drag("end", None))
+            self.register_misses()
+        server.on_client_connect(self.scene.turn)
         if setup.calibrates:
             server.on_client_connect(lambda _: send(PageOrder("opened")))
 
@@ -93,6 +102,7 @@ class Page:
 
         def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
             if event.instance_index is not None:
+                self.hit = monotonic()
                 spot = self.picker.pick_taxel(int(taxels[event.instance_index]))
                 hand.click(spot, monotonic(), mode)
 
@@ -114,14 +124,27 @@ class Page:
                 spot = self.picker.pick_along_ray(eye, ray)
             hand.drag(event.phase, spot)
 
+    def register_misses(self) -> None:
+        """Say in the log where a click has hit no taxel."""
+
+        @self.server.scene.on_click()
+        def _(event: SceneClickEvent) -> None:
+            # A click on a taxel comes just before, as an event of its own.
+            if monotonic() - self.hit > SAME_CLICK and isinstance(self.panel, Panel):
+                self.panel.note(self.seconds, MISSED)
+
     def show(self, update: ViewUpdate) -> None:
         """Show one update."""
+        self.seconds = update.seconds
         with self.server.atomic():
             self.scene.show(update)
+            if not self.framed:
+                self.framed = True
+                self.scene.frame()
             self.marks.show(update)
             self.target.show(None if update.guide is None else update.guide.taxel)
             if self.gripper is not None and update.arm is not None:
-                self.gripper.show(update.arm.gripper)
+                self.gripper.show(update.arm.gripper, update.arm.carrying)
             self.panel.take(update)
             guide = update.guide
             asked = (guide.request, guide.taxel, guide.result) if guide else ()

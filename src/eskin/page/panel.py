@@ -1,204 +1,44 @@
-"""This module lays out the panel beside the scene, with its texts and plot."""
+"""This module lays out the panel beside the scene, with its plot and controls."""
 
 from collections import deque
 from collections.abc import Sequence
-from html import escape
-from typing import cast, final
+from typing import Literal, cast, final
 
 import numpy as np
 from jaxtyping import Bool, Float
-from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
+from viser import CommandEvent, GuiApi, GuiEvent, GuiHtmlHandle, Icon
+from viser.uplot import Axis, Axis_Grid, Series, Series_Points
 
-from eskin.page.colours import ColourScale
+from eskin.page.colours import ColourScale, choose_gesture_colours, render_dot
 from eskin.page.hand import MouseHand, TouchMode
+from eskin.page.html import (
+    render_bars,
+    render_block,
+    render_correction,
+    render_log,
+    render_notice,
+    render_patch_map,
+    render_patches,
+    render_status,
+    render_warning,
+    to_words,
+    unpack_valid,
+)
 from eskin.page.messages import (
-    ArmSummary,
+    CorrectionOrder,
     LogEntry,
-    OpenTouch,
     PageKind,
     PageOrder,
     SceneDescription,
     ViewUpdate,
 )
 
-INK, PALE, LINE = "#1f2733", "#7b8594", "#e6e9ee"
-TEAL, AMBER, RED, BLUE = "#1f9e89", "#c77700", "#c43a31", "#3b6fb6"
-STATE_COLOURS = {
-    "running": TEAL,
-    "paused": AMBER,
-    "held": RED,
-    "stopped": RED,
-    "waiting": PALE,
-}
-"""Colour of each state of the arm."""
-KIND_COLOURS = {"detection": TEAL, "command": BLUE, "refused": AMBER, "event": PALE}
-FONT = f"font:12px/1.45 system-ui,sans-serif;color:{INK};padding:0 14px"
-
-
-def render_block(inside: str) -> str:
-    """Return a part of the panel as HTML in the font of the panel."""
-    return f'<div style="{FONT}">{inside}</div>'
-
-
-def render_status(update: ViewUpdate) -> str:
-    """Return rate, latency, faults and the state of the arm as HTML."""
-    faults = f"{update.faults} fault{'s' * (update.faults != 1)}"
-    colour = RED if update.faults else TEAL
-    return render_numbers(
-        ("readings/s", f"{update.rate:.0f}"),
-        ("step", f"{1e3 * update.step:.2f} ms"),
-        ("age", f"{1e3 * update.age:.1f} ms"),
-        ("skin", f'<span style="color:{colour}">{faults}</span>'),
-    ) + (render_block(render_arm(update.arm)) if update.arm else "")
-
-
-def render_notice(text: str) -> str:
-    """Return a notice in small print as HTML."""
-    return render_block(f'<div style="color:{PALE}">{escape(text)}</div>')
-
-
-def render_warning(text: str) -> str:
-    """Return a warning as HTML."""
-    return render_block(
-        f'<div style="margin-bottom:6px;padding:5px 8px;border-radius:6px;color:#fff;'
-        f'background:{RED}">{escape(text)}</div>'
-    )
-
-
-def render_numbers(*pairs: tuple[str, str]) -> str:
-    """Return names with their values side by side as HTML."""
-    cells = "".join(
-        f'<div><div style="color:{PALE};font-size:10px">{name}</div>'
-        f'<div style="font-weight:600;font-variant-numeric:tabular-nums">{value}</div>'
-        "</div>"
-        for name, value in pairs
-    )
-    return render_block(
-        f'<div style="display:flex;justify-content:space-between">{cells}</div>'
-    )
-
-
-def render_comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
-    """Return a table of labels and detections as HTML.
-
-    Args:
-        rows: time [s], label, detection, and whether they agree.
-        right: number of rows that agree.
-    """
-    head = f'<div style="color:{PALE}">{right} of {len(rows)} match</div>'
-    body = "".join(
-        f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE}">'
-        f'<span style="color:{PALE};width:52px;text-align:right">{seconds:.1f} s</span>'
-        f'<span style="flex:1">{escape(to_words(label))}</span>'
-        f'<span style="flex:1;color:{TEAL if is_right else RED}">'
-        f"{escape(to_words(detection))}</span></div>"
-        for seconds, label, detection, is_right in rows
-    )
-    return render_block(head + body)
-
-
-def render_arm(summary: ArmSummary) -> str:
-    """Return the state of the arm as HTML."""
-    state = summary.state + (f": {summary.why}" if summary.why else "")
-    colour = STATE_COLOURS[summary.state]
-    target = summary.target or "-"
-    rest = f"{summary.speed:.0%} speed, gripper {summary.gripper}, to {target}"
-    return (
-        f'<div style="margin-top:6px;padding:5px 8px;border-radius:6px;'
-        f'background:{LINE}"><b style="color:{colour}">{escape(state)}</b>'
-        f'<br><span style="color:{PALE}">{escape(rest)}</span></div>'
-    )
-
-
-def render_bars(touches: Sequence[OpenTouch], gestures: Sequence[str]) -> str:
-    """Return the probabilities of the strongest touch as HTML bars."""
-    first = touches[0] if touches else None
-    head = "no touch"
-    if first is not None:
-        head = f"touch {first.id} on {escape(first.link)}, {first.force:.1f} N"
-    probabilities = np.zeros(len(gestures)) if first is None else first.probabilities
-    best = int(np.argmax(probabilities)) if first is not None else -1
-    rows = "".join(
-        render_bar(gesture, float(probability), number == best)
-        for number, (gesture, probability) in enumerate(
-            zip(gestures, probabilities, strict=True)
-        )
-    )
-    head = f'<div style="color:{PALE};margin:4px 0 3px">{head}</div>'
-    return render_block(head + rows)
-
-
-def render_bar(gesture: str, probability: float, is_best: bool) -> str:
-    """Return one probability as an HTML bar."""
-    colour = TEAL if is_best else "#b9c2cd"
-    weight = 600 if is_best else 400
-    return (
-        '<div style="display:flex;align-items:center;gap:8px;height:18px">'
-        f'<span style="width:72px;font-weight:{weight}">'
-        f"{escape(to_words(gesture))}</span>"
-        f'<span style="flex:1;height:9px;border-radius:5px;background:{LINE}">'
-        '<span style="display:block;height:9px;border-radius:5px;'
-        f'width:{probability:.0%};background:{colour}"></span></span>'
-        f'<span style="width:36px;text-align:right;color:{PALE};'
-        f'font-variant-numeric:tabular-nums">{probability:.0%}</span></div>'
-    )
-
-
-def render_log(log_entries: Sequence[LogEntry]) -> str:
-    """Return detections, commands and events as HTML, newest first."""
-    rows = "".join(
-        f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE};'
-        'padding:1px 0">'
-        f'<span style="color:{PALE};width:46px;flex:none;text-align:right;'
-        f'font-variant-numeric:tabular-nums">{entry.seconds:.1f} s</span>'
-        f'<span style="color:{KIND_COLOURS[entry.kind]}">'
-        f"{escape(entry.text)}</span></div>"
-        for entry in log_entries
-    )
-    return render_block(rows or f'<span style="color:{PALE}">nothing yet</span>')
-
-
-def unpack_valid(
-    update: ViewUpdate, setup: SceneDescription
-) -> Bool[np.ndarray, "taxel"]:
-    """Return whether each taxel of an update is valid."""
-    return np.unpackbits(update.valid, count=setup.patch_index.size).astype(bool)
-
-
-def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
-    """Return how many taxels of each patch are not valid, as HTML."""
-    sizes = np.bincount(setup.patch_index, minlength=len(setup.patches))
-    good = np.bincount(setup.patch_index, valid, minlength=len(setup.patches))
-    cells = "".join(
-        render_patch_state(name, int(size - whole), int(size))
-        for name, whole, size in zip(setup.patches, good, sizes, strict=True)
-    )
-    style = "display:flex;flex-wrap:wrap;gap:4px"
-    return render_block(f'<div style="{style}">{cells}</div>')
-
-
-def render_patch_state(patch: str, out: int, size: int) -> str:
-    """Return the state of one patch as HTML."""
-    colour, note = TEAL, ""
-    if out:
-        colour, note = (RED, " silent") if out == size else (AMBER, f" {out} out")
-    return (
-        f'<span style="border:1px solid {LINE};border-radius:9px;padding:0 7px;'
-        f'font-size:11px"><span style="color:{colour}">&#9679;</span> '
-        f"{escape(to_words(patch))}{note}</span>"
-    )
-
-
-def to_words(name: str) -> str:
-    """Return a name with spaces in place of underscores."""
-    return name.replace("_", " ")
-
-
 SECONDS = 10.0
 """Duration of the plot [s]."""
 PERIOD = 0.1
 """Interval between two points [s]."""
 COUNT = round(SECONDS / PERIOD)
+FORCE_COLOUR, PEAK_COLOUR = "#1f2733", "#7b8fb8"
 HIGH, OUTSIDE = 0.93, -9.0
 """Heights of visible and hidden marks as shares of the height of the plot.
 
@@ -210,50 +50,41 @@ The plot has no missing values, so hidden marks are drawn outside it.
 class HistoryPlot:
     """Plots force and peak pressure ten times a second, and marks detections."""
 
-    def __init__(self, gui: GuiApi) -> None:
+    def __init__(self, gui: GuiApi, gestures: Sequence[str]) -> None:
         """Start with an empty plot."""
-        self.points: deque[tuple[float, float, float]] = deque(maxlen=COUNT)
+        self.points: deque[tuple[float, ...]] = deque(maxlen=COUNT)
         self.force = self.peak = 0.0
-        self.detected = False
+        self.colours = choose_gesture_colours(gestures)
+        self.names = tuple(dict.fromkeys([*gestures, "unknown"]))
+        self.detected: set[str] = set()
+        gui.add_html(
+            render_block(
+                f"{render_dot(FORCE_COLOUR)}force [N], left &nbsp; "
+                f"{render_dot(PEAK_COLOUR)}peak pressure [kPa], right"
+            )
+        )
         self.plot = gui.add_uplot(
             self.data(),
             (
-                {"label": "s"},
-                {"label": "force [N]", "stroke": "#1f9e89", "width": 1.5, "scale": "N"},
-                {
-                    "label": "peak [kPa]",
-                    "stroke": "#7b8fb8",
-                    "width": 1,
-                    "scale": "kPa",
-                },
-                {
-                    "label": "detection",
-                    "stroke": "#d55e00",
-                    "width": 0,
-                    "scale": "detection",
-                    "points": {"show": True, "size": 9, "fill": "#d55e00"},
-                },
+                Series(label="s"),
+                Series(label="force", stroke=FORCE_COLOUR, width=1.5, scale="N"),
+                Series(label="peak", stroke=PEAK_COLOUR, width=1, scale="kPa"),
+                *(describe_marks(name, self.colours[name]) for name in self.names),
             ),
             scales={
                 "x": {"time": False, "range": (-SECONDS, 0.0)},
                 "N": {"auto": True},
                 "kPa": {"auto": True},
-                "detection": {"range": (0.0, 1.0)},
+                "mark": {"range": (0.0, 1.0)},
             },
             axes=(
-                {"scale": "x", "size": 24, "font": "10px system-ui"},
-                {"scale": "N", "size": 34, "font": "10px system-ui"},
-                {
-                    "scale": "kPa",
-                    "side": 1,
-                    "size": 34,
-                    "font": "10px system-ui",
-                    "grid": {"show": False},
-                },
+                describe_axis("x", "time before now [s]", 2),
+                describe_axis("N", "force [N]"),
+                describe_axis("kPa", "peak [kPa]", 1),
             ),
             legend={"show": False},
             cursor={"show": False},
-            height=120,
+            height=150,
             padding=(6, 0, 0, 0),
         )
 
@@ -261,30 +92,56 @@ class HistoryPlot:
         """Store the greatest values between two points."""
         self.force = max(self.force, update.force)
         self.peak = max(self.peak, update.peak)
-        self.detected |= any(entry.kind == "detection" for entry in update.log_entries)
+        self.detected |= {entry.gesture for entry in update.log_entries}
 
     def draw(self) -> None:
         """Advance the plot by one point."""
-        mark = HIGH if self.detected else OUTSIDE
-        self.points.append((self.force, self.peak, mark))
-        self.force, self.peak, self.detected = 0.0, 0.0, False
+        marks = (HIGH if name in self.detected else OUTSIDE for name in self.names)
+        self.points.append((self.force, self.peak, *marks))
+        self.force, self.peak, self.detected = 0.0, 0.0, set()
         self.plot.data = self.data()
 
     def data(self) -> tuple[Float[np.ndarray, "time"], ...]:
         """Return times before now [s], forces [N], peaks [kPa] and detection marks."""
-        columns = np.zeros((4, COUNT))
-        columns[3] = OUTSIDE
+        columns = np.full((3 + len(self.names), COUNT), OUTSIDE)
         columns[0] = np.linspace(-SECONDS + PERIOD, 0.0, COUNT)
+        columns[1:3] = 0.0
         if self.points:
             columns[1:, -len(self.points) :] = np.array(self.points).T
         return tuple(columns)
 
 
+def describe_marks(name: str, colour: str) -> Series:
+    """Return the series of the marks of a gesture, in its colour."""
+    points = Series_Points(show=True, size=9, fill=colour, stroke=colour)
+    return Series(label=to_words(name), width=0, scale="mark", points=points)
+
+
+def describe_axis(scale: str, title: str, side: Literal[1, 2, 3] = 3) -> Axis:
+    """Return an axis with a title: at the bottom (2), to the left (3) or right (1)."""
+    return Axis(
+        scale=scale,
+        side=side,
+        label=title,
+        size=28 if side == 2 else 30,
+        labelSize=14,
+        font="10px system-ui",
+        labelFont="10px system-ui",
+        grid=Axis_Grid(show=side != 1),
+    )
+
+
 NOT_CERTIFIED = "eskin is no certified safety function."
 """Notice that the page always shows."""
-LINES = 8
-"""Number of lines of the log."""
-MODES: tuple[TouchMode, ...] = ("poke", "double-pat", "grab", "stroke")
+LINES = 20
+"""Number of lines of the log, of which the latest are visible."""
+MODES: tuple[TouchMode, ...] = ("poke", "double pat", "grab", "stroke")
+TOUCHED = "the touched one"
+"""Choice of the patch that is touched most."""
+MAP_PERIOD = 0.2
+"""Interval between redraws of the patch [s]."""
+Digit = Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]
+DIGITS: tuple[Digit, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 KILL_SHARE = 0.1
 """Share of the taxels that one click of `kill` disables."""
 
@@ -310,26 +167,79 @@ class Panel:
         self.scale = scale
         self.hand = hand
         self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
+        self.colours = choose_gesture_colours(setup.gestures)
+        self.last: LogEntry | None = None
+        self.running = True
+        self.maps_due, self.mapped = 0.0, 0
         if setup.warning:
             gui.add_html(render_warning(setup.warning))
         self.status = gui.add_html("")
-        self.bars = gui.add_html(render_bars((), setup.gestures))
-        self.history = HistoryPlot(gui)
-        self.legend = gui.add_html(render_block(scale.legend()))
-        if setup.commands:
-            gui.add_html(render_notice("; ".join(setup.commands)))
-        gui.add_html(render_notice(NOT_CERTIFIED))
+        self.bars = gui.add_html(render_bars((), setup))
+        self.log = gui.add_html(render_log(()))
         tabs = gui.add_tab_group()
         if setup.touchable:
             with tabs.add_tab("Hand", Icon.HAND_FINGER):
                 self.add_touch_controls()
+        with tabs.add_tab("Plot", Icon.CHART_LINE):
+            self.history = HistoryPlot(gui, setup.gestures)
         with tabs.add_tab("Skin", Icon.GRID_DOTS):
+            self.shown_patch = gui.add_dropdown("patch", (TOUCHED, *setup.patches))
+            self.map = gui.add_html("")
+            self.legend = gui.add_html(render_block(scale.legend()))
+            add_scale(gui, scale, self.legend)
             self.patches = gui.add_html("")
             if setup.touchable:
                 self.add_skin_controls()
-        with tabs.add_tab("View", Icon.PALETTE):
-            add_scale(gui, scale, self.legend)
-        self.log = gui.add_html(render_log(()))
+        if setup.corrects:
+            with tabs.add_tab("Correct", Icon.PENCIL):
+                self.add_correction()
+        gui.add_html(render_notice(NOT_CERTIFIED))
+        self.add_keys()
+
+    def add_keys(self) -> None:
+        """Add the keys that the page obeys."""
+        gui, setup = self.gui, self.setup
+        if setup.touchable and setup.is_arm:
+            space = gui.add_command("pause or resume the task", hotkey="space")
+
+            @space.on_trigger
+            async def _(event: CommandEvent) -> None:
+                self.order("pause_task" if self.running else "resume_task")
+
+        if setup.corrects:
+            for digit, gesture in zip(DIGITS, self.names, strict=False):
+                self.add_key(digit, f"that was a {to_words(gesture)}", gesture)
+
+    def add_key(self, digit: Digit, title: str, gesture: str) -> None:
+        """Add a key that corrects the last detection."""
+        key = self.gui.add_command(title, hotkey=digit)
+
+        @key.on_trigger
+        async def _(event: CommandEvent) -> None:
+            self.correct(gesture)
+
+    def add_correction(self) -> None:
+        """Add the controls that correct the last detection."""
+        gui = self.gui
+        self.corrected = gui.add_html(render_correction(None, self.names, self.colours))
+        words = tuple(map(to_words, self.names))
+        name = gui.add_dropdown("that was a", words)
+        other = gui.add_text("or another", "", hint="name of any gesture of your own")
+        keep = gui.add_button("keep in the recording", icon=Icon.TAG)
+
+        @keep.on_click
+        async def _(event: GuiEvent) -> None:
+            self.correct(other.value or name.value)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Gestures that a detection can be corrected to."""
+        return tuple(name for name in self.setup.gestures if name != "unknown")
+
+    def correct(self, gesture: str) -> None:
+        """Send what the last detected touch was."""
+        if self.last is not None:
+            self.hand.send(CorrectionOrder(self.last.touch, gesture))
 
     def add_touch_controls(self) -> None:
         """Add the controls of touches: mode, force and duration."""
@@ -338,7 +248,7 @@ class Panel:
             "click is a",
             MODES,
             initial_value=hand.mode,
-            hint="Click twice for a double-pat, drag for a stroke, shift and click for "
+            hint="Click twice for a double pat, drag for a stroke, shift and click for "
             "a grab; anywhere else, drag to turn the view",
         )
         force = gui.add_slider(
@@ -374,8 +284,8 @@ class Panel:
     def add_skin_controls(self) -> None:
         """Add the controls of cables, dead taxels, skins and recording."""
         gui, setup = self.gui, self.setup
-        patch = gui.add_dropdown("patch", setup.patches)
-        cable = gui.add_button_group("its cable", ("unplug", "plug in"))
+        patch = gui.add_dropdown("cable of", setup.patches)
+        cable = gui.add_button_group("is to", ("unplug", "plug in"))
         taxels = gui.add_button_group("taxels", (f"kill {KILL_SHARE:.0%}", "restore"))
         record = gui.add_button_group("recording", ("record", "stop"))
 
@@ -408,19 +318,46 @@ class Panel:
         """Send an order other than a touch."""
         self.hand.send(PageOrder(kind, value))
 
+    def note(self, seconds: float, text: str) -> None:
+        """Add an answer to what was done in the page to the log."""
+        self.log_entries.appendleft(LogEntry(seconds, "note", text))
+
     def take(self, update: ViewUpdate) -> None:
         """Store the values and log entries of an update."""
         self.history.take(update)
         self.log_entries.extendleft(update.log_entries)
+        found = [entry for entry in update.log_entries if entry.kind == "detection"]
+        self.last = found[-1] if found else self.last
+        self.running = update.arm is None or update.arm.state in ("running", "waiting")
 
     def draw(self, update: ViewUpdate) -> None:
         """Draw an update."""
-        self.history.draw()
-        self.status.content = render_status(update)
-        self.bars.content = render_bars(update.touches, self.setup.gestures)
-        self.log.content = render_log(tuple(self.log_entries))
         valid = unpack_valid(update, self.setup)
+        self.history.draw()
+        self.status.content = render_status(update, valid)
+        self.bars.content = render_bars(update.touches, self.setup)
+        self.log.content = render_log(tuple(self.log_entries), self.colours)
         self.patches.content = render_patches(self.setup, valid)
+        if self.setup.corrects:
+            self.corrected.content = render_correction(
+                self.last, self.names, self.colours
+            )
+        if not 0.0 <= self.maps_due - update.seconds <= MAP_PERIOD:
+            self.maps_due = update.seconds + MAP_PERIOD
+            self.draw_map(update, valid)
+
+    def draw_map(self, update: ViewUpdate, valid: Bool[np.ndarray, "taxel"]) -> None:
+        """Draw the chosen patch, or the one that is touched most."""
+        setup, chosen = self.setup, self.shown_patch.value
+        names = [chosen, *(contact.patch for contact in update.contacts)]
+        patch = next((name for name in names if name in setup.patches), None)
+        if patch is None and self.map.content:
+            # The patch that was touched last stays, with its pressures now.
+            patch = setup.patches[self.mapped]
+        self.mapped = setup.patches.index(patch) if patch else 0
+        self.map.content = render_patch_map(
+            setup, self.mapped, update.pressure, valid, self.scale
+        )
 
 
 def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:

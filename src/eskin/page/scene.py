@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from viser import (
     BatchedMeshHandle,
+    ClientHandle,
     FrameHandle,
     LabelHandle,
     MeshHandle,
@@ -33,6 +34,15 @@ FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
 CAMERA_DIRECTION = np.array([0.82, -0.80, 0.42])
 """Direction in the world frame to the camera from its target, of about unit length."""
+FRAMING = 1.05
+"""Distance of the camera from a robot, relative to that at which it just fits."""
+MARGIN = 1.5
+"""Largest part of a robot beside the half height of the picture, as a robot is rarely
+stretched out."""
+NARROW = 1.0
+"""Width of a window by its height below which the camera is further away."""
+RAISED = 0.6
+"""Height of the scene over the middle of such a window, by half of the window."""
 MIN_POSE_CHANGE = 1e-5
 """Change of a pose below which a frame is not moved, per component [1 or m]."""
 
@@ -56,6 +66,7 @@ class Scene:
         at_rest = np.array([1, 0, 0, 0, 0, 0, 0], np.float32)
         self.poses = np.tile(at_rest, (len(setup.links), 1))
         self.add_surroundings()
+        self.add_places()
         self.frames = [
             server.scene.add_frame(f"/robot/{name}", show_axes=False)
             for name in setup.links
@@ -104,6 +115,21 @@ class Scene:
             cast_shadow=True,
         )
 
+    def add_places(self) -> None:
+        """Add a table under each place of the task, with its name."""
+        for name, place in self.setup.places:
+            x, y, z = place
+            height = max(z - PART / 2, 0.02)
+            self.server.scene.add_box(
+                f"/places/{name}",
+                dimensions=(0.2, 0.2, height),
+                color=TABLE,
+                position=(x, y, height / 2),
+            )
+            self.server.scene.add_label(
+                f"/places/{name}/name", name, position=(0.0, 0.0, -0.3 * height)
+            )
+
     def set_camera(
         self,
         middle: Float[np.ndarray, "3"],
@@ -118,11 +144,33 @@ class Scene:
             direction: direction in the world frame from that point to the camera, of
                 about unit length.
         """
-        self.server.initial_camera.fov = FIELD_OF_VIEW
-        clients = self.server.get_clients().values()
-        for camera in (self.server.initial_camera, *(each.camera for each in clients)):
-            camera.position = middle + distance * direction
-            camera.look_at = middle
+        self.camera = middle, distance, direction
+        first = self.server.initial_camera
+        first.fov = FIELD_OF_VIEW
+        first.position, first.look_at = middle + distance * direction, middle
+        for client in self.server.get_clients().values():
+            self.turn(client)
+
+    def turn(self, client: ClientHandle) -> None:
+        """Turn the camera of a browser to the scene, by the shape of its window."""
+        position, look_at = place_camera(*self.camera, client.camera.aspect)
+        client.camera.position, client.camera.look_at = position, look_at
+
+    def frame(self) -> None:
+        """Turn the cameras so that the robot fills the page, if it does not already."""
+        points = [self.place_taxels()[0]]
+        for solid in self.setup.solids:
+            pose = self.poses[solid.link].astype(np.float64)
+            turn = quaternion_to_matrix(pose[:4])
+            points.append(solid.vertices @ turn.T + pose[4:])
+        around = np.concatenate(points)
+        middle = (around.min(axis=0) + around.max(axis=0)) / 2
+        radius = float(np.linalg.norm(around - middle, axis=1).max())
+        wanted = FRAMING * radius / np.sin(FIELD_OF_VIEW / 2)
+        offset = np.linalg.norm(middle - self.camera[0])
+        fits = radius + offset < self.camera[1] * np.tan(FIELD_OF_VIEW / 2) * MARGIN
+        if not fits or wanted < self.camera[1] / 2:
+            self.set_camera(middle, wanted)
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """Add one disc per taxel, in the frame of their link."""
@@ -195,6 +243,42 @@ class Scene:
         rotation = quaternion_to_matrix(self.poses[link, :4].astype(np.float64))
         return rotation.T @ (p_world - self.poses[link, 4:])
 
+    def transform_to_world(
+        self, link: int, p_link: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "3"]:
+        """Return a point in the frame of a link in the world, as shown [m]."""
+        rotation = quaternion_to_matrix(self.poses[link, :4].astype(np.float64))
+        return rotation @ p_link + self.poses[link, 4:]
+
+
+def place_camera(
+    middle: Float[np.ndarray, "3"],
+    distance: float,
+    direction: Float[np.ndarray, "3"],
+    aspect: float,
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Return the position of a camera and the point that it looks at [m].
+
+    In a narrow window, as of a phone, it is further away, and the scene is above the
+    panel, which covers the lower half.
+
+    Args:
+        middle: middle of the scene, in the world frame [m].
+        distance: distance of the camera in a wide window [m].
+        direction: direction from there to the camera, of about unit length.
+        aspect: width of the window by its height.
+    """
+    if aspect >= NARROW:
+        return middle + distance * direction, middle
+    distance *= NARROW / max(aspect, 0.1)
+    lower = np.array([0.0, 0.0, -RAISED * distance * np.tan(FIELD_OF_VIEW / 2)])
+    return middle + lower + distance * direction, middle + lower
+
+
+def compute_arrow_length(force: float) -> float:
+    """Return the length of the arrow of a force [N], in metres."""
+    return min(ARROW_BASE + ARROW_PER_NEWTON * force, ARROW_LONGEST)
+
 
 def move_frame(
     frame: FrameHandle, shown: Float32[np.ndarray, "7"], pose: Float32[np.ndarray, "7"]
@@ -227,6 +311,9 @@ def compute_rotations_to(
 
 
 METAL, RUBBER = (206, 209, 214), (52, 56, 64)
+TABLE, PART_COLOUR = (203, 190, 168), (0, 114, 178)
+PART = 0.045
+"""Length of the edge of a part [m]."""
 FINGER_OFFSETS = {"open": 0.042, "closed": 0.011}
 """Distance of a finger from the middle of the gripper, by state [m]."""
 
@@ -257,14 +344,24 @@ class GripperModel:
             )
             for side in (-1, 1)
         }
+        self.part = scene.add_box(
+            f"{at}/part",
+            dimensions=(0.02, PART, PART),
+            color=PART_COLOUR,
+            position=(0.0, 0.0, 0.1),
+            visible=False,
+        )
         self.shown = "open"
 
-    def show(self, state: str) -> None:
-        """Open or close the gripper.
+    def show(self, state: str, carrying: bool) -> None:
+        """Open or close the gripper, and show the part in it.
 
         Args:
             state: `open` or `closed`.
+            carrying: whether a part is in the gripper.
         """
+        if self.part.visible != carrying:
+            self.part.visible = carrying
         if state != self.shown and state in FINGER_OFFSETS:
             self.shown = state
             for side, finger in self.fingers.items():
@@ -279,8 +376,12 @@ RING_LIFT = 0.006
 """Distance of the rings from the skin [m]."""
 SEGMENTS = 40
 """Number of segments of a ring."""
-RING = (213, 94, 0)
-"""Vermilion, distinct from the whole colour scale (Okabe and Ito 2008)."""
+RING = (0, 90, 181)
+"""Blue, distinct from the whole colour scale for people of any colour vision."""
+ARROW_BASE, ARROW_PER_NEWTON, ARROW_LONGEST = 0.03, 0.006, 0.15
+"""Length of the arrow of a force: without force, for each newton, at most [m]."""
+NAMED = 3
+"""Greatest number of contacts with their name."""
 RING_MARGIN = 0.008
 """Difference between the radii of a ring and its contact [m]."""
 LABEL_SECONDS = 2.0
@@ -298,13 +399,24 @@ class Marks:
         self.ringed: set[int] = set()
         self.count = 0
         self.labels: deque[tuple[float, LabelHandle]] = deque()
-        self.rings = {link: self.add_rings(link) for link in scene.discs}
+        ring, arrow = build_ring(), build_arrow()
+        self.rings = {n: self.add_marks("contacts", n, *ring) for n in scene.discs}
+        self.arrows = {n: self.add_marks("forces", n, *arrow) for n in scene.discs}
+        self.names = [
+            server.scene.add_label(f"/contact_{number}", "", visible=False)
+            for number in range(NAMED)
+        ]
 
-    def add_rings(self, link: int) -> BatchedMeshHandle:
-        """Add the rings of a link, too small to see until they are used."""
-        vertices, faces = build_ring()
+    def add_marks(
+        self,
+        name: str,
+        link: int,
+        vertices: Float32[np.ndarray, "vertex 3"],
+        faces: np.ndarray,
+    ) -> BatchedMeshHandle:
+        """Add marks of a shape to a link, too small to see until they are used."""
         return self.server.scene.add_batched_meshes_simple(
-            f"/robot/{self.scene.setup.links[link]}/contacts",
+            f"/robot/{self.scene.setup.links[link]}/{name}",
             vertices,
             faces,
             np.tile([1.0, 0.0, 0.0, 0.0], (MAX_RINGS, 1)),
@@ -319,29 +431,49 @@ class Marks:
 
     def show(self, update: ViewUpdate) -> None:
         """Draw the contacts and detections of an update, and remove old labels."""
-        self.draw_rings(update.contacts)
+        self.draw_marks(update.contacts)
+        self.draw_names(update.contacts)
         for entry in update.log_entries:
             if entry.kind == "detection":
                 self.add_label(entry)
         while self.labels and update.seconds - self.labels[0][0] > LABEL_SECONDS:
             self.labels.popleft()[1].remove()
 
-    def draw_rings(self, contacts: tuple[ContactMarker, ...]) -> None:
-        """Draw one ring per contact; unused rings are too small to see."""
+    def draw_marks(self, contacts: tuple[ContactMarker, ...]) -> None:
+        """Draw a ring and the force of each contact; unused marks are too small."""
         for link in self.ringed | {contact.link for contact in contacts}:
             here = [contact for contact in contacts if contact.link == link][:MAX_RINGS]
             wxyz = np.tile(np.array([1, 0, 0, 0], np.float32), (MAX_RINGS, 1))
             places = np.zeros((MAX_RINGS, 3), np.float32)
             radii = np.full(MAX_RINGS, HIDDEN_RADIUS, np.float32)
+            lengths = np.full(MAX_RINGS, HIDDEN_RADIUS, np.float32)
             for row, contact in enumerate(here):
                 places[row] = contact.p_link + RING_LIFT * contact.n_link
                 wxyz[row] = compute_rotations_to(contact.n_link[None])[0]
                 radii[row] = contact.radius + RING_MARGIN
-            rings = self.rings[link]
-            rings.batched_positions = places
-            rings.batched_wxyzs = wxyz
-            rings.batched_scales = radii
+                lengths[row] = compute_arrow_length(contact.force)
+            for marks, scales in ((self.rings, radii), (self.arrows, lengths)):
+                marks[link].batched_positions = places
+                marks[link].batched_wxyzs = wxyz
+                marks[link].batched_scales = scales
         self.ringed = {contact.link for contact in contacts}
+
+    def draw_names(self, contacts: tuple[ContactMarker, ...]) -> None:
+        """Write patch and force beside the arrows of the strongest contacts."""
+        for number, label in enumerate(self.names):
+            if number >= len(contacts):
+                if label.visible:
+                    label.visible = False
+                continue
+            contact = contacts[number]
+            length = compute_arrow_length(contact.force) + 0.01
+            end = contact.p_link + length * contact.n_link
+            text = f"{contact.patch.replace('_', ' ')} {contact.force:.0f} N"
+            if label.text != text:
+                label.text = text
+            label.position = self.scene.transform_to_world(contact.link, end)
+            if not label.visible:
+                label.visible = True
 
     def add_label(self, entry: LogEntry) -> None:
         """Add a floating label where a touch was recognised."""
@@ -443,3 +575,22 @@ def build_ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
         np.stack([inner, right + SEGMENTS, right], axis=-1),
     ]
     return vertices, np.concatenate(faces).astype(np.uint32)
+
+
+def build_arrow() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
+    """Return vertices and faces of an arrow of length 1 down z, its tip at zero."""
+    angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    # From the tip: the head, its underside, the shaft, and the end.
+    rings = [(0.0, 0.0), (0.12, 0.3), (0.04, 0.3), (0.04, 1.0), (0.0, 1.0)]
+    vertices = [radius * circle + (0.0, 0.0, height) for radius, height in rings]
+    near, far = np.arange(CORNERS), (np.arange(CORNERS) + 1) % CORNERS
+    faces = []
+    for number in range(len(rings) - 1):
+        low, high = number * CORNERS, (number + 1) * CORNERS
+        faces.append(np.stack([low + near, high + far, high + near], axis=-1))
+        faces.append(np.stack([low + near, low + far, high + far], axis=-1))
+    return (
+        np.concatenate(vertices).astype(np.float32),
+        np.concatenate(faces).astype(np.uint32),
+    )

@@ -28,7 +28,13 @@ from eskin.recording.reader import (
     find_recordings,
     read_recording,
 )
-from eskin.recording.records import DetectionRecord, EventRecord, Metadata, TruthRecord
+from eskin.recording.records import (
+    PARTLY_LABELLED,
+    DetectionRecord,
+    EventRecord,
+    Metadata,
+    TruthRecord,
+)
 from eskin.recording.rosbag import write_bag
 from eskin.recording.shearsense import convert_shearsense
 from eskin.recording.sleeve import convert_sleeve
@@ -47,6 +53,7 @@ __all__ = [
     "Label",
     "LabelAgreement",
     "Metadata",
+    "PARTLY_LABELLED",
     "Overrides",
     "Recording",
     "RecordingWriter",

@@ -8,6 +8,9 @@ CALIBRATION_NAME = "calibration.json"
 URDF_NAME = "robot.urdf"
 FORMAT = "1"
 NOTE = "note."
+PARTLY_LABELLED = {"labels": "corrections"}
+"""Notes of a recording in which only some touches have labels: those that a person has
+corrected. Of the others it is not known that they were no gesture."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,11 @@ class Metadata:
     def simulated(self) -> bool:
         """Whether `eskin generate` made the recording, so that its truth is known."""
         return self.notes.get("simulated") == "true"
+
+    @property
+    def partly_labelled(self) -> bool:
+        """Whether touches without a label may have been gestures all the same."""
+        return PARTLY_LABELLED.items() <= self.notes.items()
 
     def to_record(self) -> dict[str, str]:
         """Return the flat map of strings that an MCAP metadata record holds."""

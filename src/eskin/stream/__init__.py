@@ -4,6 +4,7 @@ from eskin.stream.listener import (
     BoundedQueue,
     CommandEvent,
     Context,
+    Correction,
     Listener,
     Message,
     QueueCount,
@@ -17,6 +18,7 @@ from eskin.stream.timing import DurationHistogram, short_switch_interval
 __all__ = [
     "CommandEvent",
     "Context",
+    "Correction",
     "DurationHistogram",
     "FaultReporter",
     "Message",

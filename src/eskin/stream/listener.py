@@ -50,10 +50,24 @@ class CommandEvent:
     """Patch of its strongest contact; None without one."""
 
 
-Message = Scan | RecognitionState | Detection | Event | CommandEvent
+@dataclass(frozen=True)
+class Correction:
+    """What a person says that a touch was, to be kept as a label."""
+
+    stamp: int
+    """Time of the correction [ns since the epoch]."""
+    start: int
+    """First contact of the touch [ns since the epoch]."""
+    end: int
+    """First instant after its last contact [ns since the epoch]."""
+    gesture: str
+    """Name of the gesture that it was."""
+
+
+Message = Scan | RecognitionState | Detection | Event | CommandEvent | Correction
 """Scans and recognition states come at the rate of the skin; the others are rare."""
 
-RARE = (Detection, Event, CommandEvent)
+RARE = (Detection, Event, CommandEvent, Correction)
 """Messages that a full queue drops only where it holds no others."""
 
 Drop = Literal["oldest", "newest", "never"]

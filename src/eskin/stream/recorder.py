@@ -14,8 +14,8 @@ from typing import final
 from eskin.drivers import Event, SourceInfo
 from eskin.errors import RecordingError
 from eskin.live import Detection
-from eskin.recording import Metadata, RecordingWriter
-from eskin.stream.listener import Context, Drop, Listener, Message
+from eskin.recording import Label, Metadata, RecordingWriter
+from eskin.stream.listener import Context, Correction, Drop, Listener, Message
 from eskin.stream.timing import DurationHistogram
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -127,6 +127,9 @@ class Recorder(Listener):
     event published. If the disk is full before that, the event is published and a
     `.part` file stays. Any other error of the disk stops the stream.
 
+    A correction is written as a true label once another touch is corrected, or at the
+    end, since a person may correct a touch again.
+
     Attributes:
         pieces: the files.
         unrecorded: number of scans that came after recording had stopped.
@@ -134,7 +137,7 @@ class Recorder(Listener):
     """
 
     name = "recorder"
-    message_types = (Scan, Detection, Event)
+    message_types = (Scan, Detection, Event, Correction)
 
     def __init__(
         self,
@@ -165,6 +168,7 @@ class Recorder(Listener):
         self.pieces = RecordingFiles(self.path, metadata, self.config.piece_bytes)
         self.chunk: int | None = None
         self.unrecorded = 0
+        self.correction: Correction | None = None
         self.sync = DurationHistogram()
 
     def start(self, context: Context) -> None:
@@ -200,6 +204,17 @@ class Recorder(Listener):
             writer.write_detection(item.record())
         elif isinstance(item, Event):
             writer.write_event(item.record())
+        elif isinstance(item, Correction):
+            if self.correction is not None and self.correction.start != item.start:
+                self.write_correction()
+            self.correction = item
+
+    def write_correction(self) -> None:
+        """Write the latest correction as a label, if there is one."""
+        correction, self.correction = self.correction, None
+        if correction is not None and self.pieces.writer is not None:
+            label = Label(correction.start, correction.end, correction.gesture)
+            self.pieces.writer.write_label(label)
 
     def end_chunk(self, stamp: int) -> None:
         """Sync the file if a scan with this stamp begins a new chunk."""
@@ -216,6 +231,7 @@ class Recorder(Listener):
             self.pieces.finish()
             self.report_stop(self.describe_space())
         elif self.pieces.is_full:
+            self.write_correction()
             self.pieces.finish()
             self.begin_piece()
 
@@ -249,6 +265,7 @@ class Recorder(Listener):
     def close(self) -> None:
         """Finish the recording."""
         try:
+            self.write_correction()
             self.pieces.finish()
         finally:
             self.pieces.abandon()

@@ -40,6 +40,8 @@ def describe_scene(
     calibrates: bool = False,
     warning: str = "",
     commands: tuple[str, ...] = (),
+    corrects: bool = False,
+    places: tuple[tuple[str, tuple[float, float, float]], ...] = (),
 ) -> SceneDescription:
     """Return the description of a skin on its robot.
 
@@ -56,6 +58,8 @@ def describe_scene(
         areas=skin.areas,
         patches=tuple(patch.id for patch in skin.patches),
         patch_index=skin.patch_index,
+        rows=skin.rows,
+        columns=skin.columns,
         gestures=gestures,
         touchable=touchable,
         skins=skins,
@@ -64,6 +68,8 @@ def describe_scene(
         calibrates=calibrates,
         warning=warning,
         commands=commands,
+        corrects=corrects,
+        places=places,
     )
 
 

@@ -11,11 +11,18 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Condition, Thread
-from typing import final
+from typing import TypeGuard, final
 
 import eskin
 from eskin.errors import DeviceError
-from eskin.page import Order, PageOrder, SceneDescription, TouchOrder, ViewUpdate
+from eskin.page import (
+    CorrectionOrder,
+    Order,
+    PageOrder,
+    SceneDescription,
+    TouchOrder,
+    ViewUpdate,
+)
 from eskin.page.link import format_link, free_port, make_token
 from eskin.page.messages import ORDER, READY, REFUSED, SHOWN
 
@@ -64,8 +71,9 @@ class PageProcess:
             DeviceError: the port is not available.
         """
         port = free_port(port)
-        may_order = setup.touchable or setup.calibrates
+        may_order = setup.touchable or setup.calibrates or setup.corrects
         self.on_order = on_order if may_order else None
+        self.setup = setup
         self.changed = Condition()
         self.latest: ViewUpdate | None = None
         self.in_flight = self.updates = self.shown = self.dropped = 0
@@ -171,13 +179,21 @@ class PageProcess:
 
     def queue_order(self, order: object) -> None:
         """Queue an order, if orders are accepted and the queue is not full."""
-        if self.on_order is None or not isinstance(order, TouchOrder | PageOrder):
+        if self.on_order is None or not self.is_allowed(order):
             self.dropped += 1
             return
         try:
             self.orders.put_nowait(order)
         except Full:
             self.dropped += 1
+
+    def is_allowed(self, order: object) -> TypeGuard[Order]:
+        """Return whether the page may send an order."""
+        if isinstance(order, CorrectionOrder):
+            return self.setup.corrects
+        if self.setup.touchable or self.setup.calibrates:
+            return isinstance(order, TouchOrder | PageOrder)
+        return False
 
     def execute_orders(self) -> None:
         """Execute orders one after the other."""

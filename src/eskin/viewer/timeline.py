@@ -10,7 +10,7 @@ from jaxtyping import Float
 from viser import GuiApi, GuiEvent, Icon, ViserServer
 
 from eskin.errors import RecordingError
-from eskin.page import ColourScale, ViewUpdate, panel
+from eskin.page import ColourScale, ViewUpdate, html
 from eskin.page.page import BRAND, CAMERA_DISTANCE, CAMERA_TARGET, SCALE, WIDTH
 from eskin.page.scene import Scene
 from eskin.recording import NONE, Label
@@ -183,7 +183,7 @@ class Timeline:
         self.scene.set_camera(CAMERA_TARGET, CAMERA_DISTANCE)
         self.status = gui.add_html("")
         self.overview = Overview(gui, loaded, editor)
-        self.legend = gui.add_html(panel.render_block(self.scale.legend()))
+        self.legend = gui.add_html(html.render_block(self.scale.legend()))
         self.add_transport()
         tabs = gui.add_tab_group()
         with tabs.add_tab("Label", Icon.TAG):
@@ -324,7 +324,7 @@ class Timeline:
                 text = action()
             except (RecordingError, OSError) as error:
                 text = str(error)
-            self.note.content = panel.render_block(escape(text))
+            self.note.content = html.render_block(escape(text))
 
     def list_labels(self, chosen: Label | None = None) -> None:
         """Show the current labels in the list, the plot and the comparison."""
@@ -353,7 +353,7 @@ class Timeline:
             )
             for pair in pairs
         ]
-        return panel.render_comparison(rows, right)
+        return html.render_comparison(rows, right)
 
     def tick(self, elapsed: float) -> None:
         """Advance by a time [s] and show the reading at the new position."""
@@ -371,11 +371,11 @@ class Timeline:
         """Return time, force, peak and label of a reading as HTML."""
         now = self.editor.recording.start + round(self.loaded.seconds[row] * 1e9)
         here = [x.gesture for x in self.editor.labels if x.start <= now < x.end]
-        return panel.render_numbers(
+        return html.render_numbers(
             ("time", f"{self.loaded.seconds[row]:.2f} s"),
             ("force", f"{self.loaded.force[row]:.1f} N"),
             ("peak", f"{self.loaded.peak[row]:.0f} kPa"),
-            ("label", panel.to_words(here[-1]) if here else "-"),
+            ("label", html.to_words(here[-1]) if here else "-"),
         )
 
     def build_update(self, row: int) -> ViewUpdate:
@@ -391,7 +391,6 @@ class Timeline:
             force=float(loaded.force[row]),
             peak=float(loaded.peak[row]),
             log_entries=(),
-            faults=0,
             rate=0.0,
             step=0.0,
             age=0.0,

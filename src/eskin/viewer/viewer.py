@@ -1,7 +1,7 @@
 """This module provides the listener that shows a stream in the browser."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Protocol, final, runtime_checkable
@@ -16,6 +16,7 @@ from eskin.page import (
     ArmSummary,
     ComparisonBoard,
     ContactMarker,
+    CorrectionOrder,
     LogEntry,
     OpenTouch,
     Order,
@@ -27,6 +28,7 @@ from eskin.skin import MountedSkin
 from eskin.stream import (
     CommandEvent,
     Context,
+    Correction,
     Listener,
     Message,
     Recognition,
@@ -34,7 +36,7 @@ from eskin.stream import (
     found_together,
 )
 from eskin.stream.listener import RARE, Drop
-from eskin.touch import Contact
+from eskin.touch import Contact, TouchState
 from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
 from eskin.units import NS_PER_S
 from eskin.viewer.appearance import describe_scene
@@ -86,6 +88,11 @@ class ArmStatus(Protocol):
         ...
 
     @property
+    def carrying(self) -> bool:
+        """Whether a part is in the gripper."""
+        ...
+
+    @property
     def protective_stop(self) -> bool:
         """Whether the robot has stopped itself."""
         ...
@@ -134,13 +141,14 @@ class FrameEncoder:
             case CommandEvent():
                 kind = "command" if item.accepted else "refused"
                 text = item.action + (f": {item.why}" if item.why else "")
+                text = text.replace("_", " ")
                 self.log_entries.append(LogEntry(self.seconds(item.stamp), kind, text))
 
     def describe_detection(self, detection: Detection) -> LogEntry:
         """Return the log entry of a detection, with its position on its link."""
         link = self.mounted.robot.link_index(detection.link)
         x, y, z = apply(invert(self.T_world_link[link]), detection.p_world).tolist()
-        name = detection.gesture.replace("_", "-")
+        name = detection.gesture.replace("_", " ")
         return LogEntry(
             self.seconds(detection.stamp),
             "detection",
@@ -149,6 +157,7 @@ class FrameEncoder:
             detection.gesture,
             link,
             (x, y, z),
+            detection.touch,
         )
 
     def build_update(
@@ -185,7 +194,6 @@ class FrameEncoder:
             force=sum((contact.force for contact in contacts), 0.0),
             peak=max((contact.peak for contact in contacts), default=0.0),
             log_entries=entries,
-            faults=len(state.faults),
             rate=rate,
             step=step,
             age=age,
@@ -197,7 +205,9 @@ class FrameEncoder:
         link = self.mounted.robot.link_index(contact.link)
         n_link = rotate(invert(self.T_world_link[link]), contact.n_world)
         radius = float(np.sqrt(contact.area / np.pi))
-        return ContactMarker(link, contact.p_link, n_link, radius)
+        return ContactMarker(
+            link, contact.p_link, n_link, radius, contact.force, contact.patch
+        )
 
     def build_touches(self, recognised: RecognitionState) -> tuple[OpenTouch, ...]:
         """Return the open touches with their probabilities, strongest first."""
@@ -222,27 +232,70 @@ def pack_poses(
     return np.concatenate([wxyz, T_world_link[:, :3, 3]], axis=1).astype(np.float32)
 
 
-def describe_arm(arm: ArmStatus) -> ArmSummary:
-    """Return the summary of an arm's state, with the reason for a stop."""
-    speed = min(arm.speed, arm.speed_limit)
-    gripper, target = arm.gripper, arm.target
+REMEDIES = (
+    ("lost connection", "check its network and power"),
+    ("protective stop", "clear it at the robot"),
+    ("stale skin", "wait for readings, or check the skin's power and cable"),
+    ("broken skin", "plug the patch in"),
+    ("unrecognised touch", "take your hand off"),
+    ("not started", "poke it"),
+    ("closed", "start the command again"),
+    ("the stream has ended", "start the command again"),
+    ("the policy failed", "start the command again"),
+    ("the arm's loop failed", "start the command again"),
+)
+"""What ends a stop, by the beginning of its reason."""
+
+
+def describe_arm(arm: ArmStatus, commands: Sequence[str] = ()) -> ArmSummary:
+    """Return the summary of an arm's state, with the reason for a stop and its remedy.
+
+    Args:
+        arm: state of the arm.
+        commands: what each gesture commands, such as `double pat: resume`.
+    """
+    state, why = "running" if arm.moving else "waiting", ""
     if not arm.connected:
-        return ArmSummary("stopped", "lost connection", speed, gripper, target)
-    if arm.protective_stop:
-        return ArmSummary("stopped", "protective stop", speed, gripper, target)
-    if arm.hold_reason:
-        return ArmSummary("held", arm.hold_reason, speed, gripper, target)
-    if arm.paused:
-        return ArmSummary("paused", "", speed, gripper, target)
-    state = "running" if arm.moving else "waiting"
-    why = ""
-    if arm.speed_limit < 1:
+        state, why = "stopped", "lost connection"
+    elif arm.protective_stop:
+        state, why = "stopped", "protective stop"
+    elif arm.hold_reason:
+        state, why = "held", arm.hold_reason
+    elif arm.paused:
+        state = "paused"
+    elif arm.speed_limit < 1:
         why = "slow for its skin" if arm.speed_limit else "until a touch is clear"
-    return ArmSummary(state, why, speed, gripper, target)
+    return ArmSummary(
+        state,
+        why,
+        min(arm.speed, arm.speed_limit),
+        arm.gripper,
+        arm.target,
+        find_remedy(state, why, commands),
+        arm.carrying,
+    )
+
+
+def find_remedy(state: str, why: str, commands: Sequence[str]) -> str:
+    """Return what ends a stop: the cause that is to be mended, and who resumes."""
+    if state not in ("paused", "held", "stopped"):
+        return ""
+    mend = [remedy for reason, remedy in REMEDIES if why.startswith(reason)]
+    rules = (line.partition(": ") for line in commands)
+    resuming = [touch for touch, _, action in rules if "resume" in action]
+    return ", then ".join(
+        [*mend[:1], *(f"{touch} to resume" for touch in resuming[:1])]
+    )
 
 
 MAX_UPDATE_RATE = 25.0
 """Greatest rate of updates [1/s]."""
+MAX_TOUCHES = 100
+"""Greatest number of touches that can still be corrected."""
+LAST_CONTACT = NS_PER_S // 50
+"""Time from the last reading in contact until a touch is over [ns]."""
+RECORDING = "recording to "
+"""How a description of a recording begins while it is made; its path follows."""
 
 
 @runtime_checkable
@@ -271,6 +324,9 @@ class ViewerConfig:
     """Warning that the page always shows, such as that packets are unauthenticated."""
     commands: tuple[str, ...] = ()
     """What each gesture commands, as the page shows it."""
+    places: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    """Name of each place of the task, and where parts are put there, in the world frame
+    [m]."""
     token: str = field(default_factory=make_token, repr=False)
     """Token of the link that opens the page; by default a new one."""
 
@@ -303,6 +359,7 @@ class Viewer(Listener):
         on_order: Callable[[Order], None] | None = None,
         arm: ReportsState | None = None,
         board: Callable[[], ComparisonBoard | None] | None = None,
+        recording: Callable[[], str] | None = None,
     ) -> None:
         """Prepare the viewer; the page starts with the stream.
 
@@ -313,12 +370,17 @@ class Viewer(Listener):
             arm: arm to show the state of.
             board: function that returns the comparison of recognisers, which then
                 replaces everything else beside the scene.
+            recording: function that describes the recording that is made, for example
+                by its path, empty while there is none. With one, detections can be
+                corrected in the page.
         """
         self.recognition = recognition
         self.config = config or ViewerConfig()
         self.on_order = on_order
         self.arm = arm
         self.board = board
+        self.recording = recording
+        self.touches: dict[int, tuple[int, int]] = {}
         self.page: PageProcess | None = None
         self.due = self.counted_from = 0.0
         self.count, self.rate = 0, 0.0
@@ -337,8 +399,40 @@ class Viewer(Listener):
         self.context = context
         self.encoder = FrameEncoder(self.mounted, context.clock.now())
         self.page = PageProcess(
-            self.describe_scene(), self.config.port, self.on_order, self.config.token
+            self.describe_scene(), self.config.port, self.take_order, self.config.token
         )
+
+    def take_order(self, order: Order) -> None:
+        """Carry out an order of the page; touches and others go to `on_order`."""
+        if isinstance(order, CorrectionOrder):
+            self.correct(order)
+        elif self.on_order is not None:
+            self.on_order(order)
+
+    def correct(self, order: CorrectionOrder) -> None:
+        """Publish what a touch was, for the recording, and say so in the log."""
+        now = self.context.clock.now()
+        known = self.touches.get(order.touch)
+        path = "" if self.recording is None else self.recording()
+        gesture = order.gesture.strip().lower().replace(" ", "_")
+        text = "not kept: nothing is recorded; press record first"
+        if known is None or not gesture:
+            text = "not kept: the touch or the name of the gesture is missing"
+        elif path.startswith(RECORDING):
+            start, last = known
+            end = last + LAST_CONTACT
+            self.context.publish(Correction(now, start, end, gesture))
+            text = f"kept: that was a {gesture.replace('_', ' ')}"
+        self.encoder.log_entries.append(
+            LogEntry(self.encoder.seconds(now), "note", text)
+        )
+
+    def note_touches(self, state: TouchState) -> None:
+        """Note first and latest contact of the touches of a reading [ns]."""
+        for row in state.rows:
+            self.touches[row.id] = row.onset, row.last
+        while len(self.touches) > MAX_TOUCHES:
+            del self.touches[next(iter(self.touches))]
 
     def describe_scene(self) -> SceneDescription:
         """Return the description of the scene, which is sent once."""
@@ -351,6 +445,8 @@ class Viewer(Listener):
             compares=self.board is not None,
             warning=self.config.warning,
             commands=self.config.commands,
+            corrects=self.recording is not None,
+            places=self.config.places,
         )
 
     def on_message(self, item: Message) -> None:
@@ -358,6 +454,8 @@ class Viewer(Listener):
         if not isinstance(item, RecognitionState):
             self.encoder.note(item)
             return
+        if item.state.open or item.state.closed:
+            self.note_touches(item.state)
         now = monotonic()
         self.update_rate(self.context.clock.now() / NS_PER_S)
         if now < self.due or self.page is None or not self.page.wants():
@@ -368,10 +466,13 @@ class Viewer(Listener):
             self.rate,
             step=self.recognition.step.quantile(0.5),
             age=self.context.age(item.state.reading.stamp),
-            arm=None if self.arm is None else describe_arm(self.arm.state()),
+            arm=None
+            if self.arm is None
+            else describe_arm(self.arm.state(), self.config.commands),
         )
         board = None if self.board is None else self.board()
-        self.page.give(replace(update, board=board))
+        recording = "" if self.recording is None else self.recording()
+        self.page.give(replace(update, board=board, recording=recording))
 
     def update_rate(self, now: float) -> None:
         """Measure the rate of readings once a second."""
