@@ -5,14 +5,17 @@ import pytest
 
 from eskin.cli.main import run
 from eskin.errors import RecordingError
+from eskin.page.server import open_server
 from eskin.recording import read_recording
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
 from eskin.viewer.editing import (
     LabelEditor,
     compute_envelope,
     load_replayed,
     match_detections,
 )
-from eskin.viewer.timeline import PlaybackClock
+from eskin.viewer.timeline import PlaybackClock, Timeline
 from helpers.timelines import make_detection, make_label, to_stamp, write_recording
 
 LABELS = (make_label("poke", 1.0, 1.4), make_label("grab", 3.0, 4.0))
@@ -125,8 +128,9 @@ def test_labels_are_compared_with_their_detections():
 
 @pytest.mark.slow
 def test_view_command_serves_recording_and_leaves_it_alone(path, capsys):
+    words = ["--port", "0", "--seconds", "0.3", "--json"]
     before = path.read_bytes()
-    assert run(["view", str(path), "--port", "0", "--seconds", "0.3", "--json"]) == 0
+    assert run(["view", str(path), "--model", "ur5", *words]) == 0
     assert "http://127.0.0.1:" in capsys.readouterr().out
     assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
 
@@ -173,3 +177,96 @@ def test_long_recording_is_held_in_groups_that_keep_their_peaks(path, monkeypatc
     np.testing.assert_array_equal(loaded.peak, peaks)
     np.testing.assert_array_equal(loaded.pressure.max(axis=1), peaks.astype(np.float16))
     np.testing.assert_array_equal(loaded.seconds, whole.seconds[:: loaded.group])
+
+
+@pytest.fixture
+def timeline(editor):
+    """The timeline of the recording on a server of its own."""
+    server = open_server(0, "token")
+    try:
+        mounted = MountedSkin(editor.recording.skin, load_robot("table"))
+        loaded = load_replayed(editor.recording)
+        yield Timeline(server, mounted, loaded, editor, editor.recording.detections)
+    finally:
+        server.stop()
+
+
+def spans(editor):
+    return [
+        (x.gesture, editor.seconds(x.start), editor.seconds(x.end))
+        for x in editor.labels
+    ]
+
+
+@pytest.mark.slow
+def test_range_is_labelled_with_any_name_by_keys_and_changes_are_undone(
+    timeline, editor
+):
+    before = spans(editor)
+    timeline.clock.seek(4.5)
+    timeline.press("I")
+    timeline.clock.seek(5.0)
+    timeline.press("O")
+    assert timeline.span() == (4.5, 5.0)
+    timeline.attempt(lambda: timeline.label(" My Wave"))
+    assert spans(editor) == [*before, ("my_wave", 4.5, 5.0)]
+    assert timeline.names[:3] == ("grab", "my_wave", "poke")
+    timeline.press("3")
+    assert spans(editor) == [*before, ("poke", 4.5, 5.0)]
+    timeline.press("delete")
+    assert spans(editor) == before
+    for expected in ("poke", "my_wave", "grab", "grab"):
+        timeline.press("Z")
+        assert editor.labels[-1].gesture == expected
+    assert spans(editor) == before and "nothing to undo" in timeline.note.content
+
+
+@pytest.mark.slow
+def test_arrow_keys_move_and_choose_labels_whose_range_can_be_changed(timeline, editor):
+    timeline.press("arrowright")
+    assert timeline.clock.seconds == pytest.approx(0.1)
+    timeline.press("arrowdown")
+    assert timeline.span() == (1.0, 1.4) and timeline.gesture.value == "poke"
+    timeline.press("arrowdown")
+    timeline.press("arrowdown")
+    assert timeline.span() == (3.0, 4.0)
+    timeline.press("arrowup")
+    timeline.clock.seek(1.5)
+    timeline.press("O")
+    timeline.press("2")
+    assert spans(editor)[0] == ("poke", 1.0, 1.5)
+    timeline.range.value = (0.5, 3.5)
+    timeline.press("1")
+    assert spans(editor)[0] == ("poke", 1.0, 1.5)
+    assert "overlap" in timeline.note.content
+    timeline.press("space")
+    assert timeline.clock.is_on
+
+
+@pytest.mark.slow
+def test_label_and_detection_of_the_instant_are_shown_while_playing(timeline):
+    for seconds, parts in (
+        (0.5, ("no label", "<b>-</b>")),
+        (1.2, ("<b>poke</b>", "<b>poke 90%</b>")),
+        (3.5, ("<b>grab</b>", "<b>stroke 90%</b>")),
+    ):
+        timeline.clock.seek(seconds)
+        timeline.tick(0.0)
+        for part in parts:
+            assert part in timeline.status.content
+    assert "1 of 3 match" in timeline.table.content
+
+
+@pytest.mark.slow
+def test_every_gesture_has_its_place_and_colour_in_the_plot(timeline, editor):
+    editor.add("wave", 4.5, 4.5 + 1e-3)
+    timeline.list_labels()
+    plot = timeline.overview.plot
+    series, data = [entry["label"] for entry in plot.series], plot.data
+    assert len(series) == len(data) and "wave" in series
+    times, shown = data[0], data[series.index("wave")] > 0
+    assert np.abs(times[shown] - 4.5).max() < 0.05
+    fills = [
+        entry["fill"] for entry in timeline.overview.plot.series if "fill" in entry
+    ]
+    assert len(set(fills)) == len(fills)

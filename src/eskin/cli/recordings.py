@@ -348,6 +348,10 @@ class ViewCommand:
     robot_urdf: str | None = None
     """URDF of the recorded robot, if that robot does not come with eskin."""
 
+    model: str | None = None
+    """Weights whose detections are shown beside the labels, a name or a file; by
+    default the detections in the recording are."""
+
     port: int = 8080
     """TCP port of the page on this computer; 0 takes any free one."""
 
@@ -357,6 +361,8 @@ class ViewCommand:
 
 def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
+    from eskin.live import Recognizer
+    from eskin.model import load_model
     from eskin.page.link import format_link, free_port, make_token
     from eskin.recording import read_recording
     from eskin.robot import load_robot
@@ -367,6 +373,14 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     urdf = command.robot_urdf
     robot = recording.load_robot() if urdf is None else load_robot(urdf)
     mounted = MountedSkin(recording.skin, robot)
+    detections = recording.detections
+    if command.model is not None:
+        recognizer = Recognizer(
+            load_model(command.model), mounted, recording.calibration
+        )
+        found = [found for scan in recording.scans() for found in recognizer.push(scan)]
+        found += recognizer.finish()
+        detections = tuple(detection.record() for detection in found)
     # Only now: the page takes a while to import.
     from eskin.page.server import open_server
     from eskin.viewer.editing import LabelEditor, load_replayed
@@ -376,7 +390,7 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     token = make_token()
     server = open_server(port, token)
     try:
-        timeline = Timeline(server, mounted, replayed, editor)
+        timeline = Timeline(server, mounted, replayed, editor, detections)
         if replayed.group > 1:
             print(f"a long recording: one reading in {replayed.group} is shown")
         print(f"see {format_link(port, token)}; Ctrl-C ends it", flush=True)

@@ -85,6 +85,39 @@ def render_numbers(*pairs: tuple[str, str]) -> str:
     )
 
 
+def render_gestures(
+    counted: Sequence[tuple[str, int]], colours: Mapping[str, str]
+) -> str:
+    """Return gestures with their key, colour and number of labels as HTML."""
+    cells = "".join(
+        f'<span style="white-space:nowrap;margin-right:10px"><b>{number}</b> '
+        f"{render_dot(colours[name])}{escape(to_words(name))} "
+        f'<span style="color:{PALE}">{count or ""}</span></span> '
+        for number, (name, count) in enumerate(counted, 1)
+    )
+    return render_block(cells)
+
+
+def render_instant(
+    label: tuple[str, str], model: tuple[str, str], colours: Mapping[str, str]
+) -> str:
+    """Return the label at an instant beside the model's word, as HTML.
+
+    Args:
+        label: its gesture, empty without one, and the text.
+        model: that of the detection, and the text.
+        colours: colour of each gesture.
+    """
+    cells = "".join(
+        f'<div style="flex:1;border-radius:6px;padding:3px 8px;background:{LINE};'
+        f'border-left:6px solid {colours.get(gesture, LINE)}">'
+        f'<span style="color:{PALE}">{title}</span> '
+        f"<b>{escape(to_words(text))}</b></div>"
+        for title, (gesture, text) in (("label", label), ("model", model))
+    )
+    return render_block(f'<div style="display:flex;gap:8px;margin:4px 0">{cells}</div>')
+
+
 def render_comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
     """Return a table of labels and detections as HTML.
 

@@ -46,6 +46,7 @@ class LabelEditor:
         self.recording = recording
         self.labels = select_labels(recording.labels)
         self.changed = False
+        self.before: list[tuple[Label, ...]] = []
 
     def stamp(self, seconds: float) -> int:
         """Return a time since the first reading [s] as a stamp [ns since the epoch]."""
@@ -86,14 +87,45 @@ class LabelEditor:
         self.replace_all((*(other for other in self.labels if other != old), label))
         return label
 
-    def remove(self, label: Label) -> None:
-        """Remove a label."""
-        self.replace_all(tuple(other for other in self.labels if other != label))
+    def set_range(self, gesture: str, start: float, end: float) -> Label:
+        """Give a range a gesture: change the label that it overlaps, or add one.
+
+        Args:
+            gesture: name of the gesture.
+            start: start since the first reading [s].
+            end: first instant after the gesture, since the first reading [s].
+
+        Raises:
+            RecordingError: the range ends before it starts, or overlaps two labels.
+        """
+        inside = self.find_overlapping(start, end)
+        if len(inside) == 1:
+            return self.change(inside[0], gesture, start, end)
+        return self.add(gesture, start, end)
+
+    def find_overlapping(self, start: float, end: float) -> list[Label]:
+        """Return the labels that overlap a range [s since the first reading]."""
+        first, last = self.stamp(start), self.stamp(end)
+        if last <= first:
+            return []
+        return [x for x in self.labels if x.start < last and first < x.end]
+
+    def undo(self) -> bool:
+        """Take back the last change, and return whether there was one."""
+        if not self.before:
+            return False
+        self.labels, self.changed = self.before.pop(), True
+        return True
+
+    def remove(self, *labels: Label) -> None:
+        """Remove labels, as one change."""
+        self.replace_all(tuple(other for other in self.labels if other not in labels))
 
     def replace_all(self, labels: tuple[Label, ...]) -> None:
         """Replace all labels, unless some of the new ones overlap."""
         found = sort_labels(replace(label, source="true") for label in labels)
         check_no_overlap(found)
+        self.before.append(self.labels)
         self.labels, self.changed = found, True
 
     def save(self) -> Path:

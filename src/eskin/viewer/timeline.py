@@ -1,19 +1,23 @@
 """This module shows a recording in the browser, on a timeline for labelling."""
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from html import escape
 from threading import RLock
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
-from viser import GuiApi, GuiEvent, Icon, ViserServer
+from viser import CommandEvent, GuiApi, GuiEvent, Icon, ViserServer
+from viser.uplot import Series
 
 from eskin.errors import RecordingError
 from eskin.page import ColourScale, ViewUpdate, html
-from eskin.page.page import BRAND, CAMERA_DISTANCE, CAMERA_TARGET, SCALE, WIDTH
+from eskin.page.colours import choose_gesture_colours
+from eskin.page.page import BRAND, CAMERA_DISTANCE, CAMERA_TARGET, SCALE, WIDER
+from eskin.page.panel import add_scale, describe_axis, describe_marks
 from eskin.page.scene import Scene
-from eskin.recording import NONE, Label
+from eskin.recording import NONE, DetectionRecord, Label
 from eskin.skin import MountedSkin
 from eskin.viewer.appearance import describe_scene
 from eskin.viewer.editing import (
@@ -67,74 +71,95 @@ BINS = 500
 """Greatest number of points of the plot."""
 OUTSIDE = -9.0
 """Height of hidden marks, outside the plot, which has no missing values."""
+PEAK_COLOUR, RANGE_COLOUR, HERE_COLOUR = "#3b4f7a", "rgba(31,39,51,0.14)", "#1f2733"
 
 
 @final
 class Overview:
-    """Draws the recording again when the labels or the position change."""
+    """Draws the recording again when the labels, the range or the position change."""
 
     def __init__(
-        self, gui: GuiApi, loaded: LoadedRecording, editor: LabelEditor
+        self,
+        gui: GuiApi,
+        loaded: LoadedRecording,
+        editor: LabelEditor,
+        detections: Sequence[DetectionRecord],
     ) -> None:
         """Draw the recording with the position at its beginning."""
-        self.editor = editor
+        self.editor, self.detections = editor, detections
         self.peak = compute_envelope(loaded.peak, BINS)
         self.length = float(loaded.seconds[-1])
         self.times = np.linspace(0.0, self.length, len(self.peak))
+        self.names: tuple[str, ...] = ()
         self.plot = gui.add_uplot(
-            self.data(0.0),
-            (
-                {"label": "s"},
-                {
-                    "label": "labels",
-                    "scale": "mark",
-                    "width": 0,
-                    "fill": "rgba(31,158,137,0.28)",
-                },
-                {
-                    "label": "peak [kPa]",
-                    "scale": "kPa",
-                    "stroke": "#3b4f7a",
-                    "width": 1,
-                },
-                {
-                    "label": "detection",
-                    "scale": "mark",
-                    "width": 0,
-                    "points": {"show": True, "size": 7, "fill": "#d55e00"},
-                },
-                {"label": "here", "scale": "mark", "stroke": "#d55e00", "width": 1},
-            ),
+            self.data(0.0, (0.0, 0.0)),
+            self.describe_series(),
             scales={
                 "x": {"time": False, "range": (0.0, self.length)},
                 "kPa": {"auto": True},
                 "mark": {"range": (0.0, 1.0)},
             },
             axes=(
-                {"scale": "x", "size": 24, "font": "10px system-ui"},
-                {"scale": "kPa", "size": 34, "font": "10px system-ui"},
+                describe_axis("x", "time [s]", 2),
+                describe_axis("kPa", "peak [kPa]"),
             ),
             legend={"show": False},
             cursor={"show": False},
-            height=150,
+            height=170,
             padding=(6, 6, 0, 0),
         )
 
-    def draw(self, seconds: float) -> None:
-        """Draw the current labels and detections, and the position [s]."""
-        self.plot.data = self.data(seconds)
+    def draw(
+        self, seconds: float, span: tuple[float, float], names: tuple[str, ...]
+    ) -> None:
+        """Draw labels and detections of some gestures, the range and the position.
 
-    def data(self, seconds: float) -> tuple[Float[np.ndarray, "bin"], ...]:
-        """Return times [s], labels, peaks [kPa], detections and the position."""
+        Args:
+            seconds: the position [s].
+            span: start and end of the range [s].
+            names: names of all gestures.
+        """
+        if names != self.names:
+            self.names = names
+            self.plot.series = self.describe_series()
+        self.plot.data = self.data(seconds, span)
+
+    def describe_series(self) -> tuple[Series, ...]:
+        """Return the series: each gesture has one for labels and one for detections."""
+        colours = choose_gesture_colours(self.names)
+        labels = (
+            Series(label=name, scale="mark", width=0, fill=colours[name] + "59")
+            for name in self.names
+        )
+        found = (describe_marks(name, colours[name]) for name in self.names)
+        return (
+            Series(label="s"),
+            Series(label="peak", scale="kPa", stroke=PEAK_COLOUR, width=1),
+            Series(label="range", scale="mark", width=0, fill=RANGE_COLOUR),
+            Series(label="here", scale="mark", stroke=HERE_COLOUR, width=1.5),
+            *labels,
+            *found,
+        )
+
+    def data(
+        self, seconds: float, span: tuple[float, float]
+    ) -> tuple[Float[np.ndarray, "bin"], ...]:
+        """Return times [s], peaks [kPa], range, position, labels and detections."""
         editor, times = self.editor, self.times
-        labelled, detected, here = np.full((3, len(times)), OUTSIDE)
+        ranged, here = np.full((2, len(times)), OUTSIDE)
+        labelled, detected = np.full((2, len(self.names), len(times)), OUTSIDE)
+        rows = {name: row for row, name in enumerate(self.names)}
+        ranged[(times >= span[0]) & (times < span[1])] = 1.0
+        here[self.find_bin(seconds)] = 1.0
         for label in editor.labels:
             start, end = editor.seconds(label.start), editor.seconds(label.end)
-            labelled[(times >= start) & (times < end)] = 0.94
-        for found in editor.recording.detections:
-            detected[self.find_bin(editor.seconds(found.stamp))] = 0.9
-        here[self.find_bin(seconds)] = 1.0
-        return times, labelled, self.peak, detected, here
+            inside = (times >= start) & (times < end)
+            inside[self.find_bin(start)] = True  # However short the label is.
+            labelled[rows.get(label.gesture, ...), inside] = 0.86
+        for found in self.detections:
+            place = self.find_bin(editor.seconds(found.stamp))
+            detected[rows.get(found.gesture, ...), place] = 0.95
+        return times, self.peak, ranged, here, *labelled, *detected
 
     def find_bin(self, seconds: float) -> int:
         """Return the index of a time [s] in the plot."""
@@ -144,11 +169,36 @@ class Overview:
         )
 
 
+SHOWN_NS = 1_000_000_000
+"""Time for which a detection is shown [ns]."""
 GESTURES = ("poke", "double_pat", "grab", "stroke")
-NEW = "new label"
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
 STEP = 0.01
-"""Step of the slider [s]."""
+"""Step of the sliders [s]."""
+NUDGE = 0.1
+"""Step of the arrow keys [s]."""
+Key = Literal[
+    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "I", "O", "Z", "S",
+    "delete", "1", "2", "3", "4", "5", "6", "7", "8", "9",
+]  # fmt: skip
+KEYS: dict[Key, str] = {
+    "space": "play or pause",
+    "arrowleft": "back by 0.1 s",
+    "arrowright": "forward by 0.1 s",
+    "arrowup": "previous label",
+    "arrowdown": "next label",
+    "I": "begin the range here",
+    "O": "end the range here",
+    "delete": "remove the labels in the range",
+    "Z": "undo",
+    "S": "save",
+}
+"""What keys do, besides the digits, which label the range."""
+DIGITS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
+HELP = (
+    "space plays, arrows move, I and O begin and end the range, 1 to 9 label it, "
+    "delete removes, Z undoes, S saves"
+)
 
 
 @final
@@ -166,42 +216,60 @@ class Timeline:
         mounted: MountedSkin,
         loaded: LoadedRecording,
         editor: LabelEditor,
+        detections: Sequence[DetectionRecord],
     ) -> None:
-        """Show the first reading."""
+        """Show the first reading.
+
+        Args:
+            server: server of the page.
+            mounted: skin of the recording, on its robot.
+            loaded: readings of the recording.
+            editor: editor of its labels.
+            detections: what a model recognised in it, to compare with the labels.
+        """
         self.server, self.mounted, self.loaded = server, mounted, loaded
-        self.editor = editor
+        self.editor, self.detections = editor, detections
         self.lock = RLock()
         self.clock = PlaybackClock(float(loaded.seconds[-1]))
         self.shown = -1
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTH)
+        gui.main_panel.set_width(WIDER)
         gui.set_panel_label(editor.recording.path.name)
         self.scale = ColourScale(SCALE)
         self.scene = Scene(server, describe_scene(mounted, GESTURES), self.scale)
         self.scene.set_camera(CAMERA_TARGET, CAMERA_DISTANCE)
+        server.on_client_connect(self.scene.turn)
         self.status = gui.add_html("")
-        self.overview = Overview(gui, loaded, editor)
-        self.legend = gui.add_html(html.render_block(self.scale.legend()))
+        self.overview = Overview(gui, loaded, editor, detections)
         self.add_transport()
         tabs = gui.add_tab_group()
         with tabs.add_tab("Label", Icon.TAG):
             self.add_label()
         with tabs.add_tab("Compare", Icon.LIST_CHECK):
             self.table = gui.add_html("")
+        with tabs.add_tab("Colours", Icon.PALETTE):
+            legend = gui.add_html(html.render_block(self.scale.legend()))
+            add_scale(gui, self.scale, legend)
         self.note = gui.add_html("")
+        self.add_keys()
         self.list_labels()
 
     def add_transport(self) -> None:
-        """Add the controls of the playback: time, speed, previous and next label."""
+        """Add the controls of the playback: time, range, speed."""
         gui, clock = self.server.gui, self.clock
+        longest = max(clock.length, STEP)
         self.slider = gui.add_slider(
-            "time [s]",
+            "time [s]", min=0.0, max=longest, step=STEP, initial_value=0.0
+        )
+        self.range = gui.add_multi_slider(
+            "range [s]",
             min=0.0,
-            max=max(clock.length, STEP),
+            max=longest,
             step=STEP,
-            initial_value=0.0,
+            initial_value=(0.0, min(1.0, longest)),
+            hint="Drag both ends over a touch, or set them at the position by I and O",
         )
         keys = gui.add_button_group("go", ("play/pause", "previous", "next"))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
@@ -213,104 +281,150 @@ class Timeline:
                 with self.lock:
                     clock.seek(float(event.target.value))
 
+        @self.range.on_update
+        async def _(event: GuiEvent) -> None:
+            if event.client_id is not None:
+                with self.lock:
+                    self.draw()
+
         @keys.on_click
         async def _(event: GuiEvent) -> None:
-            with self.lock:
-                if event.target.value == "play/pause":
-                    clock.toggle()
-                else:
-                    self.select_neighbour(1 if event.target.value == "next" else -1)
+            go: dict[str, Key] = {"previous": "arrowup", "next": "arrowdown"}
+            self.press(go.get(event.target.value, "space"))
 
         @speed.on_update
         async def _(event: GuiEvent) -> None:
             clock.speed = float(event.target.value)
 
     def add_label(self) -> None:
-        """Add the controls that select, add, change, remove and save labels."""
+        """Add the controls that label the range, remove, undo and save."""
         gui = self.server.gui
-        names: list[str] = [NEW]
-        self.pick = gui.add_dropdown("label", names)
-        self.gesture = gui.add_dropdown("gesture", self.gestures())
-        self.start = gui.add_number("start [s]", 0.0, step=STEP)
-        self.end = gui.add_number("end [s]", 0.0, step=STEP)
-        here = gui.add_button_group("from here", ("start", "end"))
-        change = gui.add_button_group("label it", ("set", "remove"))
+        self.legend = gui.add_html("")
+        self.gesture = gui.add_text("gesture", "", hint="any name of a gesture")
+        ends = gui.add_button_group("range here", ("begin (I)", "end (O)"))
+        change = gui.add_button_group("range", ("label", "remove", "undo"))
         save = gui.add_button("save", icon=Icon.DEVICE_FLOPPY)
+        gui.add_html(html.render_notice(HELP))
 
-        @self.pick.on_update
+        @ends.on_click
         async def _(event: GuiEvent) -> None:
-            if event.client_id is not None:
-                with self.lock:
-                    self.show_label(self.selected())
-
-        @here.on_click
-        async def _(event: GuiEvent) -> None:
-            field = self.start if event.target.value == "start" else self.end
-            field.value = round(self.clock.seconds, 3)
+            self.press("I" if event.target.value.startswith("begin") else "O")
 
         @change.on_click
         async def _(event: GuiEvent) -> None:
-            is_set = event.target.value == "set"
-            self.attempt(self.set_label if is_set else self.remove_label)
+            if event.target.value == "label":
+                self.attempt(lambda: self.label(str(self.gesture.value)))
+            else:
+                self.press("delete" if event.target.value == "remove" else "Z")
 
         @save.on_click
         def _(event: GuiEvent) -> None:
-            self.attempt(self.save)
+            self.press("S")
 
-    def gestures(self) -> tuple[str, ...]:
-        """Return the gestures of the recording, then the common ones."""
-        known = [label.gesture for label in self.editor.labels]
-        return tuple(dict.fromkeys([*known, *GESTURES, NONE]))
+    def add_keys(self) -> None:
+        """Add the keys that the page obeys."""
+        for key, title in KEYS.items():
+            self.add_key(key, title)
+        for number, digit in enumerate(DIGITS, 1):
+            self.add_key(digit, f"label the range with gesture {number}")
+
+    def add_key(self, key: Key, title: str) -> None:
+        """Add a key."""
+        command = self.server.gui.add_command(title, hotkey=key)
+
+        @command.on_trigger
+        def _(event: CommandEvent) -> None:
+            self.press(key)
+
+    def press(self, key: Key) -> None:
+        """Do what a key stands for."""
+        with self.lock:
+            match key:
+                case "space":
+                    self.clock.toggle()
+                case "arrowleft" | "arrowright":
+                    step = NUDGE if key == "arrowright" else -NUDGE
+                    self.clock.seek(self.clock.seconds + step)
+                case "arrowup" | "arrowdown":
+                    self.select_neighbour(1 if key == "arrowdown" else -1)
+                case "I" | "O":
+                    self.begin_or_end(key)
+                case "delete":
+                    self.attempt(self.remove)
+                case "Z":
+                    self.attempt(self.undo)
+                case "S":
+                    self.attempt(self.save)
+                case _:
+                    place = int(key) - 1
+                    if place < len(self.names):
+                        self.attempt(lambda: self.label(self.names[place]))
+            self.slider.value = round(self.clock.seconds, 2)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Gestures of the labels, then the common ones, then those of the model."""
+        known = sorted({label.gesture for label in self.editor.labels} - {NONE})
+        found = [record.gesture for record in self.detections]
+        return tuple(dict.fromkeys([*known, *GESTURES, NONE, *found]))
+
+    def span(self) -> tuple[float, float]:
+        """Return start and end of the range [s]."""
+        start, end = map(float, self.range.value)
+        return start, end
+
+    def begin_or_end(self, key: Literal["I", "O"]) -> None:
+        """Begin (I) or end (O) the range at the position."""
+        here, (start, end) = round(self.clock.seconds, 2), self.span()
+        self.range.value = (
+            (here, max(here, end)) if key == "I" else (min(start, here), here)
+        )
+        self.draw()
 
     def format_label(self, label: Label) -> str:
-        """Return the name of a label in the list of labels."""
+        """Return a label in words."""
         start, end = (self.editor.seconds(x) for x in (label.start, label.end))
-        return f"{start:.2f} to {end:.2f} s: {label.gesture}"
-
-    def selected(self) -> Label | None:
-        """Return the selected label; None for a new one."""
-        found = {self.format_label(label): label for label in self.editor.labels}
-        return found.get(self.pick.value)
-
-    def show_label(self, label: Label | None) -> None:
-        """Show a label in the fields and move to its start."""
-        if label is not None:
-            self.gesture.value = label.gesture
-            self.start.value = round(self.editor.seconds(label.start), 3)
-            self.end.value = round(self.editor.seconds(label.end), 3)
-            self.clock.seek(self.editor.seconds(label.start))
+        return f"{html.to_words(label.gesture)} from {start:.2f} to {end:.2f} s"
 
     def select_neighbour(self, step: int) -> None:
-        """Select the label before or after the current position."""
+        """Go to the label before or after the position; the range becomes its."""
         now = self.editor.stamp(self.clock.seconds)
         labels = self.editor.labels
         after = [label for label in labels if label.start > now]
         before = [label for label in labels if label.start < now]
-        beside = after[:1] if step > 0 else before[-1:]
-        for label in beside:
-            self.pick.value = self.format_label(label)
-            self.show_label(label)
+        for label in after[:1] if step > 0 else before[-1:]:
+            start, end = (self.editor.seconds(x) for x in (label.start, label.end))
+            self.clock.seek(start)
+            self.range.value = (
+                round(start, 2),
+                min(max(round(end, 2), round(start, 2)), self.clock.length),
+            )
+            self.gesture.value = label.gesture
+            self.draw()
 
-    def set_label(self) -> str:
-        """Change the selected label or add a new one, and return a message."""
-        fields = self.gesture.value, float(self.start.value), float(self.end.value)
-        old = self.selected()
-        label = (
-            self.editor.add(*fields)
-            if old is None
-            else self.editor.change(old, *fields)
-        )
-        self.list_labels(label)
+    def label(self, gesture: str) -> str:
+        """Label the range with a gesture, and return a message."""
+        name = gesture.strip().lower().replace(" ", "_")
+        label = self.editor.set_range(name, *self.span())
+        self.gesture.value = name
+        self.list_labels()
         return f"{self.format_label(label)}; not saved yet"
 
-    def remove_label(self) -> str:
-        """Remove the selected label and return a message."""
-        label = self.selected()
-        if label is None:
-            return "no label is selected"
-        self.editor.remove(label)
+    def remove(self) -> str:
+        """Remove the labels in the range, and return a message."""
+        inside = self.editor.find_overlapping(*self.span())
+        if not inside:
+            return "no label is in the range; drag it over one"
+        self.editor.remove(*inside)
         self.list_labels()
-        return f"removed {self.format_label(label)}; not saved yet"
+        return f"removed {', '.join(map(self.format_label, inside))}; not saved yet"
+
+    def undo(self) -> str:
+        """Undo the last change, and return a message."""
+        if not self.editor.undo():
+            return "nothing to undo"
+        self.list_labels()
+        return "undone; not saved yet"
 
     def save(self) -> str:
         """Write the recording and return a message."""
@@ -326,13 +440,20 @@ class Timeline:
                 text = str(error)
             self.note.content = html.render_block(escape(text))
 
-    def list_labels(self, chosen: Label | None = None) -> None:
-        """Show the current labels in the list, the plot and the comparison."""
-        names = [self.format_label(label) for label in self.editor.labels]
-        self.pick.options = (NEW, *names)
-        self.pick.value = NEW if chosen is None else self.format_label(chosen)
-        self.overview.draw(self.clock.seconds)
-        pairs = match_detections(self.editor.labels, self.editor.recording.detections)
+    def draw(self) -> None:
+        """Draw the overview."""
+        self.overview.draw(self.clock.seconds, self.span(), self.names)
+
+    def list_labels(self) -> None:
+        """Show the current labels in the plot, the legend and the comparison."""
+        names, labels = self.names, self.editor.labels
+        counts = Counter(label.gesture for label in labels)
+        self.legend.content = html.render_gestures(
+            [(name, counts[name]) for name in names], choose_gesture_colours(names)
+        )
+        with self.server.atomic():
+            self.draw()
+        pairs = match_detections(labels, self.detections)
         self.table.content = self.render_table(pairs)
 
     def render_table(self, pairs: tuple[Pair, ...]) -> str:
@@ -362,20 +483,32 @@ class Timeline:
                 self.slider.value = round(self.clock.seconds, 2)
             row = self.loaded.at(self.clock.seconds)
             if row != self.shown:
-                self.shown = row
+                is_first, self.shown = self.shown < 0, row
                 self.scene.show(self.build_update(row))
+                if is_first:
+                    self.scene.frame()
                 self.status.content = self.render_status(row)
-                self.overview.draw(self.clock.seconds)
+                self.draw()
 
     def render_status(self, row: int) -> str:
-        """Return time, force, peak and label of a reading as HTML."""
+        """Return time, force and peak of a reading, and what it is, as HTML."""
         now = self.editor.recording.start + round(self.loaded.seconds[row] * 1e9)
         here = [x.gesture for x in self.editor.labels if x.start <= now < x.end]
-        return html.render_numbers(
+        found = [
+            record
+            for record in self.detections
+            if record.onset <= now < record.stamp + SHOWN_NS
+        ]
+        model = [f"{record.gesture} {record.confidence:.0%}" for record in found[-1:]]
+        numbers = html.render_numbers(
             ("time", f"{self.loaded.seconds[row]:.2f} s"),
             ("force", f"{self.loaded.force[row]:.1f} N"),
             ("peak", f"{self.loaded.peak[row]:.0f} kPa"),
-            ("label", html.to_words(here[-1]) if here else "-"),
+        )
+        return numbers + html.render_instant(
+            (here[-1] if here else "", here[-1] if here else "no label"),
+            (found[-1].gesture if found else "", model[0] if model else "-"),
+            choose_gesture_colours(self.names),
         )
 
     def build_update(self, row: int) -> ViewUpdate:
