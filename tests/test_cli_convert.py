@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.recording import read_recording
-from helpers.cli import assert_refused, call, call_json
+from helpers.cli import assert_refused, call, call_json, fail_to_write
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +121,7 @@ def test_invalid_input_is_refused_and_no_recording_is_labelled(
 
 def test_folder_that_cannot_be_written_to_is_refused(converted, capsys, monkeypatch):
     before = converted.read_bytes()
-    monkeypatch.setattr("os.access", lambda *_: False)
+    monkeypatch.setattr("tempfile.TemporaryFile", fail_to_write)
     part = "no folder that can be written to"
     assert_refused(capsys, "label", converted, part=part)
     assert converted.read_bytes() == before

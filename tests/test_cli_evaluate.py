@@ -5,7 +5,13 @@ from functools import partial
 
 import pytest
 
-from eskin.cli.evaluate import CLIP_KEYS, summarise_people
+from eskin.cli.evaluate import (
+    CLIP_KEYS,
+    describe,
+    describe_delay,
+    describe_interval,
+    summarise_people,
+)
 from eskin.model import save_model
 from eskin.recording import RecordingWriter, read_recording, write_all
 from helpers.cli import assert_refused, call_json
@@ -86,6 +92,15 @@ def test_real_recordings_are_scored_by_clips_and_by_events(
         assert plot.read_bytes().startswith(b"\x89PNG")
     paths = (data / "bob.mcap", ann)
     assert evaluate(model, *paths)[0] == result, "order does not matter"
+
+
+def test_figures_that_say_nothing_are_left_out_or_explained():
+    assert (describe(float("nan")), describe(0.5)) == ("-", "0.500")
+    assert describe_delay(-0.56) == "560 ms before" and describe_delay(0.1) == "100 ms"
+    assert describe_delay(float("nan")) == "-"
+    assert describe_interval(0.25, 0.75) == "(0.250 to 0.750)"
+    for low, high in ((1.0, 1.0), (float("nan"), float("nan"))):
+        assert "too few examples" in describe_interval(low, high)
 
 
 def test_scores_of_people_are_summarised():

@@ -1,5 +1,6 @@
 """Tests of what all commands share: help, one line of JSON, one line of error."""
 
+import errno
 import json
 import re
 import subprocess
@@ -122,7 +123,11 @@ def test_missing_path_is_refused(name, refuse):
             "train a --out m --train.shares a b",
             ("--train.shares is no name and number",),
         ),
-        ("train a --out m --train.epochs 0", ("epochs is 0",)),
+        ("train a --out m --train.epochs 0", ("--train.epochs is 0", "allowed is")),
+        ("train a --out m --train.rate nan", ("--train.rate is nan", "1e-09 to 1")),
+        ("train a --out m --skins -1", ("--skins is -1; allowed is from 0",)),
+        ("label a --threshold nan", ("--threshold is nan", "0 or more; change it")),
+        ("view a.mcap --seconds nan", ("--seconds is nan; allowed is more than 0",)),
         ("train a --out", ("--out has no value",)),
         ("label a --threshold much", ("--threshold is 'much'; allowed is",)),
         ("skin check sleeve --tolerance much", ("--tolerance is 'much'; allowed",)),
@@ -141,6 +146,15 @@ def test_invalid_word_is_refused_and_named(words, parts, refuse):
         (
             ModuleNotFoundError("No module named 'torch'", name="torch"),
             "torch is missing; install it: pip install '.[train]'",
+        ),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "/data/a.mcap"),
+            "no space left on device (/data/a.mcap); free some space, or write to "
+            "another disk",
+        ),
+        (
+            OSError(errno.EIO, "Input/output error", "/data/a.mcap"),
+            "input/output error (/data/a.mcap); see that the file can be used",
         ),
     ],
 )

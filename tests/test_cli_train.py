@@ -1,5 +1,7 @@
 """Tests of `eskin train`: models and their cards, interrupted training, refusals."""
 
+import errno
+import os
 from functools import partial
 
 import numpy as np
@@ -10,8 +12,8 @@ from eskin.learn import training
 from eskin.learn.dataset import hash_recordings
 from eskin.learn.recording_transforms import AgingConfig
 from eskin.learn.training import Trainer
-from eskin.model import load_model
-from helpers.cli import assert_refused, call, call_json
+from eskin.model import load_model, save_model
+from helpers.cli import assert_refused, call, call_json, fail_to_write
 from helpers.learning import FLAGS, label, record, record_people
 
 pytestmark = pytest.mark.slow
@@ -153,6 +155,34 @@ def test_training_starts_from_the_weights_of_a_model(eve, tmp_path, train):
     np.testing.assert_allclose(trained.weights[name], start.weights[name], atol=1e-6)
 
 
+def test_model_is_kept_elsewhere_and_readable_if_its_disk_is_full(
+    eve, tmp_path, train, monkeypatch
+):
+    written = []
+
+    def save(path, model):
+        written.append(path)
+        if len(written) == 1:
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        save_model(path, model)
+
+    monkeypatch.setattr("eskin.cli.train.save_model", save)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    _, out = train(eve, "--out", tmp_path / "full" / "m", "--train.validation", "0")
+    text = " ".join(out.split())
+    for part in (
+        f"{tmp_path / 'full' / 'm'} cannot be written",
+        "No space",
+        "model is",
+    ):
+        assert part in text
+    assert f"the model is {written[1]}" in text and load_model(written[1])
+    mask = os.umask(0)
+    os.umask(mask)
+    assert written[1].stat().st_mode & 0o777 == 0o666 & ~mask
+    assert "None" not in text and "give --val or --test" in text
+
+
 def test_options_change_the_model_and_are_in_its_card(
     data, eve, tmp_path, train, capsys
 ):
@@ -258,5 +288,5 @@ def test_training_that_diverges_writes_nothing(eve, tmp_path, refuse, monkeypatc
 def test_folder_that_cannot_be_written_to_is_refused(
     eve, tmp_path, refuse, monkeypatch
 ):
-    monkeypatch.setattr("os.access", lambda *_: False)
+    monkeypatch.setattr("tempfile.TemporaryFile", fail_to_write)
     refuse(eve, "--out", tmp_path / "m", part=f"cannot write to {tmp_path}: ")

@@ -331,13 +331,27 @@ def test_calibration_of_another_skin_is_refused():
     [
         ({"counts": np.array([1.0, np.nan, 2.0])}, "counts is float64"),
         ({"received": np.ones(2, bool)}, r"received has shape \(2,\)"),
-        ({"stamp": START / SECOND}, "stamp is float"),
+        ({"counts": np.zeros(3, np.uint32)}, "counts is uint32.*signed.*convert it"),
+        ({"stamp": START / SECOND}, r"allowed is int.*seconds: give round\(1e9"),
+        ({"stamp": float(START)}, r"stamp is float.*time\.time_ns.*lost digits"),
+        ({"stamp": np.int64(START)}, r"stamp is int64.*allowed is int.*int\("),
         ({"q": np.array([0.0, np.nan])}, "q of joint 1 is nan"),
     ],
 )
 def test_scan_of_invalid_arrays_is_refused(changes, text):
     with pytest.raises(ReadingError, match=text):
         replace(scan_at(0.0, np.zeros(3)), **changes)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_scan_takes_the_unsigned_counts_of_a_converter(kind):
+    top = np.iinfo(kind).max
+    given = np.array([0, 1, top], kind)
+    scan = replace(
+        scan_at(0.0, np.zeros(3)), counts=given, shear=np.stack([given] * 2, 1)
+    )
+    assert scan.counts.tolist() == [0, 1, top] and scan.counts.dtype == np.int32
+    assert scan.shear is not None and scan.shear.dtype == np.int32
 
 
 def test_pressure_of_a_valid_taxel_must_be_finite():

@@ -70,13 +70,20 @@ def read_file(path: Path, max_bytes: int) -> bytes:
         return file.read(os.fstat(file.fileno()).st_size)
 
 
+def read_mask() -> int:
+    """Return the rights that new files do not get, as the user has set them."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
 @contextmanager
 def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
     """Yield a temporary path whose file replaces `path` at the end of the block.
 
     The temporary file lies in the same folder and keeps the suffix, by which some
-    libraries choose a format. If the block raises, it is deleted and `path` stays as it
-    was. Missing folders are created.
+    libraries choose a format. It gets the rights that any new file gets. If the block
+    raises, it is deleted and `path` stays as it was. Missing folders are created.
 
     Args:
         path: the file to write.
@@ -86,6 +93,7 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         yield part
+        part.chmod(0o666 & ~read_mask())
         if durable:
             with part.open("rb") as file:
                 os.fsync(file.fileno())

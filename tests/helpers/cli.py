@@ -1,5 +1,6 @@
 """These helpers run commands as they are called, and read what they print."""
 
+import errno
 import json
 
 from eskin.cli.main import run
@@ -17,6 +18,11 @@ def call_json(capsys, *words):
     code, out, err = call(capsys, *words, "--json")
     assert (code, err) == (0, "")
     return json.loads(out.splitlines()[-1]), out
+
+
+def fail_to_write(*arguments, **options):
+    """Fail as the system does where a folder is read-only."""
+    raise OSError(errno.EROFS, "Read-only file system")
 
 
 def assert_refused(capsys, *words, part=""):

@@ -1,6 +1,6 @@
 """This module checks paths before a command starts its work."""
 
-import os
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,8 @@ MAX_CHECKED = 20
 """Number of recordings that are read before a command begins; more are read by it."""
 MAX_CHECKED_BYTES = 256 << 20
 """Largest of these on disk [bytes]."""
+TRIAL_BYTES = 4096
+"""Size of the file that is written to try a folder [bytes]."""
 BLOCK = 512
 """Unit in which the system counts a file's size on disk [bytes]."""
 OUTPUTS = ("--out", "--record", "--results")
@@ -114,11 +116,19 @@ def check_folder(folder: Path) -> None:
     """
     paths = folder.absolute(), *folder.absolute().parents
     nearest = next(path for path in paths if path.exists())
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
-        raise EskinError(
-            f"cannot write to {folder}: {nearest} is no folder that can be written to; "
-            "give a path in one that can"
-        )
+    reason = "it is no folder"
+    if nearest.is_dir():
+        try:
+            with tempfile.TemporaryFile(dir=nearest) as trial:
+                trial.write(bytes(TRIAL_BYTES))
+                trial.flush()
+            return
+        except OSError as error:
+            reason = str(error.strerror).lower()
+    raise EskinError(
+        f"cannot write to {folder}: {nearest} is no folder that can be written to "
+        f"({reason}); give a path in one that can"
+    )
 
 
 def check_picture(target: Path) -> None:

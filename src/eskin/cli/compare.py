@@ -66,7 +66,7 @@ class CompareCommand:
 
     def __post_init__(self) -> None:
         """Raise if an option is out of range or does not fit the others."""
-        check_limits(self, {"seeds": (1, np.inf), "workers": (1, np.inf)})
+        check_limits(self, {"seeds": (1, np.inf), "workers": (1, np.inf)}, "--")
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
             raise ValueError(
@@ -234,7 +234,7 @@ class StudyCommand:
     def __post_init__(self) -> None:
         """Raise if an option is out of range or names nothing."""
         limits = {"seeds": (1, np.inf), "epochs": (1, np.inf), "workers": (1, np.inf)}
-        check_limits(self, limits)
+        check_limits(self, limits, "--")
         if not self.data:
             raise ValueError(
                 "no set of clips is named; allowed is one or more, as eskin generate "

@@ -223,7 +223,8 @@ def print_addresses(device: "VirtualSkin") -> None:
     """Print the skin and the --source options for `eskin run`."""
     skin = device.skin
     print(
-        f"skin '{skin.name}': {len(skin.patches)} patches, {skin.count} taxels, "
+        f"skin '{skin.name}': {len(skin.patches)} "
+        f"patch{'es' * (len(skin.patches) != 1)}, {skin.count} taxels, "
         f"{device.rate:g} scans a second"
     )
     for uri in dict.fromkeys(port.uri for port in device.ports):

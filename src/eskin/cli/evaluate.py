@@ -15,7 +15,7 @@ from rich.table import Table
 from eskin.cli.checks import check_picture, load_overrides, report_truncated
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
-from eskin.learn.dataset import prepare, track_progress
+from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.events import (
     EventScore,
@@ -28,6 +28,7 @@ from eskin.learn.events import (
 from eskin.learn.events.event_scoring import Delays
 from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
+from eskin.progress import track_progress
 from eskin.recording import find_recordings, read_recording
 
 
@@ -119,22 +120,42 @@ def print_event_score(score: EventScore, console: Console) -> None:
         delays = score.delays.get(name, score.all_delays)
         table.add_row(
             name,
-            *(f"{v:.2f}" for v in (tally.precision, tally.recall, tally.f1)),
+            *(describe(v, ".2f") for v in (tally.precision, tally.recall, tally.f1)),
             *(str(n) for n in (tally.matched + tally.missed, tally.false)),
-            *(f"{1000 * delays.latency(p):.0f} ms" for p in (50, 95)),
+            *(describe_delay(delays.latency(p)) for p in (50, 95)),
         )
     console.print(table)
-    low, high = score.f1_interval
+    print("p50, p95: time from the end of the touch until it was recognised")
     accidents, unknown = score.accidents, score.unknown_total
     print(
-        f"events: F1 {score.total.f1:.3f} ({low:.3f} to {high:.3f}), "
+        f"events: F1 {describe(score.total.f1)} "
+        f"{describe_interval(*score.f1_interval)}, "
         f"{score.false_per_hour:.1f} false an hour in {score.hours:.2f} h"
     )
     print(
-        f"at once: F1 {score.simultaneous.f1:.3f}; mistaken for a gesture: "
+        f"at once: F1 {describe(score.simultaneous.f1)}; mistaken for a gesture: "
         f"{accidents.mistaken} of {accidents.count} accidental contacts, "
         f"{unknown.mistaken} of {unknown.count} unknown gestures"
     )
+
+
+def describe(value: float, form: str = ".3f") -> str:
+    """Return a number as text; `-` where there is none."""
+    return "-" if math.isnan(value) else f"{value:{form}}"
+
+
+def describe_delay(seconds: float) -> str:
+    """Return how long after the end of a touch it was recognised, or before it."""
+    if math.isnan(seconds):
+        return "-"
+    return f"{abs(1000 * seconds):.0f} ms{' before' if seconds < 0 else ''}"
+
+
+def describe_interval(low: float, high: float) -> str:
+    """Return a confidence interval as text, unless too few examples gave none."""
+    if math.isnan(low) or low == high:
+        return "(too few examples, or all alike, for an interval)"
+    return f"({low:.3f} to {high:.3f})"
 
 
 CLIP_KEYS = (
@@ -334,11 +355,10 @@ def print_clip_score(result: Evaluation) -> None:
             )
     console = Console()
     console.print(table)
-    low, high = result.interval
     print(
-        f"segments: accuracy {result.segments.accuracy:.3f} "
-        f"({low:.3f} to {high:.3f}), macro F1 {result.segments.macro_f1:.3f}, "
-        f"ECE {result.ece:.3f}"
+        f"segments: accuracy {describe(result.segments.accuracy)} "
+        f"{describe_interval(*result.interval)}, "
+        f"macro F1 {describe(result.segments.macro_f1)}, ECE {describe(result.ece)}"
     )
     if result.instants is not None:
         print(

@@ -1,16 +1,14 @@
 """`eskin generate` simulates touches and writes them as recordings."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from eskin.progress import show_progress
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.sim.dataset.sets import RECORDED_GROUPS
 from eskin.sim.people.recorded import find_recorded_people
@@ -152,7 +150,7 @@ def run(command: GenerateCommand) -> dict[str, object]:
             from eskin.sim.dataset.cluster import open_cluster
 
             write = stack.enter_context(open_cluster(command.ray))
-        update = stack.enter_context(show_progress(settings.clip_set.clips))
+        update = stack.enter_context(show_progress("clips", settings.clip_set.clips))
         result = generate(
             command.out, settings, workers, on_progress=update, write=write
         )
@@ -168,15 +166,3 @@ def run(command: GenerateCommand) -> dict[str, object]:
         "seconds": round(result.seconds, 2),
         "clips_per_minute": rate,
     }
-
-
-@contextmanager
-def show_progress(total: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on stderr if that is a terminal; yield its update."""
-    console = Console(stderr=True)
-    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(
-        "clips", *columns, console=console, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task("clips", total=total)
-        yield lambda done: bar.update(task, completed=done)

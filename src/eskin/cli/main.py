@@ -6,6 +6,7 @@ one line and exit code 1; nothing is left half-written.
 """
 
 import contextlib
+import errno
 import importlib
 import inspect
 import io
@@ -109,12 +110,25 @@ def run(argv: list[str]) -> int:
         # The reader of the output, such as `head`, has closed it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return STOPPED
-    except (EskinError, ValueError, OSError) as error:
+    except OSError as error:
+        return print_error(describe_os_error(error))
+    except (EskinError, ValueError) as error:
         return print_error(str(error))
     except KeyboardInterrupt:
         print_error("stopped")
         return STOPPED
     return 0
+
+
+def describe_os_error(error: OSError) -> str:
+    """Describe an error of the system: what failed, with which file, and the remedy."""
+    if isinstance(error, EskinError) or error.errno is None:
+        return str(error)
+    where = f" ({error.filename})" if error.filename else ""
+    remedy = "see that the file can be used"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        remedy = "free some space, or write to another disk"
+    return f"{(error.strerror or str(error)).lower()}{where}; {remedy}"
 
 
 def load_command(name: str) -> tuple[Callable[[Any], dict[str, object]], type]:

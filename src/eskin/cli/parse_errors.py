@@ -77,6 +77,14 @@ def describe_number(found: re.Match[str]) -> str:
     return f"{found['option']} is {found['got']}; allowed is {allowed}; correct it"
 
 
+def describe_setting(found: re.Match[str]) -> str:
+    """Describe a value that a group of options refuses, by the option's name."""
+    name, verb, text = found["text"].partition(" is ")
+    if not verb or not name.isidentifier():
+        return found["text"]
+    return f"--{found['group']}.{name.replace('_', '-')} is {text}"
+
+
 REWRITTEN: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (
         r"Unrecognized options: (?P<unknown>.*?)"
@@ -107,6 +115,6 @@ REWRITTEN: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
         r"Error parsing (?P<option>--\S+): Failed to parse key-value pairs",
         lambda found: f"{found['option']} is no name and number; give both",
     ),
-    (r"Error parsing [a-z]\S*: (?P<text>.*)", lambda found: found["text"]),
+    (r"Error parsing (?P<group>[a-z]\S*): (?P<text>.*)", describe_setting),
 )
 """Patterns of what tyro says, and what is said instead."""

@@ -145,7 +145,10 @@ def run_label(command: LabelCommand) -> dict[str, object]:
     write_labels(command, recordings, results, targets)
     summary = agreement.summary() if agreement.instants else None
     count = sum(len(result.found) for result in results)
-    print(f"{count} labels in {len(paths)} recordings")
+    print(
+        f"{count} label{'s' * (count != 1)} in {len(paths)} "
+        f"recording{'s' * (len(paths) != 1)}"
+    )
     for name, value in (summary or {}).items():
         print(f"  {name:18} {value:.3f}" if value is not None else f"  {name:18} -")
     return {"labels": count, "agreement": summary}
@@ -159,7 +162,9 @@ def check_label(command: LabelCommand) -> None:
         value = getattr(command, name)
         if value is not None and not 0 <= value < float("inf"):
             option = name.replace("_", "-")
-            raise RecordingError(f"--{option} is {value}; allowed is 0 or more")
+            raise RecordingError(
+                f"--{option} is {value}; allowed is 0 or more; change it"
+            )
 
 
 def find_labels(command: LabelCommand, recording: "Recording") -> "AutoLabelResult":
@@ -260,7 +265,7 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
         rows += report(recording, truth, found[len(rows) :])
     found += recognizer.finish()
     rows += report(recording, truth, found[len(rows) :])
-    print(f"{len(rows)} detections")
+    print(f"{len(rows)} detection{'s' * (len(rows) != 1)}")
     if command.record is not None:
         rewrite_recording(
             recording, command.record, detections=[f.record() for f in found]
@@ -368,6 +373,10 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
+    if command.seconds is not None and not command.seconds > 0:
+        raise ValueError(
+            f"--seconds is {command.seconds}; allowed is more than 0; change it"
+        )
     port = free_port(command.port)
     recording = read_recording(command.recording)
     urdf = command.robot_urdf

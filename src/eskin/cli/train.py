@@ -1,5 +1,6 @@
 """`eskin train` trains the recogniser on recordings."""
 
+import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -85,7 +86,7 @@ class TrainCommand:
 
     def __post_init__(self) -> None:
         """Raise if a number is out of range."""
-        check_limits(self, {"skins": (0, np.inf)})
+        check_limits(self, {"skins": (0, np.inf)}, "--")
 
     def load_overrides(self) -> Overrides:
         """Load what is used in place of what the recordings hold."""
@@ -154,7 +155,7 @@ def train(command: TrainCommand, processes: Processes) -> dict[str, object]:
     )
     model = set_decision(to_model(network, card), command)
     scored = evaluate(network, card, test).segments.accuracy if test else None
-    save_model(command.out, model)
+    path = save_or_keep(command.out, model)
     kept.unlink(missing_ok=True)
     result = {
         "val_accuracy": round(accuracy, 4) if trainer.held_out else None,
@@ -162,8 +163,27 @@ def train(command: TrainCommand, processes: Processes) -> dict[str, object]:
         "epochs": trainer.epochs,
         "seconds": round(time.monotonic() - started, 1),
     }
-    print(f"{command.out}: " + ", ".join(f"{k} {v}" for k, v in result.items()))
+    known = (f"{key} {value}" for key, value in result.items() if value is not None)
+    print(f"{path}: " + ", ".join(known))
+    if trainer.held_out is None:
+        print("no accuracy is known: no recording was held out; give --val or --test")
     return result
+
+
+def save_or_keep(path: Path, model: Model) -> Path:
+    """Write a model, elsewhere if its disk does not take it; return where it is.
+
+    Raises:
+        OSError: it can be written nowhere.
+    """
+    try:
+        save_model(path, model)
+    except OSError as error:
+        other = Path(tempfile.mkdtemp(prefix="eskin-")) / path.name
+        save_model(other, model)
+        print(f"{path} cannot be written ({error.strerror}); the model is {other}")
+        return other
+    return path
 
 
 def load_start(command: TrainCommand) -> Model | None:

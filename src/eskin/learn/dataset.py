@@ -1,17 +1,15 @@
 """This module joins prepared recordings into one data set for training and scoring."""
 
 import hashlib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 from joblib import Parallel, delayed
-from rich.console import Console
-from rich.progress import track
 
 from eskin.errors import RecordingError
 from eskin.graph import GraphBatch, GraphConfig, create_empty_batch, join_graphs
@@ -34,6 +32,7 @@ from eskin.learn.prepared_recording import (
     prepare_recording,
 )
 from eskin.learn.recording_transforms import RecordingTransform
+from eskin.progress import track_progress
 from eskin.recording import (
     NO_OVERRIDES,
     NONE,
@@ -43,17 +42,7 @@ from eskin.recording import (
 )
 from eskin.touch import PipelineConfig
 
-T = TypeVar("T")
 NO_GRAPHS = create_empty_batch(0)
-
-
-def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
-    """Yield the items, and show a progress bar named `what` on a terminal."""
-    console = Console(stderr=True)
-    disable = not console.is_terminal
-    yield from track(
-        items, what, total, console=console, transient=True, disable=disable
-    )
 
 
 @dataclass(frozen=True, eq=False)

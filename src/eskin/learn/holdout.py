@@ -22,7 +22,8 @@ class Holdout:
     def __str__(self) -> str:
         """Return the number held out, and why it may differ from the one asked for."""
         count = len(self.train) + len(self.held)
-        text = f"{len(self.held)} of {count} recordings held out for validation"
+        recordings = f"recording{'s' * (count != 1)}"
+        text = f"{len(self.held)} of {count} {recordings} held out for validation"
         if len(self.held) == self.wanted:
             return text
         return (

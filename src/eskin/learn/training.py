@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from rich.progress import Progress
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
@@ -22,6 +21,7 @@ from eskin.learn.holdout import find_gestures, find_sessions, hold_out
 from eskin.learn.processes import ALONE, Processes
 from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
+from eskin.progress import show_progress
 
 LIMITS = {
     "epochs": (1, np.inf),
@@ -201,17 +201,16 @@ class Trainer:
         last = done if best.should_stop else total
         saved = time.monotonic()
         with (
-            Progress(
-                disable=quiet or not processes.is_first, transient=True
-            ) as progress,
+            show_progress(
+                "steps of training", total, done, quiet or not processes.is_first
+            ) as update,
             ThreadPoolExecutor(config.workers) as pool,
         ):
-            task = progress.add_task("Training", total=total, completed=done)
             for step in range(done, last):
                 network.train()
                 self.step(optimiser, pool)
                 schedule.step()
-                progress.advance(task)
+                update(step + 1)
                 self.epochs, within = divmod(step + 1, config.steps)
                 stop = False
                 if within == 0 and self.held_out is not None:

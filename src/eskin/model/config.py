@@ -14,8 +14,13 @@ Limits = Mapping[str, tuple[int | float, int | float]]
 """Smallest and largest value of each setting; infinite where there is no largest."""
 
 
-def check_limits(settings: object, limits: Limits) -> None:
+def check_limits(settings: object, limits: Limits, prefix: str = "") -> None:
     """Refuse settings outside their limits.
+
+    Args:
+        settings: object whose attributes they are.
+        limits: smallest and largest value of each, by its name.
+        prefix: what stands before the name in a message, `--` for options.
 
     Raises:
         ValueError: naming the first setting that is not finite or not within.
@@ -25,7 +30,7 @@ def check_limits(settings: object, limits: Limits) -> None:
         if not (low <= value <= high and value != np.inf):
             allowed = f"{low:g} to {high:g}" if high < np.inf else f"from {low:g}"
             raise ValueError(
-                f"{name} is {value!s:.40}; allowed is {allowed}; change it"
+                f"{prefix}{name} is {value!s:.40}; allowed is {allowed}; change it"
             )
 
 

@@ -398,7 +398,7 @@ class Marks:
         self.scene = scene
         self.ringed: set[int] = set()
         self.count = 0
-        self.labels: deque[tuple[float, LabelHandle]] = deque()
+        self.labels: deque[tuple[float, LabelHandle, int]] = deque()
         ring, arrow = build_ring(), build_arrow()
         self.rings = {n: self.add_marks("contacts", n, *ring) for n in scene.discs}
         self.arrows = {n: self.add_marks("forces", n, *arrow) for n in scene.discs}
@@ -481,6 +481,9 @@ class Marks:
             return
         self.count += 1
         link = self.scene.setup.links[entry.link]
+        for earlier in [found for found in self.labels if found[2] == entry.link]:
+            earlier[1].remove()
+            self.labels.remove(earlier)
         label = self.server.scene.add_label(
             f"/robot/{link}/detection_{self.count}",
             entry.text.partition(",")[0],
@@ -488,7 +491,7 @@ class Marks:
             font_screen_scale=1.25,
             anchor="bottom-center",
         )
-        self.labels.append((entry.seconds, label))
+        self.labels.append((entry.seconds, label, entry.link))
 
 
 TARGET = (231, 41, 138)

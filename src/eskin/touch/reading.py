@@ -19,7 +19,8 @@ class Scan:
     stamp: int
     """Time at which it was taken [ns since the epoch]."""
     counts: Int[np.ndarray, "taxel"]
-    """Counts of the converter (int32); meaningless where nothing was received."""
+    """Counts of the converter (int32); meaningless where nothing was received. Unsigned
+    ones of up to 16 bits, as many converters give, are converted."""
     received: Bool[np.ndarray, "taxel"]
     """False where no new data was received."""
     q: Float[np.ndarray, "joint"]
@@ -30,6 +31,8 @@ class Scan:
     def __post_init__(self) -> None:
         """Refuse arrays of a wrong type or shape, and q that is not finite."""
         check_stamp(self.stamp)
+        for name in ("counts", "shear"):
+            object.__setattr__(self, name, to_signed(getattr(self, name)))
         count = check_array("counts", self.counts, "i", (None,))
         check_array("received", self.received, "b", (count,))
         if self.shear is not None:
@@ -65,16 +68,30 @@ class Reading:
         check_joints(self.q)
 
 
+MAX_SECONDS = 1e11
+"""Number above which a stamp cannot be seconds since the epoch."""
 KINDS = {"i": "signed integers", "f": "floating-point numbers", "b": "booleans"}
 
 
 def check_stamp(stamp: object) -> None:
     """Refuse a stamp that is no Python integer, such as seconds in a float."""
     if type(stamp) is not int:
+        remedy = "convert it with int(...)"
+        if isinstance(stamp, float):
+            remedy = "take time.time_ns(); a float of nanoseconds has lost digits"
+            if abs(stamp) < MAX_SECONDS:
+                remedy = "it looks like seconds: give round(1e9 * stamp)"
         raise ReadingError(
             f"stamp is {type(stamp).__name__} {stamp}; allowed is int, nanoseconds "
-            "since the epoch; convert it with int(...)"
+            f"since the epoch; {remedy}"
         )
+
+
+def to_signed(array: object) -> object:
+    """Return an array of unsigned integers of up to 16 bits as signed ones."""
+    if isinstance(array, np.ndarray) and array.dtype.kind == "u":
+        return array.astype(np.int32) if array.dtype.itemsize <= 2 else array
+    return array
 
 
 def check_array(

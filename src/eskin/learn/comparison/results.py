@@ -18,8 +18,8 @@ from eskin.errors import EskinError
 from eskin.files import atomic_path
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.methods import Method
-from eskin.learn.dataset import track_progress
 from eskin.learn.holdout import hold_out
+from eskin.progress import track_progress
 from eskin.touch import PipelineConfig
 
 

@@ -1,0 +1,79 @@
+"""This module shows how far a long command is: a bar in a terminal, lines elsewhere."""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+T = TypeVar("T")
+PERIOD = 10.0
+"""Interval between two lines where the output is no terminal [s]."""
+COLUMNS = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+
+
+@contextmanager
+def show_progress(
+    what: str, total: int, done: int = 0, quiet: bool = False
+) -> Iterator[Callable[[int], None]]:
+    """Show on stderr how much is done; yield a function of the number that is done.
+
+    Args:
+        what: what is counted, such as `clips`.
+        total: number of all.
+        done: number that is done at the beginning.
+        quiet: whether to show nothing.
+    """
+    console = Console(stderr=True)
+    if quiet:
+        yield lambda number: None
+    elif console.is_terminal:
+        columns = *COLUMNS, TimeRemainingColumn()
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task(what, total=total, completed=done)
+            yield lambda number: bar.update(task, completed=number)
+    else:
+        yield print_progress(what, total, done)
+
+
+def print_progress(
+    what: str, total: int, begun: int, now: Callable[[], float] = monotonic
+) -> Callable[[int], None]:
+    """Return a function of the number done that prints a line every ten seconds.
+
+    Args:
+        what: what is counted.
+        total: number of all.
+        begun: number that is done at the beginning.
+        now: clock [s].
+    """
+    start = last = now()
+
+    def update(done: int) -> None:
+        nonlocal last
+        if (time := now()) - last < PERIOD or done >= total:
+            return
+        last = time
+        left = (time - start) * (total - done) / max(done - begun, 1)
+        line = f"{what}: {done} of {total}, about {left:.0f} s left"
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+
+    return update
+
+
+def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
+    """Yield the items, and show how many of all were taken."""
+    with show_progress(what, total) as update:
+        for number, item in enumerate(items, 1):
+            yield item
+            update(number)
