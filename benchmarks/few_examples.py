@@ -1,0 +1,336 @@
+"""Measure accuracy over the number of examples a gesture, on real touches.
+
+    python -m benchmarks.few_examples --work FOLDER
+    python -m benchmarks.few_examples --work FOLDER --examples 1 --repeats 1 \
+        --cap 4 --held 1 --epochs 1 --steps 4
+
+The second form shows in three minutes that all of it runs; the first takes some hours.
+The 12 groups of gestures of SocialTouch, played as by a live device. For each person
+and draw some repetitions of each group are held out; of the others 1, 2, 5 and so on of
+each group are learned from, then all. Tested on the held-out repetitions of the same
+person, and on those of each other person. Four methods: starting from weights, starting
+from nothing, and the nearest example by the mean, spread and maximum of the features of
+those weights, with and without their summary. Repetitions without a detected touch are
+wrong. Intervals are bootstrapped over people and draws.
+"""
+
+import json
+import time
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tyro
+from jaxtyping import Float, Int
+
+from benchmarks.tables import format_head, format_row
+from benchmarks.transfer import (
+    FINEST,
+    SETS,
+    TOUCHED,
+    TransferSetting,
+    Trial,
+    build_scans,
+    read_trials,
+)
+from eskin import load_model
+from eskin.learn.checkpoint import to_network
+from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.evaluation import embed_rows, score_segments
+from eskin.learn.training import TrainConfig, Trainer
+from eskin.model import Model
+from eskin.nn import RecogniserNetwork
+from eskin.progress import track_progress
+from eskin.recording import NONE, Label, Metadata, RecordingWriter, write_all
+from eskin.recording.socialtouch_classes import find_group
+from eskin.skin import Skin, build_grid_skin
+from eskin.touch import Calibration
+from eskin.units import NS_PER_S
+
+METHODS = ("start", "nothing", "nearest", "nearest embedding")
+Method = Literal["start", "nothing", "nearest", "nearest embedding"]
+ALL = 0
+"""Number of examples that stands for all that are not held out."""
+BOOTSTRAPS = 2000
+
+
+@dataclass(frozen=True)
+class Command:
+    """Measure accuracy over the number of examples a gesture."""
+
+    work: Path
+    """Folder of the recordings that are made, and of their prepared forms."""
+    data: Path | None = None
+    """Folder of the set, as downloaded; in ../shared/data unless given."""
+    model: str = "ur5"
+    """Weights to start from."""
+    examples: tuple[int, ...] = (1, 2, 5, 10, 20, ALL)
+    """Numbers of examples of each group; 0 for all that are not held out."""
+    repeats: int = 5
+    """Number of draws of held-out repetitions and examples, for each person."""
+    held: int = 8
+    """Number of held-out repetitions of each group."""
+    cap: int | None = None
+    """Greatest number of repetitions of a group and person; all unless given."""
+    epochs: int = 10
+    """Epochs of a training."""
+    steps: int = 40
+    """Steps of an epoch."""
+    workers: int = 1
+    """Threads of a training."""
+    methods: tuple[Method, ...] = METHODS
+    """Methods to compare."""
+    json: Path | None = None
+    """Path of a JSON file with all accuracies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Examples:
+    """Holds a data set of one recording a repetition, with what each of them is."""
+
+    dataset: Dataset
+    """Data set of all repetitions."""
+    person: tuple[str, ...]
+    """Person of each recording."""
+    group: tuple[str, ...]
+    """Group of the gesture of each recording."""
+
+    @property
+    def vocabulary(self) -> tuple[str, ...]:
+        """Classes: `none`, and the groups."""
+        return (NONE, *sorted(set(self.group)))
+
+    def find(self, person: str, group: str) -> list[int]:
+        """Return the recordings of a person and group."""
+        pairs = zip(self.person, self.group, strict=True)
+        return [n for n, pair in enumerate(pairs) if pair == (person, group)]
+
+
+@dataclass(frozen=True)
+class Result:
+    """Holds the accuracy of one draw."""
+
+    method: Method
+    """Method."""
+    examples: int
+    """Number of examples of each group; 0 for all."""
+    person: str
+    """Person that was learned from."""
+    tested: str
+    """Person that was tested."""
+    draw: int
+    """Number of the draw."""
+    accuracy: float
+    """Share of the held-out repetitions that were right."""
+
+
+def main() -> None:
+    """Measure, and print the tables."""
+    command = tyro.cli(Command)
+    started = time.monotonic()
+    examples, model = build_examples(command), load_model(command.model)
+    results = list(measure(command, examples, model))
+    for same in (True, False):
+        print("\nsame person" if same else "\nanother person")
+        print(format_table(command, results, same))
+    if command.json is not None:
+        rows = [vars(result) for result in results]
+        command.json.write_text(json.dumps(rows, indent=1) + "\n")
+    print(f"\n{time.monotonic() - started:.0f} s")
+
+
+def build_examples(command: Command) -> Examples:
+    """Write a recording for each repetition, unless it is there, and prepare all."""
+    public = SETS["socialtouch-groups"]
+    trials = read_trials(public, command.data or public.folder)
+    setting = TransferSetting(pitch_mm=4.0, full_scale_kpa=40.0, rate=50.0)
+    skin = build_grid_skin(public.rows, public.columns, 0.004, calibrated=True)
+    paths, person, group, counts = [], [], [], dict[tuple[str, str], int]()
+    for trial in trials:
+        name = find_group(trial.gesture).replace(" ", "_")
+        number = counts[trial.subject, name] = counts.get((trial.subject, name), 0) + 1
+        if command.cap is not None and number > command.cap:
+            continue
+        path = command.work / f"{trial.subject}-{name}-{number:03d}.mcap"
+        if not path.exists():
+            write_trial(path, trial, name, skin, setting)
+        paths.append(path)
+        person.append(trial.subject)
+        group.append(name)
+    dataset = prepare(paths, pack=command.work / "pack", workers=command.workers)
+    return Examples(dataset, tuple(person), tuple(group))
+
+
+def write_trial(
+    path: Path, trial: Trial, name: str, skin: Skin, setting: TransferSetting
+) -> None:
+    """Write a repetition with its label, from its first to its last touched scan."""
+    calibration = Calibration.uniform(skin.count, FINEST, setting.full_scale_kpa)
+    scans = list(build_scans(trial, setting.rate))
+    touched = [s.stamp for s in scans if s.counts.max() >= TOUCHED * FINEST]
+    labels = []
+    if touched:
+        end = touched[-1] + round(NS_PER_S / setting.rate)
+        labels = [Label(touched[0], end, name)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    metadata = Metadata("socialtouch", trial.subject, trial.subject)
+    with RecordingWriter(path, "table", skin, calibration, metadata) as writer:
+        write_all(writer, scans, labels)
+
+
+def measure(command: Command, examples: Examples, model: Model) -> Iterator[Result]:
+    """Yield the accuracy of every method, person, draw and number of examples."""
+    people = sorted(set(examples.person))
+    features = compute_features(examples.dataset, model)
+    runs = [(p, d) for p in people for d in range(command.repeats)]
+    for person, draw in track_progress(runs, "draws", len(runs)):
+        rng = np.random.default_rng([draw, people.index(person)])
+        pool, tests = split(examples, person, command.held, rng)
+        wanted = {n for held in tests.values() for n in held}
+        for count in command.examples:
+            learned = [n for group in pool for n in group[: count or None]]
+            for method in command.methods:
+                answers = answer(
+                    method, command, examples, model, features, learned, wanted, draw
+                )
+                for tested, held in tests.items():
+                    truth = [examples.vocabulary.index(examples.group[n]) for n in held]
+                    right = float(np.mean(answers[held] == truth))
+                    yield Result(method, count, person, tested, draw, right)
+
+
+def split(
+    examples: Examples, person: str, held: int, rng: np.random.Generator
+) -> tuple[list[list[int]], dict[str, list[int]]]:
+    """Return the examples of each group of a person, and what each person is tested on.
+
+    Both are in random order. Other people are tested on as many repetitions.
+    """
+    groups, people = examples.vocabulary[1:], sorted(set(examples.person))
+    pool: list[list[int]] = []
+    tests: dict[str, list[int]] = {name: [] for name in people}
+    for name in people:
+        for group in groups:
+            order = rng.permutation(examples.find(name, group)).tolist()
+            tests[name] += order[:held]
+            if name == person:
+                pool.append(order[held:])
+    return pool, tests
+
+
+def answer(
+    method: Method,
+    command: Command,
+    examples: Examples,
+    model: Model,
+    features: dict[Method, Float[np.ndarray, "recording feature"]],
+    learned: list[int],
+    wanted: Collection[int],
+    seed: int,
+) -> Int[np.ndarray, "recording"]:
+    """Return the classes of the wanted recordings, as learned from others."""
+    if method in features:
+        return find_nearest(features[method], examples, learned)
+    config = TrainConfig(
+        epochs=command.epochs,
+        steps=command.steps,
+        workers=command.workers,
+        validation=0.0,
+    )
+    start = model if method == "start" else None
+    if start is not None:
+        config = replace(config, network=start.card.network)
+    trainer = Trainer(
+        examples.dataset, examples.vocabulary, config, learned, seed, start=start
+    )
+    return classify(trainer.run(quiet=True), examples, wanted)
+
+
+def classify(
+    network: RecogniserNetwork, examples: Examples, wanted: Collection[int]
+) -> Int[np.ndarray, "recording"]:
+    """Return the classes of the wanted recordings; `none` for others and no touch."""
+    segments = [x for x in examples.dataset.labelled if x.recording in wanted]
+    scores = score_segments(network, examples.dataset, segments)
+    scores[:, examples.vocabulary.index(NONE)] = -np.inf
+    found = np.full(len(examples.group), examples.vocabulary.index(NONE))
+    found[[segment.recording for segment in segments]] = scores.argmax(axis=1)
+    return found
+
+
+def compute_features(
+    dataset: Dataset, model: Model
+) -> dict[Method, Float[np.ndarray, "recording feature"]]:
+    """Return the features of every recording by the weights; NaN without a touch.
+
+    They are mean, spread and maximum over the labelled rows.
+    """
+    network = to_network(model)
+    summary = len(network.summary_mean)
+    rows: dict[int, np.ndarray] = {}
+    for segment in dataset.labelled:
+        features = embed_rows(network, dataset, np.arange(segment.first, segment.end))
+        rows[segment.recording] = features.detach().numpy()
+    width = next(iter(rows.values())).shape[1]
+    missing = np.full((1, width), np.nan)
+    whole = [rows.get(number, missing) for number in range(len(dataset.recordings))]
+    return {
+        "nearest": np.stack([describe_rows(each) for each in whole]),
+        "nearest embedding": np.stack([describe_rows(x[:, summary:]) for x in whole]),
+    }
+
+
+def describe_rows(
+    rows: Float[np.ndarray, "row feature"],
+) -> Float[np.ndarray, "three_features"]:
+    """Return mean, spread and maximum of the features of some rows."""
+    return np.concatenate([rows.mean(axis=0), rows.std(axis=0), rows.max(axis=0)])
+
+
+def find_nearest(
+    features: Float[np.ndarray, "recording feature"],
+    examples: Examples,
+    learned: Sequence[int],
+) -> Int[np.ndarray, "recording"]:
+    """Return the class of the nearest example of every recording."""
+    learned = [n for n in learned if np.isfinite(features[n]).all()]
+    known = features[learned]
+    spread = known.std(axis=0) + 1e-6
+    away = np.linalg.norm((features[:, None] - known) / spread, axis=-1)
+    classes = np.array([examples.vocabulary.index(examples.group[n]) for n in learned])
+    found = classes[np.nan_to_num(away, nan=np.inf).argmin(axis=1)]
+    lost = ~np.isfinite(features).all(axis=1)
+    return np.where(lost, examples.vocabulary.index(NONE), found)
+
+
+def format_table(command: Command, results: Sequence[Result], same: bool) -> str:
+    """Format accuracies with their intervals, a row for each number of examples."""
+    rng = np.random.default_rng(0)
+    lines = [format_head(["examples", *command.methods])]
+    for count in command.examples:
+        cells = []
+        for method in command.methods:
+            found = [
+                result.accuracy
+                for result in results
+                if (result.method, result.examples) == (method, count)
+                and (result.person == result.tested) == same
+            ]
+            cells.append(format_share(np.array(found), rng))
+        lines.append(format_row([str(count or "all"), *cells]))
+    return "\n".join(lines)
+
+
+def format_share(shares: Float[np.ndarray, "draw"], rng: np.random.Generator) -> str:
+    """Format a mean with its bootstrapped 95 % interval, in percent."""
+    if not len(shares):
+        return "-"
+    draws = rng.choice(shares, (BOOTSTRAPS, len(shares))).mean(axis=1)
+    low, high = np.quantile(draws, (0.025, 0.975))
+    return f"{100 * shares.mean():.1f} ({100 * low:.1f} to {100 * high:.1f})"
+
+
+if __name__ == "__main__":
+    main()
