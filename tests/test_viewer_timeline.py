@@ -259,13 +259,13 @@ def test_label_and_detection_of_the_instant_are_shown_while_playing(timeline):
 
 @pytest.mark.slow
 def test_every_gesture_has_its_place_and_colour_in_the_plot(timeline, editor):
-    editor.add("wave", 4.5, 4.5 + 1e-3)
+    editor.add("wave", 4.507, 4.508)
     timeline.list_labels()
     plot = timeline.overview.plot
     series, data = [entry["label"] for entry in plot.series], plot.data
     assert len(series) == len(data) and "wave" in series
     times, shown = data[0], data[series.index("wave")] > 0
-    assert np.abs(times[shown] - 4.5).max() < 0.05
+    assert shown.any() and np.abs(times[shown] - 4.5).max() < 0.05
     fills = [
         entry["fill"] for entry in timeline.overview.plot.series if "fill" in entry
     ]

@@ -1,0 +1,59 @@
+"""Tests of the measurement over few examples: what is learned and what is tested."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="no torch; pip install '.[train]'")
+
+from benchmarks.few_examples import (
+    Examples,
+    describe_rows,
+    find_nearest,
+    format_share,
+    split,
+)
+
+from eskin.learn.dataset import prepare
+from helpers.learning import record
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory):
+    """Ten repetitions of two groups by each of two people."""
+    path = record(tmp_path_factory.mktemp("few") / "a.mcap")
+    person = tuple("ab"[n // 20] for n in range(40))
+    group = tuple(("pat", "hit")[n % 2] for n in range(40))
+    return Examples(prepare([path]), person, group)
+
+
+def test_held_out_repetitions_are_of_every_group_and_never_learned(examples):
+    pool, tests = split(examples, "a", 3, np.random.default_rng(1))
+    learned = {n for group in pool for n in group}
+    assert {examples.person[n] for n in learned} == {"a"}
+    assert not learned & set(tests["a"]) and len(learned) == 14
+    for person, held in tests.items():
+        assert {examples.person[n] for n in held} == {person}
+        assert sorted(examples.group[n] for n in held) == ["hit"] * 3 + ["pat"] * 3
+
+
+def test_nearest_example_gives_its_class_and_a_lost_touch_none(examples):
+    names = examples.vocabulary
+    features = np.array([[names.index(group), 0.0] for group in examples.group])
+    features[5] = np.nan
+    found = find_nearest(features, examples, [0, 1, 2, 3, 5])
+    truth = [names.index(group) for group in examples.group]
+    assert found[5] == names.index("none")
+    assert np.delete(found, 5).tolist() == np.delete(truth, 5).tolist()
+    assert replace(examples).vocabulary == ("none", "hit", "pat")
+
+
+def test_share_has_its_interval_and_rows_their_mean_spread_and_maximum():
+    rng = np.random.default_rng(0)
+    assert format_share(np.array([0.5, 0.5]), rng) == "50.0 (50.0 to 50.0)"
+    assert format_share(np.array([]), rng) == "-"
+    rows = np.array([[0.0, 2.0], [4.0, 2.0]])
+    assert describe_rows(rows).tolist() == [2.0, 2.0, 2.0, 0.0, 4.0, 2.0]
