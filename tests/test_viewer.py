@@ -200,6 +200,10 @@ def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
     ):
         viewer.take_order(CorrectionOrder(number, name))
         assert said in viewer.encoder.log_entries[-1].text
+    viewer.publish_corrections([touch])
+    assert not kept, "the touch goes on"
+    for _ in range(2):
+        viewer.publish_corrections([])
     [correction] = kept
     assert correction.gesture == "my_wave"
     assert START <= correction.start < correction.end <= START + 3_000_000_000

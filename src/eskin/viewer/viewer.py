@@ -1,7 +1,7 @@
 """This module provides the listener that shows a stream in the browser."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Protocol, final, runtime_checkable
@@ -381,6 +381,7 @@ class Viewer(Listener):
         self.board = board
         self.recording = recording
         self.touches: dict[int, tuple[int, int]] = {}
+        self.corrected: dict[int, str] = {}
         self.page: PageProcess | None = None
         self.due = self.counted_from = 0.0
         self.count, self.rate = 0, 0.0
@@ -410,7 +411,7 @@ class Viewer(Listener):
             self.on_order(order)
 
     def correct(self, order: CorrectionOrder) -> None:
-        """Publish what a touch was, for the recording, and say so in the log."""
+        """Note what a touch was, for the recording, and say so in the log."""
         now = self.context.clock.now()
         known = self.touches.get(order.touch)
         path = "" if self.recording is None else self.recording()
@@ -419,13 +420,21 @@ class Viewer(Listener):
         if known is None or not gesture:
             text = "not kept: the touch or the name of the gesture is missing"
         elif path.startswith(RECORDING):
-            start, last = known
-            end = last + LAST_CONTACT
-            self.context.publish(Correction(now, start, end, gesture))
+            self.corrected[order.touch] = gesture
             text = f"kept: that was a {gesture.replace('_', ' ')}"
         self.encoder.log_entries.append(
             LogEntry(self.encoder.seconds(now), "note", text)
         )
+
+    def publish_corrections(self, going_on: Collection[int]) -> None:
+        """Publish corrections, but not yet those of touches that go on, by their ids.
+
+        A touch may be recognised, and corrected, before it has ended.
+        """
+        for touch in [each for each in self.corrected if each not in going_on]:
+            start, last = self.touches[touch]
+            now, gesture = self.context.clock.now(), self.corrected.pop(touch)
+            self.context.publish(Correction(now, start, last + LAST_CONTACT, gesture))
 
     def note_touches(self, state: TouchState) -> None:
         """Note first and latest contact of the touches of a reading [ns]."""
@@ -456,6 +465,8 @@ class Viewer(Listener):
             return
         if item.state.open or item.state.closed:
             self.note_touches(item.state)
+        if self.corrected:
+            self.publish_corrections([touch.id for touch in item.state.open])
         now = monotonic()
         self.update_rate(self.context.clock.now() / NS_PER_S)
         if now < self.due or self.page is None or not self.page.wants():
