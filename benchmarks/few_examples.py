@@ -87,7 +87,7 @@ class Command:
 
 
 @dataclass(frozen=True, eq=False)
-class Examples:
+class RecordedExamples:
     """Holds a data set of one recording a repetition, with what each of them is."""
 
     dataset: Dataset
@@ -141,7 +141,7 @@ def main() -> None:
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
-def build_examples(command: Command) -> Examples:
+def build_examples(command: Command) -> RecordedExamples:
     """Write a recording for each repetition, unless it is there, and prepare all."""
     public = SETS["socialtouch-groups"]
     trials = read_trials(public, command.data or public.folder)
@@ -160,7 +160,7 @@ def build_examples(command: Command) -> Examples:
         person.append(trial.subject)
         group.append(name)
     dataset = prepare(paths, pack=command.work / "pack", workers=command.workers)
-    return Examples(dataset, tuple(person), tuple(group))
+    return RecordedExamples(dataset, tuple(person), tuple(group))
 
 
 def write_trial(
@@ -180,7 +180,9 @@ def write_trial(
         write_all(writer, scans, labels)
 
 
-def measure(command: Command, examples: Examples, model: Model) -> Iterator[Result]:
+def measure(
+    command: Command, examples: RecordedExamples, model: Model
+) -> Iterator[Result]:
     """Yield the accuracy of every method, person, draw and number of examples."""
     people = sorted(set(examples.person))
     features = compute_features(examples.dataset, model)
@@ -202,7 +204,7 @@ def measure(command: Command, examples: Examples, model: Model) -> Iterator[Resu
 
 
 def split(
-    examples: Examples, person: str, held: int, rng: np.random.Generator
+    examples: RecordedExamples, person: str, held: int, rng: np.random.Generator
 ) -> tuple[list[list[int]], dict[str, list[int]]]:
     """Return the examples of each group of a person, and what each person is tested on.
 
@@ -223,7 +225,7 @@ def split(
 def answer(
     method: Method,
     command: Command,
-    examples: Examples,
+    examples: RecordedExamples,
     model: Model,
     features: dict[Method, Float[np.ndarray, "recording feature"]],
     learned: list[int],
@@ -249,7 +251,7 @@ def answer(
 
 
 def classify(
-    network: RecogniserNetwork, examples: Examples, wanted: Collection[int]
+    network: RecogniserNetwork, examples: RecordedExamples, wanted: Collection[int]
 ) -> Int[np.ndarray, "recording"]:
     """Return the classes of the wanted recordings; `none` for others and no touch."""
     segments = [x for x in examples.dataset.labelled if x.recording in wanted]
@@ -291,7 +293,7 @@ def describe_rows(
 
 def find_nearest(
     features: Float[np.ndarray, "recording feature"],
-    examples: Examples,
+    examples: RecordedExamples,
     learned: Sequence[int],
 ) -> Int[np.ndarray, "recording"]:
     """Return the class of the nearest example of every recording."""

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("torch", reason="no torch; pip install '.[train]'")
 
 from benchmarks.few_examples import (
-    Examples,
+    RecordedExamples,
     describe_rows,
     find_nearest,
     format_share,
@@ -27,7 +27,7 @@ def examples(tmp_path_factory):
     path = record(tmp_path_factory.mktemp("few") / "a.mcap")
     person = tuple("ab"[n // 20] for n in range(40))
     group = tuple(("pat", "hit")[n % 2] for n in range(40))
-    return Examples(prepare([path]), person, group)
+    return RecordedExamples(prepare([path]), person, group)
 
 
 def test_held_out_repetitions_are_of_every_group_and_never_learned(examples):

@@ -223,9 +223,7 @@ def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sour
     """Open patches on a cable or a network."""
     mounted = mount_device_skin(uris, config)
     calibration = load_calibration(config, mounted.skin)
-    joints = config.joints or FixedJoints(fixed_positions(config, mounted))
-    if not isinstance(joints, JointSource):
-        joints = CalledJoints(joints, mounted.robot)
+    joints = choose_joints(config, mounted)
     with ExitStack() as stack:
         transport = open_transport(uris, config, clock)
         stack.callback(transport.close)
@@ -262,7 +260,7 @@ def open_samples(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sou
     """Open a device that has a driver of its own."""
     mounted = mount_device_skin(uris, config)
     calibration = load_calibration(config, mounted.skin)
-    joints = config.joints or FixedJoints(fixed_positions(config, mounted))
+    joints = choose_joints(config, mounted)
     kind, _, rest = uris[0].partition(":")
     device: SampleDevice
     if kind == "csv":
@@ -310,6 +308,14 @@ def parse_udp_address(uri: str) -> tuple[str, int]:
             "65535, such as udp://127.0.0.1:9750; correct it"
         )
     return host, port
+
+
+def choose_joints(config: SourceConfig, mounted: MountedSkin) -> JointSource:
+    """Return the source of joint positions that a configuration asks for."""
+    joints = config.joints or FixedJoints(fixed_positions(config, mounted))
+    if isinstance(joints, JointSource):
+        return joints
+    return CalledJoints(joints, mounted.robot)
 
 
 def fixed_positions(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from eskin.bus.ros2 import Ros2Joints, Ros2Node
     from eskin.command import Arm, Policy
     from eskin.drivers import Clock, JointSource, Source
+    from eskin.drivers.joints import JointFunction
     from eskin.model import Model
     from eskin.stream import Listener, Recognition, Stream
     from eskin.stream.listener import Drop
@@ -412,7 +413,8 @@ def open_ros2_node(command: RunCommand) -> "Ros2Node | None":
 def is_without_joints(command: RunCommand) -> bool:
     """Return whether nothing but a bus can say where the robot's joints are."""
     kinds = {uri.partition(":")[0] for uri in command.source}
-    given = command.robot is not None or command.q is not None
+    options = command.robot, command.q, command.joints
+    given = any(option is not None for option in options)
     return not given and not kinds & {"replay", "sim"}
 
 
@@ -436,7 +438,7 @@ def build_publishers(
     command: RunCommand,
     recognition: "Recognition",
     node: "Ros2Node | None",
-    joints: "JointSource | None",
+    joints: "JointSource | JointFunction | None",
 ) -> "list[Publisher]":
     """Build the listeners that publish to ROS 2 and to Foxglove."""
     from eskin.bus import Publisher

@@ -10,7 +10,7 @@ from jaxtyping import Integer
 from eskin.drivers.clock_offset import NS_PER_US
 from eskin.drivers.clock_sync import Doubt, ScanTime
 from eskin.drivers.events import EventLog
-from eskin.drivers.joints import JointSource
+from eskin.drivers.joints import JointSource, PoseLog
 from eskin.drivers.module_registry import (
     AddressSlot,
     ModuleRegistry,
@@ -21,7 +21,6 @@ from eskin.drivers.module_registry import (
 from eskin.drivers.packet import Data, Echo, Hello, Packet, Status
 from eskin.drivers.patch_stream import PatchStream, RateChange
 from eskin.drivers.timeline import PeriodGrid, PeriodScans, ScanTimeline
-from eskin.errors import JointsError
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -55,8 +54,8 @@ class Assembler:
     def __init__(self, skin: Skin, joints: JointSource, log: EventLog) -> None:
         """Start without data; scans are emitted after `start`."""
         self.skin = skin
-        self.joints = joints
         self.log = log
+        self.pose = PoseLog(joints, log)
         self.registry = ModuleRegistry(skin, log)
         self.streams = {
             address: PatchStream(slot, skin.find_taxels(slot.patch.id))
@@ -66,7 +65,6 @@ class Assembler:
         self.timeline: ScanTimeline | None = None
         self.emitted = 0
         self.checked_at = 0
-        self.posed = True
 
     def start(self, now: int, rate: float, grace: float | None = None) -> None:
         """Emit scans from now on.
@@ -265,25 +263,8 @@ class Assembler:
         for stream in self.streams.values():
             if stream.partial:
                 self.drop_partial(stream, stamp)
-        received = period.received
-        try:
-            q = self.joints.q_at(stamp)
-            self.report_pose(stamp, None)
-        except JointsError as error:
-            q, received = error.q, np.zeros_like(received)
-            self.report_pose(stamp, str(error))
+        q, received = self.pose.read(stamp, period.received)
         return Scan(stamp, period.counts, received, q)
-
-    def report_pose(self, stamp: int, problem: str | None) -> None:
-        """Report that joint positions are no longer known, or are again."""
-        if self.posed == (problem is None):
-            return
-        self.posed = problem is None
-        if problem is None:
-            self.log.add(stamp, "posed", "joint positions arrive again")
-            return
-        text = f"{problem}; no taxel is used before they come; check what sends them"
-        self.log.add(stamp, "unposed", text)
 
     def drop_partial(self, stream: PatchStream, before: int) -> None:
         """Drop scans that are still incomplete, and report them."""

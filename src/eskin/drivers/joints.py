@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock, HostClock
+from eskin.drivers.events import EventLog
 from eskin.drivers.udp_transport import PEER_TIMEOUT, bind_udp
 from eskin.errors import DeviceError, JointsError
 from eskin.robot import Robot
@@ -244,6 +245,50 @@ class UdpJoints(JointSource, Closing):
             self.closed = True
             self.thread.join()
             self.socket.close()
+
+
+@final
+class PoseLog:
+    """Reads joint positions for scans, and logs when they are not known.
+
+    Attributes:
+        joints: source of the joint positions.
+    """
+
+    def __init__(self, joints: JointSource, log: EventLog) -> None:
+        """Start with positions that are known."""
+        self.joints = joints
+        self.log = log
+        self.posed = True
+
+    def read(
+        self, stamp: int, received: Bool[np.ndarray, "taxel"]
+    ) -> tuple[Float[np.ndarray, "joint"], Bool[np.ndarray, "taxel"]]:
+        """Return the joint positions of a scan [rad], and which taxels are used.
+
+        Where positions are not known no taxel is, and the positions are the last ones.
+
+        Args:
+            stamp: time of the scan [ns since the epoch].
+            received: whether each taxel has new data.
+        """
+        try:
+            q, problem = self.joints.q_at(stamp), None
+        except JointsError as error:
+            q, problem = error.q, str(error)
+            received = np.zeros_like(received)
+        if self.posed != (problem is None):
+            self.posed = problem is None
+            self.report(stamp, problem)
+        return q, received
+
+    def report(self, stamp: int, problem: str | None) -> None:
+        """Log why joint positions are not known, or that they are again."""
+        if problem is None:
+            self.log.add(stamp, "posed", "joint positions arrive again")
+            return
+        text = f"{problem}; no taxel is used before they come; check what sends them"
+        self.log.add(stamp, "unposed", text)
 
 
 def parse_positions(data: bytes, robot: Robot) -> Float[np.ndarray, "joint"]:

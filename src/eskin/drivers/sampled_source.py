@@ -14,8 +14,9 @@ from jaxtyping import Int
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
+from eskin.drivers.joints import JointSource, PoseLog
 from eskin.drivers.module_registry import MAX_SCAN_RATE
-from eskin.drivers.source import JointSource, Source, SourceInfo
+from eskin.drivers.source import Source, SourceInfo
 from eskin.errors import DeviceError, SkinMismatchError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
@@ -142,10 +143,11 @@ class SampledSource(Source):
                 f"rate is {rate}; allowed is 0.1 to {MAX_SCAN_RATE} scans a second; "
                 "correct it, or leave it out to measure it"
             )
-        self.device, self.clock, self.joints, self.uri = device, clock, joints, uri
+        self.device, self.clock, self.uri = device, clock, uri
         self.skin = skin
         self.taxels = [skin.find_taxels(patch.id) for patch in skin.patches]
         self.log = EventLog()
+        self.pose = PoseLog(joints, self.log)
         self.ready: deque[Scan] = deque()
         self.pending: dict[int, PatchSample] = {}
         self.heard: dict[int, int] = {}
@@ -283,7 +285,7 @@ class SampledSource(Source):
         self.due = now + (self.silence if self.pending else self.period)
         self.pending.clear()
         self.readings += 1
-        q = self.joints.q_at(stamp)
+        q, received = self.pose.read(stamp, received)
         self.ready.append(Scan(stamp, counts, received, q, shear))
 
     @property
