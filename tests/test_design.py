@@ -32,6 +32,7 @@ from eskin.design import (  # noqa: E402
     compute_kinematic_distances,
     design_skin,
     draw_design,
+    load_map,
     save_design,
     unroll_region,
 )
@@ -323,6 +324,45 @@ def test_table_agrees_with_the_skin(written):
         assert [int(row["row"]) for row in rows] == skin.rows[taxels].tolist()
         places = [[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in rows]
         np.testing.assert_allclose(places, 1e3 * skin.positions[taxels], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["tube", "box", "torus"])
+def test_saved_map_is_that_of_the_design_both_ways(designs, name, tmp_path):
+    design = designs[name]
+    save_design(design, tmp_path)
+    for patch, layout in zip(design.skin.patches, design.layouts, strict=True):
+        link, surface = load_map(tmp_path / "patches" / f"{patch.id}.map.json")
+        assert link == patch.link
+        flat = layout.grid.unrolled()
+        points, same = layout.surface.wrap(flat), surface.wrap(flat)
+        for part in ("positions", "normals", "tangents", "area_scale"):
+            np.testing.assert_allclose(
+                getattr(same, part), getattr(points, part), atol=1e-12
+            )
+        np.testing.assert_allclose(surface.unroll(points.positions), flat, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"surface": "cone"}, "surface"),
+        ({"radius": None}, "radius"),
+        ({"T_link_surface": [[1.0]]}, "T_link_surface"),
+        ({"surface": "mesh"}, "0 vertices"),
+        ({"extra": 1}, "extra"),
+    ],
+)
+def test_damaged_map_is_refused_in_one_line(designs, tmp_path, change, said):
+    save_design(designs["tube"], tmp_path)
+    around = next(
+        path
+        for path in sorted((tmp_path / "patches").glob("*.map.json"))
+        if '"tube"' in path.read_text()
+    )
+    around.write_text(json.dumps(json.loads(around.read_text()) | change))
+    with pytest.raises(SkinError) as caught:
+        load_map(around)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_lines_of_a_layer_never_meet_and_stay_inside(designs):

@@ -4,6 +4,7 @@ from eskin.design.design import RegionResult, SkinDesign, design_skin
 from eskin.design.distance import SurfaceDistance, compute_kinematic_distances
 from eskin.design.drawing import PatchDrawing, arrange_sheet, draw_patch
 from eskin.design.files import draw_design, save_design
+from eskin.design.maps import load_map, save_map
 from eskin.design.patches import PatchLayout
 from eskin.design.report import build_report
 from eskin.design.spec import DesignLimits, DesignSpec, RegionSpec, read_spec
@@ -34,7 +35,9 @@ __all__ = [
     "design_skin",
     "draw_design",
     "draw_patch",
+    "load_map",
     "read_spec",
     "save_design",
+    "save_map",
     "unroll_region",
 ]

@@ -13,6 +13,7 @@ from eskin.design.drawing import (
     save_dxf,
     save_svg,
 )
+from eskin.design.maps import save_map
 from eskin.design.report import build_report
 from eskin.files import atomic_path
 from eskin.skin import save_skin
@@ -28,8 +29,8 @@ def save_design(design: SkinDesign, folder: Path) -> dict[str, object]:
     """Write a design into a folder, and return its report.
 
     The folder is that of the skin, which `load_skin` reads. Beside the skin it holds
-    `patches/` with a DXF, an SVG and a table of coordinates of each patch,
-    `sheet.svg` and `sheet.dxf` with all patches, and `report.json`.
+    `patches/` with a DXF, an SVG, a table of coordinates and the map to the link of
+    each patch, `sheet.svg` and `sheet.dxf` with all patches, and `report.json`.
     """
     drawings = draw_design(design)
     report = build_report(design, drawings)
@@ -40,6 +41,8 @@ def save_design(design: SkinDesign, folder: Path) -> dict[str, object]:
         with atomic_path(patches / f"{drawing.name}.csv") as part:
             text = format_table(design, number)
             part.write_text(text, encoding="utf-8", newline="\n")
+        link = design.skin.patches[number].link
+        save_map(patches / f"{drawing.name}.map.json", link, design.layouts[number])
     sheet = arrange_sheet(drawings)
     save_svg(folder / "sheet.svg", sheet)
     save_dxf(folder / "sheet.dxf", sheet)

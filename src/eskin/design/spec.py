@@ -4,11 +4,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from eskin.design.zones import BallZone, BoxZone, LinkZone, Vector, Zone
+from eskin.design.zones import (
+    BallZone,
+    BoxZone,
+    LinkZone,
+    PaintedZone,
+    Vector,
+    Zone,
+)
 from eskin.errors import SkinError
-from eskin.files import read_file
+from eskin.files import atomic_path, read_file
 from eskin.plain_yaml import (
     MAX_YAML_BYTES,
     Name,
@@ -20,6 +28,8 @@ from eskin.plain_yaml import (
 PER_CM2 = 1e4
 """Number of square centimetres in one square metre."""
 MM = 1e-3
+MAX_BALLS = 2000
+"""Largest number of balls of a specification, which limits on its values allow."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,9 @@ class DesignSpec:
     limits: DesignLimits = field(default_factory=DesignLimits)
 
 
+Ball = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
 class ZoneEntry(BaseModel):
     """An entry describes a zone of a link in a specification."""
 
@@ -80,14 +93,19 @@ class ZoneEntry(BaseModel):
     )
     point_mm: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     radius_mm: Annotated[float, Field(gt=0)] | None = None
+    balls_mm: Annotated[list[Ball], Field(min_length=1)] | None = None
+    """Balls as x, y, z and radius, as they are painted."""
 
     @model_validator(mode="after")
     def check_shape(self) -> "ZoneEntry":
-        """Raise where the zone is neither a link, nor a box, nor a ball."""
+        """Raise where the zone is none of a link, a box, a ball and some balls."""
         if (self.point_mm is None) != (self.radius_mm is None):
             raise ValueError("point_mm and radius_mm belong together; give both")
-        if self.box_mm is not None and self.point_mm is not None:
-            raise ValueError("a zone is a box or a ball; give one of them")
+        shapes = (self.box_mm, self.point_mm, self.balls_mm)
+        if sum(shape is not None for shape in shapes) > 1:
+            raise ValueError("a zone is a box, a ball or some balls; give one of them")
+        if self.balls_mm is not None and min(ball[3] for ball in self.balls_mm) <= 0:
+            raise ValueError("a ball of balls_mm has a radius above 0")
         if self.box_mm is not None:
             low, high = self.box_mm
             if not len(low) == len(high) == 3 or any(
@@ -105,6 +123,12 @@ class ZoneEntry(BaseModel):
             return BoxZone(self.link, low, high)
         if self.point_mm is not None and self.radius_mm is not None:
             return BallZone(self.link, to_vector(self.point_mm), MM * self.radius_mm)
+        if self.balls_mm is not None:
+            balls = [
+                BallZone(self.link, to_vector(ball[:3]), MM * ball[3])
+                for ball in self.balls_mm
+            ]
+            return PaintedZone(self.link, tuple(balls))
         return LinkZone(self.link)
 
 
@@ -122,6 +146,21 @@ class SpecFile(BaseModel):
     version: Annotated[int, Field(ge=1, le=1)] = 1
     regions: list[RegionEntry] = []
     keep_out: list[ZoneEntry] = []
+
+    def build(
+        self, density: float
+    ) -> tuple[tuple[RegionSpec, ...], tuple[Zone, ...]]:
+        """Build regions and keep-out zones; see `read_spec`."""
+        regions = tuple(
+            RegionSpec(
+                entry.build(),
+                density
+                if entry.density_per_cm2 is None
+                else PER_CM2 * entry.density_per_cm2,
+            )
+            for entry in self.regions
+        )
+        return regions, tuple(entry.build() for entry in self.keep_out)
 
 
 def to_vector(numbers: list[float]) -> Vector:
@@ -142,9 +181,14 @@ def read_spec(
     Raises:
         SkinError: The file cannot be read, or has an error.
     """
+    return read_spec_file(path).build(density)
+
+
+def read_spec_file(path: Path) -> SpecFile:
+    """Read the entries of a YAML file; errors are those of `read_spec`."""
     try:
         data = load_plain_yaml(read_file(path, MAX_YAML_BYTES).decode())
-        entries = SpecFile.model_validate(data)
+        return SpecFile.model_validate(data)
     except OSError as error:
         raise SkinError(f"cannot read {path}: {error.strerror}") from None
     except ValidationError as error:
@@ -153,17 +197,15 @@ def read_spec(
         raise SkinError(
             f"{path}: {where}: {first['msg']}, got {shorten(first['input'])}; allowed "
             "are regions and keep_out, each a list of {link, and box_mm, or point_mm "
-            "and radius_mm}, regions with density_per_cm2 too"
+            "and radius_mm, or balls_mm}, regions with density_per_cm2 too"
         ) from None
     except ValueError as error:
         raise SkinError(f"{path}{error}") from None
-    regions = tuple(
-        RegionSpec(
-            entry.build(),
-            density
-            if entry.density_per_cm2 is None
-            else PER_CM2 * entry.density_per_cm2,
-        )
-        for entry in entries.regions
-    )
-    return regions, tuple(entry.build() for entry in entries.keep_out)
+
+
+def write_spec_file(path: Path, entries: SpecFile) -> None:
+    """Write the entries of a specification as YAML."""
+    data = entries.model_dump(exclude_none=True)
+    text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
+    with atomic_path(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -88,6 +88,23 @@ class BallZone(Zone):
         return np.linalg.norm(points - np.array(self.point), axis=1) <= self.radius
 
 
+@final
+@dataclass(frozen=True)
+class PaintedZone(Zone):
+    """A painted zone is all that lies in any of some balls."""
+
+    link: str
+    balls: tuple[BallZone, ...]
+    """Balls, all on the same link."""
+
+    def contains(self, points: Points) -> Bool[np.ndarray, "point"]:
+        """Return which points [m] lie in a ball."""
+        found = np.zeros(len(points), dtype=bool)
+        for ball in self.balls:
+            found |= ball.contains(points)
+        return found
+
+
 def compute_exposure(
     surface: LinkSurface, obstacle: LinkSurface
 ) -> Float[np.ndarray, "vertex"]:
