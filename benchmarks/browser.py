@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
 
-from eskin.page.page import CAMERA_DISTANCE, CAMERA_TARGET
+from eskin.page import SceneDescription
 from eskin.page.scene import CAMERA_DIRECTION, FIELD_OF_VIEW, place_camera
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -25,6 +25,9 @@ FLAGS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 )
+CAMERA_TARGET = np.array(SceneDescription.middle)
+CAMERA_DISTANCE = SceneDescription.distance
+"""Point that the page's camera looks at [m], and its distance from there [m]."""
 PATIENCE = 60.0
 """Longest time to wait for anything on the page [s]."""
 EYE = CAMERA_TARGET + CAMERA_DISTANCE * CAMERA_DIRECTION

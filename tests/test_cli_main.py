@@ -33,6 +33,7 @@ ARGUMENTS = {
     "skin show": "gone",
     "skin check": "gone",
     "skin design": "gone.urdf --out skin",
+    "skin paint": "gone.urdf --spec spec.yaml",
     "bench latency": "--steps 10",
     "bench throughput": "--seconds 1",
     "doctor": "",
@@ -111,7 +112,7 @@ def test_missing_path_is_refused(name, refuse):
     [
         ("dance", ("'dance'", "run, demo, record")),
         ("skin", ("'skin'", "skin show, skin check")),
-        ("skin paint", ("'skin'",)),
+        ("skin dye", ("'skin'",)),
         ("--json train", ("'--json'",)),
         ("convert glove in out", ("dataset is 'glove'; allowed are sleeve, s",)),
         ("train a --out m --seed x", ("--seed is 'x'; allowed is a whole number",)),

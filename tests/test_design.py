@@ -33,10 +33,18 @@ from eskin.design import (  # noqa: E402
     design_skin,
     draw_design,
     load_map,
+    read_spec,
     save_design,
     unroll_region,
 )
+from eskin.design.painting import (  # noqa: E402
+    PaintedBall,
+    add_painted,
+    find_points,
+    sample_surfaces,
+)
 from eskin.design.patches import divide, iterate_routable  # noqa: E402
+from eskin.design.spec import RegionEntry, SpecFile, write_spec_file  # noqa: E402
 from eskin.skin import MountedSkin, Tube  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -231,6 +239,40 @@ def test_region_covers_only_its_part_at_its_density(robots):
     assert in_part.sum() > 30
     np.testing.assert_array_equal(part.contains(design.skin.positions), in_part)
     assert rest.area + dense.area == pytest.approx(0.0592, rel=1e-6)
+
+
+def test_painted_region_is_read_back_and_covered(robots, tmp_path):
+    """Balls that overlap are one region: no patch ends where two of them meet."""
+    heights = (-0.03, 0.0, 0.03)
+    balls = [PaintedBall("body", (0.04, 0.0, z), 0.03, False) for z in heights]
+    gap = PaintedBall("body", (0.04, 0.0, 0.0), 0.012, True)
+    earlier = SpecFile(regions=[RegionEntry(link="body", density_per_cm2=0.5)])
+    entries = add_painted(earlier, [*balls, gap], 3e4)
+    write_spec_file(tmp_path / "spec.yaml", entries)
+    regions, keep_outs = read_spec(tmp_path / "spec.yaml", DENSITY)
+    assert [region.density for region in regions] == pytest.approx([3e4, 5e3])
+    skin = sample_surfaces(robots["box"])
+    for zones, painted in (([regions[0].zone], balls), (keep_outs, [gap])):
+        away = np.array([skin.positions - ball.point for ball in painted])
+        radii = np.array([ball.radius for ball in painted])
+        near = np.linalg.norm(away, axis=2) <= radii[:, None]
+        assert (find_points(skin, zones) == near.any(axis=0)).all()
+    design = design_skin(robots["box"], DesignSpec("toy", regions, keep_outs))
+    on_paint = np.isin(design.skin.patch_index, design.regions[0].patches)
+    places = design.skin.positions[on_paint]
+    assert regions[0].zone.contains(places).all() and len(places) > 60
+    assert not keep_outs[0].contains(design.skin.positions).any()
+
+
+def test_points_to_paint_on_lie_all_over_the_surface(robots):
+    for name, area in (("box", 0.0592), ("ball", 4 * np.pi * 0.05**2)):
+        skin = sample_surfaces(robots[name])
+        distances, normals = compute_surface_distance(
+            robots[name].links[0], skin.positions
+        )
+        assert np.abs(distances).max() < 0.1 * MM
+        assert skin.areas.sum() == pytest.approx(area, rel=0.01)
+        assert skin.areas.max() < 5e-4
 
 
 ELBOW = """<robot name="elbow">
@@ -616,6 +658,8 @@ def test_command_refuses_what_cannot_be_made_in_one_line(
         ("regions: [{link: a, box_mm: [[0,0,0],[1,1,0]]}]", ["regions[0]", "smallest"]),
         ("regions: [{link: a, point_mm: [0,0,0]}]", ["regions[0]", "radius_mm"]),
         ("regions: [{links: a}]", ["regions[0]"]),
+        ("regions: [{link: a, balls_mm: []}]", ["regions[0].balls_mm"]),
+        ("regions: [{link: a, balls_mm: [[0,0,0,0]]}]", ["radius above 0"]),
         ("keep_out: 3", ["keep_out", "list"]),
     ],
 )
@@ -630,6 +674,24 @@ def test_specification_with_an_error_is_refused_in_one_line(
     assert error.count("\n") == 1
     for word in words:
         assert word in error
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--links", "nose"], ["no link 'nose'", "allowed:"]),
+        (["--density", "0"], ["--density is 0"]),
+        (["--port", "70000"], ["port is 70000"]),
+    ],
+)
+def test_painting_refuses_bad_input_in_one_line(tmp_path, capsys, options, words):
+    spec = tmp_path / "spec.yaml"
+    assert run(["skin", "paint", "tube", "--spec", str(spec), *options]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+    assert not spec.exists()
 
 
 def test_region_of_a_link_without_a_shape_is_refused(tmp_path):

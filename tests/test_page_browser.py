@@ -10,7 +10,7 @@ import pytest
 from eskin.page import ArmSummary, GuideBoard, LogEntry
 from eskin.page.link import free_port
 from eskin.touch import Calibration, Scan, TouchPipeline
-from eskin.viewer import CalibrationViewer, ViewerConfig
+from eskin.viewer import CalibrationViewer, PaintViewer, ViewerConfig
 from eskin.viewer.process import PageProcess
 from helpers.viewer import Q, make_setup, make_update, mounted
 
@@ -276,6 +276,53 @@ def test_page_guides_through_calibration(calibrated):
     assert not viewer.closed.is_set()
     find("Close").click()
     viewer.wait_closed()
+
+
+def test_drag_over_robot_paints_what_is_saved(browser):
+    saved = []
+
+    def save(balls):
+        saved[:] = [balls]
+        return "saved: it"
+
+    earlier = np.zeros((2, mounted().skin.count), bool)
+    config = ViewerConfig(free_port(0))
+    viewer = PaintViewer(mounted(), save, earlier, 100, config)
+    tab = new_slow_tab(browser)
+    link = int(mounted().taxel_link_index[TARGET])
+    p_world = mounted().kinematics.poses(np.zeros(6))[link] @ np.append(
+        mounted().skin.positions[TARGET], 1.0
+    )
+    try:
+        tab.goto(viewer.page.wait_ready(PATIENCE))
+        tab.wait_for_selector("text=Drag over the robot")
+        x, y = Canvas.of(tab).drawn_at(p_world[:3])
+
+        def drag():
+            tab.mouse.move(x, y)
+            tab.mouse.down()
+            for step in range(6):
+                tab.mouse.move(x + 6 * step, y)
+                time.sleep(0.3)
+            tab.mouse.up()
+
+        def find(name):
+            return tab.get_by_role("button", name=name)
+
+        assert becomes_after(drag, lambda: len(viewer.balls) > 1)
+        assert becomes(lambda: viewer.find_painted()[0].any(), PATIENCE)
+        find("Save").click()
+        tab.wait_for_selector("text=saved: it")
+        assert len(saved[0]) > 1
+        while viewer.balls:
+            before = len(viewer.balls)
+            find("Undo").click()
+            assert becomes(lambda before=before: len(viewer.balls) < before, PATIENCE)
+        find("Close").click()
+        viewer.wait_closed()
+    finally:
+        tab.close()
+        viewer.close()
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from eskin.page.colours import (
     choose_gesture_colours,
 )
 from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, MouseHand, SurfacePoint
+from eskin.page.paint import PaintBrush
 from helpers.viewer import make_setup, mounted
 
 FOREARM = 1200
@@ -193,3 +194,25 @@ def test_stroke_by_click_runs_along_one_link(hand):
     places = np.array([order.p_link for order in hand.sent])
     assert np.linalg.norm(places[-1] - places[0]) > 0.06
     assert {order.link for order in hand.sent} == {"forearm_link"}
+
+
+def test_drag_paints_balls_of_one_stroke_as_far_apart_as_the_brush_wants():
+    sent = []
+    brush = PaintBrush(make_setup(), sent.append)
+    brush.radius = 0.03
+    start = point()
+    brush.drag("start", start)
+    assert sent == []
+    for step in range(30):
+        moved = start.p_link + np.array([0.0, 0.0, 0.004 * step])
+        brush.drag("update", SurfacePoint(FOREARM, start.link, moved))
+    brush.drag("update", None)
+    brush.drag("end", None)
+    places = np.array([ball.p_link for ball in sent])
+    assert {ball.stroke for ball in sent} == {1}
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).min() >= 0.015
+    # No point of the drag is left without paint.
+    assert np.linalg.norm(places[:, None] - moved, axis=2).min() < 0.03
+    brush.keeps_out = True
+    brush.click(start, 0.0)
+    assert (sent[-1].stroke, sent[-1].keeps_out) == (2, True)

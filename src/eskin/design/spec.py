@@ -147,9 +147,7 @@ class SpecFile(BaseModel):
     regions: list[RegionEntry] = []
     keep_out: list[ZoneEntry] = []
 
-    def build(
-        self, density: float
-    ) -> tuple[tuple[RegionSpec, ...], tuple[Zone, ...]]:
+    def build(self, density: float) -> tuple[tuple[RegionSpec, ...], tuple[Zone, ...]]:
         """Build regions and keep-out zones; see `read_spec`."""
         regions = tuple(
             RegionSpec(

@@ -159,7 +159,7 @@ class ViewUpdate:
     board: ComparisonBoard | None = None
     """Comparison of recognisers; None where none are compared."""
     guide: GuideBoard | None = None
-    """Guide through a calibration; None where nothing is calibrated."""
+    """Guide through a calibration, or what is painted; None without either."""
     recording: str = ""
     """State and path of the recording; empty before the first."""
 
@@ -216,6 +216,14 @@ class SceneDescription:
     """Whether a comparison of recognisers replaces the panel beside the scene."""
     calibrates: bool = False
     """Whether the guide through a calibration replaces the panel beside the scene."""
+    paints: bool = False
+    """Whether the mouse paints, and the brush replaces the panel beside the scene."""
+    middle: tuple[float, float, float] = (0.05, 0.0, 0.3)
+    """Point that the camera looks at first, in the world frame [m]."""
+    distance: float = 1.75
+    """Distance of the camera from that point [m]."""
+    ground: float = 0.0
+    """Height of the ground in the world frame [m]."""
     warning: str = ""
     """Warning that is always shown above the panel; empty for none."""
     commands: tuple[str, ...] = ()
@@ -241,6 +249,8 @@ PageKind = Literal[
     "opened",
     "skip_patch",
     "close",
+    "undo",
+    "save",
 ]
 
 
@@ -283,7 +293,23 @@ class CorrectionOrder:
     """Name of the gesture that it was."""
 
 
-Order = TouchOrder | PageOrder | CorrectionOrder
+@dataclass(frozen=True)
+class PaintOrder:
+    """Requests a ball of paint on the surface of a link."""
+
+    stroke: int
+    """Number of the stroke that it belongs to."""
+    link: str
+    """Name of the link."""
+    p_link: tuple[float, float, float]
+    """Centre on the surface, in the frame of the link [m]."""
+    radius: float
+    """Radius [m]."""
+    keeps_out: bool
+    """Whether no skin is to lie there."""
+
+
+Order = TouchOrder | PageOrder | CorrectionOrder | PaintOrder
 
 MessageKind = Literal["ready", "refused", "shown", "order"]
 READY: MessageKind = "ready"

@@ -18,6 +18,7 @@ from eskin.page.colours import ColourScale
 from eskin.page.guide import CalibrationPanel
 from eskin.page.hand import MouseHand, TaxelPicker, TouchMode
 from eskin.page.messages import Order, PageOrder, SceneDescription, ViewUpdate
+from eskin.page.paint import PaintBrush, PaintPanel
 from eskin.page.panel import Panel
 from eskin.page.scene import GripperModel, Marks, Scene, TargetMark
 
@@ -27,10 +28,6 @@ PANEL_PERIOD = 0.1
 """Interval between redraws of the panel [s]."""
 WIDTH, WIDER = 320, 400
 """Width of the panel, and of a panel with two columns [px]."""
-CAMERA_TARGET = np.array([0.05, 0.0, 0.3])
-"""Point that the camera looks at, in the world frame [m]."""
-CAMERA_DISTANCE = 1.75
-"""Distance of the camera from that point [m]."""
 BRAND = (31, 120, 137)
 SAME_CLICK = 0.05
 """Longest time between the two events of a click on a taxel [s]."""
@@ -53,8 +50,8 @@ class Page:
         Args:
             server: server of the page.
             setup: description of the scene.
-            send: function called with every order; unused if the page is neither
-                touchable nor calibrates.
+            send: function called with every order; unused if the page is not
+                touchable, and neither calibrates nor paints.
         """
         self.server = server
         gui = server.gui
@@ -64,18 +61,17 @@ class Page:
         gui.set_panel_label(setup.title)
         self.scale = ColourScale(SCALE)
         self.scene = Scene(server, setup, self.scale)
-        self.scene.set_camera(CAMERA_TARGET, CAMERA_DISTANCE)
+        self.scene.set_camera(np.array(setup.middle), setup.distance)
         self.marks = Marks(server, self.scene)
         self.target = TargetMark(server, self.scene)
         self.gripper = GripperModel(server, setup) if setup.is_arm else None
-        self.hand = MouseHand(setup, send)
+        self.hand = (PaintBrush if setup.paints else MouseHand)(setup, send)
         self.panel = self.build_panel(setup, send)
         self.picker = TaxelPicker(self.scene)
         self.drawn = -np.inf
         self.asked: tuple[object, ...] = ()
         self.seconds, self.hit = 0.0, -np.inf
-        self.framed = False
-        if setup.touchable:
+        if setup.touchable or setup.paints:
             for link, discs in self.scene.discs.items():
                 self.register_events(link, discs)
                 self.register_events(link, self.scene.add_pads(link))
@@ -87,13 +83,15 @@ class Page:
 
     def build_panel(
         self, setup: SceneDescription, send: Callable[[Order], None]
-    ) -> Panel | ComparisonPanel | CalibrationPanel:
+    ) -> Panel | ComparisonPanel | CalibrationPanel | PaintPanel:
         """Lay out the panel beside the scene."""
         gui = self.server.gui
         if setup.compares:
             return ComparisonPanel(gui, setup, self.scale)
         if setup.calibrates:
             return CalibrationPanel(gui, setup, self.scale, send)
+        if isinstance(self.hand, PaintBrush):
+            return PaintPanel(gui, self.hand, send)
         return Panel(gui, setup, self.scale, self.hand)
 
     def register_events(self, link: int, discs: BatchedMeshHandle) -> None:
@@ -138,9 +136,6 @@ class Page:
         self.seconds = update.seconds
         with self.server.atomic():
             self.scene.show(update)
-            if not self.framed:
-                self.framed = True
-                self.scene.frame()
             self.marks.show(update)
             self.target.show(None if update.guide is None else update.guide.taxel)
             if self.gripper is not None and update.arm is not None:

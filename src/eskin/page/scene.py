@@ -34,11 +34,6 @@ FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
 CAMERA_DIRECTION = np.array([0.82, -0.80, 0.42])
 """Direction in the world frame to the camera from its target, of about unit length."""
-FRAMING = 1.05
-"""Distance of the camera from a robot, relative to that at which it just fits."""
-MARGIN = 1.5
-"""Largest part of a robot beside the half height of the picture, as a robot is rarely
-stretched out."""
 NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
 RAISED = 0.6
@@ -95,7 +90,7 @@ class Scene:
             cell_color=(222, 226, 232),
             section_color=(200, 206, 215),
             shadow_opacity=0.22,
-            position=(0.0, 0.0, -0.001),
+            position=(0.0, 0.0, self.setup.ground - 0.001),
         )
         sky = np.linspace((224, 231, 240), (250, 251, 253), 64).astype(np.uint8)
         scene.set_background_image(np.tile(sky[:, None], (1, 4, 1)))
@@ -155,22 +150,6 @@ class Scene:
         """Turn the camera of a browser to the scene, by the shape of its window."""
         position, look_at = place_camera(*self.camera, client.camera.aspect)
         client.camera.position, client.camera.look_at = position, look_at
-
-    def frame(self) -> None:
-        """Turn the cameras so that the robot fills the page, if it does not already."""
-        points = [self.place_taxels()[0]]
-        for solid in self.setup.solids:
-            pose = self.poses[solid.link].astype(np.float64)
-            turn = quaternion_to_matrix(pose[:4])
-            points.append(solid.vertices @ turn.T + pose[4:])
-        around = np.concatenate(points)
-        middle = (around.min(axis=0) + around.max(axis=0)) / 2
-        radius = float(np.linalg.norm(around - middle, axis=1).max())
-        wanted = FRAMING * radius / np.sin(FIELD_OF_VIEW / 2)
-        offset = np.linalg.norm(middle - self.camera[0])
-        fits = radius + offset < self.camera[1] * np.tan(FIELD_OF_VIEW / 2) * MARGIN
-        if not fits or wanted < self.camera[1] / 2:
-            self.set_camera(middle, wanted)
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """Add one disc per taxel, in the frame of their link."""

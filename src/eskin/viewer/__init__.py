@@ -2,6 +2,14 @@
 
 from eskin.page import PageOrder, TouchOrder
 from eskin.viewer.calibration import CalibrationViewer
+from eskin.viewer.painting import PaintViewer
 from eskin.viewer.viewer import Viewer, ViewerConfig
 
-__all__ = ["CalibrationViewer", "PageOrder", "TouchOrder", "Viewer", "ViewerConfig"]
+__all__ = [
+    "CalibrationViewer",
+    "PageOrder",
+    "PaintViewer",
+    "TouchOrder",
+    "Viewer",
+    "ViewerConfig",
+]

@@ -1,10 +1,13 @@
 """This module builds the meshes that show a robot."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
 from eskin.page import LinkMesh, SceneDescription
 from eskin.robot import (
+    ROBOT_PRESETS,
     Cylinder,
     Geom,
     Robot,
@@ -24,6 +27,8 @@ ARC_POINTS = 5
 """Number of points on the profile of a rounded edge."""
 COVER_DISTANCE = 0.006
 """Greatest distance between an end and the part or taxel that covers it [m]."""
+VIEW_SHARE = 1.6
+"""Distance of the camera over the diagonal of the box around a robot."""
 LID_HEIGHT = 0.005
 """Height of a lid [m]."""
 BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
@@ -38,6 +43,7 @@ def describe_scene(
     is_arm: bool = False,
     compares: bool = False,
     calibrates: bool = False,
+    paints: bool = False,
     warning: str = "",
     commands: tuple[str, ...] = (),
     corrects: bool = False,
@@ -48,10 +54,14 @@ def describe_scene(
     The other arguments are fields of `SceneDescription`.
     """
     skin = mounted.skin
+    solids = build_link_meshes(mounted)
+    view = {} if mounted.robot.name in ROBOT_PRESETS else frame_robot(mounted, solids)
     return SceneDescription(
-        title=f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
+        title=f"{mounted.robot.name}: paint the skin"
+        if paints
+        else f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
         links=mounted.robot.link_names,
-        solids=build_link_meshes(mounted),
+        solids=solids,
         taxel_link=mounted.taxel_link_index,
         positions=skin.positions,
         normals=skin.normals,
@@ -66,11 +76,34 @@ def describe_scene(
         is_arm=is_arm,
         compares=compares,
         calibrates=calibrates,
+        paints=paints,
         warning=warning,
         commands=commands,
         corrects=corrects,
         places=places,
+        **view,
     )
+
+
+def frame_robot(mounted: MountedSkin, solids: tuple[LinkMesh, ...]) -> dict[str, Any]:
+    """Return the view that shows a whole robot with its joints at 0.
+
+    The result holds `middle`, `distance` and `ground` of `SceneDescription`.
+    """
+    T = mounted.kinematics.poses(np.zeros(len(mounted.robot.joint_names)))
+    points = np.concatenate(
+        [
+            *(apply(T[solid.link], solid.vertices) for solid in solids),
+            mounted.place_taxels(np.zeros(len(mounted.robot.joint_names)))[0],
+        ]
+    )
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y, z = ((low + high) / 2).tolist()
+    return {
+        "middle": (x, y, z),
+        "distance": VIEW_SHARE * float(np.linalg.norm(high - low)),
+        "ground": min(0.0, float(low[2])),
+    }
 
 
 def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:

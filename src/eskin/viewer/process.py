@@ -19,6 +19,7 @@ from eskin.page import (
     CorrectionOrder,
     Order,
     PageOrder,
+    PaintOrder,
     SceneDescription,
     TouchOrder,
     ViewUpdate,
@@ -71,7 +72,9 @@ class PageProcess:
             DeviceError: the port is not available.
         """
         port = free_port(port)
-        may_order = setup.touchable or setup.calibrates or setup.corrects
+        may_order = (
+            setup.touchable or setup.calibrates or setup.corrects or setup.paints
+        )
         self.on_order = on_order if may_order else None
         self.setup = setup
         self.changed = Condition()
@@ -191,9 +194,12 @@ class PageProcess:
         """Return whether the page may send an order."""
         if isinstance(order, CorrectionOrder):
             return self.setup.corrects
-        if self.setup.touchable or self.setup.calibrates:
-            return isinstance(order, TouchOrder | PageOrder)
-        return False
+        if isinstance(order, PaintOrder):
+            return self.setup.paints
+        if isinstance(order, PageOrder):
+            return self.setup.touchable or self.setup.calibrates or self.setup.paints
+        is_touch = isinstance(order, TouchOrder)
+        return is_touch and (self.setup.touchable or self.setup.calibrates)
 
     def execute_orders(self) -> None:
         """Execute orders one after the other."""

@@ -14,7 +14,7 @@ from viser.uplot import Series
 from eskin.errors import RecordingError
 from eskin.page import ColourScale, ViewUpdate, html
 from eskin.page.colours import choose_gesture_colours
-from eskin.page.page import BRAND, CAMERA_DISTANCE, CAMERA_TARGET, SCALE, WIDER
+from eskin.page.page import BRAND, SCALE, WIDER
 from eskin.page.panel import add_scale, describe_axis, describe_marks
 from eskin.page.scene import Scene
 from eskin.recording import NONE, DetectionRecord, Label
@@ -238,8 +238,9 @@ class Timeline:
         gui.main_panel.set_width(WIDER)
         gui.set_panel_label(editor.recording.path.name)
         self.scale = ColourScale(SCALE)
-        self.scene = Scene(server, describe_scene(mounted, GESTURES), self.scale)
-        self.scene.set_camera(CAMERA_TARGET, CAMERA_DISTANCE)
+        setup = describe_scene(mounted, GESTURES)
+        self.scene = Scene(server, setup, self.scale)
+        self.scene.set_camera(np.array(setup.middle), setup.distance)
         server.on_client_connect(self.scene.turn)
         self.status = gui.add_html("")
         self.overview = Overview(gui, loaded, editor, detections)
