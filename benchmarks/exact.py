@@ -11,13 +11,12 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import torch
 import tyro
 
-from eskin.cli.generate import GenerateCommand, SkinName, run
+from eskin.cli.generate import SKINS, GenerateCommand, run
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
@@ -97,7 +96,7 @@ def main() -> None:
     print("| skin | stream | recordings | windows | largest difference |")
     print("|---|---|---|---|---|")
     worst = 0.0
-    for skin in get_args(SkinName):
+    for skin in SKINS:
         clips = command.clips if skin == USUAL else command.clips // 10
         folder = command.sets / f"exact-{skin}-{clips}"
         run(GenerateCommand(folder, skin=skin, set="test-m", clips=clips))

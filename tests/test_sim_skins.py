@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import get_args
 
 import numpy as np
 import pytest
 
-from eskin.cli.generate import SkinName
+from eskin.cli.generate import SKINS
 from eskin.sim import load_constants
 from eskin.sim.dataset import GenerationSettings, Simulator
 from eskin.sim.dataset.sets import CLASSES
@@ -23,7 +22,6 @@ from eskin.sim.scene.poses import (
 
 pytestmark = pytest.mark.slow
 
-SKINS = get_args(SkinName)
 DRUMS = ("base", "post")
 ARMS = [skin for skin in SKINS if skin not in DRUMS]
 SMALL_POOL = {"robot.pool_tries": 1 / 16, "robot.pool_bent": 1 / 16}

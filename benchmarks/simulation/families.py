@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import Constants
-from eskin.sim.scene.environment import mount_preset
+from eskin.sim.scene.environment import mount_skin
 from eskin.sim.sensor import FAMILIES, FLAWS, SensorBuild, draw_flawed_build, sense
 from eskin.sim.sensor.families import RESISTIVE
 from eskin.sim.sensor.flaws import Family
@@ -361,7 +361,7 @@ def measure_family(
 
 def family_table(constants: Constants, builds: int, seed: int) -> str:
     """Return a table of what typical builds of each family show beside real arrays."""
-    skin = mount_preset("ur5").skin
+    skin = mount_skin("ur5").skin
     columns = {
         family: measure_family(family, builds, seed, skin, constants)
         for family in FAMILIES

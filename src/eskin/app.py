@@ -363,7 +363,14 @@ def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
     from eskin.sim.dataset import Simulator
     from eskin.sim.interactive import TouchPlayer
 
-    player = TouchPlayer(Simulator(skin), config.seed)
+    robot = config.robot
+    if isinstance(robot, Robot):
+        raise DeviceError(
+            f"source sim:{skin} is given with a robot that is loaded; allowed is its "
+            "name, or the path of its URDF; give that"
+        )
+    simulator = Simulator(skin, robot=None if robot is None else str(robot))
+    player = TouchPlayer(simulator, config.seed)
     generator = player.generator
     info = SourceInfo(
         uri=f"sim:{skin}",
@@ -372,5 +379,6 @@ def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
         skin=generator.mounted.skin,
         calibration=generator.calibration(player.build),
         rate=player.rate,
+        urdf=generator.urdf,
     )
     return PlayedSource(info, player.scans(), config.pace, clock, restamp=True)

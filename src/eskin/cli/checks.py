@@ -145,6 +145,22 @@ def check_picture(target: Path) -> None:
         )
 
 
+def print_untouched(skin: str, robot: str | None) -> None:
+    """Print which links of a skin that does not come with eskin nobody touches."""
+    from eskin.skin import SKIN_PRESETS
+
+    if skin in SKIN_PRESETS:
+        return
+    from eskin.sim.scene import find_untouched_links, load_environment
+
+    links = find_untouched_links(load_environment(skin, robot))
+    if links:
+        print(
+            f"not touched: {', '.join(links)}; no room for a finger, or out of reach",
+            flush=True,
+        )
+
+
 def report_truncated(*datasets: "Dataset | None") -> None:
     """Print the paths of the recordings whose end is missing."""
     for dataset in datasets:

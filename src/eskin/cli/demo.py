@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from eskin.cli.checks import print_untouched
 from eskin.errors import DeviceError
 from eskin.extras import find_mujoco
 
@@ -38,7 +39,11 @@ class DemoCommand:
     """TCP port of the page on this computer; 0 takes any free one."""
 
     skin: str = "ur5"
-    """Name of a skin that comes with eskin and fits the UR5."""
+    """Name of a skin that comes with eskin and fits the UR5, or a skin's folder."""
+
+    robot_urdf: str | None = None
+    """Robot that wears the skin: a URDF file or a preset's name. One other than the UR5
+    stands still in the page, and is not commanded. Preset skins have their own."""
 
     build: Literal["fresh", "shifted"] = "fresh"
     """Simulated sensors: as in training, or aged."""
@@ -99,6 +104,7 @@ def run(command: DemoCommand) -> dict[str, object]:
         )
     if command.dynamics:
         find_mujoco("--dynamics")
+    print_untouched(command.skin, command.robot_urdf)
     config = DemoConfig(
         skin=command.skin,
         model=command.model,
@@ -107,6 +113,7 @@ def run(command: DemoCommand) -> dict[str, object]:
         seed=command.seed,
         imports=command.import_functions,
         dynamics=command.dynamics,
+        robot=command.robot_urdf,
         user=SimulatedUserConfig(pause=command.pause),
     )
     if command.same_touch:

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import tyro
 
-from eskin.cli.checks import check_writable
+from eskin.cli.checks import check_writable, print_untouched
 from eskin.errors import DeviceError, SkinMismatchError
 
 if TYPE_CHECKING:
@@ -32,6 +32,10 @@ class DeviceCommand:
 
     skin: tyro.conf.Positional[str]
     """Name of a skin that comes with eskin, or a folder with skin.yaml."""
+
+    robot_urdf: str | None = None
+    """Robot that wears the skin, for a simulated person: a URDF file or a preset's
+    name. Preset skins have their own."""
 
     pty: bool = False
     """Send over pseudo-terminals, which act as serial ports. This is the default unless
@@ -153,7 +157,9 @@ def load_played(
         from eskin.sim.dataset import Simulator
         from eskin.sim.interactive import TouchPlayer
 
-        player = TouchPlayer(Simulator(command.skin), command.seed)
+        print_untouched(command.skin, command.robot_urdf)
+        simulator = Simulator(command.skin, robot=command.robot_urdf)
+        player = TouchPlayer(simulator, command.seed)
         print("a person who touches the skin is simulated", flush=True)
         scans = player.scans()
         calibration = player.generator.calibration(player.build)

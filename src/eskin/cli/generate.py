@@ -8,10 +8,12 @@ from typing import Literal
 
 import tyro
 
+from eskin.cli.checks import print_untouched
 from eskin.progress import show_progress
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.sim.dataset.sets import RECORDED_GROUPS
 from eskin.sim.people.recorded import find_recorded_people
+from eskin.skin import SKIN_PRESETS
 
 SetName = Literal[
     "train",
@@ -55,7 +57,7 @@ SetName = Literal[
 
 FamilyName = Literal["divider", "logarithmic", "capacitive", "linear"]
 
-SkinName = Literal[
+SKINS = (
     "ur5",
     "ur5-half",
     "ur5-double",
@@ -66,7 +68,8 @@ SkinName = Literal[
     "ur10",
     "base",
     "post",
-]
+)
+"""Skins that come with eskin and that people are simulated on."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +80,13 @@ class GenerateCommand:
     """Folder for the recordings and their index. The same command continues where it
     stopped."""
 
-    skin: SkinName = "ur5"
-    """Skin that is touched."""
+    skin: str = "ur5"
+    """Skin that is touched: the name of one that comes with eskin, or a skin's folder.
+    """
+
+    robot_urdf: str | None = None
+    """Robot that wears the skin: a URDF file or a preset's name. Preset skins have
+    their own."""
 
     set: SetName = "train"
     """Name of the set of clips or streams."""
@@ -130,6 +138,11 @@ def run(command: GenerateCommand) -> dict[str, object]:
             "--people is given without --recorded; allowed is with it; name the folder "
             "of the participants, or leave --people out"
         )
+    if command.skin in SKIN_PRESETS and command.skin not in SKINS:
+        raise ValueError(
+            f"--skin is '{command.skin}'; allowed are {', '.join(SKINS)} or a folder "
+            "with skin.yaml; change it"
+        )
     recorded = None
     if command.recorded is not None:
         grouped = command.set == RECORDED_GROUPS
@@ -143,7 +156,9 @@ def run(command: GenerateCommand) -> dict[str, object]:
         command.difficulty,
         command.families,
         recorded,
+        command.robot_urdf,
     )
+    print_untouched(command.skin, command.robot_urdf)
     with ExitStack() as stack:
         write = None
         if command.ray is not None:

@@ -4,7 +4,7 @@ import gc
 import logging
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event as Flag
@@ -21,10 +21,10 @@ from eskin.command import (
     Task,
     load_commands,
 )
-from eskin.demo.headless import DemoConfig, build_arm
+from eskin.demo.headless import DemoConfig, build_arm, is_on_arm
 from eskin.demo.live_source import LiveSource
-from eskin.drivers import Clock, Event, HostClock
-from eskin.errors import EskinError
+from eskin.drivers import Clock, Event, FixedJoints, HostClock
+from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, warm_up
 from eskin.model import load_model
 from eskin.page import Order, PageOrder, TouchOrder
@@ -123,14 +123,15 @@ class PageOrderHandler:
     def __init__(
         self,
         skin: InteractiveSkin,
-        arm: SimulatedArm,
+        arm: SimulatedArm | None,
         other: Callable[[PageOrder], None] = lambda order: None,
     ) -> None:
         """Store the skin and the arm that orders apply to.
 
         Args:
             skin: the skin that is touched.
-            arm: the arm that is paused, and unlocked as at the robot.
+            arm: the arm that is paused, and unlocked as at the robot; None for a robot
+                that stands still.
             other: handles orders other than touches, faults and pauses.
         """
         self.skin = skin
@@ -176,9 +177,9 @@ class PageOrderHandler:
                 self.skin.kill(float(order.value or 0.0))
             case "restore":
                 self.skin.restore()
-            case "pause_task":
+            case "pause_task" if self.arm is not None:
                 self.arm.pause()
-            case "resume_task":
+            case "resume_task" if self.arm is not None:
                 self.arm.unlock()
                 self.arm.release()
                 self.arm.resume()
@@ -248,14 +249,14 @@ class RunningDemo:
 
     link: str
     """Link that opens the page."""
-    arm: SimulatedArm
-    """Arm at its task."""
+    arm: SimulatedArm | None
+    """Arm at its task; None where another robot stands still."""
     source: LiveSource
     """Source that scans the skin on the arm."""
     recognition: Recognition
     """Listener that recognises touches."""
-    policy: Policy
-    """Listener that commands the arm."""
+    policy: Policy | None
+    """Listener that commands the arm; None without one."""
     stream: Stream
     """Stream from the source to the listeners."""
 
@@ -290,7 +291,7 @@ def serve_skin(
     return PageResult(
         readings=demo.source.given,
         detections=demo.recognition.detections,
-        commands=demo.policy.accepted,
+        commands=0 if demo.policy is None else demo.policy.accepted,
         step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
     )
 
@@ -315,28 +316,39 @@ def run_demo(
         StreamError: something failed while it ran.
     """
     model = load_model(config.model)
-    skin = InteractiveSkin(config.skin, config.seed, config.build_kind, loses=False)
+    skin = build_skin(config)
     recognizer = Recognizer(model, skin.mounted, skin.calibration)
     warm_up(recognizer)
     warm_up_hand(config)
-    skins = (config.skin, *(name for name in SKINS if name != config.skin))
-    vocabulary, clock = model.card.vocabulary, clock or HostClock()
-    commands = load_commands(
-        config.commands, vocabulary, skin.mounted.skin, config.imports
-    )
-    with build_arm(config, clock) as arm:
-        recognition = Recognition(recognizer)
-        policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
-        metadata = Metadata("demo", "mouse", "browser", notes=PARTLY_LABELLED)
-        button = RecordButton(Path.cwd(), metadata)
+    clock, recognition = clock or HostClock(), Recognition(recognizer)
+    metadata = Metadata("demo", "mouse", "browser", notes=PARTLY_LABELLED)
+    button = RecordButton(Path.cwd(), metadata)
+    with ExitStack() as stack:
+        if is_on_arm(skin):
+            arm = stack.enter_context(build_arm(config, clock))
+            vocabulary = model.card.vocabulary
+            commands = load_commands(
+                config.commands, vocabulary, skin.mounted.skin, config.imports
+            )
+            policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
+            names = (config.skin, *(name for name in SKINS if name != config.skin))
+            page = replace(
+                page,
+                skins=names if config.robot is None else (config.skin,),
+                commands=commands.describe(),
+                places=locate_places(arm.executor.task),
+            )
+            source = LiveSource(
+                skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
+            )
+        else:
+            check_standing(config)
+            arm = policy = None
+            page = replace(page, skins=(config.skin,))
+            q = np.zeros(len(skin.mounted.robot.joint_names))
+            source = LiveSource(skin, FixedJoints(q), clock)
         handler = PageOrderHandler(
             skin, arm, lambda order: handle_page_order(order, button, choice)
-        )
-        page = replace(
-            page,
-            skins=skins,
-            commands=commands.describe(),
-            places=locate_places(arm.executor.task),
         )
         viewer = Viewer(
             recognition,
@@ -345,13 +357,11 @@ def run_demo(
             arm,
             recording=button.describe,
         )
-        source = LiveSource(
-            skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
-        )
         gc.unfreeze()
         gc.collect()
         gc.freeze()
-        stream = Stream(source, [recognition, policy, viewer, button])
+        commanding = () if policy is None else (policy,)
+        stream = Stream(source, [recognition, *commanding, viewer, button])
         choice.stop = stream.stop
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
             yield RunningDemo(
@@ -381,9 +391,29 @@ def locate_places(task: Task) -> tuple[tuple[str, tuple[float, float, float]], .
     return tuple(found)
 
 
+def check_standing(config: DemoConfig) -> None:
+    """Raise where a robot that stands still is to be commanded.
+
+    Raises:
+        DeviceError: there are commands, or dynamics.
+    """
+    if config.commands is not None or config.dynamics:
+        raise DeviceError(
+            f"commands or dynamics are asked for on robot '{config.robot}', which "
+            "stands still; allowed are both on ur5; leave them out"
+        )
+
+
+def build_skin(config: DemoConfig) -> InteractiveSkin:
+    """Build the simulated skin of a demonstration, which loses no scans."""
+    return InteractiveSkin(
+        config.skin, config.seed, config.build_kind, loses=False, robot=config.robot
+    )
+
+
 def warm_up_hand(config: DemoConfig) -> None:
     """Compile or load all code that a touch needs, on a second simulated skin."""
-    skin = InteractiveSkin(config.skin, config.seed, config.build_kind, loses=False)
+    skin = build_skin(config)
     q = np.zeros(len(skin.mounted.robot.joint_names))
     for number in range(40):
         if number == 5:

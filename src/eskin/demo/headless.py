@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from eskin.command import (
+    FRAME_TASK,
     DynamicPlant,
     MotionConfig,
     Policy,
@@ -20,9 +21,11 @@ from eskin.demo.score import CommandScore, ScoreListener
 from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.demo.storm import FaultStorm, StormConfig
 from eskin.drivers import Clock, ManualClock
+from eskin.errors import DeviceError
 from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.sim.interactive import InteractiveSkin
+from eskin.sim.scene import Wearer
 from eskin.sim.sensor.build import BuildKind
 from eskin.stream import Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
@@ -33,7 +36,10 @@ class DemoConfig:
     """Sets which skin, model and arm are demonstrated."""
 
     skin: str = "ur5"
-    """Name of a preset skin."""
+    """Name of a preset skin, or folder of a skin."""
+    robot: str | None = None
+    """Robot that wears the skin: its name, or the path of its URDF; None for that of a
+    preset skin. A robot other than the UR5 stands still, and is not commanded."""
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
     commands: Path | None = None
@@ -113,6 +119,11 @@ def build_arm(config: DemoConfig, clock: Clock) -> SimulatedArm:
     return SimulatedArm(clock=clock, motion=motion, plant=plant)
 
 
+def is_on_arm(skin: InteractiveSkin) -> bool:
+    """Tell whether a skin is on the arm that is simulated at its task."""
+    return skin.wearer == Wearer(FRAME_TASK.robot_name, b"")
+
+
 @final
 class SynchronousStream:
     """Calls its listeners in the thread of the caller.
@@ -173,7 +184,12 @@ def run_build(
     """
     clock = ManualClock(NS_PER_S)
     arm = build_arm(config, clock)
-    skin = InteractiveSkin(config.skin, seed, config.build_kind)
+    skin = InteractiveSkin(config.skin, seed, config.build_kind, robot=config.robot)
+    if not is_on_arm(skin):
+        raise DeviceError(
+            f"robot '{skin.wearer.name}' is to be commanded without a page; allowed is "
+            f"{FRAME_TASK.robot_name}, which works at a task; leave out --headless"
+        )
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(

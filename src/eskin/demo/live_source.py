@@ -50,11 +50,12 @@ class LiveSource(Source):
         mounted = skin.mounted
         self.info = SourceInfo(
             uri=f"sim:{mounted.skin.name}",
-            robot_name=skin.robot_name,
+            robot_name=skin.wearer.name,
             joint_names=mounted.robot.joint_names,
             skin=mounted.skin,
             calibration=skin.calibration,
             rate=1.0 / skin.period,
+            urdf=skin.wearer.urdf,
         )
 
     def read(self, timeout: float | None = None) -> Scan | None:

@@ -1,14 +1,23 @@
-"""A chart holds one surface of the robot, unrolled, with all taxels that lie on it."""
+"""A chart holds one surface of the robot, unrolled, with all taxels that lie on it.
+
+A skin whose patches all lie on planes, tubes and domes has one chart for each of these
+surfaces. Any other skin has one chart for each patch: a sheet that goes on over the
+patches around it, so charts overlap, and each taxel is the own one of a single chart.
+"""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from eskin.sim.contact.sheet import Sheet, build_sheet, build_skin_mesh
 from eskin.skin import MountedSkin, Surface, Tube, fit_surface
 
 TOLERANCE = 1e-4
 """Distance within which taxels belong to a surface [m]."""
+MIN_CURVATURE = 0.1
+"""Curvature below which a sheet counts as one of this curvature [1/m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +36,25 @@ class Chart:
     """Half the cell of each taxel as two vectors: along its row, then across it [m]."""
     rim: float = np.inf
     """Distance that the surface goes on beyond its taxels [m]."""
+    others: Bool[np.ndarray, "part"] | None = None
+    """Which of its taxels are those of another chart; None where none are."""
 
-    @property
+    @cached_property
+    def own(self) -> Int[np.ndarray, "own"]:
+        """Return the places in `taxels` of those that are of no other chart."""
+        if self.others is None:
+            return np.arange(len(self.taxels))
+        return np.flatnonzero(~self.others)
+
+    @cached_property
     def radius(self) -> float:
-        """Return the radius of curvature across t [m], infinite on a plane."""
+        """Return the radius of curvature across t [m], infinite on a plane.
+
+        On a sheet it is that of the mean largest curvature, and finite.
+        """
+        if isinstance(self.surface, Sheet):
+            largest = np.linalg.eigvalsh(self.surface.curvatures[self.own])[:, 1]
+            return 1.0 / max(float(largest.mean()), MIN_CURVATURE)
         return float(getattr(self.surface, "radius", np.inf))
 
     @property
@@ -44,6 +68,8 @@ class Chart:
         """Tell which points (s, t) [m] lie off the ends of the surface."""
         if np.isinf(self.rim):
             return np.zeros(unrolled.shape[:-1], dtype=bool)
+        if isinstance(self.surface, Sheet):
+            return self.surface.is_beyond(unrolled, self.rim)
         low = self.unrolled.min(axis=0) - self.rim
         high = self.unrolled.max(axis=0) + self.rim
         off = (unrolled < low) | (unrolled > high)
@@ -68,14 +94,11 @@ def wrap_difference(
 
 
 def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
-    """Build the charts of a skin, in the order of their first taxels.
+    """Build the charts of a skin, in the order of their first own taxels.
 
     Args:
         mounted: skin on its robot.
         rim: distance that surfaces go on beyond their taxels [m].
-
-    Raises:
-        ValueError: a patch lies on no plane, tube or dome.
     """
     skin = mounted.skin
     found: list[tuple[str, Surface, list[int]]] = []
@@ -90,12 +113,36 @@ def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]
         else:
             surface = fit_surface(positions, normals)
             if surface is None:
-                raise ValueError(
-                    f"patch '{patch.id}' lies on no plane, tube or dome; touches are "
-                    "simulated on those only; lay it on one"
-                )
+                return build_sheet_charts(mounted, rim)
             found.append((patch.link, surface, taxels.tolist()))
     return tuple(build_chart(mounted, *parts, rim) for parts in found)
+
+
+def build_sheet_charts(mounted: MountedSkin, rim: float) -> tuple[Chart, ...]:
+    """Build a chart of the sheet around each patch; see `build_charts`."""
+    skin, charts = mounted.skin, []
+    mesh = build_skin_mesh(skin)
+    for index, patch in enumerate(skin.patches):
+        own = np.flatnonzero(skin.patch_index == index)
+        if not len(own):
+            continue
+        sheet, taxels = build_sheet(mesh, own)
+        columns = np.einsum("tij,tj->ti", sheet.axes, skin.tangents[taxels])
+        columns /= np.linalg.norm(columns, axis=1, keepdims=True)
+        rows = np.column_stack([-columns[:, 1], columns[:, 0]])
+        half = sheet.sides[:, None, None] / 2
+        charts.append(
+            Chart(
+                link=patch.link,
+                surface=sheet,
+                taxels=taxels,
+                unrolled=sheet.flat,
+                cells=half * np.stack([columns, rows], axis=1),
+                rim=rim,
+                others=skin.patch_index[taxels] != index,
+            )
+        )
+    return tuple(charts)
 
 
 def build_chart(

@@ -1,9 +1,10 @@
 """Compiled kernels that compute contact ellipses and the pressure on taxels."""
 
+import heapq
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
 
@@ -310,3 +311,138 @@ def spread_to_neighbours(
                 for t in range(len(pressure)):
                     spread[t, column] += share_out * pressure[t, active]
     return spread
+
+
+@compiled
+@no_type_check
+def turn_vector(
+    vector: Float[np.ndarray, "3"],
+    start: Float[np.ndarray, "3"],
+    end: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "3"]:
+    """Turn a vector by the shortest rotation from one unit vector to another."""
+    cross = np.cross(start, end)
+    cosine = dot(start, end)
+    if cosine < -0.999999:
+        return vector.copy()
+    along = dot(cross, vector) / (1.0 + cosine)
+    return cosine * vector + np.cross(cross, vector) + along * cross
+
+
+@compiled
+@no_type_check
+def dot(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
+    """Return the dot product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+@no_type_check
+def unroll_step(
+    positions: Float[np.ndarray, "taxel 3"],
+    normals: Float[np.ndarray, "taxel 3"],
+    axes: Float[np.ndarray, "taxel 2 3"],
+    i: int,
+    j: int,
+) -> tuple[float, float]:
+    """Return the step from taxel i to taxel j, along the axes of taxel i [m].
+
+    Between two points of a circle it is the arc.
+    """
+    middle = normals[i] + normals[j]
+    size = np.sqrt(dot(middle, middle))
+    step = positions[j] - positions[i]
+    middle /= max(size, 1e-12)
+    first = turn_vector(axes[i, 0], normals[i], middle)
+    second = np.cross(middle, first)
+    s, t = dot(first, step), dot(second, step)
+    flat = np.sqrt(s * s + t * t)
+    if flat < 1e-12:
+        return 0.0, 0.0
+    half = 0.5 * np.arccos(min(max(dot(normals[i], normals[j]), -1.0), 1.0))
+    arc = np.sqrt(dot(step, step)) * (half / np.sin(half) if half > 1e-6 else 1.0)
+    return s * arc / flat, t * arc / flat
+
+
+@compiled
+@no_type_check
+def unroll_mesh(
+    positions: Float[np.ndarray, "taxel 3"],
+    normals: Float[np.ndarray, "taxel 3"],
+    starts: Int[np.ndarray, "taxel_and_one"],
+    joined: Int[np.ndarray, "entry"],
+    centre: int,
+    start_axes: Float[np.ndarray, "2 3"],
+    reach: float,
+) -> tuple[
+    Bool[np.ndarray, "taxel"],
+    Float[np.ndarray, "taxel 2"],
+    Float[np.ndarray, "taxel 2 3"],
+]:
+    """Unroll the taxels around one, in the order of their distances (Schmidt 2006).
+
+    A taxel is placed from those before it that agree with its nearest one on where it
+    lies, so that places on both sides of a limb are not averaged.
+
+    Args:
+        positions: centres of the taxels [m].
+        normals: unit normals of the taxels.
+        starts: first entry of each taxel in `joined`.
+        joined: taxels that each taxel is joined to.
+        centre: taxel that becomes (0, 0).
+        start_axes: unit directions of s and t there.
+        reach: distance up to which taxels are unrolled [m].
+
+    Returns:
+        Which taxels were reached, their places (s, t) [m], and the directions of s and
+        t at each of them.
+    """
+    count = len(positions)
+    done = np.zeros(count, dtype=np.bool_)
+    flat = np.zeros((count, 2))
+    axes = np.zeros((count, 2, 3))
+    best = np.full(count, np.inf)
+    parent = np.full(count, -1)
+    best[centre] = 0.0
+    waiting = [(0.0, centre)]
+    while len(waiting) > 0:
+        length, j = heapq.heappop(waiting)
+        if done[j] or length > best[j]:
+            continue
+        if j == centre:
+            axes[j] = start_axes
+        else:
+            s, t = unroll_step(positions, normals, axes, parent[j], j)
+            s, t = s + flat[parent[j], 0], t + flat[parent[j], 1]
+            near = 0.3 * (length - best[parent[j]])
+            total, mean_s, mean_t = 0.0, 0.0, 0.0
+            first = np.zeros(3)
+            for entry in range(starts[j], starts[j + 1]):
+                i = joined[entry]
+                if not done[i]:
+                    continue
+                ds, dt = unroll_step(positions, normals, axes, i, j)
+                size = np.sqrt(ds * ds + dt * dt)
+                ds, dt = ds + flat[i, 0], dt + flat[i, 1]
+                if np.hypot(ds - s, dt - t) > near and i != parent[j]:
+                    continue
+                weight = 1.0 / max(size, 1e-9)
+                total += weight
+                mean_s += weight * ds
+                mean_t += weight * dt
+                first += weight * turn_vector(axes[i, 0], normals[i], normals[j])
+            flat[j, 0], flat[j, 1] = mean_s / total, mean_t / total
+            first -= dot(first, normals[j]) * normals[j]
+            axes[j, 0] = first / max(np.sqrt(dot(first, first)), 1e-12)
+            axes[j, 1] = np.cross(normals[j], axes[j, 0])
+        done[j] = True
+        for entry in range(starts[j], starts[j + 1]):
+            i = joined[entry]
+            if done[i]:
+                continue
+            ds, dt = unroll_step(positions, normals, axes, j, i)
+            onward = length + np.sqrt(ds * ds + dt * dt)
+            if onward < best[i] and onward <= reach:
+                best[i], parent[i] = onward, j
+                heapq.heappush(waiting, (onward, i))
+    return done, flat, axes

@@ -21,6 +21,7 @@ from eskin.sim.contact.kernels import (
     spread_to_neighbours,
 )
 from eskin.sim.contact.press import ContactPads, Press, SoftTissue
+from eskin.sim.contact.sheet import Sheet
 from eskin.skin import Dome, Skin, Tube
 
 KPA_PER_PA = 1e-3
@@ -35,9 +36,9 @@ def compute_contact_ellipses(
     """Return the ellipses of a press, its contact area [m2] and its centroid [m]."""
     offsets = compute_pad_offsets(press)
     long = compute_long_axes(press)
-    curvatures = compute_relative_curvatures(press.pads, chart, long)
     centres = compute_pad_centres(press, chart, offsets)
-    off = compute_pad_gaps(press.tissue, chart, offsets)
+    curvatures = compute_relative_curvatures(press.pads, chart, long, centres)
+    off = compute_pad_gaps(press.tissue, chart, offsets, press.centre)
     off[chart.is_beyond(centres)] = constants.value("contact.off")
     loads = share_load(press, off, constants)
     areas = compute_contact_areas(press, curvatures, loads, constants)
@@ -67,11 +68,28 @@ def compute_long_axes(press: Press) -> Points:
     return np.stack([-np.sin(turned), np.cos(turned)], axis=2)
 
 
+LEAST_CURVED = 0.2
+"""Least curvature of a pad against a hollow surface, over its own."""
+
+
 def compute_relative_curvatures(
-    pads: ContactPads, chart: Chart, long: Points
+    pads: ContactPads, chart: Chart, long: Points, centres: Points
 ) -> Points:
-    """Return each pad's curvature against the surface, across and along it [1/m]."""
+    """Return each pad's curvature against the surface, across and along it [1/m].
+
+    Args:
+        pads: pads of the body.
+        chart: chart that it presses on.
+        long: unit vectors (s, t) of the pads' long axes.
+        centres: centres of the pads, unrolled (s, t) [m].
+    """
     own = np.broadcast_to(1.0 / pads.radii, long.shape)
+    if isinstance(chart.surface, Sheet):
+        bent = chart.surface.compute_curvature(centres)
+        across = np.stack([long[..., 1], -long[..., 0]], axis=-1)
+        both = np.stack([across, long], axis=-2)
+        added = np.einsum("...wi,...ij,...wj->...w", both, bent, both)
+        return np.maximum(own + added, LEAST_CURVED * own)
     if isinstance(chart.surface, Tube):
         # The long axis follows the tube's curvature by its share of s.
         return own + long[..., ::-1] ** 2 / chart.radius
@@ -80,8 +98,24 @@ def compute_relative_curvatures(
     return own
 
 
-def compute_pad_gaps(tissue: SoftTissue, chart: Chart, offsets: Points) -> Lengths:
-    """Return how far pads stay off a round surface that the body wraps poorly [m]."""
+def compute_pad_gaps(
+    tissue: SoftTissue,
+    chart: Chart,
+    offsets: Points,
+    centre: Float[np.ndarray, "time 2"],
+) -> Lengths:
+    """Return how far pads stay off a round surface that the body wraps poorly [m].
+
+    Args:
+        tissue: tissue of the body.
+        chart: chart that it presses on.
+        offsets: offsets of the pads from the centre of the body, as (s, t) [m].
+        centre: centre of the body, unrolled (s, t) [m].
+    """
+    if isinstance(chart.surface, Sheet):
+        bent = chart.surface.compute_curvature(centre)
+        drop = np.einsum("tki,tij,tkj->tk", offsets, bent, offsets) / 2
+        return (1.0 - tissue.conformity) * np.maximum(drop, 0.0)
     round_way = np.zeros(offsets.shape[:2])
     if isinstance(chart.surface, Tube | Dome):
         round_way = offsets[..., 0] ** 2

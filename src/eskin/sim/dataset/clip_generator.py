@@ -1,15 +1,19 @@
 """Clip generators simulate clips from their plans."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import final
 
-from eskin.errors import GenerationError
 from eskin.sim.constants import Constants, load_constants
 from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
 from eskin.sim.dataset.pairs import simulate_pair
 from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan
-from eskin.sim.scene.environment import build_environment, mount_preset
-from eskin.skin import SKIN_PRESETS, MountedSkin
+from eskin.sim.scene.environment import (
+    build_environment,
+    describe_wearer,
+    mount_skin,
+)
+from eskin.skin import MountedSkin
 from eskin.touch import Calibration
 
 
@@ -19,7 +23,9 @@ class ClipGenerator(ABC):
     mounted: MountedSkin
     """Skin on its robot."""
     robot_name: str
-    """Name of the robot for `load_robot`."""
+    """Name of the robot for `load_recorded_robot`."""
+    urdf: bytes = b""
+    """URDF of the robot; empty for one that comes with eskin."""
 
     @abstractmethod
     def make(self, plan: ClipPlan) -> SimulatedClip:
@@ -32,26 +38,30 @@ class ClipGenerator(ABC):
 
 @final
 class Simulator(ClipGenerator):
-    """The simulator generates clips of people who touch a preset skin."""
+    """The simulator generates clips of people who touch a skin."""
 
-    def __init__(self, skin: str = "ur5", constants: Constants | None = None) -> None:
+    def __init__(
+        self,
+        skin: str = "ur5",
+        constants: Constants | None = None,
+        robot: str | None = None,
+    ) -> None:
         """Prepare the skin.
 
         Args:
-            skin: name of a preset.
+            skin: name of a preset, or folder of a skin.
             constants: constants of the simulation; the published ones by default.
+            robot: name of a robot, or path of a URDF; None for that of a preset.
 
         Raises:
-            GenerationError: there is no preset of that name.
+            SkinError: there is no such skin.
+            SkinMismatchError: the robot of the skin is not known, or lacks its links.
         """
-        if skin not in SKIN_PRESETS:
-            raise GenerationError(
-                f"no skin '{skin}' to simulate; allowed are {', '.join(SKIN_PRESETS)}"
-            )
-        self.robot_name = SKIN_PRESETS[skin].robot
-        self.mounted = mounted = mount_preset(skin)
+        self.mounted = mounted = mount_skin(skin, robot)
+        wearer = describe_wearer(skin, robot, mounted)
+        self.robot_name, self.urdf = wearer.name, wearer.urdf
         if skin in SOURCE_SKINS:
-            mounted = mount_preset(SOURCE_SKINS[skin])
+            mounted = mount_skin(SOURCE_SKINS[skin])
         self.env = build_environment(mounted, constants or load_constants())
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
@@ -64,3 +74,15 @@ class Simulator(ClipGenerator):
     def calibration(self, build: BuildOrigin) -> Calibration:
         """Return the calibration that the user of a build has."""
         return get_build(build, self.env).calibration(self.mounted.skin)
+
+
+@dataclass(frozen=True)
+class SimulatorFactory:
+    """This factory builds the simulator of a robot's skin, in any process."""
+
+    robot: str | None = None
+    """Name of the robot, or path of its URDF; None for those of presets."""
+
+    def __call__(self, skin: str) -> Simulator:
+        """Build the simulator of a skin."""
+        return Simulator(skin, robot=self.robot)

@@ -21,7 +21,7 @@ from typing import Protocol
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
-from eskin.sim.dataset.clip_generator import ClipGenerator, Simulator
+from eskin.sim.dataset.clip_generator import ClipGenerator, SimulatorFactory
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
 from eskin.sim.dataset.recorded import RecordedSimulatorFactory
 from eskin.sim.dataset.session_file import write_session
@@ -228,8 +228,8 @@ def generate(
 def choose_factory(settings: GenerationSettings) -> Callable[[str], ClipGenerator]:
     """Choose the simulator of a set: of recorded people, or of simulated ones."""
     if settings.recorded is None:
-        return Simulator
-    return RecordedSimulatorFactory(settings.recorded)
+        return SimulatorFactory(settings.robot)
+    return RecordedSimulatorFactory(settings.recorded, settings.robot)
 
 
 @contextmanager

@@ -42,7 +42,7 @@ from eskin.sim.people.person import Person
 from eskin.sim.scene.environment import (
     SimEnvironment,
     load_environment,
-    mount_preset,
+    mount_skin,
 )
 from eskin.sim.scene.folds import (
     compute_facing_gaps,
@@ -172,7 +172,7 @@ def find_separable_pairs(env: SimEnvironment) -> Bool[np.ndarray, "pair"]:
 @lru_cache(maxsize=1)
 def build_flat_skin() -> tuple[MountedSkin, tuple[Chart, ...]]:
     """Build the flat patch and its chart."""
-    mounted = mount_preset("flat")
+    mounted = mount_skin("flat")
     return mounted, build_charts(mounted)
 
 

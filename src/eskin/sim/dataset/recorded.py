@@ -28,31 +28,37 @@ from eskin.touch import Calibration
 
 @final
 class RecordedSimulator(ClipGenerator):
-    """This simulator generates clips of recorded people who touch a preset skin.
+    """This simulator generates clips of recorded people who touch a skin.
 
     Where they stand, and how tall they are, is drawn anew for each session, since the
     recordings do not tell.
     """
 
     def __init__(
-        self, recorded: RecordedPeople, skin: str, constants: Constants | None = None
+        self,
+        recorded: RecordedPeople,
+        skin: str,
+        constants: Constants | None = None,
+        robot: str | None = None,
     ) -> None:
         """Prepare the skin, and read the recorded touches.
 
         Args:
             recorded: people and where their touches are.
-            skin: name of a preset.
+            skin: name of a preset, or folder of a skin.
             constants: constants of the simulation; the published ones by default.
+            robot: name of a robot, or path of a URDF; None for that of a preset.
 
         Raises:
-            GenerationError: there is no preset of that name.
+            EskinError: there is no such skin, or its robot is not known.
             ImportSourceError: the recorded touches cannot be read.
         """
-        self.simulator = Simulator(skin, constants)
+        self.simulator = Simulator(skin, constants, robot)
         self.robot_name, self.mounted = (
             self.simulator.robot_name,
             self.simulator.mounted,
         )
+        self.urdf = self.simulator.urdf
         self.env = self.simulator.env
         self.touches = read_recorded_touches(recorded.folder, recorded.grouped)
 
@@ -88,7 +94,9 @@ class RecordedSimulatorFactory:
 
     recorded: RecordedPeople
     """People and where their touches are."""
+    robot: str | None = None
+    """Name of the robot, or path of its URDF; None for those of presets."""
 
     def __call__(self, skin: str) -> RecordedSimulator:
         """Build the simulator of a skin."""
-        return RecordedSimulator(self.recorded, skin)
+        return RecordedSimulator(self.recorded, skin, robot=self.robot)

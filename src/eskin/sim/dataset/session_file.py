@@ -140,6 +140,7 @@ def write_session(
         calibration,
         build_metadata(settings, session_plan),
         generator.mounted.robot.joint_names,
+        generator.urdf,
     )
     try:
         with writer:

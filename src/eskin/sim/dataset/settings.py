@@ -27,8 +27,10 @@ from eskin.sim.dataset.sets import (
     resize_set,
 )
 from eskin.sim.people.recorded import RecordedPeople
+from eskin.sim.scene.environment import load_environment
+from eskin.sim.scene.targets import CLOSE
 from eskin.sim.sensor.flaws import FAMILIES, Family
-from eskin.skin import load_robot_for_skin
+from eskin.skin import SKIN_PRESETS, load_robot_for_skin, load_skin, skin_to_bytes
 
 SETTINGS_NAME = "generation.json"
 MAX_SETTINGS_BYTES = 16 << 20
@@ -45,7 +47,7 @@ class GenerationSettings:
     set_name: str = "train"
     """One of `eskin.sim.dataset.sets.SETS`, or `PAIRS`."""
     skin: str = "ur5"
-    """Name of a preset skin."""
+    """Name of a preset skin, or folder of a skin."""
     seed: int = 0
     """Seed of everything that is drawn."""
     clips: int | None = None
@@ -60,6 +62,9 @@ class GenerationSettings:
     published set."""
     recorded: RecordedPeople | None = None
     """People whose recorded touches a set is made of; None for other sets."""
+    robot: str | None = None
+    """Robot that wears the skin: its name, or the path of its URDF; None for that of a
+    preset skin."""
 
     def __post_init__(self) -> None:
         """Refuse settings that no set can be generated with."""
@@ -73,10 +78,12 @@ class GenerationSettings:
         check_recorded(self)
         if self.families is not None:
             check_families(self.families, self.set_name)
-        if self.has_pairs and not has_joints(self.skin):
+        fits = self.skin in SKIN_PRESETS and has_joints(self.skin)
+        if self.has_pairs and not fits:
             raise ValueError(
                 f"set '{PAIRS}' requested on skin '{self.skin}', whose robot has no "
-                "joints to fold; allowed are skins of arms; change --skin"
+                "known joints to fold; allowed are skins of arms that come with eskin; "
+                "change --skin"
             )
         if not self.sessions:
             raise ValueError(f"set '{self.set_name}' has no clips; ask for some")
@@ -96,10 +103,11 @@ class GenerationSettings:
     def clip_set(self) -> ClipSet:
         """Return the set, resized as requested.
 
-        Robots without joints are too wide to grab, so their sets have no grabs.
+        Robots without joints are too wide to grab, so their sets have no grabs; nor
+        have those of a skin that lies around no limb.
         """
         published = load_set(self.set_name, self.constants)
-        if not has_joints(self.skin):
+        if not can_grab(self.skin, self.robot):
             classes = tuple(name for name in published.classes if name != "grab")
             published = replace(published, classes=classes)
         if self.families is not None:
@@ -145,6 +153,12 @@ class GenerationSettings:
         facts["families"] = list(self.clip_set.families)
         if not self.clip_set.families:
             del facts["families"]
+        if self.robot is None:
+            del facts["robot"]
+        if self.skin not in SKIN_PRESETS:
+            facts["skin_digest"] = sha256(
+                skin_to_bytes(load_skin(self.skin))
+            ).hexdigest()
         del facts["recorded"]
         if self.recorded is not None:
             facts["recorded"] = self.recorded.digest
@@ -193,6 +207,13 @@ def has_joints(skin: str) -> bool:
     """Tell whether a skin is on a robot with joints; true if its robot is unknown."""
     robot = load_robot_for_skin(skin)
     return robot is None or len(robot.joint_names) > 0
+
+
+def can_grab(skin: str, robot: str | None) -> bool:
+    """Tell whether a hand can close round a part of a skin on its robot."""
+    if skin in SKIN_PRESETS:
+        return has_joints(skin)
+    return max(load_environment(skin, robot).targets.allows) >= CLOSE
 
 
 def claim_folder(folder: Path, settings: GenerationSettings) -> None:

@@ -50,7 +50,9 @@ def find_chart_point(
         )
     positions = env.mounted.skin.positions
     distances = [
-        np.linalg.norm(positions[env.charts[i].taxels] - point.p_link, axis=1).min()
+        np.linalg.norm(
+            positions[env.charts[i].taxels[env.charts[i].own]] - point.p_link, axis=1
+        ).min()
         for i in charts
     ]
     chart = charts[int(np.argmin(distances))]

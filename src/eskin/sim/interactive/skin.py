@@ -13,7 +13,11 @@ from eskin.sim.dataset.session_plan import build_seed
 from eskin.sim.interactive.hand import InteractiveHand
 from eskin.sim.interactive.touches import MotionTrack
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.scene.environment import SimEnvironment, load_environment
+from eskin.sim.scene.environment import (
+    SimEnvironment,
+    describe_wearer,
+    load_environment,
+)
 from eskin.sim.scene.scene import (
     TouchScene,
     TrueTouchSeries,
@@ -23,7 +27,7 @@ from eskin.sim.scene.scene import (
 )
 from eskin.sim.sensor import Sensor, SensorBuild
 from eskin.sim.sensor.build import BuildKind
-from eskin.skin import SKIN_PRESETS, Skin
+from eskin.skin import Skin
 from eskin.touch import Scan
 
 PA_PER_KPA = 1000.0
@@ -72,7 +76,7 @@ class InteractiveSkin:
 
     Attributes:
         mounted: skin on its robot.
-        robot_name: name of the robot for `load_robot`.
+        wearer: robot that wears it, as recordings name it.
         calibration: calibration of the sensor build.
         period: time between two scans [s].
         hand: hand that touches the skin.
@@ -89,31 +93,30 @@ class InteractiveSkin:
         person: Person | None = None,
         loses: bool = True,
         build: SensorBuild | None = None,
+        robot: str | None = None,
     ) -> None:
         """Build a skin that is in no set that recognisers are trained or tested on.
 
         Args:
-            name: name of a preset skin.
+            name: name of a preset skin, or folder of a skin.
             seed: seed of everything that is drawn.
             build_kind: distribution that the sensor is drawn from; a build of a family
                 scans at the rate nearest to its own that has whole steps.
             person: person who touches it; None draws one that is in no such set.
             loses: whether scans of patches are lost at random, as on a real skin.
             build: sensor build; None draws one of `build_kind`.
+            robot: name of a robot, or path of a URDF; None for that of a preset.
 
         Raises:
-            ValueError: there is no such skin, or the seed is negative.
+            SkinError: there is no such skin.
+            SkinMismatchError: the robot of the skin is not known, or lacks its links.
+            ValueError: the seed is negative.
         """
-        if name not in SKIN_PRESETS:
-            raise ValueError(
-                f"no skin '{name}'; allowed are {', '.join(SKIN_PRESETS)}; "
-                "take one of them"
-            )
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
-        self.robot_name = SKIN_PRESETS[name].robot
-        self.env = load_environment(name)
+        self.env = load_environment(name, robot)
         self.mounted, constants = self.env.mounted, self.env.constants
+        self.wearer = describe_wearer(name, robot, self.mounted)
         origin = f"build {DEMO_ROLE} {build_kind}"
         build = build or get_build(
             BuildOrigin(

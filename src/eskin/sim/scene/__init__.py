@@ -2,15 +2,21 @@
 
 from eskin.sim.scene.environment import (
     SimEnvironment,
+    Wearer,
     build_environment,
     load_environment,
+    mount_skin,
 )
+from eskin.sim.scene.poses import find_untouched_links
 from eskin.sim.scene.validity import are_collision_free, compute_joint_limits
 
 __all__ = [
     "SimEnvironment",
+    "Wearer",
     "are_collision_free",
     "build_environment",
     "compute_joint_limits",
+    "find_untouched_links",
     "load_environment",
+    "mount_skin",
 ]

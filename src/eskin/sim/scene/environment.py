@@ -1,18 +1,39 @@
 """This module defines the simulation environment and sites on its surfaces."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.robot import load_robot
+from eskin.errors import SkinMismatchError
+from eskin.robot import ROBOT_PRESETS
 from eskin.sim.constants import MM, Constants, load_constants
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite
+from eskin.sim.contact.sheet import Sheet
 from eskin.sim.scene.collision import CollisionModel, build_collision_model
 from eskin.sim.scene.targets import TouchTargets, build_targets
-from eskin.skin import SKIN_PRESETS, MountedSkin
+from eskin.skin import SKIN_PRESETS, MountedSkin, load_robot_for_skin, load_skin
+
+
+@dataclass(frozen=True)
+class Wearer:
+    """A wearer says which robot wears a simulated skin, for recordings of it."""
+
+    name: str
+    """Name of a robot that comes with eskin, or of the robot of a URDF."""
+    urdf: bytes
+    """URDF of the robot; empty for one that comes with eskin."""
+
+
+def describe_wearer(skin: str, robot: str | None, mounted: MountedSkin) -> Wearer:
+    """Describe the robot of a skin; arguments are those of `mount_skin`."""
+    if robot is None and skin in SKIN_PRESETS:
+        robot = SKIN_PRESETS[skin].robot
+    if robot in ROBOT_PRESETS:
+        return Wearer(robot, b"")
+    return Wearer(mounted.robot.name, mounted.robot.urdf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +60,32 @@ class SimEnvironment:
         return self.mounted.kinematics.poses(q)
 
     @property
+    def has_sheets(self) -> bool:
+        """Tell whether the skin is charted by sheets, patch by patch."""
+        return any(isinstance(chart.surface, Sheet) for chart in self.charts)
+
+    @property
+    def is_arm(self) -> bool:
+        """Tell whether the robot stands on its base, not on its legs."""
+        return self.collision.ground == 0.0
+
+    @cached_property
+    def base_height(self) -> float:
+        """Return the height of the world frame's origin above the floor [m].
+
+        An arm stands on a table by its base, a robot that is small on its lowest point;
+        a tall one stands on the floor.
+        """
+        table, ground = self.constants.value("robot.table"), self.collision.ground
+        if self.is_arm:
+            return table
+        robot = self.mounted.robot
+        rest = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
+        p_world, _ = self.mounted.place_taxels(rest)
+        tall = p_world[:, 2].max() - ground >= self.constants.value("robot.tall")
+        return -ground if tall else table - ground
+
+    @property
     def can_move(self) -> bool:
         """Tell whether the robot has joints."""
         return len(self.mounted.robot.joint_names) > 0
@@ -62,21 +109,37 @@ def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironm
     """Build the environment of a robot in its skin."""
     charts = build_charts(mounted, constants.value("contact.rim"))
     links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
-    collision = build_collision_model(mounted.robot)
+    least = constants.value("robot.clearance") * MM
+    collision = build_collision_model(mounted.robot, least)
     targets = build_targets(mounted.skin, charts, constants)
     return SimEnvironment(mounted, charts, links, collision, targets, constants)
 
 
-def mount_preset(skin: str) -> MountedSkin:
-    """Mount a preset skin on its robot."""
-    preset = SKIN_PRESETS[skin]
-    return MountedSkin(preset.build(), load_robot(preset.robot))
+def mount_skin(skin: str, robot: str | None = None) -> MountedSkin:
+    """Mount a skin on its robot.
+
+    Args:
+        skin: name of a preset, or folder of a skin.
+        robot: name of a robot, or path of a URDF; None for that of a preset.
+
+    Raises:
+        SkinError: there is no such skin.
+        SkinMismatchError: the robot of the skin is not known, or lacks its links.
+    """
+    found = load_skin(skin)
+    wearer = load_robot_for_skin(skin, robot)
+    if wearer is None:
+        raise SkinMismatchError(
+            f"skin '{skin}' is given without a robot; allowed are a robot's name or a "
+            "URDF file; give the robot that it is on with --robot-urdf"
+        )
+    return MountedSkin(found, wearer)
 
 
 @lru_cache(maxsize=4)
-def load_environment(skin: str) -> SimEnvironment:
-    """Load the environment of a preset skin on its robot, cached."""
-    return build_environment(mount_preset(skin), load_constants())
+def load_environment(skin: str, robot: str | None = None) -> SimEnvironment:
+    """Load the environment of a skin on its robot, cached; see `mount_skin`."""
+    return build_environment(mount_skin(skin, robot), load_constants())
 
 
 def compute_surface_axes(

@@ -40,7 +40,8 @@ def sample_patches(env: SimEnvironment) -> PatchSamples:
     """Sample the taxels that folds and reachable skin are computed with."""
     skin = env.mounted.skin
     most = int(env.constants.value("fold.points"))
-    chosen = [chart.taxels[:: -(-len(chart.taxels) // most)] for chart in env.charts]
+    own = [chart.taxels[chart.own] for chart in env.charts]
+    chosen = [taxels[:: -(-len(taxels) // most)] for taxels in own]
     spheres = []
     for taxels in chosen:
         positions = skin.positions[taxels]
@@ -49,7 +50,7 @@ def sample_patches(env: SimEnvironment) -> PatchSamples:
         spheres.append(np.append(centre, radius))
     links = np.array(env.links, dtype=np.int64)
     taxels = np.concatenate(chosen)
-    shares = [skin.areas[chart.taxels].sum() for chart in env.charts]
+    shares = [skin.areas[taxels].sum() for taxels in own]
     counts = [len(each) for each in chosen]
     return PatchSamples(
         points=skin.positions[taxels].astype(np.float64),

@@ -9,7 +9,15 @@ from eskin.sim.constants import MM
 from eskin.sim.contact.press import ContactSite
 from eskin.sim.people.person import Person
 from eskin.sim.scene.environment import SimEnvironment, build_site, compute_surface_axes
-from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
+from eskin.sim.scene.targets import (
+    CLOSE,
+    EDGE,
+    INNER,
+    REGIONS,
+    SEAM,
+    SLIDE,
+    compute_edge_distance,
+)
 
 ACROSS_HAND = np.linspace(-0.5, 0.5, 3)
 """Checked points across a hand, as shares of its breadth."""
@@ -62,8 +70,8 @@ SHARED_LAWS = {
 }
 """Placement laws of other gestures and kinds; the rest take one at random."""
 
-TUBE_LAWS = ("grab", "stroke")
-"""Placement laws that need a long tube."""
+NEEDS = {"grab": CLOSE, "stroke": SLIDE}
+"""What the places of placement laws must allow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +145,7 @@ def build_view(
 ) -> PersonView:
     """Build the view of a person who touches the robot in a pose."""
     value = env.constants.value
-    table = value("robot.table")
+    table = env.base_height
     distance, bearing = person.stand
     size = person.acromion_height / value("place.acromion")
     low, high = env.constants.array("place.height") * size
@@ -160,21 +168,24 @@ def draw_target(
 
     It is None if no target of the drawn region and kind can be touched.
     """
-    needs_tube = law in TUBE_LAWS
+    needed = NEEDS.get(law, 0)
+    if env.has_sheets and needed > max(env.targets.allows):
+        # A hand that cannot close round anything lies on the skin.
+        needed = max(env.targets.allows)
     by_kind = env.targets.by_kind
     prior = env.constants.weights("place.regions")
     chances = np.array(
         [
-            prior[name] * (len(by_kind[region, INNER, needs_tube]) > 0)
+            prior[name] * (len(by_kind[region, INNER, needed]) > 0)
             for region, name in enumerate(REGIONS)
         ]
     )
     if not chances.any():
         return None
     region = int(rng.choice(len(REGIONS), p=chances / chances.sum()))
-    targets = by_kind[region, draw_target_kind(env, rng), needs_tube]
+    targets = by_kind[region, draw_target_kind(env, rng), needed]
     if not len(targets):
-        targets = by_kind[region, EDGE, needs_tube]
+        targets = by_kind[region, EDGE, needed]
     weights = (
         compute_target_weights(env, view, targets)
         if strict

@@ -12,13 +12,16 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
+from eskin.sim.constants import MM
 from eskin.sim.scene.environment import SimEnvironment
 from eskin.sim.scene.folds import find_folded_poses
 from eskin.sim.scene.validity import (
     are_poses_valid,
     bend_until_self_contact,
     compute_joint_limits,
+    has_ranges,
 )
+from eskin.transforms import apply, rotate
 
 POSE_GROUPS = frozenset(range(1, 13))
 """All groups. The forearm is level in 1-4, rises in 5-8 and hangs in 9-12."""
@@ -34,7 +37,8 @@ FIRST_GROUPS = np.array([9, 1, 5])
 def has_pose_groups(env: SimEnvironment) -> bool:
     """Tell whether the robot is an arm like the UR5, whose poses have groups."""
     robot = env.mounted.robot
-    return FOREARM in robot.link_names and {LIFT, ELBOW} <= set(robot.joint_names)
+    has_joints = {LIFT, ELBOW} <= set(robot.joint_names) and has_ranges(env)
+    return FOREARM in robot.link_names and has_joints
 
 
 def resolve_groups(env: SimEnvironment, requested: Collection[int]) -> list[int]:
@@ -137,9 +141,19 @@ def draw_valid_poses(
         return np.zeros((1, 0))
     low, high = compute_joint_limits(env)
     count = int(env.constants.value("robot.pool_tries"))
-    q = rng.uniform(low, high, (count, len(low)))
+    if has_ranges(env):
+        q = rng.uniform(low, high, (count, len(low)))
+    else:
+        # All are in one group. Where many joints are far from 0, links collide.
+        count = count // len(POSE_GROUPS)
+        rest = np.clip(0.0, low, high)
+        share = rng.uniform(0.0, 1.0, (count, 1))
+        q = rest + share * (rng.uniform(low, high, (count, len(low))) - rest)
     chunks = (q[i : i + CHUNK] for i in range(0, count, CHUNK))
-    return np.concatenate([chunk[are_poses_valid(env, chunk)] for chunk in chunks])
+    valid = np.concatenate([chunk[are_poses_valid(env, chunk)] for chunk in chunks])
+    return (
+        valid if has_ranges(env) else valid[: int(env.constants.array("robot.pool")[0])]
+    )
 
 
 def draw_touching_poses(
@@ -234,3 +248,35 @@ def draw_from_groups(
     low, high = np.deg2rad(env.constants.array(f"robot.range.{base}"))
     q[0] = rng.uniform(low, high)
     return q
+
+
+UNTOUCHED_POSES, UNTOUCHED_TARGETS = 8, 24
+"""Number of poses, and of targets of each link, by which untouched links are found."""
+
+
+def find_untouched_links(env: SimEnvironment) -> tuple[str, ...]:
+    """Find the links with skin that nobody touches, in the order of the robot.
+
+    In some poses of the pool every target of such a link, of those that are tried, is
+    too high or too low for people of average size, or has no room for a finger.
+    """
+    value, table = env.constants.value, env.base_height
+    low, high = env.constants.array("place.height") - table
+    room = value("place.room") * MM / 2
+    rng = np.random.default_rng(0)
+    (poses, *_) = build_pose_pool(env).any.values()
+    links = np.array(env.links)[env.targets.chart]
+    untouched = {int(link) for link in links}
+    for T in env.poses(poses[:UNTOUCHED_POSES]):
+        for link in tuple(untouched):
+            targets = rng.permutation(np.flatnonzero(links == link))
+            targets = targets[:UNTOUCHED_TARGETS]
+            p_world = apply(T[link], env.targets.positions[targets])
+            n_world = rotate(T[link], env.targets.normals[targets])
+            reached = (p_world[:, 2] >= low) & (p_world[:, 2] <= high)
+            away = env.collision.compute_free_distance(
+                T, p_world + room * n_world, link
+            )
+            if np.any(reached & (away >= room)):
+                untouched.discard(link)
+    return tuple(env.mounted.robot.link_names[link] for link in sorted(untouched))

@@ -1,16 +1,20 @@
 """This module finds touch targets: the places on a skin that a touch may aim at."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart
+from eskin.sim.contact.sheet import Sheet
 from eskin.skin import Skin, Tube
 
 REGIONS = ("forearm", "upper_arm", "wrists")
+SLIDE, CLOSE = 1, 2
+"""What a place must allow: that a hand slides along it, or closes round it."""
 INNER, EDGE, SEAM = 0, 1, 2
 TARGET_BLOCK = 1024
 """Targets whose distances are held in memory at a time."""
@@ -50,20 +54,20 @@ class TouchTargets:
     """Areas [m2]."""
     edges: tuple[PatchEdges, ...]
     """Edges of the patches of each chart."""
-    tubes: tuple[bool, ...]
-    """Whether a hand can close round each chart and slide along it."""
+    allows: tuple[int, ...]
+    """What each chart allows: `CLOSE`, and so `SLIDE`; `SLIDE` alone; or 0."""
 
     @cached_property
-    def by_kind(self) -> dict[tuple[int, int, bool], Int[np.ndarray, "_"]]:
-        """Return targets by region, kind, and whether they must be on a tube."""
-        tube = np.array(self.tubes, dtype=bool)[self.chart]
+    def by_kind(self) -> dict[tuple[int, int, int], Int[np.ndarray, "_"]]:
+        """Return targets by region, kind, and what they must allow."""
+        allows = np.array(self.allows, dtype=np.int64)[self.chart]
         return {
-            (region, kind, only): np.flatnonzero(
-                (self.region == region) & (self.kind == kind) & (tube | (not only))
+            (region, kind, least): np.flatnonzero(
+                (self.region == region) & (self.kind == kind) & (allows >= least)
             )
             for region in range(len(REGIONS))
             for kind in (INNER, EDGE, SEAM)
-            for only in (False, True)
+            for least in (0, SLIDE, CLOSE)
         }
 
 
@@ -72,13 +76,16 @@ def build_targets(
 ) -> TouchTargets:
     """Build all targets on a skin."""
     all_edges = tuple(find_patch_edges(skin, chart) for chart in charts)
-    tubes = tuple(is_tube(chart, constants) for chart in charts)
+    allows = tuple(find_allowed(chart, constants) for chart in charts)
     parts = [
         build_chart_targets(chart, edges, constants)
         for chart, edges in zip(charts, all_edges, strict=True)
     ]
     counts = [len(part[0]) for part in parts]
-    regions = [find_region(c, tube) for c, tube in zip(charts, tubes, strict=True)]
+    regions = [
+        find_region(chart, least > 0)
+        for chart, least in zip(charts, allows, strict=True)
+    ]
     unrolled, half, kind = (
         np.concatenate([part[i] for part in parts]) for i in range(3)
     )
@@ -97,7 +104,7 @@ def build_targets(
         normals=np.concatenate([wrap.normals for wrap in wraps]),
         areas=np.where(kind == SEAM, np.mean(areas[kind != SEAM]), areas),
         edges=all_edges,
-        tubes=tubes,
+        allows=allows,
     )
 
 
@@ -107,15 +114,44 @@ def find_region(chart: Chart, tube: bool) -> int:
     return REGIONS.index(long.get(chart.link, "wrists") if tube else "wrists")
 
 
-def is_tube(chart: Chart, constants: Constants) -> bool:
-    """Tell whether a hand can be closed round a chart and slide along it."""
+def find_allowed(chart: Chart, constants: Constants) -> int:
+    """Find whether a hand can be closed round a chart and slide along it.
+
+    A hand closes round a tube, and round a sheet that is bent as much as a limb and has
+    skin on its other side.
+    """
     length = np.ptp(chart.unrolled[:, 1])
-    long = length >= constants.value("place.tube") * MM
-    return bool(long) and isinstance(chart.surface, Tube)
+    if length < constants.value("place.tube") * MM:
+        return 0
+    if not isinstance(chart.surface, Sheet):
+        return CLOSE if isinstance(chart.surface, Tube) else 0
+    normals = chart.surface.normals
+    cosine = normals @ chart.surface.T_link_surface[:3, 2]
+    limb = constants.value("place.limb") * MM
+    near = np.linalg.norm(chart.unrolled, axis=1) <= np.pi * limb
+    thin = chart.radius <= limb and bool(np.any(near & (cosine < OTHER_SIDE)))
+    return CLOSE if thin else SLIDE
+
+
+OTHER_SIDE = -0.5
+"""Cosine of the angle of normals from which on skin is on the other side of a limb."""
+NEAR_OWN = 0.02
+"""Distance from a chart's own taxels within which edges are looked for [m]."""
 
 
 def find_patch_edges(skin: Skin, chart: Chart) -> PatchEdges:
     """Find points on the edges of cells that no cell of the patch adjoins."""
+    if chart.others is not None:
+        own = chart.unrolled[chart.own]
+        low, high = own.min(axis=0) - NEAR_OWN, own.max(axis=0) + NEAR_OWN
+        near = ((chart.unrolled >= low) & (chart.unrolled <= high)).all(axis=1)
+        chart = replace(
+            chart,
+            taxels=chart.taxels[near],
+            unrolled=chart.unrolled[near],
+            cells=chart.cells[near],
+            others=chart.others[near],
+        )
     patch, rows = skin.patch_index[chart.taxels], skin.rows[chart.taxels]
     columns = skin.columns[chart.taxels]
     taken = set(zip(patch.tolist(), rows.tolist(), columns.tolist(), strict=True))
@@ -152,6 +188,8 @@ def compute_edge_distance(
     chart: Chart, edges: PatchEdges, places: Float[np.ndarray, "place 2"]
 ) -> Float[np.ndarray, "place"]:
     """Return how far each place is from the nearest edge of a patch [m]."""
+    if chart.others is not None:
+        return KDTree(edges.points).query(places)[0]
     nearest = np.empty(len(places))
     for first in range(0, len(places), TARGET_BLOCK):
         part = slice(first, first + TARGET_BLOCK)
@@ -168,13 +206,20 @@ def build_chart_targets(
     Int[np.ndarray, "target"],
 ]:
     """Return positions (s, t), half cells and kinds of the targets on one chart."""
-    at = chart.unrolled[:, None] + np.einsum("qa,tad->tqd", QUARTERS, chart.cells)
+    cells = chart.cells[chart.own]
+    at = chart.unrolled[chart.own][:, None] + np.einsum("qa,tad->tqd", QUARTERS, cells)
     unrolled = at.reshape(-1, 2)
-    half = np.repeat(chart.cells / 2, len(QUARTERS), axis=0)
+    half = np.repeat(cells / 2, len(QUARTERS), axis=0)
     near = compute_edge_distance(chart, edges, unrolled) <= (
         constants.value("place.edge_within") * MM
     )
     seam = find_seams(chart, edges, constants.value("place.seam_gap") * MM)
+    if chart.others is not None:
+        # A seam between two patches is on the charts of both; each has half of it.
+        nearest = np.argmin(
+            np.linalg.norm(seam[:, None] - chart.unrolled[None], axis=2), axis=1
+        )
+        seam = seam[~chart.others[nearest]]
     kind = np.concatenate([np.where(near, EDGE, INNER), np.full(len(seam), SEAM)])
     half = np.concatenate([half, np.zeros((len(seam), 2, 2))])
     return np.concatenate([unrolled, seam]), half, kind
@@ -184,11 +229,23 @@ def find_seams(
     chart: Chart, edges: PatchEdges, widest: float
 ) -> Float[np.ndarray, "target 2"]:
     """Find the points (s, t) midway between edges that face each other [m]."""
-    away = compute_offsets(chart, edges.points, edges.points)
-    length = np.linalg.norm(away, axis=2)
-    ahead = np.einsum("ijd,id->ij", away, edges.outward)
-    facing = edges.outward @ edges.outward.T < -0.5
-    gap = np.where(facing & (ahead > 0) & (length <= widest), length, np.inf)
-    first = np.flatnonzero(np.isfinite(gap.min(axis=1)))
-    other = np.argmin(gap[first], axis=1)
-    return edges.points[first] + away[first, other] / 2
+    points, outward = edges.points, edges.outward
+    # Around a tube, points are repeated a turn before and a turn after.
+    turns = (0.0,) if np.isinf(chart.circumference) else (0.0, -1.0, 1.0)
+    whole = chart.circumference if len(turns) > 1 else 0.0
+    repeated = np.concatenate([points + [turn * whole, 0.0] for turn in turns])
+    tree = KDTree(repeated)
+    near = tree.query_ball_point(points, widest * (1 + 1e-9))
+    first = np.repeat(np.arange(len(points)), [len(each) for each in near])
+    other = np.concatenate(near).astype(np.int64) % len(points)
+    away = points[other] - points[first]
+    away[:, 0] = chart.wrap_s(away[:, 0])
+    length = np.linalg.norm(away, axis=1)
+    ahead = np.sum(away * outward[first], axis=1)
+    facing = np.sum(outward[first] * outward[other], axis=1) < -0.5
+    kept = np.flatnonzero(facing & (ahead > 0) & (length <= widest))
+    # Of the edges that face one, the nearest counts, and of those the first.
+    kept = kept[np.lexsort((other[kept], length[kept], first[kept]))]
+    _, nearest = np.unique(first[kept], return_index=True)
+    kept = kept[nearest]
+    return points[first[kept]] + away[kept] / 2

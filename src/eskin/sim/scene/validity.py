@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from eskin.robot import Robot
 from eskin.sim.constants import MM
 from eskin.sim.contact.press import ContactSite
 from eskin.sim.scene.environment import SimEnvironment, build_site
@@ -15,13 +16,37 @@ CM2 = 1e-4
 def compute_joint_limits(
     env: SimEnvironment,
 ) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"]]:
-    """Return the least and greatest joint values that poses are drawn from [rad]."""
+    """Return the least and greatest joint values that poses are drawn from.
+
+    Joints of an arm like the UR5 have ranges of their own; those of other robots are
+    near 0, as far as their limits permit.
+
+    Returns:
+        Values of each joint [rad], or [m] of a prismatic one.
+    """
+    robot = env.mounted.robot
+    if not has_ranges(env):
+        rest = np.clip(0.0, robot.lower, robot.upper)
+        kinds = [joint.kind for joint in robot.actuated_joints]
+        spread = "robot.spread" if env.is_arm else "robot.spread_legs"
+        turn = np.deg2rad(env.constants.value(spread))
+        slide = env.constants.value("robot.slide") * MM
+        most = np.where(np.array(kinds) == "prismatic", slide, turn)
+        return np.maximum(rest - most, robot.lower), np.minimum(
+            rest + most, robot.upper
+        )
     ranges = [
         np.deg2rad(env.constants.array(f"robot.range.{name}"))
-        for name in env.mounted.robot.joint_names
+        for name in robot.joint_names
     ]
     low, high = np.array(ranges).T
     return low, high
+
+
+def has_ranges(env: SimEnvironment) -> bool:
+    """Tell whether the constants have a range for every joint, as for a UR5."""
+    names = env.mounted.robot.joint_names
+    return all(f"robot.range.{name}" in env.constants.entries for name in names)
 
 
 def are_poses_valid(
@@ -48,8 +73,22 @@ def is_tool_above_table(
     env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
     """Tell in which poses the last link is high enough above the table for a tool."""
+    if not has_ranges(env):
+        return np.ones(len(T_world_link), dtype=bool)
     least = env.constants.value("robot.tool_height")
-    return T_world_link[:, -1, 2, 3] >= least
+    return T_world_link[:, find_tool(env.mounted.robot), 2, 3] >= least
+
+
+def find_tool(robot: Robot) -> int:
+    """Find the last of the links that most joints lie before."""
+    depth = dict.fromkeys(robot.link_names, 0)
+    parent_of = {joint.child: joint.parent for joint in robot.joints}
+    for name in robot.link_names:
+        link = name
+        while link in parent_of:
+            depth[name], link = depth[name] + 1, parent_of[link]
+    deepest = max(depth.values())
+    return max(i for i, name in enumerate(robot.link_names) if depth[name] == deepest)
 
 
 def is_skin_reachable(
@@ -57,7 +96,7 @@ def is_skin_reachable(
 ) -> Bool[np.ndarray, "pose"]:
     """Tell in which poses people of average size reach enough skin."""
     low, high = env.constants.array("place.height")
-    table = env.constants.value("robot.table")
+    table = env.base_height
     samples = sample_patches(env)
     up = T_world_link[:, samples.links, 2]
     points = np.split(samples.points, samples.starts[1:-1])
@@ -90,7 +129,7 @@ def find_self_contact_sites(
             taxel = strip[np.argmin(gaps[strip])]
             R = T_world_link[cylinders.links[cylinder], :3, :3]
             along = R @ cylinders.axes[cylinder]
-            centre = env.charts[chart].unrolled[taxel]
+            centre = env.charts[chart].unrolled[env.charts[chart].own[taxel]]
             found.append(build_site(env, chart, centre, along, T_world_link))
     return tuple(found)
 
@@ -98,12 +137,13 @@ def find_self_contact_sites(
 def find_self_pressed_taxels(
     env: SimEnvironment, chart: int, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> tuple[Float[np.ndarray, "part"], Int[np.ndarray, "part"]]:
-    """Return each taxel's distance to other links [m], and the nearest cylinder.
+    """Return each own taxel's distance to other links [m], and the nearest cylinder.
 
     The cylinder is -1 where none is close enough to press.
     """
     link = env.links[chart]
-    local = env.mounted.skin.positions[env.charts[chart].taxels]
+    here = env.charts[chart]
+    local = env.mounted.skin.positions[here.taxels[here.own]]
     T = T_world_link[link]
     points = local @ T[:3, :3].T + T[:3, 3]
     others = env.collision.unjoined[link]
