@@ -34,6 +34,8 @@ ARGUMENTS = {
     "skin check": "gone",
     "skin design": "gone.urdf --out skin",
     "skin paint": "gone.urdf --spec spec.yaml",
+    "skin convert": "gone out",
+    "skin pose": "replay:gone.mcap --points p.csv --out skin",
     "bench latency": "--steps 10",
     "bench throughput": "--seconds 1",
     "doctor": "",

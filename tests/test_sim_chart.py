@@ -96,12 +96,17 @@ def test_cells_on_a_dome_have_their_area_unrolled():
     assert np.allclose(np.abs(np.linalg.det(chart.cells)), 0.004**2, rtol=1e-6)
 
 
-def test_patch_on_no_known_surface_is_refused():
-    mounted = mount((TaxelGrid(4, 4, 0.008, 0.008), Plane(np.eye(4))))
+def test_skin_with_a_patch_on_no_known_surface_has_a_chart_of_each_patch():
+    flat = TaxelGrid(4, 4, 0.008, 0.008), Plane(np.eye(4))
+    assert len(build_charts(mount(flat, flat))) == 1
+    mounted = mount(flat, flat)
     positions = mounted.skin.positions
-    positions[:, 2] = 0.01 * np.sin(500 * positions[:, 0])
-    with pytest.raises(ValueError, match="'p0'.*plane, tube or dome"):
-        build_charts(mounted)
+    positions[:16, 2] = 0.01 * np.sin(500 * positions[:16, 0])
+    charts = build_charts(mounted)
+    assert [set(mounted.skin.patch_index[c.taxels[c.own]]) for c in charts] == [
+        {0},
+        {1},
+    ]
 
 
 def test_surface_ends_at_its_rim_but_not_around_a_tube(ur5, charts):

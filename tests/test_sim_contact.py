@@ -83,7 +83,9 @@ def test_force_beside_the_patch_reaches_no_taxel():
 def test_loaded_pads_sink_to_one_depth_and_bear_all_force(chart, conformity):
     forces = [0.0, 0.01, 1.0, 8.0, 60.0]
     touch = press(FINGERS, forces, angle=1.2, conformity=conformity)
-    gaps = compute_pad_gaps(touch.tissue, chart, compute_pad_offsets(touch))
+    gaps = compute_pad_gaps(
+        touch.tissue, chart, compute_pad_offsets(touch), touch.centre
+    )
     loads = share_load(touch, gaps, CONSTANTS)
     assert loads.sum(axis=1) == pytest.approx(forces)
     assert np.all(loads >= 0.0)

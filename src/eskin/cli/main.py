@@ -54,6 +54,8 @@ COMMANDS = {
     "skin show": Entry("skin:run_show", "describe and draw a skin, or what it feels"),
     "skin check": Entry("skin:run_check", "check a skin's files"),
     "skin design": Entry("design:run", "lay a skin on a robot, and draw its patches"),
+    "skin convert": Entry("exchange:run", "from and to URDF, iCub, GenTact"),
+    "skin pose": Entry("pose:run", "measure where patches are mounted"),
     "skin paint": Entry("paint:run", "paint in the browser where skin is to lie"),
     "bench latency": Entry("bench_latency:run", "time one step of the recogniser"),
     "bench throughput": Entry("bench_throughput:run", "recognise at a rate"),

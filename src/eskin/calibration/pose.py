@@ -1,0 +1,379 @@
+"""This module estimates how a patch is mounted, from presses at known points.
+
+A patch lies elsewhere than its file says: its taxels are moved on their link by one
+rotation and one shift. A press at a known point of the link is felt at a point of the
+file; the motion that takes these points to the known ones is found by least squares.
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+from typing import Literal, final
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import f as f_distribution
+
+from eskin.errors import SkinError
+from eskin.files import read_file
+from eskin.skin import MountedSkin, Skin
+from eskin.skin.surfaces import fit_centre
+from eskin.touch import Calibration, PressDetector, Scan, TouchPipeline
+from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate, skew
+from eskin.units import NS_PER_S
+
+LEAST_PRESSES = 5
+"""Smallest number of presses of a patch: three place it, the others tell how well."""
+LEAST_SPREAD = 0.005
+"""Smallest deviation of the known points from any line [m]."""
+LEAST_NOISE = 1e-4
+"""Smallest deviation of a press that is assumed [m]."""
+ITERATIONS = 30
+CONVERGED = 1e-10
+"""Change of the estimate at which iterations end [rad] or [m]."""
+CONFIDENCE = 0.95
+MAX_BYTES = 1 << 20
+"""Largest size of a file of points [bytes]."""
+TARE_SECONDS = 3.0
+"""Time without touch at the start [s]."""
+TOP = 0.9
+"""Share of the greatest force above which the scans of a press are used."""
+MM = 1e-3
+
+Points = Float[np.ndarray, "press 3"]
+
+
+@dataclass(frozen=True)
+class KnownPoint:
+    """A known point is a place on the outside of a patch, measured on its link."""
+
+    patch: str
+    """Id of the patch that is pressed there."""
+    p_link: tuple[float, float, float]
+    """Position in the frame of the patch's link [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEstimate:
+    """An estimate says how a patch is moved from where its file has it."""
+
+    patch: str
+    """Id of the patch."""
+    centre: Float[np.ndarray, "3"]
+    """Middle of the taxels of the file, about which the rotation is [m]."""
+    rotation: Float[np.ndarray, "3"]
+    """Rotation vector, in the frame of the link [rad]."""
+    shift: Float[np.ndarray, "3"]
+    """Shift of the middle, in the frame of the link [m]."""
+    covariance: Float[np.ndarray, "6 6"]
+    """Covariance of rotation [rad] and shift [m]."""
+    noise: tuple[float, float]
+    """Deviation of a press along the surface, in each direction, and across it [m]."""
+    freedom: float
+    """Degrees of freedom from which the noise was estimated."""
+
+    @property
+    def T_true_file(self) -> Float[np.ndarray, "4 4"]:  # noqa: N802
+        """Return the motion from positions of the file to the true ones."""
+        turn = exp_so3(self.rotation)
+        return make_transform(turn, self.centre + self.shift - turn @ self.centre)
+
+    @property
+    def deviations(self) -> Float[np.ndarray, "6"]:
+        """Return standard deviations of rotation [rad] and shift [m]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def contains(self, T_true_file: Float[np.ndarray, "4 4"]) -> bool:
+        """Tell whether a motion lies in the 95 % confidence region."""
+        turn = exp_so3(self.rotation)
+        rotation = log_so3(T_true_file[:3, :3] @ turn.T)
+        moved = apply(T_true_file, self.centre) - self.centre
+        away = np.concatenate([rotation, moved - self.shift])
+        distance = float(away @ np.linalg.solve(self.covariance, away))
+        limit = 6 * float(f_distribution.ppf(CONFIDENCE, 6, self.freedom))
+        return distance <= limit
+
+
+def find_felt_point(
+    skin: Skin,
+    taxels: Int[np.ndarray, "some"],
+    pressure: Float[np.ndarray, "some"],
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Find the centre of pressure on the surface of a patch, and its outward normal.
+
+    The mean of places on a curved surface lies below it; it is lifted onto the sphere
+    that passes nearest to the taxels.
+
+    Args:
+        skin: the skin.
+        taxels: pressed taxels of one patch.
+        pressure: pressure on each of them [kPa].
+    """
+    force = pressure * skin.areas[taxels]
+    force = force / force.sum()
+    places, normals = skin.positions[taxels], skin.normals[taxels]
+    normal = force @ normals
+    normal /= np.linalg.norm(normal)
+    radius, centre = fit_centre(places, normals)
+    mean = force @ places
+    if radius == 0.0:
+        return mean, normal
+    # Only across the surface: along it the centre of pressure counts.
+    lift = (centre + radius * normal - mean) @ normal
+    return mean + lift * normal, normal
+
+
+def estimate_pose(
+    skin: Skin, patch: str, known: Points, felt: Points, normals: Points
+) -> PoseEstimate:
+    """Estimate how a patch is moved from where its file has it.
+
+    Presses deviate along the surface, as a finger is aimed and felt, and less across
+    it. Both deviations are estimated with the motion, by iterated least squares.
+
+    Args:
+        skin: skin of the file.
+        patch: id of the patch.
+        known: points of the link that were pressed, in its frame [m].
+        felt: points of the file at which they were felt, in that frame [m].
+        normals: outward unit normals of the file there.
+
+    Raises:
+        ValueError: There are too few presses, or they lie along a line.
+    """
+    check_presses(patch, known)
+    centre = skin.positions[skin.find_taxels(patch)].mean(axis=0)
+    turn, shift, noise = np.eye(3), np.zeros(3), np.array([1e-3, 1e-3])
+    freedom, shares, inverse = np.ones(2), np.ones(2), np.zeros((6, 6))
+    for _ in range(ITERATIONS):
+        arm = (felt - centre) @ turn.T
+        out = normals @ turn.T
+        across = out[:, :, None] * out[:, None]
+        weights = (np.eye(3) - across) / noise[0] ** 2 + across / noise[1] ** 2
+        jacobian = np.concatenate(
+            [-skew(arm), np.tile(np.eye(3), (len(arm), 1, 1))], axis=2
+        )
+        left = known - (centre + shift + arm)
+        squares = np.einsum("pia,pij,pjb->ab", jacobian, weights, jacobian)
+        step = np.linalg.solve(
+            squares, np.einsum("pia,pij,pj->a", jacobian, weights, left)
+        )
+        turn, shift = exp_so3(step[:3]) @ turn, shift + step[3:]
+        left = left - jacobian @ step
+        inverse = np.linalg.inv(squares)
+        kinds = np.stack([np.eye(3) - across, across])
+        used = np.einsum("kpij,pja,ab,pib->k", kinds, jacobian, inverse, jacobian)
+        shares = used / noise**2
+        freedom = np.array([2.0, 1.0]) * len(known) - shares
+        found = np.einsum("kpij,pi,pj->k", kinds, left, left)
+        before = noise
+        noise = np.sqrt(np.maximum(found / np.maximum(freedom, 1.0), LEAST_NOISE**2))
+        if max(np.abs(step).max(), np.abs(noise - before).max()) < CONVERGED:
+            break
+    return PoseEstimate(
+        patch=patch,
+        centre=centre,
+        rotation=log_so3(turn),
+        shift=shift,
+        covariance=inverse,
+        noise=(float(noise[0]), float(noise[1])),
+        # Each deviation counts by the part of the motion that rests on it.
+        freedom=float(shares.sum() / np.sum(shares / np.maximum(freedom, 1.0))),
+    )
+
+
+def check_presses(patch: str, known: Points) -> None:
+    """Raise where presses cannot place a patch."""
+    if len(known) < LEAST_PRESSES:
+        raise ValueError(
+            f"patch '{patch}' has {len(known)} presses; allowed are {LEAST_PRESSES} or "
+            "more; press more points"
+        )
+    spread = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
+    deviation = float(spread[1]) / np.sqrt(len(known))
+    if deviation < LEAST_SPREAD:
+        raise ValueError(
+            f"the points of patch '{patch}' lie {1e3 * deviation:.1f} mm from a line; "
+            f"allowed are {1e3 * LEAST_SPREAD:g} mm or more; spread them over the patch"
+        )
+
+
+def move_patch(skin: Skin, estimate: PoseEstimate) -> Skin:
+    """Return a skin with a patch where it was estimated to be."""
+    taxels, T = skin.find_taxels(estimate.patch), estimate.T_true_file
+    positions, normals, tangents = (
+        each.copy() for each in (skin.positions, skin.normals, skin.tangents)
+    )
+    positions[taxels] = apply(T, positions[taxels])
+    normals[taxels] = rotate(T, normals[taxels])
+    tangents[taxels] = rotate(T, tangents[taxels])
+    return replace(skin, positions=positions, normals=normals, tangents=tangents)
+
+
+def read_points(path: Path, skin: Skin) -> tuple[KnownPoint, ...]:
+    """Read known points from a CSV file with columns patch, x_mm, y_mm and z_mm.
+
+    Raises:
+        SkinError: The file cannot be read, has an error, or names a patch that the skin
+            does not have.
+    """
+    try:
+        text = read_file(path, MAX_BYTES).decode()
+        rows = list(csv.DictReader(StringIO(text)))
+    except OSError as error:
+        raise SkinError(f"cannot read {path}: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise SkinError(f"{path}: no CSV text ({error}); correct it") from None
+    names = {patch.id for patch in skin.patches}
+    points = []
+    for number, row in enumerate(rows, 2):
+        try:
+            x, y, z = (MM * float(row[f"{axis}_mm"]) for axis in "xyz")
+            if row["patch"] not in names or not np.isfinite([x, y, z]).all():
+                raise ValueError
+        except (KeyError, TypeError, ValueError):
+            raise SkinError(
+                f"{path}: line {number} is {','.join(map(str, row.values()))!r:.60}; "
+                "allowed is a patch of the skin and three numbers, below the head "
+                "patch,x_mm,y_mm,z_mm; correct it"
+            ) from None
+        points.append(KnownPoint(row["patch"], (x, y, z)))
+    if not points:
+        raise SkinError(
+            f"{path} has no points; allowed are lines below the head "
+            "patch,x_mm,y_mm,z_mm; measure some"
+        )
+    return tuple(points)
+
+
+@dataclass(frozen=True, eq=False)
+class PressScan:
+    """A press scan holds the contact of one scan of a press."""
+
+    force: float
+    """Force of the contact [N]."""
+    taxels: Int[np.ndarray, "some"]
+    """Taxels of the contact."""
+    pressure: Float[np.ndarray, "some"]
+    """Pressure on each of them [kPa]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosePress:
+    """A press was felt where a known point was pressed."""
+
+    point: KnownPoint
+    felt: Float[np.ndarray, "3"]
+    """Centre of pressure in the frame of the link, by the file [m]."""
+    normal: Float[np.ndarray, "3"]
+    """Outward unit normal of the file there."""
+
+
+@dataclass(frozen=True)
+class PoseEvent:
+    """An event is what a scan has led to."""
+
+    kind: Literal["rested", "pressed", "refused"]
+    text: str = ""
+    """Reason for which a press is refused."""
+
+
+@final
+class PoseGuide:
+    """A guide asks for presses at known points, one after the other.
+
+    It is pushed scan by scan, and knows no terminal.
+
+    Attributes:
+        presses: presses so far.
+        waiting: points that are still to be pressed, in order.
+    """
+
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        calibration: Calibration,
+        points: Sequence[KnownPoint],
+    ) -> None:
+        """Start with some seconds without touch."""
+        self.skin = mounted.skin
+        self.pipeline = TouchPipeline(mounted, calibration)
+        self.detector = PressDetector()
+        self.waiting = list(points)
+        self.presses: list[PosePress] = []
+        self.rests_until: int | None = None
+        self.rested = False
+        self.firmest: list[PressScan] = []
+
+    @property
+    def is_done(self) -> bool:
+        """Tell whether no point is left to press."""
+        return not self.waiting
+
+    def push(self, scan: Scan) -> PoseEvent | None:
+        """Process the next scan, and return what it has led to."""
+        state = self.pipeline.push(scan)
+        if self.rests_until is None:
+            self.rests_until = scan.stamp + round(TARE_SECONDS * NS_PER_S)
+        if not self.rested:
+            self.rested = scan.stamp >= self.rests_until
+            return PoseEvent("rested") if self.rested else None
+        taxel = self.detector.push(state)
+        if self.detector.since is not None:
+            contact = max(state.contacts, key=lambda each: each.force)
+            pressure = state.reading.pressure[contact.taxels]
+            self.firmest.append(PressScan(contact.force, contact.taxels, pressure))
+            return None
+        ended, self.firmest = self.firmest, []
+        if taxel is None or not ended or self.is_done:
+            return None
+        point = self.waiting[0]
+        felt_on = self.skin.patches[int(self.skin.patch_index[taxel])].id
+        if felt_on != point.patch:
+            return PoseEvent("refused", f"felt on patch '{felt_on}'")
+        self.waiting.pop(0)
+        self.presses.append(self.build_press(point, ended))
+        return PoseEvent("pressed")
+
+    def build_press(
+        self,
+        point: KnownPoint,
+        scans: Sequence[PressScan],
+    ) -> PosePress:
+        """Build a press from the mean pressure of its firmest scans."""
+        most = max(scan.force for scan in scans)
+        total = np.zeros(self.skin.count)
+        for scan in scans:
+            if scan.force >= TOP * most:
+                total[scan.taxels] += scan.pressure
+        ids = [patch.id for patch in self.skin.patches]
+        own = (total > 0) & (self.skin.patch_index == ids.index(point.patch))
+        taxels = np.flatnonzero(own)
+        return PosePress(point, *find_felt_point(self.skin, taxels, total[taxels]))
+
+    def skip(self) -> None:
+        """Leave out the point that is asked for."""
+        self.waiting.pop(0)
+
+    def finish(self) -> tuple[PoseEstimate, ...]:
+        """Estimate the poses of the patches that were pressed.
+
+        Raises:
+            ValueError: A patch has too few presses, or they lie along a line.
+        """
+        patches = dict.fromkeys(press.point.patch for press in self.presses)
+        if not patches:
+            raise ValueError(
+                f"no press was felt; allowed are {LEAST_PRESSES} or more of a patch; "
+                "press more firmly, at the points of the file in their order"
+            )
+        found = []
+        for patch in patches:
+            own = [press for press in self.presses if press.point.patch == patch]
+            known = np.array([press.point.p_link for press in own])
+            felt = np.array([press.felt for press in own])
+            normals = np.array([press.normal for press in own])
+            found.append(estimate_pose(self.skin, patch, known, felt, normals))
+        return tuple(found)

@@ -1,0 +1,261 @@
+"""Tests of the pose of a mounted patch: what is found, how sure it is, the command."""
+
+import numpy as np
+import pytest
+
+from eskin.calibration.fingertip import press_taxels
+from eskin.calibration.pose import (
+    KnownPoint,
+    PoseGuide,
+    estimate_pose,
+    find_felt_point,
+    move_patch,
+    read_points,
+)
+from eskin.cli.main import run
+from eskin.errors import SkinError
+from eskin.recording import Metadata, RecordingWriter
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin, fit_surface, load_skin
+from eskin.touch import Calibration, Scan
+from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate
+from helpers.cli import call_json
+from helpers.touch import build_grid_skin
+
+UR5 = load_skin("ur5")
+PATCHES = ("forearm_front", "elbow_cap", "wrist_1_cap")
+SHIFT, TURN = 0.010, np.deg2rad(10.0)
+
+
+def draw_unit(rng):
+    vector = rng.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def draw_motion(skin, patch, rng):
+    centre = skin.positions[skin.find_taxels(patch)].mean(axis=0)
+    turn = exp_so3(TURN * draw_unit(rng))
+    return make_transform(turn, centre + SHIFT * draw_unit(rng) - turn @ centre)
+
+
+def draw_presses(patch, T, rng, count=10, along=1e-3, across=3e-4):
+    """Press points of a moved patch; they deviate along its surface and across it."""
+    own = UR5.find_taxels(patch)
+    # One in each part of the patch, so that they are never along a line.
+    taxels = np.array([rng.choice(part) for part in np.array_split(own, count)])
+    felt, normals = UR5.positions[taxels], UR5.normals[taxels]
+    noise = along * rng.normal(size=(count, 3))
+    lean = np.sum(noise * normals, axis=1, keepdims=True)
+    noise += (across / along - 1) * lean * normals
+    return apply(T, felt + noise), felt, normals
+
+
+def measure_error(found, T):
+    turn = log_so3(found.T_true_file[:3, :3] @ T[:3, :3].T)
+    away = apply(found.T_true_file, found.centre) - apply(T, found.centre)
+    return np.linalg.norm(away), np.linalg.norm(turn)
+
+
+@pytest.mark.parametrize("patch", PATCHES)
+def test_motion_is_found_exactly_from_exact_presses(patch):
+    rng = np.random.default_rng(1)
+    T = draw_motion(UR5, patch, rng)
+    presses = draw_presses(patch, T, rng, along=1e-12, across=1e-12)
+    found = estimate_pose(UR5, patch, *presses)
+    assert max(measure_error(found, T)) < 1e-8
+    moved, taxels = move_patch(UR5, found), UR5.find_taxels(patch)
+    assert moved.positions[taxels] == pytest.approx(apply(T, UR5.positions[taxels]))
+    assert moved.normals[taxels] == pytest.approx(rotate(T, UR5.normals[taxels]))
+    assert moved.tangents[taxels] == pytest.approx(rotate(T, UR5.tangents[taxels]))
+    others = np.setdiff1d(np.arange(UR5.count), taxels)
+    assert np.array_equal(moved.positions[others], UR5.positions[others])
+
+
+def test_offset_of_a_large_patch_is_found_to_a_millimetre_and_a_degree():
+    rng = np.random.default_rng(2)
+    errors = []
+    for _ in range(60):
+        T = draw_motion(UR5, "forearm_front", rng)
+        presses = draw_presses("forearm_front", T, rng)
+        found = estimate_pose(UR5, "forearm_front", *presses)
+        errors.append(measure_error(found, T))
+    shift, turn = np.median(errors, axis=0)
+    assert shift < 1e-3 and turn < np.deg2rad(1.0)
+
+
+@pytest.mark.parametrize("patch", PATCHES)
+def test_confidence_region_contains_the_truth_as_often_as_it_says(patch):
+    """To three standard deviations of a share of 95 % in so many draws."""
+    rng = np.random.default_rng(3)
+    inside = []
+    for _ in range(200):
+        T = draw_motion(UR5, patch, rng)
+        found = estimate_pose(UR5, patch, *draw_presses(patch, T, rng))
+        inside.append(found.contains(T))
+    assert 0.90 <= np.mean(inside) <= 0.996
+
+
+def test_more_presses_and_less_noise_make_it_surer():
+    rng = np.random.default_rng(4)
+    T = draw_motion(UR5, "elbow_cap", rng)
+
+    def deviate(count, along):
+        found = [
+            estimate_pose(
+                UR5, "elbow_cap", *draw_presses("elbow_cap", T, rng, count, along)
+            )
+            for _ in range(20)
+        ]
+        return np.mean([each.deviations for each in found], axis=0)
+
+    few, many, noisy = deviate(10, 1e-3), deviate(40, 1e-3), deviate(40, 2e-3)
+    assert (many < 0.75 * few).all()
+    # Of the six components those that rest on places along the surface double.
+    assert (noisy > many).sum() >= 5 and (noisy > 1.7 * many).any()
+
+
+def test_centre_of_pressure_lies_on_the_surface():
+    for patch in ("forearm_front", "elbow_cap"):
+        taxels = UR5.find_taxels(patch)
+        middle = taxels[len(taxels) // 2]
+        away = np.linalg.norm(UR5.positions[taxels] - UR5.positions[middle], axis=1)
+        near = taxels[away < 0.02]
+        pressure = 50.0 * np.exp(-((away[away < 0.02] / 0.01) ** 2))
+        point, normal = find_felt_point(UR5, near, pressure)
+        surface = fit_surface(UR5.positions[taxels], UR5.normals[taxels])
+        assert surface is not None
+        wrapped = surface.wrap(surface.unroll(point[None]))
+        assert wrapped.positions[0] == pytest.approx(point, abs=5e-5)
+        assert wrapped.normals[0] == pytest.approx(normal, abs=5e-3)
+
+
+def test_presses_that_cannot_place_a_patch_are_refused():
+    taxels = UR5.find_taxels("forearm_front")
+    row = taxels[UR5.rows[taxels] == 10][:8]
+    for chosen, words in ((taxels[:4], "4 presses"), (row[:6], "from a line")):
+        points, normals = UR5.positions[chosen], UR5.normals[chosen]
+        with pytest.raises(ValueError, match=words):
+            estimate_pose(UR5, "forearm_front", points, points, normals)
+
+
+# The guide and the command
+
+SKIN = build_grid_skin(8, 8, patches=2)
+CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
+PERIOD, REST = 50_000_000, 200
+TIP = press_taxels(6.0, np.array([160e-6]), np.zeros((1, 2)), 0.01)[0]
+PLACES = ((1, 1), (1, 6), (6, 1), (6, 6), (3, 4), (4, 2), (2, 3))
+OFFSET = make_transform(exp_so3(np.array([0.0, 0.0, 0.1])), np.array([4e-3, -6e-3, 0]))
+
+
+def find_taxel(patch, row, column):
+    own = (SKIN.patch_index == patch) & (SKIN.rows == row) & (SKIN.columns == column)
+    return int(np.flatnonzero(own)[0])
+
+
+def make_scans(taxels):
+    """Yield scans of rest, and of a press on each of some taxels."""
+    rng = np.random.default_rng(0)
+    above = [np.zeros(SKIN.count)] * 70
+    for taxel in taxels:
+        rows = SKIN.rows - SKIN.rows[taxel]
+        columns = SKIN.columns - SKIN.columns[taxel]
+        own = SKIN.patch_index == SKIN.patch_index[taxel]
+        near = own & (abs(rows) <= 2) & (abs(columns) <= 2)
+        pressure = np.where(near, TIP[(rows + 2) % 5, (columns + 2) % 5], 0.0)
+        above += [pressure / CALIBRATION.gain[0]] * 12 + [np.zeros(SKIN.count)] * 12
+    for number, counts in enumerate(above):
+        noise = np.round(rng.standard_normal(SKIN.count))
+        total = (REST + noise + np.round(counts)).astype(np.int32)
+        yield Scan(PERIOD * (number + 1), total, np.ones(SKIN.count, bool), np.zeros(0))
+
+
+@pytest.fixture
+def pressed(tmp_path):
+    """Return a recording of presses of a moved patch, and the file of their points."""
+    taxels = [find_taxel(1, *place) for place in PLACES]
+    recording, points = tmp_path / "presses.mcap", tmp_path / "points.csv"
+    metadata = Metadata("test", "nobody", "one")
+    with RecordingWriter(recording, "table", SKIN, CALIBRATION, metadata) as writer:
+        for scan in make_scans(taxels):
+            writer.write(scan)
+    name = SKIN.patches[1].id
+    lines = ["patch,x_mm,y_mm,z_mm"]
+    for x, y, z in 1e3 * apply(OFFSET, SKIN.positions[taxels]):
+        lines.append(f"{name},{x:.4f},{y:.4f},{z:.4f}")
+    points.write_text("\n".join(lines) + "\n")
+    return recording, points
+
+
+@pytest.mark.slow
+def test_command_writes_the_skin_with_the_patch_where_it_is(pressed, tmp_path, capsys):
+    recording, points = pressed
+    out = tmp_path / "corrected"
+    command = ("skin", "pose", f"replay:{recording}", "--points", points, "--out", out)
+    found, printed = call_json(capsys, *command)
+    assert found["presses"] == len(PLACES)
+    (patch,) = found["patches"]
+    assert patch["id"] == SKIN.patches[1].id
+    assert patch["rotation_deg"] == pytest.approx([0, 0, np.rad2deg(0.1)], abs=0.3)
+    assert "press at x" in printed and printed.count("felt") == len(PLACES)
+    corrected, taxels = load_skin(out), SKIN.find_taxels(patch["id"])
+    true = apply(OFFSET, SKIN.positions[taxels])
+    assert corrected.positions[taxels] == pytest.approx(true, abs=3e-4)
+    others = SKIN.find_taxels(SKIN.patches[0].id)
+    assert np.array_equal(corrected.positions[others], SKIN.positions[others])
+
+
+def test_press_on_another_patch_is_refused_and_asked_for_again():
+    points = tuple(read_points_of(1))
+    mounted = MountedSkin(SKIN, load_robot("table"))
+    guide = PoseGuide(mounted, CALIBRATION, points)
+    wrong = [find_taxel(0, 3, 3), find_taxel(1, 1, 1)]
+    events = [event for scan in make_scans(wrong) if (event := guide.push(scan))]
+    assert [event.kind for event in events] == ["rested", "refused", "pressed"]
+    assert SKIN.patches[0].id in events[1].text
+    assert len(guide.waiting) == len(points) - 1
+
+
+def read_points_of(patch):
+    for place in PLACES:
+        x, y, z = SKIN.positions[find_taxel(patch, *place)].tolist()
+        yield KnownPoint(SKIN.patches[patch].id, (x, y, z))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["no points", "patch,x_mm,y_mm,z_mm"]),
+        ("patch,x,y,z\np0,1,2,3\n", ["line 2", "patch,x_mm"]),
+        ("patch,x_mm,y_mm,z_mm\nnose,1,2,3\n", ["line 2", "nose"]),
+        ("patch,x_mm,y_mm,z_mm\np0,1,2,3\np0,1,x,3\n", ["line 3"]),
+        ("patch,x_mm,y_mm,z_mm\np0,1,2,nan\n", ["line 2"]),
+        ("patch,x_mm,y_mm,z_mm\np0,1,2\n", ["line 2"]),
+    ],
+)
+def test_points_with_an_error_are_refused_in_one_line(tmp_path, text, words):
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(SkinError) as caught:
+        read_points(path, SKIN)
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.slow
+def test_command_refuses_what_it_cannot_use(pressed, tmp_path, capsys):
+    recording, points = pressed
+    out = tmp_path / "corrected"
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(points.read_text().splitlines()[:4]) + "\n")
+    for options, word in (
+        (["--points", str(few)], "3 presses"),
+        (["--points", str(tmp_path / "none.csv")], "No such file"),
+        (["--points", str(points), "--wait", "0"], "--wait is 0"),
+    ):
+        command = ["skin", "pose", f"replay:{recording}", *options, "--out", str(out)]
+        assert run(command) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and word in error
+        assert not out.exists()
