@@ -237,6 +237,13 @@ def test_hand_closes_round_a_limb_and_not_round_a_body(world):
     assert max(world.targets.allows) < CLOSE
 
 
+def test_grab_where_no_hand_closes_is_a_pressing_hand(bumpy):
+    skin = InteractiveSkin(bumpy[0], loses=False, robot=bumpy[1])
+    place = LinkPoint("body", skin.mounted.skin.positions[200])
+    skin.hand.grab(place)
+    assert [touch.touch.gesture for touch in skin.hand.active.values()] == ["none"]
+
+
 def test_cylinders_enclose_every_shape(tmp_path):
     path = tmp_path / "block.urdf"
     path.write_text(BODY.replace('<box size="0.1 0.1 0.1"/>', '<sphere radius="0.1"/>'))

@@ -120,6 +120,8 @@ class ContactSite:
     from outside the skin [rad]."""
     beyond: tuple[float, float] = (0.0, 0.0)
     """Room beyond either end of the free run, without skin [m]."""
+    can_close: bool = True
+    """Whether a hand could close round the surface there, if it is not too wide."""
 
     def __post_init__(self) -> None:
         """Refuse a free run that does not contain the centre."""

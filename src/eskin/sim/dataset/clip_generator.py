@@ -4,13 +4,14 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import final
 
-from eskin.sim.constants import Constants, load_constants
+from eskin.sim.constants import Constants
 from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
 from eskin.sim.dataset.pairs import simulate_pair
 from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan
 from eskin.sim.scene.environment import (
     build_environment,
     describe_wearer,
+    load_environment,
     mount_skin,
 )
 from eskin.skin import MountedSkin
@@ -57,12 +58,14 @@ class Simulator(ClipGenerator):
             SkinError: there is no such skin.
             SkinMismatchError: the robot of the skin is not known, or lacks its links.
         """
-        self.mounted = mounted = mount_skin(skin, robot)
-        wearer = describe_wearer(skin, robot, mounted)
+        source = SOURCE_SKINS.get(skin, skin)
+        if constants is None:
+            self.env = load_environment(source, robot)
+        else:
+            self.env = build_environment(mount_skin(source, robot), constants)
+        self.mounted = self.env.mounted if source == skin else mount_skin(skin, robot)
+        wearer = describe_wearer(skin, robot, self.mounted)
         self.robot_name, self.urdf = wearer.name, wearer.urdf
-        if skin in SOURCE_SKINS:
-            mounted = mount_skin(SOURCE_SKINS[skin])
-        self.env = build_environment(mounted, constants or load_constants())
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
         """Simulate the clip of a plan, or the stream of a plan without gesture."""

@@ -136,7 +136,7 @@ def find_label(gesture: str, site: ContactSite, constants: Constants) -> str:
     if gesture == "tap_many":
         return "double_pat"
     wide = np.isfinite(site.radius) and 2 * site.radius > constants.value("grab.widest")
-    return "none" if gesture == "grab" and wide else gesture
+    return "none" if gesture == "grab" and (wide or not site.can_close) else gesture
 
 
 def parse_regime(name: str) -> Regime:

@@ -13,7 +13,7 @@ from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite
 from eskin.sim.contact.sheet import Sheet
 from eskin.sim.scene.collision import CollisionModel, build_collision_model
-from eskin.sim.scene.targets import TouchTargets, build_targets
+from eskin.sim.scene.targets import CLOSE, TouchTargets, build_targets
 from eskin.skin import SKIN_PRESETS, MountedSkin, load_robot_for_skin, load_skin
 
 
@@ -204,6 +204,8 @@ def build_site(
         free_run=(max(low, skin_low), min(high, skin_high)),
         angle=float(compute_surface_angle(direction[None], s_axis, t_axis)[0]),
         beyond=(max(skin_low - low, 0.0), max(high - skin_high, 0.0)),
+        can_close=not isinstance(here.surface, Sheet)
+        or env.targets.allows[chart] >= CLOSE,
     )
 
 
