@@ -88,26 +88,28 @@ def measure(name: str, work: Path, set_name: str, clips: int, model: str) -> Non
 
 
 @dataclass(frozen=True, eq=False)
-class Answers:
+class ClipAnswers:
     """Answers hold what weights said of clips."""
 
     people: np.ndarray
     gestures: np.ndarray
     correct: np.ndarray
 
-    def select(self, gestures: Sequence[str]) -> "Answers":
+    def select(self, gestures: Sequence[str]) -> "ClipAnswers":
         """Return the answers to some gestures."""
         kept = np.isin(self.gestures, gestures)
-        return Answers(self.people[kept], self.gestures[kept], self.correct[kept])
+        return ClipAnswers(self.people[kept], self.gestures[kept], self.correct[kept])
 
 
-def read_answers(path: Path) -> Answers:
+def read_answers(path: Path) -> ClipAnswers:
     """Read what `measure` wrote."""
     people, gestures, correct = zip(*json.loads(path.read_text()), strict=True)
-    return Answers(np.array(people), np.array(gestures), np.array(correct, dtype=bool))
+    return ClipAnswers(
+        np.array(people), np.array(gestures), np.array(correct, dtype=bool)
+    )
 
 
-def compare(own: Answers, other: Answers) -> tuple[float, float, float]:
+def compare(own: ClipAnswers, other: ClipAnswers) -> tuple[float, float, float]:
     """Return the difference of two accuracies and its 95 % interval."""
     names = np.unique(np.concatenate([own.people, other.people]))
     sums = np.array(

@@ -41,7 +41,7 @@ PATCHES = ("forearm_front", "elbow_cap", "wrist_1", "wrist_1_cap")
 
 
 @dataclass(frozen=True)
-class Draw:
+class PoseDraw:
     """A draw holds the errors of one estimate."""
 
     shift: float
@@ -75,7 +75,7 @@ def draw_estimate(
     chart: Chart,
     number: int,
     rng: np.random.Generator,
-) -> Draw:
+) -> PoseDraw:
     """Press a moved patch, and estimate how it was moved."""
     skin, constants = mounted.skin, load_constants()
     taxels = skin.find_taxels(patch)
@@ -114,7 +114,7 @@ def draw_estimate(
     )
     error = log_so3(found.T_true_file[:3, :3] @ turn.T)
     away = apply(found.T_true_file, centre) - apply(T, centre)
-    return Draw(
+    return PoseDraw(
         1e3 * float(np.linalg.norm(away)),
         float(np.rad2deg(np.linalg.norm(error))),
         found.contains(T),

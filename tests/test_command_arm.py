@@ -172,7 +172,7 @@ def test_arm_cycles_through_waypoints_and_delivers_parts(arm):
 
 def test_task_keeps_clear_of_robot_and_table_with_tool_down():
     robot, constants = load_robot("ur5"), load_constants()
-    solids = build_collision_model(robot)
+    solids = build_collision_model(robot, 0.005)
     waypoints = [np.array(waypoint.q) for waypoint in FRAME_TASK.waypoints]
     lines = [np.linspace(a, b, 50) for a in waypoints for b in waypoints]
     q = np.concatenate(lines)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from eskin.robot import Box, Cylinder, Geom, Link, Robot, compute_surface_distance
+from eskin.robot import Cylinder, compute_surface_distance
 from eskin.sim.constants import MM
 from eskin.sim.people.perform import perform
 from eskin.sim.scene import are_collision_free, compute_joint_limits
-from eskin.sim.scene.collision import build_collision_model
 from eskin.sim.scene.environment import compute_surface_axes
 from eskin.sim.scene.folds import (
     compute_facing_gaps,
@@ -124,12 +123,6 @@ def test_free_distance_is_that_to_all_other_links_and_the_table():
     others = [measure_distance(T, i, points) for i in sample_surfaces() if i != forearm]
     measured = np.min([points[:, 2], *others], axis=0)
     np.testing.assert_allclose(found, np.maximum(measured, 0.0), atol=1e-9)
-
-
-def test_robot_of_boxes_is_refused():
-    box = Geom(Box((0.1, 0.1, 0.1)), np.eye(4))
-    with pytest.raises(ValueError, match="cylinder"):
-        build_collision_model(Robot("crate", (Link("crate", (box,)),), ()))
 
 
 @lru_cache(maxsize=1)

@@ -32,7 +32,7 @@ LARGE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class TaxelSheet:
     """Describes an even grid of points on a chart, about a centre."""
 
     centre: Float[np.ndarray, "2"]
@@ -66,7 +66,7 @@ class MujocoScene:
         areas: area that each point stands for [m2].
     """
 
-    def __init__(self, press: Press, chart: Chart, sheet: Sheet) -> None:
+    def __init__(self, press: Press, chart: Chart, sheet: TaxelSheet) -> None:
         """Build the scene of the first step of a press.
 
         Raises:
@@ -233,7 +233,7 @@ def instant(press: Press, step: int) -> Press:
     )
 
 
-def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
+def sheet_about(press: Press, chart: Chart, constants: Constants) -> TaxelSheet:
     """Build a sheet that covers once all points the body may touch."""
     deepest = constants.value("contact.deepest") * MM
     reach = np.sqrt(2 * press.pads.radii.max() * deepest)
@@ -243,7 +243,7 @@ def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
     low[0], high[0] = low[0] + beyond, high[0] - beyond
     spacing = np.sqrt(np.prod(high - low) / constants.value("contact.reference.points"))
     s, t = (np.arange(*ends, spacing) for ends in zip(low, high, strict=True))
-    return Sheet(press.centre[0], s, t)
+    return TaxelSheet(press.centre[0], s, t)
 
 
 def pressed(
@@ -299,7 +299,7 @@ SIDE = 6
 
 def on_taxels(
     pressure: Float[np.ndarray, "point"],
-    sheet: Sheet,
+    sheet: TaxelSheet,
     chart: Chart,
     constants: Constants,
 ) -> tuple[Int[np.ndarray, "under"], Float[np.ndarray, "under"]]:

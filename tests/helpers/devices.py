@@ -56,7 +56,7 @@ def scans_of(skin, count, seed=0, received=None):
 class StillSimulator(ClipGenerator):
     """Simulates somebody who only rests, on a small skin."""
 
-    def __init__(self, name):
+    def __init__(self, name, robot=None):
         self.robot_name = "table"
         self.mounted = mounted_small()
 

@@ -149,7 +149,7 @@ def print_untouched(skin: str, robot: str | None) -> None:
     """Print which links of a skin that does not come with eskin nobody touches."""
     from eskin.skin import SKIN_PRESETS
 
-    if skin in SKIN_PRESETS:
+    if skin in SKIN_PRESETS or robot is None:
         return
     from eskin.sim.scene import find_untouched_links, load_environment
 

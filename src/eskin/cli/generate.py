@@ -13,6 +13,7 @@ from eskin.progress import show_progress
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.sim.dataset.sets import RECORDED_GROUPS
 from eskin.sim.people.recorded import find_recorded_people
+from eskin.sim.scene import load_environment
 from eskin.skin import SKIN_PRESETS
 
 SetName = Literal[
@@ -143,6 +144,9 @@ def run(command: GenerateCommand) -> dict[str, object]:
             f"--skin is '{command.skin}'; allowed are {', '.join(SKINS)} or a folder "
             "with skin.yaml; change it"
         )
+    if command.skin not in SKIN_PRESETS:
+        # Before the folder is made, so that nothing is left of a skin without robot.
+        load_environment(command.skin, command.robot_urdf)
     recorded = None
     if command.recorded is not None:
         grouped = command.set == RECORDED_GROUPS

@@ -155,10 +155,9 @@ class GenerationSettings:
             del facts["families"]
         if self.robot is None:
             del facts["robot"]
-        if self.skin not in SKIN_PRESETS:
-            facts["skin_digest"] = sha256(
-                skin_to_bytes(load_skin(self.skin))
-            ).hexdigest()
+        else:
+            data = skin_to_bytes(load_skin(self.skin))
+            facts["skin_digest"] = sha256(data).hexdigest()
         del facts["recorded"]
         if self.recorded is not None:
             facts["recorded"] = self.recorded.digest
@@ -211,7 +210,7 @@ def has_joints(skin: str) -> bool:
 
 def can_grab(skin: str, robot: str | None) -> bool:
     """Tell whether a hand can close round a part of a skin on its robot."""
-    if skin in SKIN_PRESETS:
+    if robot is None:
         return has_joints(skin)
     return max(load_environment(skin, robot).targets.allows) >= CLOSE
 
