@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,7 +54,8 @@ def run(command: PoseCommand) -> dict[str, object]:
         )
     check_folder(command.out)
     is_live = not (command.source and command.source[0].startswith("replay:"))
-    with open_guided_source(command, math.inf) as source:
+    with ExitStack() as stack:
+        source = open_guided_source(command, math.inf, stack)
         info = source.info
         points = read_points(command.points, info.skin)
         mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))

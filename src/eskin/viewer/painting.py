@@ -113,7 +113,6 @@ class PaintViewer:
                 force=0.0,
                 peak=0.0,
                 log_entries=(),
-                faults=0,
                 rate=0.0,
                 step=0.0,
                 age=0.0,

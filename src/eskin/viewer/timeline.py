@@ -484,10 +484,8 @@ class Timeline:
                 self.slider.value = round(self.clock.seconds, 2)
             row = self.loaded.at(self.clock.seconds)
             if row != self.shown:
-                is_first, self.shown = self.shown < 0, row
+                self.shown = row
                 self.scene.show(self.build_update(row))
-                if is_first:
-                    self.scene.frame()
                 self.status.content = self.render_status(row)
                 self.draw()
 
