@@ -223,8 +223,8 @@ def test_clip_of_a_pair_can_be_made_again_alone(pair_set):
 
 
 def test_command_makes_the_same_pairs_again(pair_set, monkeypatch, tmp_path, capsys):
-    def generate_here(folder, settings, workers, on_progress):
-        return generate(folder, settings, 0, build_small_simulator, on_progress)
+    def generate_here(folder, settings, workers, on_progress, write):
+        return generate(folder, settings, 0, build_small_simulator, on_progress, write)
 
     monkeypatch.setattr(command, "generate", generate_here)
     words = "--set pairs --clips 6 --subjects 1 --seed 5 --json"

@@ -85,6 +85,7 @@ def load_model(name_or_path: str | Path) -> Model:
         with safe_open(path, framework="numpy") as file:
             card = read_card((file.metadata() or {}).get(CARD), path)
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        check_types(weights)
     except FileNotFoundError:
         raise ModelError(
             f"{path}: no such model; allowed are {', '.join(MODELS)} and files; train "
@@ -98,6 +99,16 @@ def load_model(name_or_path: str | Path) -> Model:
             "written by eskin train; train it again"
         ) from None
     return Model(weights, card)
+
+
+def check_types(weights: Mapping[str, np.ndarray]) -> None:
+    """Raise a TypeError where numbers are of a type that numpy does not have itself.
+
+    Other packages can give it such types.
+    """
+    for name, weight in weights.items():
+        if weight.dtype.kind == "V":
+            raise TypeError(f"{name} is of {weight.dtype}")
 
 
 def check_size(path: Path) -> None:
