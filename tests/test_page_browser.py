@@ -111,7 +111,7 @@ class FedPage:
 
 def becomes_after(action, condition):
     """Repeat an action until it has its effect: the browser is slow."""
-    return any(action() or becomes(condition, 5.0) for _ in range(6))
+    return any(action() or becomes(condition, 5.0) for _ in range(12))
 
 
 def find_facing_taxel(patch):
