@@ -134,6 +134,8 @@ class EvidenceMonitor:
 
     def reset_doubted(self, taxels: Int[np.ndarray, "doubted"]) -> None:
         """Take doubtful taxels, their rows and columns out of the readings before."""
+        if not self.touches:
+            return
         believed = np.ones(len(self.rows), bool)
         for taxel in taxels.tolist():
             for line in self.select_lines(taxel):

@@ -585,14 +585,10 @@ def read_gentact(path: Path, name: str, robot: Robot, link: str | None = None) -
                 f"{path}: line {number} is {','.join(row)!r:.60}; allowed are "
                 f"{','.join(head)}, with numbers and a radius above 0; correct it"
             ) from None
-        key = (
-            find_parent(row[5], robot, f"{path}: line {number}")
-            if link is None
-            else (
-                link,
-                link,
-            )
-        )
+        if link is None:
+            key = find_parent(row[5], robot, f"{path}: line {number}")
+        else:
+            key = link, link
         found.setdefault(key, []).append(values[1:])
     scale = 1.0 if has_parents else MM
     parts = [
