@@ -12,7 +12,7 @@ from eskin.drivers.packet import decode_packet
 from eskin.drivers.sessions import HostSessions
 from eskin.drivers.source import Source, SourceInfo
 from eskin.drivers.transport import ReceivedPacket, Transport
-from eskin.errors import DeviceError, PacketError, SkinMismatchError
+from eskin.errors import DeviceError, PacketError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -71,11 +71,7 @@ class DeviceSource(Source):
             DeviceError: the transport is lost, or no byte came in time.
         """
         skin = mounted.skin
-        if len(calibration.gain) != skin.count:
-            raise SkinMismatchError(
-                f"calibration has {len(calibration.gain)} taxels, skin '{skin.name}' "
-                f"has {skin.count}; allowed is one gain a taxel; use the skin's own"
-            )
+        calibration.check_skin(skin)
         if rate is not None and not 0.1 <= rate <= MAX_SCAN_RATE:
             raise DeviceError(
                 f"rate is {rate}; allowed is 0.1 to {MAX_SCAN_RATE} scans a second; "

@@ -17,7 +17,7 @@ from eskin.drivers.events import Event, EventLog
 from eskin.drivers.joints import JointSource, PoseLog
 from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.source import Source, SourceInfo
-from eskin.errors import DeviceError, SkinMismatchError
+from eskin.errors import DeviceError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -133,11 +133,7 @@ class SampledSource(Source):
             DeviceError: the device is not there, or the rate is out of range.
         """
         skin = mounted.skin
-        if len(calibration.gain) != skin.count:
-            raise SkinMismatchError(
-                f"calibration has {len(calibration.gain)} taxels, skin '{skin.name}' "
-                f"has {skin.count}; allowed is one gain a taxel; use the skin's own"
-            )
+        calibration.check_skin(skin)
         if rate is not None and not 0.1 <= rate <= MAX_SCAN_RATE:
             raise DeviceError(
                 f"rate is {rate}; allowed is 0.1 to {MAX_SCAN_RATE} scans a second; "

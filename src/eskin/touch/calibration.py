@@ -7,7 +7,8 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-from eskin.errors import RecordingError
+from eskin.errors import RecordingError, SkinMismatchError
+from eskin.skin import Skin
 from eskin.touch.calibration_kernels import MAX_SCALE_SHARE, PressureCurve
 
 VERSION = 1
@@ -106,6 +107,14 @@ class Calibration:
     """The same of the exponent; None where presses did not estimate it."""
     unfelt_deviation: float | None = None
     """The same of `unfelt`; None where presses did not estimate it."""
+
+    def check_skin(self, skin: Skin) -> None:
+        """Raise a `SkinMismatchError` unless the calibration has a gain a taxel."""
+        if len(self.gain) != skin.count:
+            raise SkinMismatchError(
+                f"calibration has {len(self.gain)} taxels, skin '{skin.name}' "
+                f"has {skin.count}; allowed is one gain a taxel; use the skin's own"
+            )
 
     def __post_init__(self) -> None:
         """Refuse constants that are not finite or not positive."""

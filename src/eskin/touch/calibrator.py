@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import build_parameters
-from eskin.errors import SkinError, SkinMismatchError
+from eskin.errors import SkinError
 from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
@@ -105,11 +105,7 @@ class Calibrator:
         config: CalibrationConfig | None = None,
     ) -> None:
         """Start without a baseline."""
-        if len(calibration.gain) != skin.count:
-            raise SkinMismatchError(
-                f"calibration has {len(calibration.gain)} taxels, skin '{skin.name}' "
-                f"has {skin.count}; allowed is one gain a taxel; use the skin's own"
-            )
+        calibration.check_skin(skin)
         self.skin = skin
         self.calibration = calibration
         self.config = config or CalibrationConfig()
