@@ -142,13 +142,15 @@ class TouchTrace:
     def confidence(self, gesture: str) -> float:
         """Return the highest confidence that the policy would see after detection.
 
-        It is 0 where another gesture or none was detected.
+        It is 0 where another gesture or none was detected, and the probability of the
+        last reading where the touch was detected as it closed.
         """
         if self.detected != gesture:
             return 0.0
         pairs = zip(self.seconds, self.probabilities, strict=True)
         since = self.detected_at - 1e-6
-        return max((p[gesture] for at, p in pairs if at >= since), default=1.0)
+        last = self.probabilities[-1][gesture]
+        return max((p[gesture] for at, p in pairs if at >= since), default=last)
 
     def final_stop(self, gesture: str) -> float:
         """Return the probability of a stop by which an arm would be paused at the end.
