@@ -49,9 +49,8 @@ class Sampler:
     """Data set to draw from."""
     classes: dict[int, dict[str, list[Segment]]]
     """Segments of each class by data set; by `OTHERS` for those without a share."""
-    shares: dict[int, dict[str, float]]
-    """Share of the windows of each class that are of a data set, for data sets that
-    have one."""
+    shares: Mapping[str, float]
+    """Share of the windows of a class that are of a data set."""
     slots: int
     """Length of a window on the clock of the temporal head."""
     crop: float
@@ -74,11 +73,11 @@ class Sampler:
 
     def draw_segment(self, label: int, rng: np.random.Generator) -> Segment:
         """Draw one segment of a class."""
-        datasets, given = self.classes[label], self.shares[label]
+        datasets = self.classes[label]
         name, *others = datasets
         if others:
-            left = 1.0 - sum(given.get(each, 0.0) for each in datasets)
-            shares = np.array([given.get(each, left) for each in datasets])
+            left = 1.0 - sum(self.shares.get(each, 0.0) for each in datasets)
+            shares = np.array([self.shares.get(each, left) for each in datasets])
             name = str(rng.choice(list(datasets), p=shares / shares.sum()))
         segments = datasets[name]
         return segments[rng.integers(len(segments))]
@@ -107,22 +106,16 @@ def build_sampler(
         slots: length of a window.
         crop: share of windows that hold nothing from before their gesture.
         shares: share of the windows of a class for each data set that is to have one,
-            by the name in the metadata of its recordings; by `NAME/GESTURE` for the
-            share of one gesture that differs.
+            by the name in the metadata of its recordings.
     """
     classes: dict[int, dict[str, list[Segment]]] = {}
-    by_class: dict[int, dict[str, float]] = {}
     for segment in dataset.segments:
         if segment.recording in recordings and segment.gesture in vocabulary:
             label = vocabulary.index(segment.gesture)
             name = dataset.recordings[segment.recording].metadata.dataset
-            share = shares.get(f"{name}/{segment.gesture}", shares.get(name))
-            key = OTHERS if share is None else name
+            key = name if name in shares else OTHERS
             classes.setdefault(label, {}).setdefault(key, []).append(segment)
-            given = by_class.setdefault(label, {})
-            if share is not None:
-                given[name] = share
-    return Sampler(dataset, classes, by_class, slots, crop)
+    return Sampler(dataset, classes, shares, slots, crop)
 
 
 def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:

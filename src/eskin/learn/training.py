@@ -67,8 +67,7 @@ class TrainConfig:
     to the end."""
     shares: dict[str, float] = field(default_factory=dict)
     """Names of data sets, each followed by the share of the windows of a class that are
-    drawn from it, and `NAME/GESTURE` for one class whose share differs; all other
-    recordings are drawn with equal frequency."""
+    drawn from it; all other recordings are drawn with equal frequency."""
     shear: bool = True
     """Whether shear is used where every skin measures it."""
     workers: int = 1
@@ -89,8 +88,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         """Reject settings outside their limits."""
         check_limits(self, LIMITS)
-        whole = sum(share for name, share in self.shares.items() if "/" not in name)
-        if not (min(self.shares.values(), default=0.0) >= 0 and whole <= 1):
+        if min(self.shares.values(), default=0.0) < 0 or sum(self.shares.values()) > 1:
             raise ValueError(
                 f"shares are {self.shares}; allowed are numbers from 0 on whose sum is "
                 "at most 1; lower them"
