@@ -41,7 +41,7 @@ from eskin.units import NS_PER_S
 
 COSTS = {
     "pause": ("poke", 5.0, 1.0),
-    "slow": ("stroke", 1.0, 0.5),
+    "slow": ("stroke", 1.0, 1.0),
     "close_gripper": ("grab", 1.0, 3.0),
     "next_waypoint": ("double_pat", 1.0, 5.0),
     "normal": ("double_pat", 1.0, 10.0),
@@ -49,13 +49,9 @@ COSTS = {
     "resume": ("double_pat", 1.0, 20.0),
 }
 """Gesture of each action of the default map, cost of a touch that asks for it and does
-not get it, and cost of one that gets it and did not ask. A missed command is repeated:
-1. A stop that does not come may hurt: 5. A part that falls costs 10 commands, an arm
-that starts though nobody asked costs 20."""
-
-LEAST = {"open_gripper": 0.85, "resume": 0.95}
-"""Thresholds below which an action is not chosen, whatever it costs: an hour of data
-does not show that an error is rare enough."""
+not get it, and cost of one that gets it and did not ask. A missed command is repeated,
+a slow arm is made fast again: 1. A stop that does not come may hurt: 5. A part that
+falls costs 10 commands, an arm that starts though nobody asked costs 20."""
 
 LATEST_STOP = 0.25
 """Time after the onset of a poke from which it costs a missed stop that the arm does
@@ -152,6 +148,17 @@ class TouchTrace:
         last = self.probabilities[-1][gesture]
         return max((p[gesture] for at, p in pairs if at >= since), default=last)
 
+    def slowing(self, gesture: str) -> float:
+        """Return the confidence by which it would slow the arm.
+
+        That needs no detection: the likeliest gesture of an unknown touch suffices.
+        """
+        last = self.probabilities[-1]
+        is_likely = (
+            self.detected == UNKNOWN and max(last, key=last.__getitem__) == gesture
+        )
+        return last[gesture] if is_likely else self.confidence(gesture)
+
     def final_stop(self, gesture: str) -> float:
         """Return the probability of a stop by which an arm would be paused at the end.
 
@@ -161,6 +168,12 @@ class TouchTrace:
             return 1.0
         undecided = self.detected in ("", UNKNOWN)
         return self.probabilities[-1][gesture] if undecided else 0.0
+
+    def value(self, action: str, gesture: str) -> float:
+        """Return the confidence by which it would command an action."""
+        if action in HALTING_ACTIONS:
+            return self.final_stop(gesture)
+        return self.slowing(gesture) if action == "slow" else self.confidence(gesture)
 
     def first_stop(self, gesture: str, threshold: float) -> float | None:
         """Return when the arm would stand for it [s]; None where it would not.
@@ -296,14 +309,10 @@ def choose(
     """
     stops = action in HALTING_ACTIONS
     used = [trace for trace in traces if trace.works or not stops]
-    values = np.array(
-        [t.final_stop(gesture) if stops else t.confidence(gesture) for t in used]
-    )
+    values = np.array([trace.value(action, gesture) for trace in used])
     asks = np.array([trace.true == gesture for trace in used])
     choices = []
     for threshold in GRID:
-        if threshold < LEAST.get(action, 0.0):
-            continue
         given = values >= threshold
         missed, unasked = int((asks & ~given).sum()), int((~asks & given).sum())
         cost = miss * missed + wrong * float(chi2.ppf(0.95, 2 * unasked + 2) / 2)

@@ -1,9 +1,10 @@
-"""Measure how soon a UR is held and at rest after a fault.
+"""Measure how soon a UR is at rest after a fault, and moves after a command.
 
     python -m benchmarks.ur_stop [--times N]
 
 The real client of `ur_rtde` talks to a stand-in controller on loopback, which moves
-within the limits of a UR5. Each fault is injected while the arm moves at full speed.
+within the limits of a UR5. Each fault is injected while the arm moves at full speed;
+each command is given to an arm that is paused and at rest.
 """
 
 import time
@@ -53,7 +54,7 @@ class Command:
     """Inject faults while an arm moves, and measure how soon it stops."""
 
     times: int = 20
-    """Number of times that each fault is injected."""
+    """Number of times that each fault is injected, and that each command is given."""
 
 
 def main() -> None:
@@ -74,6 +75,13 @@ def main() -> None:
                     f"{np.median(stands):11.0f} {stands.max():4.0f}",
                     flush=True,
                 )
+            print("command                   moves p50  max  [ms]")
+            for name, go_on in commands(arm).items():
+                moves = [
+                    1e3 * measure_start(stand_in, arm, go_on)
+                    for _ in range(command.times)
+                ]
+                print(f"{name:25} {np.median(moves):9.0f} {max(moves):4.0f}")
 
 
 def faults(
@@ -105,6 +113,16 @@ def faults(
     }
 
 
+def commands(arm: UrArm) -> dict[str, Callable[[], Any]]:
+    """List the functions that let a paused arm go on."""
+
+    def turn_round() -> None:
+        arm.next_waypoint()
+        arm.resume()
+
+    return {"resume": arm.resume, "next waypoint, resume": turn_round}
+
+
 def watch(arm: UrArm, skin: Any) -> Policy:  # noqa: ANN401
     """Start a policy that monitors a silent skin, which becomes stale."""
     names = FRAME_TASK.joint_names
@@ -125,14 +143,7 @@ def measure_fault(
     remove: Callable[[], Any],
 ) -> tuple[float, float]:
     """Measure the time from a fault to the hold, and to rest [s]."""
-    full = 0.9 * MotionConfig().speed
-    while np.abs(stand_in.ask("qd")).max() < full:
-        if arm.state().hold_reason is not None:
-            wait_until(lambda: arm.find_problem() is None)
-            time.sleep(0.3)
-            with suppress(ArmError):
-                arm.release()
-        time.sleep(0.01)
+    release_at_full_speed(stand_in, arm)
     began = time.monotonic()
     inject()
     wait_until(lambda: arm.state().hold_reason is not None)
@@ -141,6 +152,30 @@ def measure_fault(
     stands = time.monotonic() - began
     remove()
     return held, stands
+
+
+def measure_start(stand_in: StandIn, arm: UrArm, go_on: Callable[[], Any]) -> float:
+    """Measure the time from a command to the first motion of an arm at rest [s]."""
+    release_at_full_speed(stand_in, arm)
+    arm.pause()
+    wait_until(lambda: np.abs(stand_in.ask("qd")).max() < STANDING)
+    time.sleep(0.2)
+    began = time.monotonic()
+    go_on()
+    wait_until(lambda: np.abs(stand_in.ask("qd")).max() >= STANDING)
+    return time.monotonic() - began
+
+
+def release_at_full_speed(stand_in: StandIn, arm: UrArm) -> None:
+    """Wait until the arm moves at full speed; release it meanwhile where it is held."""
+    full = 0.9 * MotionConfig().speed
+    while np.abs(stand_in.ask("qd")).max() < full:
+        if arm.state().hold_reason is not None:
+            wait_until(lambda: arm.find_problem() is None)
+            time.sleep(0.3)
+            with suppress(ArmError):
+                arm.release()
+        time.sleep(0.01)
 
 
 def wait_until(true: Callable[[], Any]) -> None:

@@ -14,6 +14,7 @@ from helpers.commands import (
 )
 
 LEAST = MIN_CONFIDENCE["resume"]
+DOUBTFUL = LEAST - 0.05
 WAYPOINT = CommandMap(
     commands=[Rule(gesture="stroke", action="next_waypoint", confidence=0.9)]
 )
@@ -78,7 +79,7 @@ def test_lasting_touch_does_not_resume():
     ("last", "resumed"), [(LEAST + 0.01, True), (LEAST - 0.01, False)]
 )
 def test_lifted_touch_may_become_confident_until_it_closes(last, resumed):
-    scene, number = ask_to_resume(0.9)
+    scene, number = ask_to_resume(DOUBTFUL)
     scene.lift(number)
     scene.wait(0.4)
     assert scene.accepted == ["pause"]
@@ -105,7 +106,7 @@ def test_doubtful_touch_has_two_seconds_to_become_confident(seconds, accepted):
 
 
 def test_heir_of_pending_touch_becomes_pending():
-    scene, number = ask_to_resume(0.9)
+    scene, number = ask_to_resume(DOUBTFUL)
     scene.lift(number)
     heir = scene.begin(confidence=0.99)
     scene.lift(heir)
@@ -116,7 +117,7 @@ def test_heir_of_pending_touch_becomes_pending():
 
 def test_heir_that_has_commanded_does_not_become_pending():
     scene = make_paused_scene()
-    heir, number = scene.begin("double_pat"), scene.begin(confidence=0.9)
+    heir, number = scene.begin("double_pat"), scene.begin(confidence=DOUBTFUL)
     scene.wait(0.2)
     scene.detect(heir)
     scene.detect(number)
@@ -156,7 +157,7 @@ def test_chain_of_merged_touches_commands_once():
 
 
 def test_stale_skin_refuses_pending_command():
-    scene, number = ask_to_resume(0.9)
+    scene, number = ask_to_resume(DOUBTFUL)
     scene.clock.sleep(0.12)
     scene.policy.check_skin()
     (refusal,) = [event.why for event in scene.events if not event.accepted]

@@ -122,12 +122,15 @@ def test_rule_cannot_lower_confidence_of_releasing():
     [
         ("poke", LEAST["pause"] + 0.01, ["pause"]),
         ("poke", LEAST["pause"] - 0.01, []),
-        ("stroke", 0.75, []),
+        ("stroke", LEAST["slow"] + 0.01, ["slow"]),
+        ("stroke", LEAST["slow"] - 0.01, []),
+        ("double_pat", 0.99, []),
+        ("grab", 0.99, []),
         ("none", 0.75, []),
         ("", 0.75, []),
     ],
 )
-def test_unknown_touch_only_halts(likeliest, confidence, accepted):
+def test_unknown_touch_only_halts_or_slows(likeliest, confidence, accepted):
     scene = Scene()
     unknown = {"gesture": "unknown", "likeliest": likeliest}
     number = scene.begin("none")
@@ -523,10 +526,10 @@ def test_uncertain_touch_does_nothing_and_is_shown_as_not_understood():
     scene.wait(0.2)
     scene.lift(number)
     (event,) = scene.detect(
-        number, gesture="unknown", likeliest="stroke", confidence=0.6
+        number, gesture="unknown", likeliest="grab", confidence=0.6
     )
     assert not event.accepted and event.touch == number
-    assert "not understood, most likely stroke (0.60)" in event.why
+    assert "not understood, most likely grab (0.60)" in event.why
     scene.close(number)
     assert scene.arm.orders == []
 

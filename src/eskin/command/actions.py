@@ -31,19 +31,20 @@ MIN_CONFIDENCE = {
     "hold": 0.4,
     "pause": 0.4,
     FUNCTION: 0.8,
-    "slow": 0.95,
+    "slow": 0.58,
     "jog": 0.95,
-    "close_gripper": 0.96,
+    "close_gripper": 0.89,
     "open_gripper": 0.97,
-    "next_waypoint": 0.98,
-    "previous_waypoint": 0.98,
-    "normal": 0.98,
-    "resume": 0.98,
+    "next_waypoint": 0.83,
+    "previous_waypoint": 0.83,
+    "normal": 0.83,
+    "resume": 0.9,
 }
 """Default confidence that each action needs, by what errors of it cost.
 
 Those of the default map are chosen by `python -m benchmarks.command_thresholds`; `hold`
-and `previous_waypoint` are like `pause` and `next_waypoint`, and the other two are set.
+and `previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
+one that is set by hand.
 """
 STAND_CONFIDENCE = 0.13
 """Probability of a stop from which a moving arm stands until the touch is recognised,

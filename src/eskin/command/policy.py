@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
@@ -337,7 +337,7 @@ class Policy(Listener):
         self.complete(action, detection, rule, refusal)
 
     def decide_unknown(self, detection: Detection) -> None:
-        """Stop a working arm if an unknown touch may ask for it; do nothing else."""
+        """Stop or slow the arm if an unknown touch may ask for it; do nothing else."""
         gesture = detection.likeliest
         chance = self.possible_stops.find_chance(detection)
         known = gesture not in ("", *NON_GESTURES)
@@ -351,9 +351,23 @@ class Policy(Listener):
                 self.pause_for(detection.touch, reason)
             else:
                 self.publish("pause", False, refusal, detection)
+        elif known and self.is_slowing(likely := replace(detection, gesture=gesture)):
+            self.decide(likely)
         elif known:
             reason = f"not understood{said}; do it again, more clearly"
             self.publish("none", False, reason, detection)
+
+    def is_slowing(self, detection: Detection) -> bool:
+        """Return whether a gesture slows the arm and is likely enough for that."""
+        rule = self.commands.find_rule(
+            detection.gesture, detection.link, detection.patch, detection.heading
+        )
+        if rule is None:
+            return False
+        action = resolve_action(rule.action_or_function, self.arm.state())
+        if action != "slow":
+            return False
+        return detection.confidence >= required_confidence(action, rule.confidence)
 
     def find_refusal(
         self, action: str, detection: Detection, rule: Rule | None, stamp: int
