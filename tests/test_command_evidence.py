@@ -62,6 +62,26 @@ def test_fingertip_commands(taxels):
     assert command(Scene(), "double_pat", taxels=taxels) == ["next_waypoint"]
 
 
+@pytest.mark.parametrize(
+    ("path", "suffices"),
+    [
+        (find_block(PATCH, 1, 4), True),
+        (find_block(PATCH, 2, 2), True),
+        (find_block(PATCH, 1, 2), False),
+        (find_block(PATCH, 1, 8)[::3], False),
+    ],
+    ids=["along a row", "round a block", "two in turn", "far apart"],
+)
+def test_fingertip_that_slides_over_single_taxels_is_no_fault(path, suffices):
+    """Two taxels with bad contacts, or ones far apart, can be pressed by no finger."""
+    scene = Scene()
+    number = scene.begin("stroke")
+    for taxel in [*path, *path]:
+        scene.touches[number].taxels = np.array([taxel])
+        scene.wait(0.1)
+    assert scene.policy.evidence.suffices(number) == suffices
+
+
 def test_doubtful_taxels_are_no_evidence():
     scene = Scene()
     scene.doubtful = np.isin(np.arange(SKIN.count), FINGERTIP[:3])

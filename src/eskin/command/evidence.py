@@ -1,7 +1,7 @@
 """This module judges whether a touch can be a fault of the skin."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
@@ -29,6 +29,13 @@ class EvidenceConfig:
 
     readings: int = 2
     """Number of readings in which it needs all this."""
+
+    path: int = 3
+    """Number of taxels that a finger has to press one after the other, within
+    `path_seconds`, so that one of them counts as beside the next."""
+
+    path_seconds: float = 0.5
+    """Time for which a pressed taxel belongs to that path [s]."""
 
     seconds: float = 0.07
     """Time for which it must be in contact, in all of its contacts together [s]; of 476
@@ -71,6 +78,9 @@ class Evidence:
     """Stamp of the latest contact [ns since the epoch]."""
     seconds: float = 0.0
     """Time in contact [s]."""
+    path: dict[int, int] = field(default_factory=dict)
+    """Taxels that were pressed lately and not doubtful, each with the stamp of its
+    latest pressure [ns since the epoch]."""
 
 
 @final
@@ -78,7 +88,7 @@ class EvidenceMonitor:
     """A monitor collects the evidence of every touch from its readings.
 
     In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
-    too. If all of the touch lies in one row or column, it covers a small part of it,
+    too, or was lately by a fingertip that slides from taxel to taxel. If all of the touch lies in one row or column, it covers a small part of it,
     and the rest is not pressed. Taxels that are doubtful, as faulty ones are, or of a
     patch that is active as a whole, do not count. When a taxel becomes doubtful, it and
     the taxels of its row and its column no longer count in the readings before.
@@ -141,6 +151,7 @@ class EvidenceMonitor:
             for line in self.select_lines(taxel):
                 believed &= ~line
         for evidence in self.touches.values():
+            evidence.path = {i: at for i, at in evidence.path.items() if believed[i]}
             evidence.readings = [
                 left
                 for reading in evidence.readings
@@ -168,25 +179,51 @@ class EvidenceMonitor:
         evidence = self.touches.setdefault(row.id, Evidence([], row.last))
         evidence.last = row.last
         pressure = state.reading.pressure
-        reading = self.find_sound_reading(taxels[sound[taxels]], pressure)
+        pressed = taxels[sound[taxels] & (pressure[taxels] >= self.config.weak)]
+        path = self.update_path(evidence, pressed)
+        reading = self.find_sound_reading(pressed, path, pressure)
         if reading is not None:
             kept = evidence.readings[1 - self.config.keep_readings :]
             evidence.readings = [*kept, reading]
 
+    def update_path(
+        self, evidence: Evidence, pressed: Int[np.ndarray, "pressed"]
+    ) -> Int[np.ndarray, "support"]:
+        """Return pressed taxels, and those of the path that led to them if it counts.
+
+        Args:
+            evidence: evidence of the touch that presses them.
+            pressed: taxels that are pressed now and not doubtful.
+        """
+        limit = self.stamp - self.config.path_seconds * NS_PER_S
+        evidence.path = {i: at for i, at in evidence.path.items() if at >= limit}
+        evidence.path |= dict.fromkeys(pressed.tolist(), self.stamp)
+        if len(evidence.path) < self.config.path:
+            return pressed
+        return np.array(list(evidence.path), dtype=np.int64)
+
     def find_sound_reading(
-        self, taxels: Int[np.ndarray, "touched"], pressure: Float[np.ndarray, "taxel"]
+        self,
+        pressed: Int[np.ndarray, "pressed"],
+        support: Int[np.ndarray, "support"],
+        pressure: Float[np.ndarray, "taxel"],
     ) -> SoundReading | None:
-        """Return the pressed ones of some taxels; None if a fault can explain them."""
-        pressed = taxels[pressure[taxels] >= self.config.weak]
+        """Return what is pressed as a sound reading; None if a fault can explain it.
+
+        Args:
+            pressed: taxels of the touch that are pressed now.
+            support: taxels that count as beside them.
+            pressure: pressure of all taxels [kPa].
+        """
         strong = pressed[pressure[pressed] >= self.config.strong]
-        if not self.has_support(strong, pressed):
+        if not self.has_support(strong, support):
             return None
-        for line in self.find_lines(pressed):
+        for line in self.find_lines(support):
             most = self.config.line_share * np.count_nonzero(line)
             active = np.count_nonzero(pressure[line] >= self.config.weak)
             if active > len(pressed) or active > most:
                 return None
-        return SoundReading(pressed, strong)
+        return SoundReading(support, strong)
 
     def has_support(
         self, strong: Int[np.ndarray, "strong"], pressed: Int[np.ndarray, "pressed"]
