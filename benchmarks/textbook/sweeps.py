@@ -14,9 +14,9 @@ from typing import get_args
 
 import numpy as np
 
-from benchmarks.textbook.clips import answer, scans_of
-from benchmarks.textbook.draws import TOUCHES, TouchSetting, draw_touch, truth_of
-from benchmarks.textbook.skins import SurfaceName, site_of
+from benchmarks.textbook.clips import answer, build_clip
+from benchmarks.textbook.draws import TOUCHES, TouchSetting, draw_touch, name_true_class
+from benchmarks.textbook.skins import SurfaceName, build_site
 from eskin.model import Model, load_model
 
 WANTED = 0.9
@@ -97,12 +97,12 @@ class Point:
     @property
     def right(self) -> int:
         """Number of correct forced choices."""
-        return self.forced.get(truth_of(self.touch), 0)
+        return self.forced.get(name_true_class(self.touch), 0)
 
     @property
     def right_said(self) -> int:
         """Number of clips with the correct first live detection, or rightly none."""
-        return self.detected.get(truth_of(self.touch), 0)
+        return self.detected.get(name_true_class(self.touch), 0)
 
 
 def run(
@@ -179,9 +179,9 @@ def point(
     for draw in range(draws):
         of_setting, of_touch, of_noise = np.random.default_rng((*key, draw)).spawn(3)
         setting = draw_setting(touch, of_setting, {factor: value})
-        site = site_of(setting.surface, setting.pitch)
+        site = build_site(setting.surface, setting.pitch)
         made = draw_touch(touch, setting, site, of_touch)
-        found = answer(model, scans_of(made, site, setting.rate, of_noise))
+        found = answer(model, build_clip(made, site, setting.rate, of_noise))
         forced[found.forced] += 1
         detected[found.detected] += 1
     return Point(factor, value, touch, inside, dict(forced), dict(detected))
