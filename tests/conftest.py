@@ -24,8 +24,8 @@ jaxtyping.install_import_hook(sorted(CHECKED - COMPILED), "beartype.beartype")
 
 COMPILES_ALL = "test_cli_doctor.py"
 CALLS_KERNELS = re.compile(
-    r"eskin\.(app|bench|cli|demo|learn|live|stream|viewer)|from eskin import|"
-    r"helpers\.(devices|learning|live)|benchmarks\.fuzz"
+    r"eskin\.(app|bench|cli|demo|graph|learn|live|stream|viewer)\b|"
+    r"from eskin import|helpers\.(devices|graphs|learning|live)|from benchmarks"
 )
 """Imports of test files that need the recogniser, whose code compiles for minutes."""
 

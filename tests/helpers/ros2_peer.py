@@ -1,7 +1,8 @@
 """A program on the same ROS 2 domain that uses nothing of eskin.
 
-It subscribes to topics of eskin, publishes `/joint_states`, and prints what it received
-as JSON: `python ros2_peer.py READINGS`. The types are those of `msg/` and of ROS 2.
+It subscribes to topics of eskin, publishes `/joint_states` once it has found them, and
+prints what it received as JSON: `python ros2_peer.py READINGS`. The types are those of
+`msg/` and of ROS 2.
 """
 
 import json
@@ -91,6 +92,14 @@ class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
     effort: sequence[float64]
 
 
+def has_writer(reader):
+    """Tell whether a reader has found a writer of its topic.
+
+    A message that is sent before it has is lost, although the writer knows the reader.
+    """
+    return reader.get_subscription_matched_status().current_count > 0
+
+
 def main(count):
     domain = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
     cdr = Policy.DataRepresentation(use_cdrv0_representation=True)
@@ -105,12 +114,13 @@ def main(count):
     found = BuiltinDataReader(domain, BuiltinTopicDcpsPublication)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    hashes, heard, said = {}, [], []
+    hashes, counted, said = {}, [], []
     end = time.monotonic() + PATIENCE
-    while time.monotonic() < end and (len(heard) < count or not said):
-        now = Time(*divmod(time.time_ns(), 1_000_000_000))
-        joints.write(JointState(Header(now, ""), JOINTS, POSITIONS, (), ()))
-        heard += [r for r in readings.take(100) if isinstance(r, Reading)]
+    while time.monotonic() < end and (len(counted) < count or not said):
+        if has_writer(readings) and has_writer(detections):
+            now = Time(*divmod(time.time_ns(), 1_000_000_000))
+            joints.write(JointState(Header(now, ""), JOINTS, POSITIONS, (), ()))
+        counted += [r for r in readings.take(100) if isinstance(r, Reading)]
         said += [d for d in detections.take(100) if isinstance(d, Detection)]
         for endpoint in found.take(100):
             data = endpoint.qos[Policy.Userdata] if endpoint.qos else None
@@ -118,9 +128,9 @@ def main(count):
                 hashes[endpoint.topic_name] = data.data.decode()
         time.sleep(0.01)
     result = {
-        "stamps": [(r.header.stamp.sec, r.header.stamp.nanosec) for r in heard],
-        "counts": [list(r.counts) for r in heard],
-        "skin": sorted({r.header.frame_id for r in heard}),
+        "stamps": [(r.header.stamp.sec, r.header.stamp.nanosec) for r in counted],
+        "counts": [list(r.counts) for r in counted],
+        "skin": sorted({r.header.frame_id for r in counted}),
         "gestures": [d.gesture for d in said],
         "points": [(d.point.x, d.point.y, d.point.z) for d in said],
         "hashes": hashes,
