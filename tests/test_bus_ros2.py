@@ -1,4 +1,4 @@
-"""Tests of ROS 2 with another process that uses nothing of eskin."""
+"""Tests of ROS 2: another process, without eskin, hears and is heard."""
 
 import json
 import os
@@ -64,7 +64,7 @@ def wait_until(condition):
         clock.sleep(0.02)
 
 
-def test_another_process_receives_every_reading_and_moves_the_joints(domain):
+def test_another_process_hears_every_reading_and_moves_the_joints(domain):
     on = mounted()
     stream = scans(on, [Press(2.3, 2.7, 65, 65)], 50, 3.5)
     source = played(stream)
@@ -86,16 +86,16 @@ def test_another_process_receives_every_reading_and_moves_the_joints(domain):
         recognition = Recognition(recognizer, drop="never")
         publisher = Publisher(bus, on, VOCABULARY, joints.diagnose, "never")
         running = Stream(source, [recognition, publisher])
-        publisher.start = start_when_found(publisher.start, joints)
+        publisher.start = start_when_heard(publisher.start, bus)
         with running:
             running.wait()
-        result = json.loads(peer.stdout.read().splitlines()[-1])
-    stamps = [1_000_000_000 * sec + nanosec for sec, nanosec in result["stamps"]]
+        heard = json.loads(peer.stdout.read().splitlines()[-1])
+    stamps = [1_000_000_000 * sec + nanosec for sec, nanosec in heard["stamps"]]
     assert stamps == [scan.stamp for scan in stream]
-    assert result["counts"] == [scan.counts.tolist() for scan in stream]
-    assert result["skin"] == [on.skin.name] and result["gestures"] == ["poke"]
+    assert heard["counts"] == [scan.counts.tolist() for scan in stream]
+    assert heard["skin"] == [on.skin.name] and heard["gestures"] == ["poke"]
     for topic in (READING, DETECTION):
-        stated = result["hashes"][f"rt{topic.name}"]
+        stated = heard["hashes"][f"rt{topic.name}"]
         assert stated == f"typehash={compute_type_hash(topic)};"
     assert bus.unsent == 0
     assert joints.q_at(0).tolist() == [0.0, 0.0, -0.5, 0.0, 0.75, 0.0]
@@ -139,17 +139,17 @@ def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain):
     assert any("/joint_states" in doubt for doubt in doubts)
 
 
-def start_when_found(start, joints):
-    """Wait, after the start of a publisher, until the other process has found it."""
+def start_when_heard(start, bus):
+    """Wait, after the start of a publisher, until its topics are subscribed to."""
 
     def start_and_wait(context):
         start(context)
-        wait_until(lambda: joints.q_at(0).any())
+        wait_until(lambda: bus.wants(READING) and bus.wants(DETECTION))
 
     return start_and_wait
 
 
-def receive(joints, names, q):
+def hear(joints, names, q):
     """Let joints receive a message of a publisher."""
     data = pack_joint_state(1, names, np.array(q))
     joints.push(wrap_message(joints.reader.topic.data_type, data))
@@ -160,13 +160,13 @@ def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain):
     joints = Ros2Joints(Ros2Node(), robot, clock)
     assert joints.diagnose().level == WARN
     q = np.arange(6) / 10
-    receive(joints, robot.joint_names[::-1], q[::-1])
+    hear(joints, robot.joint_names[::-1], q[::-1])
     assert joints.q_at(0).tolist() == q.tolist() and joints.diagnose().level == OK
-    receive(joints, robot.joint_names[:2], [1.0])
-    receive(joints, robot.joint_names[:2], [1.0, np.nan])
+    hear(joints, robot.joint_names[:2], [1.0])
+    hear(joints, robot.joint_names[:2], [1.0, np.nan])
     joints.push(wrap_message(joints.reader.topic.data_type, b"\0\1\0\0\7"))
     assert joints.q_at(0).tolist() == q.tolist() and joints.refused == 3
-    receive(joints, ("elbow_joint", "lid"), [-1.0, 5.0])
+    hear(joints, ("elbow_joint", "lid"), [-1.0, 5.0])
     assert joints.q_at(0).tolist() == [0.0, 0.1, -1.0, 0.3, 0.4, 0.5]
     clock.sleep(2.0)
     assert joints.diagnose().level == STALE

@@ -3,9 +3,7 @@
 import contextlib
 import io
 import json
-import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -39,7 +37,6 @@ from helpers.live import (
 
 pytestmark = pytest.mark.slow
 
-[EXAMPLE] = Path(__file__).parents[1].glob("examples/*_onnx_step.py")
 SECOND = 1_000_000_000
 PRESSES = [Press(2.3, 2.7, 65, 65), Press(3.6, 4.2, 100, 103)]
 
@@ -140,13 +137,6 @@ def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exporte
                 np.testing.assert_allclose(found, live.probabilities[touch], atol=1e-4)
                 compared += 1
     assert compared > 50
-
-
-def test_example_recognises_a_poke_step_by_step(exported, capsys, monkeypatch):
-    monkeypatch.setattr(sys, "argv", [EXAMPLE.name, "--model", str(exported[0])])
-    runpy.run_path(str(EXAMPLE), run_name="__main__")
-    lines = capsys.readouterr().out.splitlines()
-    assert 20 < len(lines) < 60 and "touch 1  poke" in lines[-1]
 
 
 def test_export_of_shipped_weights_states_its_error(exported):

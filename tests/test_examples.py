@@ -1,7 +1,4 @@
-"""Tests of the examples: each runs on a tiny budget and refuses missing data.
-
-That of ONNX runs in `test_cli_export.py`, where a network is exported.
-"""
+"""Tests of the examples: each runs on a tiny budget and refuses missing data."""
 
 import json
 import runpy
@@ -11,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eskin.learn.onnx_export import export_onnx
+from eskin.model import load_model
 from helpers.learning import FLAGS
 
 pytestmark = pytest.mark.slow
@@ -94,3 +93,11 @@ def test_real_touches_refuses_missing_data_in_one_line(content, tmp_path, run_ex
         assert out == "" and str(data) in err
         assert "github.com/mdethmers/Social-Touch-Research" in err
         assert "make touches DATA=" in err
+
+
+def test_onnx_network_recognises_a_poke_step_by_step(tmp_path, run_example):
+    path = tmp_path / "ur5.onnx"
+    export_onnx(load_model("ur5"), path)
+    code, out, _ = run_example(ONNX_STEP, "--model", path)
+    lines = out.splitlines()
+    assert code == 0 and 20 < len(lines) < 60 and "touch 1  poke" in lines[-1]

@@ -1,8 +1,7 @@
 """A program on the same ROS 2 domain that uses nothing of eskin.
 
-It subscribes to topics of eskin, publishes `/joint_states` once it has found them, and
-prints what it received as JSON: `python ros2_peer.py READINGS`. The types are those of
-`msg/` and of ROS 2.
+It subscribes to topics of eskin, publishes `/joint_states`, and prints what it received
+as JSON: `python ros2_peer.py READINGS`. The types are those of `msg/` and of ROS 2.
 """
 
 import json
@@ -29,6 +28,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
+READING, DETECTION = "rt/eskin/reading", "rt/eskin/detection"
 JOINTS = ("wrist_2_joint", "gripper", "elbow_joint")
 PATIENCE = 30.0
 POSITIONS = (0.75, 9.0, -0.5)
@@ -92,45 +92,38 @@ class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
     effort: sequence[float64]
 
 
-def has_writer(reader):
-    """Tell whether a reader has found a writer of its topic.
-
-    A message that is sent before it has is lost, although the writer knows the reader.
-    """
-    return reader.get_subscription_matched_status().current_count > 0
-
-
 def main(count):
     domain = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
     cdr = Policy.DataRepresentation(use_cdrv0_representation=True)
     reliable = Qos(
         Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepAll, cdr
     )
-    readings = DataReader(domain, Topic(domain, "rt/eskin/reading", Reading), reliable)
-    detections = DataReader(
-        domain, Topic(domain, "rt/eskin/detection", Detection), reliable
-    )
     joints = DataWriter(domain, Topic(domain, "rt/joint_states", JointState), reliable)
     found = BuiltinDataReader(domain, BuiltinTopicDcpsPublication)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    hashes, counted, said = {}, [], []
     end = time.monotonic() + PATIENCE
-    while time.monotonic() < end and (len(counted) < count or not said):
-        if has_writer(readings) and has_writer(detections):
-            now = Time(*divmod(time.time_ns(), 1_000_000_000))
-            joints.write(JointState(Header(now, ""), JOINTS, POSITIONS, (), ()))
-        counted += [r for r in readings.take(100) if isinstance(r, Reading)]
-        said += [d for d in detections.take(100) if isinstance(d, Detection)]
+    # What is sent before a reader knows the writer is lost, so writers come first.
+    hashes = {}
+    while time.monotonic() < end and not {READING, DETECTION} <= hashes.keys():
         for endpoint in found.take(100):
             data = endpoint.qos[Policy.Userdata] if endpoint.qos else None
             if data is not None and data.data:
                 hashes[endpoint.topic_name] = data.data.decode()
         time.sleep(0.01)
+    readings = DataReader(domain, Topic(domain, READING, Reading), reliable)
+    detections = DataReader(domain, Topic(domain, DETECTION, Detection), reliable)
+    received, said = [], []
+    while time.monotonic() < end and (len(received) < count or not said):
+        now = Time(*divmod(time.time_ns(), 1_000_000_000))
+        joints.write(JointState(Header(now, ""), JOINTS, POSITIONS, (), ()))
+        received += [r for r in readings.take(100) if isinstance(r, Reading)]
+        said += [d for d in detections.take(100) if isinstance(d, Detection)]
+        time.sleep(0.01)
     result = {
-        "stamps": [(r.header.stamp.sec, r.header.stamp.nanosec) for r in counted],
-        "counts": [list(r.counts) for r in counted],
-        "skin": sorted({r.header.frame_id for r in counted}),
+        "stamps": [(r.header.stamp.sec, r.header.stamp.nanosec) for r in received],
+        "counts": [list(r.counts) for r in received],
+        "skin": sorted({r.header.frame_id for r in received}),
         "gestures": [d.gesture for d in said],
         "points": [(d.point.x, d.point.y, d.point.z) for d in said],
         "hashes": hashes,
