@@ -10,6 +10,7 @@ import pytest
 from eskin.cli.main import run
 from eskin.cli.paint import SpecDraft
 from eskin.errors import RobotError, SkinError
+from eskin.page import PaintOrder
 from eskin.robot import compute_surface_distance, load_robot, load_urdf
 from eskin.skin import check_skin, load_skin
 
@@ -45,13 +46,7 @@ from eskin.design.painting import (  # noqa: E402
     sample_surfaces,
 )
 from eskin.design.patches import divide, iterate_routable  # noqa: E402
-from eskin.design.spec import (  # noqa: E402
-    RegionEntry,
-    SpecFile,
-    read_spec_file,
-    write_spec_file,
-)
-from eskin.page import PaintOrder  # noqa: E402
+from eskin.design.spec import RegionEntry, SpecFile, write_spec_file  # noqa: E402
 from eskin.skin import MountedSkin, Tube  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -278,7 +273,7 @@ def test_saving_again_replaces_what_was_painted_and_keeps_what_was_there(tmp_pat
     orders = [PaintOrder(n, "body", p, 0.03, False) for n, p in enumerate(places)]
     for count in (3, 1):
         assert draft.save(tuple(orders[:count])) == f"saved: {draft.path}"
-        assert read_spec_file(draft.path) == draft.written
+        assert read_spec(draft.path, DENSITY) == draft.written.build(DENSITY)
         painted, kept = draft.written.regions
         assert (painted.link, painted.density_per_cm2) == ("body", 0.5)
         assert len(painted.balls_mm) == count and kept == before.regions[0]
