@@ -206,7 +206,7 @@ def test_command_writes_the_skin_with_the_patch_where_it_is(pressed, tmp_path, c
 
 
 def test_press_on_another_patch_is_refused_and_asked_for_again():
-    points = tuple(read_patch_points(1))
+    points = tuple(read_points_of(1))
     mounted = MountedSkin(SKIN, load_robot("table"))
     guide = PoseGuide(mounted, CALIBRATION, points)
     wrong = [find_taxel(0, 3, 3), find_taxel(1, 1, 1)]
@@ -216,7 +216,7 @@ def test_press_on_another_patch_is_refused_and_asked_for_again():
     assert len(guide.waiting) == len(points) - 1
 
 
-def read_patch_points(patch):
+def read_points_of(patch):
     for place in PLACES:
         x, y, z = SKIN.positions[find_taxel(patch, *place)].tolist()
         yield KnownPoint(SKIN.patches[patch].id, (x, y, z))
