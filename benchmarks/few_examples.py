@@ -99,7 +99,7 @@ class RecordedExamples:
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
-        """Classes: `none`, and the groups."""
+        """Return the classes: `none`, and the groups."""
         return (NONE, *sorted(set(self.group)))
 
     def find(self, person: str, group: str) -> list[int]:

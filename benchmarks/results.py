@@ -190,10 +190,10 @@ def main() -> None:
         if command.part in (name, "all"):
             print(f"\n## {name}\n", flush=True)
             part(command, FORMS[command.form])
-    print(f"\n{spent(command.results)}")
+    print(f"\n{describe_trainings(command.results)}")
 
 
-def spent(results: Path) -> str:
+def describe_trainings(results: Path) -> str:
     """Format the number of trainings kept in a folder, and their total time."""
     files = [read_results(path) for path in results.glob("*.jsonl")]
     seconds = [kept.result.seconds for kept in chain(*map(dict.values, files))]
@@ -217,7 +217,7 @@ def paper_set(command: Command, clips: int | None, seed: int) -> Path:
     )
 
 
-def parts_of(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+def split_draws(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Return the training set and the test set of each draw."""
     return tuple(d / "train" for d in draws), tuple(d / "test" for d in draws)
 
@@ -236,7 +236,7 @@ def show_compared(
     command: Command, form: Form, draws: Sequence[Path], methods: tuple[str, ...]
 ) -> None:
     """Compare methods on some draws."""
-    trains, tests = parts_of(draws)
+    trains, tests = split_draws(draws)
     compare.run_compare(
         compare.CompareCommand(
             trains,
@@ -274,7 +274,7 @@ def clips(command: Command, form: Form) -> None:
         for draw, test in enumerate(tests):
             train = paper_set(command, OF_581[size], draw) / "train"
             for name, method in methods.items():
-                task = task_of(command, name, method, train, test, draw)
+                task = build_task(command, name, method, train, test, draw)
                 asked[name, size, (draw, draw)] = task
     tasks = list(asked.values())
     results = command.results / "clips.jsonl"
@@ -330,7 +330,7 @@ def draw_clips_curve(
     save_figure(figure, path)
 
 
-def task_of(
+def build_task(
     command: Command, name: str, method: Method, train: Path, test: Path, seed: int
 ) -> TrainingTask:
     """Build the task of one training of a method, without held-out clips."""
@@ -341,7 +341,7 @@ def task_of(
 
 def corrupted(command: Command, form: Form) -> None:
     """Measure the accuracy on corrupted clips of skin, wiring, robot or rate."""
-    trains, tests = parts_of(paper_sets(command, form.curve_draws))
+    trains, tests = split_draws(paper_sets(command, form.curve_draws))
     robustness.main(
         robustness.Command(
             *(trains, tests, form.corrupted, form.kinds),
@@ -368,7 +368,7 @@ def show_study(command: Command, form: Form) -> None:
 
 def show_leaks(command: Command, form: Form) -> None:
     """Test for leaks: train on data that predict nothing."""
-    trains, tests = parts_of(paper_sets(command, form.leak_draws))
+    trains, tests = split_draws(paper_sets(command, form.leak_draws))
     pack = command.sets / "pack"
     leaks.show(leaks.Command(trains, tests, pack, steps=form.steps))
 

@@ -123,7 +123,7 @@ def main(command: Command, methods: Mapping[str, Method] = METHODS) -> None:
         methods: methods by name.
     """
     tasks = [
-        task for name in command.methods for task in tasks_of(command, name, methods)
+        task for name in command.methods for task in build_tasks(command, name, methods)
     ]
     done = train_all(tasks, command.results, command.workers, command.minutes)
     found: dict[str, dict[RunKey, MethodResult]] = {}
@@ -139,7 +139,7 @@ def main(command: Command, methods: Mapping[str, Method] = METHODS) -> None:
             draw(whole, command.kinds, command.picture)
 
 
-def tasks_of(
+def build_tasks(
     command: Command, name: str, methods: Mapping[str, Method]
 ) -> list[TrainingTask]:
     """Build the trainings of a method, each with every version of its test set."""

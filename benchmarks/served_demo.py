@@ -108,7 +108,7 @@ class ServedDemo:
 
     @property
     def ended(self) -> bool:
-        """Whether the process has ended."""
+        """Return whether the process has ended."""
         return self.process.poll() is not None
 
     def read(self) -> None:

@@ -68,13 +68,13 @@ def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
     player = TouchPlayer(Simulator("ur5"), 0)
-    maker = player.generator
+    generator = player.generator
     info = SourceInfo(
         "sim:ur5",
-        maker.robot_name,
-        maker.mounted.robot.joint_names,
-        maker.mounted.skin,
-        maker.calibration(player.build),
+        generator.robot_name,
+        generator.mounted.robot.joint_names,
+        generator.mounted.skin,
+        generator.calibration(player.build),
         player.rate,
     )
     count = round((command.seconds + 3 * SETTLE) * player.rate)

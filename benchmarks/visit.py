@@ -67,7 +67,7 @@ class Visit:
 
     @property
     def is_calm(self) -> bool:
-        """Whether the forearm is visible and hardly moves in the picture."""
+        """Return whether the forearm is visible and hardly moves in the picture."""
         before = self.middle()
         self.demo.wait(0.2)
         step = np.subtract(self.middle(), before)

@@ -1,5 +1,6 @@
 """Shapes and types are checked while the tests run, and only then."""
 
+import gc
 import os
 import re
 from pathlib import Path
@@ -23,8 +24,8 @@ jaxtyping.install_import_hook(sorted(CHECKED - COMPILED), "beartype.beartype")
 
 COMPILES_ALL = "test_cli_doctor.py"
 CALLS_KERNELS = re.compile(
-    r"eskin\.(app|bench|cli|demo|learn|live|stream|viewer)|from eskin import|"
-    r"helpers\.(devices|learning|live)|benchmarks\.fuzz"
+    r"eskin\.(app|bench|cli|demo|graph|learn|live|stream|viewer)\b|"
+    r"from eskin import|helpers\.(devices|graphs|learning|live)|from benchmarks"
 )
 """Imports of test files that need the recogniser, whose code compiles for minutes."""
 
@@ -40,6 +41,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(
         key=lambda item: (item.path.name != COMPILES_ALL, calls_kernels[item.path])
     )
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage rarely, and never among the modules: a tenth of the time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 def pytest_runtest_setup() -> None:

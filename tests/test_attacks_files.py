@@ -2,7 +2,7 @@
 
 import pytest
 from benchmarks.attacks.files import FILES, NAMES
-from benchmarks.attacks.hostile_recordings import spread_rows, write_skin_of
+from benchmarks.attacks.hostile_recordings import build_skin_writer, spread_rows
 from benchmarks.attacks.hostile_texts import (
     SMALL,
     squeeze_taxels,
@@ -113,7 +113,7 @@ def test_skin_of_too_many_pairs_or_crossings_is_refused(
     tmp_path, monkeypatch, skin, limit, part
 ):
     path = tmp_path / NAMES["recording"]
-    write_skin_of(skin, matrix=True)(path)
+    build_skin_writer(skin, matrix=True)(path)
     monkeypatch.setattr(f"eskin.{limit}", 1)
     parse_shared_skin.cache_clear()
     with pytest.raises((SkinError, RecordingError), match=part):

@@ -124,7 +124,7 @@ def decode(published, typestore):
     return decode
 
 
-def stamp_of(message):
+def read_stamp(message):
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
@@ -153,14 +153,14 @@ def test_interface_package_defines_what_is_published_and_recorded():
 def test_readings_hold_counts_and_pressure_of_each_scan(decode, published):
     _, stream, states = published
     readings, pressures = decode(READING), decode(PRESSURE)
-    assert [stamp_of(m) for m in readings] == [scan.stamp for scan in stream]
+    assert [read_stamp(m) for m in readings] == [scan.stamp for scan in stream]
     for message, scan in zip(readings, stream, strict=True):
         assert message.counts.tolist() == scan.counts.tolist()
         assert message.received.all()
     assert len(pressures) == len(states)
     for message, state in zip(pressures, states, strict=True):
         reading = state.state.reading
-        assert stamp_of(message) == reading.stamp
+        assert read_stamp(message) == reading.stamp
         np.testing.assert_array_equal(message.valid, reading.valid)
         np.testing.assert_array_equal(
             message.pressure[reading.valid], reading.pressure[reading.valid]
@@ -210,7 +210,7 @@ def test_markers_show_taxels_where_they_are_and_contacts_where_they_press(
     shown = set()
     for message in messages:
         taxels, *others = message.markers
-        state = states[stamp_of(taxels)].state
+        state = states[read_stamp(taxels)].state
         positions, _ = own.place_taxels(state.reading.q)
         points = [(p.x, p.y, p.z) for p in taxels.points]
         np.testing.assert_allclose(points, positions, atol=1e-9)
@@ -233,11 +233,11 @@ def test_transforms_place_every_link(decode, published):
     states = {s.state.reading.stamp: s for s in published[2]}
     for message in decode(TRANSFORMS):
         placed = {own.robot.link_names[0]: np.eye(4)}
-        q = states[stamp_of(message.transforms[0])].state.reading.q
+        q = states[read_stamp(message.transforms[0])].state.reading.q
         for transform in message.transforms:
             t, r = transform.transform.translation, transform.transform.rotation
             T = np.eye(4)
-            T[:3, :3] = rotation_of(r.w, np.array([r.x, r.y, r.z]))
+            T[:3, :3] = rotate(r.w, np.array([r.x, r.y, r.z]))
             T[:3, 3] = t.x, t.y, t.z
             placed[transform.child_frame_id] = placed[transform.header.frame_id] @ T
         poses = own.kinematics.poses(q)
@@ -245,7 +245,7 @@ def test_transforms_place_every_link(decode, published):
             np.testing.assert_allclose(placed[name], T, atol=1e-9)
 
 
-def rotation_of(w, v):
+def rotate(w, v):
     """Return the matrix of a unit quaternion, by Rodrigues' formula."""
     cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
     return np.eye(3) + 2 * w * cross + 2 * cross @ cross

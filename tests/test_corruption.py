@@ -390,7 +390,7 @@ def test_each_draw_is_corrupted_with_its_own_seed(tmp_path):
     generated(tmp_path / "a", clips=1)
     sets = (tmp_path / "a",) * 3
     command = robustness.Command(sets, sets, kinds=("dead",), seed=5)
-    tasks = robustness.tasks_of(command, "eskin", METHODS)
+    tasks = robustness.build_tasks(command, "eskin", METHODS)
     assert [task.seed for task in tasks] == [5, 6, 7]
     for task in tasks:
         used = [each.transform for each in task.tests.values() if each.transform]

@@ -42,7 +42,7 @@ def command(seconds, action="pause", accepted=True, touch=1, why=""):
     return CommandEvent(stamp, action, touch, gesture, accepted, why)
 
 
-def score_of(*commands):
+def score_commands(*commands):
     """Return the score of commands after a poke from 1.0 to 1.4 s that is to pause.
 
     Tracked touch 1 is the poke, 2 an accident at the same time, 3 nobody's.
@@ -58,20 +58,20 @@ def score_of(*commands):
 
 
 def test_command_within_second_of_touch_counts_for_it():
-    score = score_of(command(2.3))
+    score = score_commands(command(2.3))
     assert (score.count("correct"), score.false_alarms) == (1, [])
     assert score.delays() == pytest.approx([0.9])
 
 
 @pytest.mark.parametrize(("seconds", "touch"), [(2.5, 1), (1.5, 2), (1.5, 3)])
 def test_command_too_late_or_of_another_touch_is_false_alarm(seconds, touch):
-    score = score_of(command(seconds, touch=touch))
+    score = score_commands(command(seconds, touch=touch))
     assert (score.count("missed"), len(score.false_alarms)) == (1, 1)
     assert score.count_unasked()["unasked_stops"] == 1
 
 
 def test_stop_is_timed_from_first_contact_to_first_wait():
-    score = score_of(command(1.1, WAIT), command(1.5))
+    score = score_commands(command(1.1, WAIT), command(1.5))
     assert score.stop_delays() == pytest.approx([0.1]) and score.commands == 1
 
 
@@ -88,13 +88,15 @@ def test_touch_is_caused_by_nearest_simulated_one():
 
 
 def test_other_action_is_wrong_and_second_command_false_alarm():
-    score = score_of(command(1.5, "slow"), command(1.6))
+    score = score_commands(command(1.5, "slow"), command(1.6))
     assert score.count("wrong") == 1
     assert [command.action for command in score.false_alarms] == ["pause"]
 
 
 def test_refusals_and_holds_are_no_commands():
-    score = score_of(command(1.5, accepted=False), command(1.6, "hold", touch=None))
+    score = score_commands(
+        command(1.5, accepted=False), command(1.6, "hold", touch=None)
+    )
     assert (score.commands, score.holds, score.count("missed")) == (0, 1, 1)
     assert len(score.attempts[0].refusals) == 1
 
@@ -112,7 +114,7 @@ def test_refusals_and_holds_are_no_commands():
     ],
 )
 def test_failed_attempt_has_reason(recognised, commands, failure):
-    score = score_of(*commands)
+    score = score_commands(*commands)
     score.attempts[0].recognised += recognised
     assert score.attempts[0].failure == failure
     assert score.count_failures() == ({failure: 1} if failure else {})
@@ -143,7 +145,7 @@ def test_demonstration_adds_up_repeats_and_waits_for_last_touch():
 
 
 def test_demo_command_prints_result(monkeypatch, capsys):
-    result = DemoResult(score_of(command(2.3)), 8.0, 0.0, 0, 2, (3.0, 4.0))
+    result = DemoResult(score_commands(command(2.3)), 8.0, 0.0, 0, 2, (3.0, 4.0))
     monkeypatch.setattr("eskin.demo.run_headless", lambda seconds, config: result)
     assert run(["demo", "--headless", "--json"]) == 0
     out = capsys.readouterr().out

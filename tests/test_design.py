@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
+from eskin.cli.paint import SpecDraft
 from eskin.errors import RobotError, SkinError
+from eskin.page import PaintOrder
 from eskin.robot import compute_surface_distance, load_robot, load_urdf
 from eskin.skin import check_skin, load_skin
 
@@ -262,6 +264,22 @@ def test_painted_region_is_read_back_and_covered(robots, tmp_path):
     places = design.skin.positions[on_paint]
     assert regions[0].zone.contains(places).all() and len(places) > 60
     assert not keep_outs[0].contains(design.skin.positions).any()
+
+
+def test_saving_again_replaces_what_was_painted_and_keeps_what_was_there(tmp_path):
+    before = SpecFile(regions=[RegionEntry(link="foot")])
+    draft = SpecDraft(tmp_path / "spec.yaml", before, 0.5)
+    places = [(0.0, 0.0, 0.1 * n) for n in range(3)]
+    orders = [PaintOrder(n, "body", p, 0.03, False) for n, p in enumerate(places)]
+    for count in (3, 1):
+        assert draft.save(tuple(orders[:count])) == f"saved: {draft.path}"
+        assert read_spec(draft.path, DENSITY) == draft.written.build(DENSITY)
+        painted, kept = draft.written.regions
+        assert (painted.link, painted.density_per_cm2) == ("body", 0.5)
+        assert len(painted.balls_mm) == count and kept == before.regions[0]
+    saved, draft.path = draft.written, tmp_path
+    assert draft.save(tuple(orders)).startswith("not saved: ")
+    assert draft.written is saved
 
 
 def test_points_to_paint_on_lie_all_over_the_surface(robots):

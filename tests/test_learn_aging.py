@@ -22,7 +22,7 @@ UNCHANGED = AgingConfig(
 )
 
 
-def counts_of(scans) -> np.ndarray:
+def stack_counts(scans) -> np.ndarray:
     return np.array([scan.counts for scan in scans])
 
 
@@ -35,9 +35,9 @@ def recording(request, tmp_path_factory):
 
 
 def test_zero_aging_keeps_the_counts(recording):
-    rest = np.median(counts_of(list(recording.scans())[:50]), axis=0)
+    rest = np.median(stack_counts(list(recording.scans())[:50]), axis=0)
     was, now = (
-        counts_of(scans)
+        stack_counts(scans)
         for scans in (recording.scans(), Aging(UNCHANGED, 0).transform_scans(recording))
     )
     touched = was > rest
@@ -50,8 +50,8 @@ def test_zero_aging_keeps_the_counts(recording):
 def test_a_dead_zone_only_lowers_counts(recording):
     insensitive = Aging(replace(UNCHANGED, unfelt=20.0), 0)
     was, now = (
-        counts_of(Aging(UNCHANGED, 0).transform_scans(recording)),
-        counts_of(insensitive.transform_scans(recording)),
+        stack_counts(Aging(UNCHANGED, 0).transform_scans(recording)),
+        stack_counts(insensitive.transform_scans(recording)),
     )
     assert (now <= was).all()
     assert (now < was).any()
@@ -59,7 +59,7 @@ def test_a_dead_zone_only_lowers_counts(recording):
 
 def test_the_seed_alone_decides_the_skin(recording):
     one, again, other = (
-        counts_of(Aging(AgingConfig(), number).transform_scans(recording))
+        stack_counts(Aging(AgingConfig(), number).transform_scans(recording))
         for number in (0, 0, 1)
     )
     assert np.array_equal(one, again)
@@ -81,7 +81,7 @@ def test_only_counts_change(recording):
 
 def test_counts_stay_within_the_converter(recording):
     strong = AgingConfig(patch_gain=5.0, noise=1.0)
-    now = counts_of(Aging(strong, 0).transform_scans(recording))
+    now = stack_counts(Aging(strong, 0).transform_scans(recording))
     assert now.min() == 0
     assert now.max() == recording.calibration.full_scale
 
@@ -104,15 +104,15 @@ def test_held_out_recordings_are_held_out_on_every_skin(tmp_path):
     paths = record_people(tmp_path, ("ann", "bob", "cleo", "dan"))
     dataset = prepare(paths, transforms=[None, Aging(AgingConfig(), 0)])
     trainer = Trainer(dataset, dataset.vocabulary, replace(TINY, validation=0.5))
-    trained_on = {s.recording for s in segments_of(trainer.batches)}
-    held = {s.recording for s in segments_of(trainer.held_out)}
+    trained_on = {s.recording for s in list_segments(trainer.batches)}
+    held = {s.recording for s in list_segments(trainer.held_out)}
     assert len(trained_on) == 2 * len(trainer.holdout.train) == 4
     assert held == trainer.holdout.held and max(held) < len(paths)
     assert not {index % len(paths) for index in trained_on} & held
 
 
-def segments_of(maker):
-    classes = maker.sampler.classes.values()
+def list_segments(builder):
+    classes = builder.sampler.classes.values()
     return [s for datasets in classes for found in datasets.values() for s in found]
 
 

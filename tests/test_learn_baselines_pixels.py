@@ -33,8 +33,8 @@ def laid(rows, columns, surface):
     return build_skin("laid", [(patch, grid, surface)])
 
 
-def pixels_of(skin):
-    """Row and column in the unrolled image of each taxel."""
+def place_pixels(skin):
+    """Return row and column of each taxel in the unrolled image."""
     return np.divmod(build_unrolled_image(skin).pixel, PIXELS_AROUND)
 
 
@@ -88,7 +88,7 @@ def test_taxels_that_share_a_pixel_give_their_largest_pressure():
 def test_neighbours_on_a_link_are_neighbours_in_the_unrolled_image():
     """Caps, which close the end of a link, are excepted."""
     skin = UR5.skin
-    rows, columns = pixels_of(skin)
+    rows, columns = place_pixels(skin)
     one, other = side_by_side(skin)
     ids = np.array([patch.id for patch in skin.patches])[skin.patch_index[one]]
     round_link = ~np.isin(ids, CAPS)
@@ -104,7 +104,7 @@ def test_most_taxels_have_a_pixel_of_their_own():
 def test_a_ring_is_unrolled_about_its_axis_in_any_pose(seed):
     """One that nearly closes, wider than it is high."""
     skin = laid(5, 18, Tube(0.03, motion(seed, far=0.1)))
-    rows, columns = (place.reshape(5, 18) for place in pixels_of(skin))
+    rows, columns = (place.reshape(5, 18) for place in place_pixels(skin))
     assert rows.max() == int(4 * GAP / PIXEL_HEIGHT)
     turn = np.arange(18) * GAP / (2 * np.pi * 0.03) * PIXELS_AROUND
     off = apart_round(columns, columns[:, :1]) - apart_round(turn, 0)
@@ -114,7 +114,7 @@ def test_a_ring_is_unrolled_about_its_axis_in_any_pose(seed):
 @any_way
 def test_a_flat_skin_is_spread_over_rows_and_columns(seed):
     skin = laid(12, 20, Plane(motion(seed, far=0.1)))
-    rows, columns = pixels_of(skin)
+    rows, columns = place_pixels(skin)
     one, other = side_by_side(skin)
     assert np.abs(rows[one] - rows[other]).max() <= 2
     assert apart_round(columns[one], columns[other]).max() <= 2
@@ -153,7 +153,7 @@ def test_networks_get_readings_and_taxels_in_order(taxel):
     np.testing.assert_allclose(readings, want, rtol=1e-6)
     volume = seen_by(Cnn3d(skin, 3), pressure)[0, patch, :, row, column]
     np.testing.assert_allclose(volume, want, rtol=1e-6)
-    at = tuple(place[taxel] for place in pixels_of(skin))
+    at = tuple(place[taxel] for place in place_pixels(skin))
     parts = seen_by(ImageCnn(skin, 3), pressure)[0, :, *at]
     np.testing.assert_allclose(parts, MEANS / PRESSURE_UNIT, rtol=1e-6)
 

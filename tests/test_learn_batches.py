@@ -21,7 +21,7 @@ def dataset(tmp_path_factory):
     return prepare(record_people(tmp_path_factory.mktemp("people"), ("ann", "bob")))
 
 
-def maker(dataset, config=NO_AUGMENTATION) -> BatchBuilder:
+def make_builder(dataset, config=NO_AUGMENTATION) -> BatchBuilder:
     recordings = range(len(dataset.recordings))
     sampler = build_sampler(dataset, ("none", "hold", "tap"), recordings, SLOTS, 0.7)
     return BatchBuilder(dataset, sampler, config, SLOTS, shear=False)
@@ -33,7 +33,7 @@ def rng(seed=0):
 
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
-    batch = maker(dataset, config).build(8, 5, 4, rng())
+    batch = make_builder(dataset, config).build(8, 5, 4, rng())
     assert (batch.slot_index.windows, batch.encoded.slot_index.windows) == (8, 5)
     assert len(batch.labels) == 8
     assert len(batch.summary) == len(batch.slot_index.window)
@@ -45,7 +45,7 @@ def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
 
 
 def test_without_augmentation_a_batch_holds_the_recorded_readings(dataset):
-    batch = maker(dataset).build(8, 8, 1000, rng())
+    batch = make_builder(dataset).build(8, 8, 1000, rng())
     every = compute_summary(dataset.graphs, False)
     for row in batch.summary.numpy():
         assert (np.abs(every - row).max(axis=1) < 1e-4).any()
@@ -54,7 +54,7 @@ def test_without_augmentation_a_batch_holds_the_recorded_readings(dataset):
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_graphs_belong_to_the_encoded_readings(dataset, config):
     """Both views of a window see the same person on the same skin."""
-    batch = maker(dataset, config).build(6, 4, 9, rng())
+    batch = make_builder(dataset, config).build(6, 4, 9, rng())
     some = batch.encoded
     every = {
         (window, slot): row
@@ -83,7 +83,7 @@ def test_graphs_belong_to_the_encoded_readings(dataset, config):
 
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_every_window_ends_with_its_last_slot(dataset, config):
-    batch = maker(dataset, config).build(16, 1, 1, rng())
+    batch = make_builder(dataset, config).build(16, 1, 1, rng())
     window, slot = batch.slot_index.window.numpy(), batch.slot_index.slot.numpy()
     for number in range(16):
         mine = slot[window == number]
@@ -93,7 +93,7 @@ def test_every_window_ends_with_its_last_slot(dataset, config):
 
 def test_lost_readings_are_not_in_the_batch(dataset):
     def count(config):
-        return len(maker(dataset, config).build(32, 1, 1, rng()).summary)
+        return len(make_builder(dataset, config).build(32, 1, 1, rng()).summary)
 
     whole = count(NO_AUGMENTATION)
     assert count(replace(NO_AUGMENTATION, halved=1.0)) == pytest.approx(
@@ -107,7 +107,7 @@ def test_lost_readings_are_not_in_the_batch(dataset):
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_the_generator_decides_everything(dataset, config):
     one, same, other = (
-        maker(dataset, config).build(6, 4, 9, rng(seed)) for seed in (1, 1, 2)
+        make_builder(dataset, config).build(6, 4, 9, rng(seed)) for seed in (1, 1, 2)
     )
     assert torch.equal(one.summary, same.summary)
     assert torch.equal(one.labels, same.labels)
@@ -121,12 +121,12 @@ def test_the_generator_decides_everything(dataset, config):
 
 def test_patches_are_known_if_all_recordings_have_one_skin(dataset, tmp_path):
     [skin, _] = [recording.skin for recording in dataset.recordings]
-    found = maker(dataset).patch_index
+    found = make_builder(dataset).patch_index
     assert found is not None
     np.testing.assert_array_equal(found, skin.patch_index)
     small = record(tmp_path / "small.mcap", size=(2, 3))
     mixed = prepare([dataset.recordings[0].path, small])
-    assert maker(mixed).patch_index is None
+    assert make_builder(mixed).patch_index is None
 
 
 def test_data_sets_with_a_share_have_it_and_the_others_the_rest(dataset):

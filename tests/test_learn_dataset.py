@@ -140,13 +140,13 @@ def test_recording_without_touches_changes_nothing_of_the_others(
     assert np.array_equal(dataset.graphs.pressure, calibrated.graphs.pressure)
 
 
-@pytest.mark.parametrize("maker", [Placed, Elsewhere])
-def test_simulated_sequences_have_the_gesture_of_their_true_touch(tmp_path, maker):
+@pytest.mark.parametrize("generator", [Placed, Elsewhere])
+def test_simulated_sequences_have_the_gesture_of_their_true_touch(tmp_path, generator):
     """Without labels; sequences of no true touch are `none`, and scored."""
-    dataset = prepare(generated(tmp_path, maker, clips=4))
+    dataset = prepare(generated(tmp_path, generator, clips=4))
     made = [clip.gesture for clips in dataset.clips for clip in clips]
     assert len(set(made)) > 1
-    expected = made if maker is Placed else ["none"] * len(made)
+    expected = made if generator is Placed else ["none"] * len(made)
     assert [segment.gesture for segment in dataset.segments] == expected
     assert dataset.labelled == dataset.segments
     assert dataset.missed == ()
@@ -184,7 +184,7 @@ CLASSES = ("none", "hold", "tap")
 SESSIONS = [("ann", "1"), ("ann", "2"), ("bob", "1"), ("bob", "3")] * 3
 
 
-def hold_out_of(sessions, share, seed=0, gestures=()):
+def hold_out_sessions(sessions, share, seed=0, gestures=()):
     """Hold out some of recordings with a person, a session and gestures."""
     made = dict(enumerate(gestures or [set(CLASSES)] * len(sessions)))
     rng = np.random.default_rng(seed)
@@ -196,7 +196,7 @@ def hold_out_of(sessions, share, seed=0, gestures=()):
 )
 @pytest.mark.parametrize("session", ["", "{}"])
 def test_each_recording_is_either_trained_on_or_held_out(count, share, session):
-    found = hold_out_of([("ann", session.format(i)) for i in range(count)], share)
+    found = hold_out_sessions([("ann", session.format(i)) for i in range(count)], share)
     assert found.train | found.held == set(range(count))
     assert not found.train & found.held
     assert len(found.held) == found.wanted * (count > 1)
@@ -207,7 +207,7 @@ def test_each_recording_is_either_trained_on_or_held_out(count, share, session):
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5])
 def test_session_of_a_person_is_held_out_as_a_whole(share):
     for seed in range(20):
-        found = hold_out_of(SESSIONS, share, seed)
+        found = hold_out_sessions(SESSIONS, share, seed)
         train, held = (
             {SESSIONS[i] for i in part} for part in (found.train, found.held)
         )
@@ -219,7 +219,7 @@ def test_every_class_keeps_recordings_to_train_on():
     sessions = [("ann", "1"), *[("bob", "1")] * 4]
     gestures = [set(CLASSES), *[{"none", "hold"}] * 4]
     for seed in range(20):
-        found = hold_out_of(sessions, 0.4, seed, gestures)
+        found = hold_out_sessions(sessions, 0.4, seed, gestures)
         assert 0 in found.train
         assert not found.held
         assert "0 of 5 recordings" in str(found) and "2 asked for" in str(found)

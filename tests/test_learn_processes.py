@@ -1,5 +1,6 @@
 """Several processes train as one with as many threads does."""
 
+import os
 import subprocess
 import sys
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.model import load_model
+from eskin.page.link import free_port
 from helpers.cli import call
 from helpers.learning import FLAGS, record_people
 
@@ -23,22 +25,35 @@ def folder(tmp_path_factory):
     return path
 
 
-def run_two_processes(folder, *words):
-    launcher = (sys.executable, "-m", "torch.distributed.run", "--standalone")
-    command = (*launcher, "--nproc-per-node", "2", "-m", "eskin.cli.main")
-    return subprocess.run(
-        [*command, *map(str, (*TRAIN, *words, "--pack", folder / "pack"))],
-        capture_output=True,
+def start(words, **options):
+    """Start a program whose output is kept."""
+    return subprocess.Popen(
+        list(map(str, words)),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        timeout=300,
+        **options,
     )
 
 
-def test_two_processes_give_the_weights_of_two_threads(folder, capsys):
+def test_two_processes_give_the_weights_of_two_threads(folder, capsys, monkeypatch):
+    """This process is the first of two, in the environment that torchrun gives each."""
     data, one, two = folder / "data", folder / "one.st", folder / "two.st"
-    done = run_two_processes(folder, data, "--out", two)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count(f"{two}: epochs 2") == 1
+    words = (*TRAIN, data, "--out", two, "--pack", folder / "pack")
+    joined = {
+        "MASTER_ADDR": "127.0.0.1",
+        "MASTER_PORT": str(free_port(0)),
+        "WORLD_SIZE": "2",
+    }
+    environment = os.environ | joined | {"RANK": "1"}
+    command = (sys.executable, "-m", "eskin.cli.main", *words)
+    with monkeypatch.context() as patch, start(command, env=environment) as second:
+        for name, value in (*joined.items(), ("RANK", "0")):
+            patch.setenv(name, value)
+        code, out, _ = call(capsys, *words)
+        said, error = second.communicate(timeout=300)
+    assert code == second.returncode == 0, error
+    assert f"{two}: epochs 2" in out and not said
     assert call(capsys, *TRAIN, data, "--out", one, "--train.workers", "2")[0] == 0
     ours, theirs = (load_model(path).weights for path in (one, two))
     for name, weight in ours.items():
@@ -47,7 +62,11 @@ def test_two_processes_give_the_weights_of_two_threads(folder, capsys):
 
 
 def test_error_of_the_first_process_ends_both(folder):
-    done = run_two_processes(folder, folder / "nothing", "--out", folder / "three.st")
-    assert done.returncode != 0
-    assert "no recording" in done.stderr
+    launcher = ("torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+    words = (*TRAIN, folder / "nothing", "--out", folder / "three.st")
+    command = (sys.executable, "-m", *launcher, "-m", "eskin.cli.main", *words)
+    with start(command) as both:
+        _, error = both.communicate(timeout=300)
+    assert both.returncode != 0
+    assert "no recording" in error
     assert not (folder / "three.st").exists()

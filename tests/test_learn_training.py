@@ -28,7 +28,7 @@ def dataset(tmp_path_factory):
     return prepare(record_people(tmp_path_factory.mktemp("people"), PEOPLE))
 
 
-def sampler_of(dataset, recordings=(0, 1, 2, 3), crop=1.0) -> Sampler:
+def make_sampler(dataset, recordings=(0, 1, 2, 3), crop=1.0) -> Sampler:
     return build_sampler(dataset, VOCABULARY, set(recordings), 100, crop)
 
 
@@ -44,13 +44,13 @@ def test_every_class_is_drawn_as_often_however_rare_it_is(dataset):
     # Of eight gestures one is a tap.
     taps = [s for s in dataset.segments if s.gesture == "tap"][1:]
     few = replace(dataset, segments=tuple(s for s in dataset.segments if s not in taps))
-    sampler = sampler_of(few)
+    sampler = make_sampler(few)
     _, _, labels = sampler.draw(3000, np.random.default_rng(0))
     np.testing.assert_allclose(np.bincount(labels) / 3000, 1 / 3, atol=0.04)
 
 
 def test_every_segment_of_a_class_is_drawn_as_often(dataset):
-    sampler = sampler_of(dataset)
+    sampler = make_sampler(dataset)
     ends, _, labels = sampler.draw(3000, np.random.default_rng(0))
     recording = dataset.recording[ends[np.array(labels) == 1]]
     shares = np.bincount(recording, minlength=4) / len(recording)
@@ -58,7 +58,7 @@ def test_every_segment_of_a_class_is_drawn_as_often(dataset):
 
 
 def test_a_window_ends_in_a_gesture_of_its_class_and_recording(dataset):
-    sampler = sampler_of(dataset, (1, 3), 0.5)
+    sampler = make_sampler(dataset, (1, 3), 0.5)
     ends, firsts, labels = sampler.draw(500, np.random.default_rng(0))
     assert [dataset.gestures[end] for end in ends] == [VOCABULARY[i] for i in labels]
     assert set(dataset.recording[ends].tolist()) == {1, 3}
@@ -67,7 +67,7 @@ def test_a_window_ends_in_a_gesture_of_its_class_and_recording(dataset):
 
 
 def test_windows_end_at_least_a_tenth_of_a_second_after_the_onset(dataset):
-    sampler = sampler_of(dataset)
+    sampler = make_sampler(dataset)
     ends, firsts, _ = sampler.draw(500, np.random.default_rng(0))
     onset = {row: s.first for s in dataset.segments for row in range(s.first, s.end)}
     last = {s.end - 1 for s in dataset.segments}
@@ -76,7 +76,7 @@ def test_windows_end_at_least_a_tenth_of_a_second_after_the_onset(dataset):
         assert since >= 100_000_000 or end in last
     # Cropped windows, all of them here, see nothing from before their gesture.
     assert firsts.tolist() == [onset[end] for end in ends.tolist()]
-    ends, firsts, _ = sampler_of(dataset, crop=0.0).draw(50, np.random.default_rng(0))
+    ends, firsts, _ = make_sampler(dataset, crop=0.0).draw(50, np.random.default_rng(0))
     np.testing.assert_array_equal(firsts, dataset.starts[ends])
 
 

@@ -68,7 +68,7 @@ def convert_all(convert, folder, *given):
     return counts, found
 
 
-def stamp_of(*date):
+def build_stamp(*date):
     return int(datetime(*date, tzinfo=UTC).timestamp()) * SECOND
 
 
@@ -93,7 +93,7 @@ def test_sleeve_file_keeps_every_value_and_label(tmp_path):
     expected = [frame["data"] for frame in content["frames"]]
     np.testing.assert_array_equal(arrays.counts * 1.5, np.reshape(expected, (7, 513)))
     assert arrays.received.all()
-    start = stamp_of(2025, 5, 21, 15, 7, 49)
+    start = build_stamp(2025, 5, 21, 15, 7, 49)
     np.testing.assert_array_equal(arrays.stamps, start + np.arange(7) * SECOND // 10)
     spans = [
         (x.gesture, (x.start - start) * 10 // SECOND, (x.end - start) * 10 // SECOND)
@@ -170,7 +170,7 @@ def test_shearsense_file_keeps_every_value(tmp_path):
     np.testing.assert_array_equal(found.shear[..., 1], arrays[2].reshape(90, 36))
     assert recording.skin.has_shear and not recording.skin.calibrated
     assert recording.calibration.shear_rest == 128
-    start = stamp_of(2023, 3, 15, 19, 26, 5)
+    start = build_stamp(2023, 3, 15, 19, 26, 5)
     since_start = np.arange(90) / 44.7 * 1e9
     np.testing.assert_allclose(found.stamps - start, since_start, atol=200)
     [label] = recording.labels
@@ -248,7 +248,7 @@ def test_socialtouch_file_keeps_every_value_and_labels_touched_readings(tmp_path
     arrays = recording.arrays()
     np.testing.assert_array_equal(arrays.counts, np.concatenate(counts))
     assert arrays.received.all()
-    start = stamp_of(2022, 4, 20, 17, 5, 23)
+    start = build_stamp(2022, 4, 20, 17, 5, 23)
     first, second = 83 * 4 + 2000, 83 * 7 + 4000
     times = [83 * np.arange(5), first + 83 * np.arange(4), second + 83 * np.arange(3)]
     milliseconds = (arrays.stamps - start) / 1e6

@@ -46,7 +46,7 @@ def make_stamps(duration):
     return np.arange(round(duration * 50)) * PERIOD
 
 
-def spans_of(labels):
+def list_spans(labels):
     """Return start [s], end [s] and gesture of each label."""
     return [
         (round(x.start / SECOND, 3), round(x.end / SECOND, 3), x.gesture)
@@ -104,7 +104,7 @@ def test_ranges_are_labels_widened_and_joined_by_gesture():
         make_label(30, 31, "stroke", "auto"),
     ]
     ranges = build_rough_ranges(truth, margin=1.0)
-    assert spans_of(ranges) == [(4, 8.5, "poke"), (8.5, 11, "stroke")]
+    assert list_spans(ranges) == [(4, 8.5, "poke"), (8.5, 11, "stroke")]
     assert {label.source for label in ranges} == {"range"}
     check_no_overlap(ranges)
 
@@ -138,7 +138,7 @@ def test_touches_are_labelled_within_their_ranges(pulses, ranges, options, expec
     for start, end in pulses:
         peaks[(stamps >= start * SECOND) & (stamps < end * SECOND)] += 20.0
     found = label_automatically(stamps, peaks, ranges, AutoLabelConfig(**options))
-    assert spans_of(found) == expected
+    assert list_spans(found) == expected
     assert {label.source for label in found} <= {"auto"}
 
 
@@ -214,7 +214,7 @@ def test_recording_is_labelled_by_its_labels_and_its_pressure(
     tmp_path, labels, expected
 ):
     found = label_recording(record(tmp_path / "a.mcap", labels)).found
-    assert spans_of(found) == expected
+    assert list_spans(found) == expected
 
 
 def test_recording_without_ranges_and_gestures_is_refused(tmp_path):
@@ -230,7 +230,7 @@ def test_ranges_are_loaded_in_seconds_since_the_first_reading(tmp_path):
         "- start_s: 1\n  end_s: 2\n  gesture: poke\n"
     )
     ranges = load_ranges(path, 10 * SECOND)
-    assert spans_of(ranges) == [(11, 12, "poke"), (16, 19.5, "stroke")]
+    assert list_spans(ranges) == [(11, 12, "poke"), (16, 19.5, "stroke")]
     assert {label.source for label in ranges} == {"range"}
 
 

@@ -56,11 +56,11 @@ def decode(path):
     return messages
 
 
-def stamp_of(time):
+def read_stamp(time):
     return time.sec * SECOND + time.nanosec
 
 
-def vector_of(message):
+def read_vector(message):
     return (message.x, message.y, message.z)
 
 
@@ -135,20 +135,20 @@ def test_any_values_are_read_by_eskin_and_by_another_reader(
     assert recording.detections == (detection,)
     messages = {topic: found for (topic, _), [found] in decode(path).items()}
     found = messages["/eskin/reading"]
-    assert (stamp_of(found.header.stamp), found.header.frame_id) == (stamp, "square")
+    assert (read_stamp(found.header.stamp), found.header.frame_id) == (stamp, "square")
     np.testing.assert_array_equal(found.counts, counts)
     np.testing.assert_array_equal(found.received, received)
     np.testing.assert_array_equal(found.shear, [] if shear is None else shear.flat)
     found = messages["/eskin/label"]
     assert (found.gesture, found.source) == (label.gesture, source)
-    assert (stamp_of(found.start), stamp_of(found.end)) == (label.start, label.end)
+    assert (read_stamp(found.start), read_stamp(found.end)) == (label.start, label.end)
     found = messages["/eskin/detection"]
     assert [found.gesture, found.link, found.patch] == texts
-    assert stamp_of(found.header.stamp) == DETECTION.stamp
-    assert (stamp_of(found.onset), stamp_of(found.end)) == (START, DETECTION.end)
+    assert read_stamp(found.header.stamp) == DETECTION.stamp
+    assert (read_stamp(found.onset), read_stamp(found.end)) == (START, DETECTION.end)
     assert (found.confidence, found.peak_force) == (0.875, 12.5)
-    assert vector_of(found.point) == detection.p_world
-    assert vector_of(found.normal) == DETECTION.n_world
+    assert read_vector(found.point) == detection.p_world
+    assert read_vector(found.normal) == DETECTION.n_world
 
 
 def test_another_reader_finds_joints_and_truth_under_their_types(path):
@@ -163,14 +163,17 @@ def test_another_reader_finds_joints_and_truth_under_their_types(path):
     }
     messages = {topic: found for (topic, _), found in messages.items()}
     for state, scan in zip(messages["/joint_states"], SCANS, strict=True):
-        assert (stamp_of(state.header.stamp), tuple(state.name)) == (scan.stamp, JOINTS)
+        assert (read_stamp(state.header.stamp), tuple(state.name)) == (
+            scan.stamp,
+            JOINTS,
+        )
         np.testing.assert_array_equal(state.position, scan.q)
     for truth, record in zip(messages["/eskin/truth"], TRUTHS, strict=True):
-        assert stamp_of(truth.header.stamp) == record.stamp
+        assert read_stamp(truth.header.stamp) == record.stamp
         assert truth.header.frame_id == "world"
         assert (truth.touch, truth.gesture, truth.kind) == (record.touch, "poke", "tip")
         assert (truth.link, truth.force, truth.area) == ("arm", record.force, 1e-4)
-        assert vector_of(truth.centroid) == record.p_world
+        assert read_vector(truth.centroid) == record.p_world
 
 
 def test_chunk_spans_less_than_a_second_and_is_compressed(path):

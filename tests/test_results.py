@@ -1,7 +1,7 @@
 """`benchmarks.results`: the training of each table."""
 
 import pytest
-from benchmarks.results import OF_581, Command, spent, task_of
+from benchmarks.results import OF_581, Command, build_task, describe_trainings
 
 from eskin.learn.comparison import METHODS, MethodResult
 from eskin.learn.comparison.results import KeptResult, keep_result
@@ -19,7 +19,7 @@ def test_a_point_of_the_learning_curve_trains_on_its_number_of_clips(trained_on,
 def test_learning_curves_hold_nothing_out(tmp_path):
     generated(tmp_path / "a", clips=1)
     places = (tmp_path / "a", tmp_path / "a")
-    task = task_of(Command(sets=tmp_path), "a b", METHODS["eskin"], *places, 3)
+    task = build_task(Command(sets=tmp_path), "a b", METHODS["eskin"], *places, 3)
     assert (task.name, task.seed, task.share) == ("a b", 3, 0.0)
 
 
@@ -27,4 +27,7 @@ def test_seconds_of_kept_trainings_are_added(tmp_path):
     for n, seconds in enumerate((1800.0, 5400.0)):
         result = MethodResult("a", n, seconds, {})
         keep_result(tmp_path / "a.jsonl", KeptResult(f"a{n}", "0", result))
-    assert spent(tmp_path) == "2 trainings kept, of 2.0 hours on one core together"
+    assert (
+        describe_trainings(tmp_path)
+        == "2 trainings kept, of 2.0 hours on one core together"
+    )

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from benchmarks.simulation.ceiling import wilson_interval
-from benchmarks.simulation.clips import as_tap, pressure_of, sitting_of
+from benchmarks.simulation.clips import as_tap, calibrate_counts, simulate_session
 from benchmarks.simulation.confusion import counted, pairs_check
 from benchmarks.simulation.features import NAMES, clip_features
-from benchmarks.simulation.forest import spread_of
+from benchmarks.simulation.forest import compute_spread
 from benchmarks.simulation.leakage import over_people
-from benchmarks.simulation.remains import EDGES, histogram_of
+from benchmarks.simulation.remains import EDGES, compute_histogram
 from benchmarks.simulation.true_features import true_features
 
 from eskin.sim.dataset import GenerationSettings
@@ -32,7 +32,7 @@ def test_received_counts_read_as_their_pressure_and_others_as_none():
     counts = [calibration.compute_counts(kpa)[0] + 100 for kpa in pressure]
     counts = np.round([counts, counts]).astype(np.int32)
     received = np.array([[True] * 3, [True, False, False]])
-    read = pressure_of(counts, received, np.full(3, 100.0), calibration)
+    read = calibrate_counts(counts, received, np.full(3, 100.0), calibration)
     np.testing.assert_allclose(read[0], pressure, rtol=0.02)
     np.testing.assert_allclose(read[1], [2.0, 0.0, 0.0], rtol=0.02)
 
@@ -52,8 +52,8 @@ def test_histogram_does_not_depend_on_place_and_time():
     rng = np.random.default_rng(0)
     pressure = rng.exponential(10.0, (20, 30))
     shuffled = rng.permutation(pressure.ravel()).reshape(20, 30)
-    assert (histogram_of(pressure) == histogram_of(shuffled)).all()
-    assert histogram_of(pressure).sum() == np.sum(pressure >= EDGES[0])
+    assert (compute_histogram(pressure) == compute_histogram(shuffled)).all()
+    assert compute_histogram(pressure).sum() == np.sum(pressure >= EDGES[0])
 
 
 def test_true_features_are_finite_and_do_not_depend_on_the_place():
@@ -73,11 +73,11 @@ def test_true_features_are_finite_and_do_not_depend_on_the_place():
 def test_spread_of_people_beyond_counting_is_found():
     rng = np.random.default_rng(0)
     people = np.repeat([f"p{i}" for i in range(200)], 50)
-    alike = spread_of(rng.random(10_000) < 0.8, people)
+    alike = compute_spread(rng.random(10_000) < 0.8, people)
     assert 0.04 < alike.deviation < 0.07
     assert alike.beyond < 0.02
     share = np.repeat(rng.uniform(0.6, 1.0, 200), 50)
-    assert 0.09 < spread_of(rng.random(10_000) < share, people).beyond < 0.14
+    assert 0.09 < compute_spread(rng.random(10_000) < share, people).beyond < 0.14
 
 
 def test_wilson_interval_holds_its_share_and_shrinks():
@@ -113,7 +113,7 @@ def test_clips_of_a_session_have_finite_features():
     session = settings.sessions[0]
     plans = settings.plan_clips(session)
     assert as_tap(plans[1]) is plans[1]
-    made = sitting_of(session, plans, False, tuple(SMALL_POOL.items()))
+    made = simulate_session(session, plans, False, tuple(SMALL_POOL.items()))
     labels = ["double_pat", "grab", "none", "poke", "stroke"]
     assert sorted(each.label for each in made) == labels
     for each in made:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from benchmarks import textbook
 from benchmarks.textbook.__main__ import Command, main
-from benchmarks.textbook.clips import NOISE, scans_of
+from benchmarks.textbook.clips import NOISE, build_clip
 from benchmarks.textbook.draws import CLIP, TOUCHES, draw_touch
 from benchmarks.textbook.report import share, table, verdicts
-from benchmarks.textbook.skins import GAIN, REST, site_of
+from benchmarks.textbook.skins import GAIN, REST, build_site
 from benchmarks.textbook.sweeps import FACTORS, Point, draw_setting
-from benchmarks.textbook.touches import Spot, TextbookTouch, axes_of
+from benchmarks.textbook.touches import Spot, TextbookTouch, compute_semi_axes
 
 PITCH = 0.008
 
@@ -60,7 +60,7 @@ def test_no_module_imports_the_simulator():
 )
 @pytest.mark.parametrize("pitch", [0.004, 0.012])
 def test_taxels_bear_the_force_of_the_spots(surface, name, pitch):
-    site = site_of(surface, pitch)
+    site = build_site(surface, pitch)
     touch = make_touch(name, site, 1)
     middle = np.array([np.mean(touch.contacts[0])])
     expected = sum(spot.force for spot in touch.spots) * touch.share(middle)[0]
@@ -70,7 +70,7 @@ def test_taxels_bear_the_force_of_the_spots(surface, name, pitch):
 
 @pytest.mark.parametrize("surface", ["flat", "round"])
 def test_spot_lies_where_it_is_asked_for(surface):
-    site, centre = site_of(surface, 0.005), (0.021, -0.033)
+    site, centre = build_site(surface, 0.005), (0.021, -0.033)
     pressure = press_spot(site, centre, (0.006, 0.018), 5.0, angle=0.7)[site.taxel]
     found = pressure @ site.points / pressure.sum()
     assert found == pytest.approx(centre, abs=3e-4)
@@ -97,7 +97,7 @@ def test_ramps_are_raised_cosines_no_longer_than_half_a_contact():
 
 
 def test_poke_and_pats_have_the_times_asked_for():
-    site, times = site_of("flat", PITCH), np.arange(0, CLIP, 0.001)
+    site, times = build_site("flat", PITCH), np.arange(0, CLIP, 0.001)
     for seconds in (0.15, 0.4, 0.8):
         touch = make_touch("poke", site, duration=seconds)
         pressed = times[touch.share(times) > 0]
@@ -116,7 +116,7 @@ def test_poke_and_pats_have_the_times_asked_for():
 
 @pytest.mark.parametrize("speed", [5.0, 40.0])
 def test_stroke_moves_at_its_speed(speed):
-    site = site_of("flat", 0.005)
+    site = build_site("flat", 0.005)
     touch = make_touch("stroke", site, speed=speed)
     [(start, end)] = touch.contacts
     times = start + np.array([0.3, 0.7]) * (end - start)
@@ -131,7 +131,7 @@ def test_stroke_moves_at_its_speed(speed):
 
 @pytest.mark.parametrize("name", TOUCHES)
 def test_touch_stays_within_its_clip_and_off_the_edge(name):
-    site = site_of("round" if name == "grab" else "flat", PITCH)
+    site = build_site("round" if name == "grab" else "flat", PITCH)
     apart = np.abs(site.points)
     outer = apart > apart.max(axis=0) - PITCH / 2
     edge = site.taxel[outer[:, 1] if name == "grab" else outer.any(axis=1)]
@@ -147,10 +147,10 @@ def test_touch_stays_within_its_clip_and_off_the_edge(name):
 
 
 def test_sensor_counts_pressure_and_white_noise():
-    site = site_of("flat", PITCH)
-    spots = (Spot((0.0, 0.0), axes_of(2e-4), 5.0),)
+    site = build_site("flat", PITCH)
+    spots = (Spot((0.0, 0.0), compute_semi_axes(2e-4), 5.0),)
     touch = TextbookTouch("poke", spots, ((1.0, 1.5),), 0.05)
-    clip = scans_of(touch, site, 50.0, np.random.default_rng(0))
+    clip = build_clip(touch, site, 50.0, np.random.default_rng(0))
     rest = clip.counts[clip.times < 0.9] - REST
     assert rest.mean() == pytest.approx(0, abs=0.1)
     assert rest.std() * GAIN == pytest.approx(NOISE, rel=0.1)
@@ -159,9 +159,9 @@ def test_sensor_counts_pressure_and_white_noise():
 
 
 def test_seed_decides_the_clip():
-    site = site_of("round", PITCH)
+    site = build_site("round", PITCH)
     one, again, other = (
-        scans_of(
+        build_clip(
             make_touch("grab", site, seed), site, 50.0, np.random.default_rng(seed)
         )
         for seed in (3, 3, 4)

@@ -237,7 +237,7 @@ def attack(plan: AttackPlan) -> list[FaultTally]:
 
 
 def plan_builds(command: Command, names: list[str]) -> list[AttackPlan]:
-    """AttackPlan the builds of all seeds."""
+    """Plan the builds of all seeds."""
     plans = []
     for number in range(command.seeds):
         left, build = 60.0 * command.minutes, 0

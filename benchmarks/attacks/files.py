@@ -21,7 +21,11 @@ from typing import Literal
 
 import tyro
 
-from benchmarks.attacks.hostile_recordings import MATRICES, RECORDINGS, write_skin_of
+from benchmarks.attacks.hostile_recordings import (
+    MATRICES,
+    RECORDINGS,
+    build_skin_writer,
+)
 from benchmarks.attacks.hostile_robots import ROBOTS
 from benchmarks.attacks.hostile_texts import (
     CALIBRATIONS,
@@ -143,7 +147,7 @@ class Refusal:
 
     @property
     def is_good(self) -> bool:
-        """Whether it was refused as it should be."""
+        """Return whether it was refused as it should be."""
         small = self.seconds < MAX_SECONDS and self.megabytes < MAX_MEGABYTES
         return self.code == 2 and len(self.lines) == 1 and small
 
@@ -205,7 +209,7 @@ def attack(kind: Kind, name: str, write: Write, command: str) -> Refusal:
     """Run a command on a file, in a folder of its own."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        write_skin_of(SMALL)(folder / "good.mcap")
+        build_skin_writer(SMALL)(folder / "good.mcap")
         save_skin(SMALL, folder / "good")
         write(folder / NAMES[kind])
         words = command.format(NAMES[kind]).split()

@@ -106,7 +106,7 @@ class StallingPort(VirtualPort):
 
     @property
     def uri(self) -> str:
-        """URI of the receiver."""
+        """Return the URI of the receiver."""
         return self.inner.uri
 
     def send(self, chunks: list[bytes]) -> None:

@@ -97,7 +97,7 @@ def write_attachment(path: Path) -> None:
     write_records(path, Header("ros2", "eskin"), skin)
 
 
-def write_skin_of(skin: Skin, matrix: bool = False) -> Write:
+def build_skin_writer(skin: Skin, matrix: bool = False) -> Write:
     """Return a function that writes a valid recording of two scans of a skin."""
 
     def write(path: Path) -> None:
@@ -137,13 +137,15 @@ RECORDINGS: dict[str, Write] = {
     "a calibration of 20 MB": write_head(
         calibration=b'{"gain": [' + b"1," * 10 * MEGABYTE
     ),
-    "10,000 taxels in one point": write_skin_of(stack_taxels(10_000)),
-    "10,000 taxels, of them four far away": write_skin_of(squeeze_taxels(10_000, 1e3)),
+    "10,000 taxels in one point": build_skin_writer(stack_taxels(10_000)),
+    "10,000 taxels, of them four far away": build_skin_writer(
+        squeeze_taxels(10_000, 1e3)
+    ),
     "a hole of 1 TB": write_hole(1 << 40, MAGIC),
     "noise": write_noise,
 }
 
 MATRICES: dict[str, Write] = {
-    "10,000 rows and columns": write_skin_of(spread_rows(10_000), matrix=True)
+    "10,000 rows and columns": build_skin_writer(spread_rows(10_000), matrix=True)
 }
 """Recordings that only a command can refuse which estimates crosstalk."""

@@ -7,8 +7,8 @@ from jaxtyping import Float
 from sklearn.ensemble import ExtraTreesClassifier, HistGradientBoostingClassifier
 from threadpoolctl import threadpool_limits
 
-from benchmarks.simulation.clips import PROCESSES, Made, simulate
-from benchmarks.simulation.forest import TREES, labels_of
+from benchmarks.simulation.clips import PROCESSES, ClipSummary, simulate
+from benchmarks.simulation.forest import TREES, list_labels
 from benchmarks.simulation.true_features import true_features
 from eskin.sim.constants import load_constants
 
@@ -38,8 +38,8 @@ def ceiling_tables(clips: int, seed: int) -> str:
     ]
     for name in TESTS:
         made = simulate(name, clips // 3, level, seed)
-        right = bound.guess(made) == labels_of(made)
-        recalls = [right[labels_of(made) == label].mean() for label in names]
+        right = bound.guess(made) == list_labels(made)
+        recalls = [right[list_labels(made) == label].mean() for label in names]
         cells = " | ".join(f"{recall:.1%}" for recall in recalls)
         low, high = wilson_interval(int(right.sum()), len(right))
         rows.append(f"| {name} | {right.mean():.1%} ({low:.1%}-{high:.1%}) | {cells} |")
@@ -49,7 +49,7 @@ def ceiling_tables(clips: int, seed: int) -> str:
 class Bound:
     """Classifies clips by their true series, with boosted and random trees."""
 
-    def __init__(self, made: Sequence[Made], seed: int) -> None:
+    def __init__(self, made: Sequence[ClipSummary], seed: int) -> None:
         """Train the classifiers."""
         boosted = HistGradientBoostingClassifier(
             max_iter=300,
@@ -60,12 +60,12 @@ class Bound:
             random_state=seed,
         )
         trees = ExtraTreesClassifier(TREES, random_state=seed, n_jobs=PROCESSES)
-        features, labels = stack_true_features(made), labels_of(made)
+        features, labels = stack_true_features(made), list_labels(made)
         with threadpool_limits(1):  # OpenMP's threads wait busily for each other
             self.models = [model.fit(features, labels) for model in (boosted, trees)]
         self.names = [str(name) for name in self.models[0].classes_]
 
-    def guess(self, made: Sequence[Made]) -> np.ndarray:
+    def guess(self, made: Sequence[ClipSummary]) -> np.ndarray:
         """Return the class of each clip, by the mean of both classifiers."""
         features = stack_true_features(made)
         probabilities = np.mean(
@@ -74,7 +74,9 @@ class Bound:
         return np.array(self.names)[probabilities.argmax(axis=1)]
 
 
-def stack_true_features(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
+def stack_true_features(
+    made: Sequence[ClipSummary],
+) -> Float[np.ndarray, "clip feature"]:
     """Return the true features of clips."""
     return np.array([true_features(each.truth) for each in made])
 

@@ -9,7 +9,11 @@ from jaxtyping import Bool, Float, Int
 from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.simulation.features import clip_features
-from benchmarks.simulation.remains import before_of, histogram_of, truth_of
+from benchmarks.simulation.remains import (
+    build_true_series,
+    compute_histogram,
+    compute_rest_statistics,
+)
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import ClipPlan, Simulator
 from eskin.sim.dataset.clip import SimulatedClip
@@ -28,8 +32,8 @@ TAP = "tap"
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
-    """Holds what the tables need of a clip."""
+class ClipSummary:
+    """A summary holds what the tables need of a clip."""
 
     plan: ClipPlan
     """Plan of the clip."""
@@ -69,7 +73,7 @@ def simulate(
     seed: int,
     classes: tuple[str, ...] = CLASSES,
     factors: Factors = (),
-) -> list[Made]:
+) -> list[ClipSummary]:
     """Simulate clips of a named set in two processes.
 
     Args:
@@ -86,21 +90,21 @@ def simulate(
     work = []
     for session in plan_sessions(chosen, seed, constants):
         plans = plan_clips(session, chosen, seed, difficulty, constants)
-        work.append(delayed(sitting_of)(session, plans, TAP in classes, factors))
+        work.append(delayed(simulate_session)(session, plans, TAP in classes, factors))
     with parallel_config(backend="loky", inner_max_num_threads=1):
-        found: Sequence[list[Made]] = Parallel(PROCESSES)(work)  # pyright: ignore
+        found: Sequence[list[ClipSummary]] = Parallel(PROCESSES)(work)  # pyright: ignore
     return [made for group in found for made in group]
 
 
 @lru_cache(maxsize=2)
-def simulator(factors: Factors = ()) -> Simulator:
+def get_simulator(factors: Factors = ()) -> Simulator:
     """Return the simulator of this process, with factors on its constants."""
     return Simulator(constants=load_constants().scaled(dict(factors)))
 
 
-def sitting_of(
+def simulate_session(
     session: SessionPlan, plans: Sequence[ClipPlan], taps: bool, factors: Factors = ()
-) -> list[Made]:
+) -> list[ClipSummary]:
     """Simulate the clips of a session; their rest level is that of its lead-in.
 
     Args:
@@ -109,10 +113,13 @@ def sitting_of(
         taps: whether one pat is a class of its own.
         factors: factors on constants of the simulation.
     """
-    maker = simulator(factors)
-    rest = compute_rest_counts(maker.make(plans[0]))
-    calibration = maker.calibration(session.build)
-    return [made_of(maker, as_tap(plan), rest, calibration, taps) for plan in plans[1:]]
+    simulator = get_simulator(factors)
+    rest = compute_rest_counts(simulator.make(plans[0]))
+    calibration = simulator.calibration(session.build)
+    return [
+        summarise_clip(simulator, as_tap(plan), rest, calibration, taps)
+        for plan in plans[1:]
+    ]
 
 
 def as_tap(plan: ClipPlan) -> ClipPlan:
@@ -122,29 +129,29 @@ def as_tap(plan: ClipPlan) -> ClipPlan:
     return replace(plan, gesture="none", kind="single_pat")
 
 
-def made_of(
-    maker: Simulator,
+def summarise_clip(
+    simulator: Simulator,
     plan: ClipPlan,
     rest: Float[np.ndarray, "taxel"],
     calibration: Calibration,
     taps: bool,
-) -> Made:
+) -> ClipSummary:
     """Simulate one clip and keep what the tables need."""
-    mounted, clip = maker.mounted, maker.make(plan)
-    pressure = pressure_of(clip.counts, clip.received, rest, calibration)
+    mounted, clip = simulator.mounted, simulator.make(plan)
+    pressure = calibrate_counts(clip.counts, clip.received, rest, calibration)
     first = next((truth for truth in clip.truths if truth.number == 0), None)
-    kind = first.kind if first else plan.kind or kind_of(clip)
+    kind = first.kind if first else plan.kind or name_untouched_kind(clip)
     label = TAP if taps and kind == "single_pat" else plan.gesture or ""
     pressed = first is not None and first.force.any()
     start = int(np.flatnonzero(first.force)[0]) if first and pressed else 0
-    return Made(
+    return ClipSummary(
         plan=plan,
         label=label,
         kind=kind,
         features=clip_features(pressure, mounted.skin.positions, mounted.skin.areas),
-        truth=truth_of(clip, first, mounted),
-        before=before_of(clip, rest, mounted.skin),
-        histogram=histogram_of(pressure),
+        truth=build_true_series(clip, first, mounted),
+        before=compute_rest_statistics(clip, rest, mounted.skin),
+        histogram=compute_histogram(pressure),
         pose_group=clip.pose_group,
         folded=bool(clip.drawn["folded"]),
         q=clip.q[0],
@@ -155,13 +162,13 @@ def made_of(
     )
 
 
-def kind_of(clip: SimulatedClip) -> str:
+def name_untouched_kind(clip: SimulatedClip) -> str:
     """Return the kind of a clip without touch."""
     disturbed = any(name.startswith("electrical.") for name in clip.drawn)
     return "electrical" if disturbed else "idle"
 
 
-def pressure_of(
+def calibrate_counts(
     counts: Int[np.ndarray, "reading taxel"],
     received: Bool[np.ndarray, "reading taxel"],
     rest: Float[np.ndarray, "taxel"],

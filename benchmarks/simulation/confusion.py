@@ -10,15 +10,15 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from benchmarks.simulation.check import BandCheck, at_most, within
-from benchmarks.simulation.clips import TAP, Made, simulate
+from benchmarks.simulation.clips import TAP, ClipSummary, simulate
 from benchmarks.simulation.features import NAMES
 from benchmarks.simulation.forest import (
     FOLDS,
-    features_of,
+    compute_spread,
     held_out,
-    labels_of,
-    people_of,
-    spread_of,
+    list_labels,
+    list_people,
+    stack_features,
 )
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset.sets import CLASSES
@@ -45,7 +45,7 @@ def confusion_tables(clips: int, seed: int) -> tuple[str, list[BandCheck]]:
     more = simulate("train", clips, level, seed, (*CLASSES, *MORE))
     one, two = held_out(made, seed), held_out(more, seed)
     checks = [
-        *expected(labels_of(made), one),
+        *expected(list_labels(made), one),
         per_person(made, one),
         at_most(
             "linear probe of duration, force, area",
@@ -53,9 +53,9 @@ def confusion_tables(clips: int, seed: int) -> tuple[str, list[BandCheck]]:
             0.8,
             SOURCE,
         ),
-        pairs_check(labels_of(more), two),
+        pairs_check(list_labels(more), two),
     ]
-    tables = [matrix(labels_of(made), one), matrix(labels_of(more), two)]
+    tables = [matrix(list_labels(made), one), matrix(list_labels(more), two)]
     return "\n".join(tables), checks
 
 
@@ -71,35 +71,38 @@ def expected(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> list[Band
     measured = ", ".join(f"{name} {recall[name]:.1%}" for name in ranks)
     return [
         BandCheck(
-            *("`none` is confused most with", "poke and double_pat", SOURCE),
-            *(" and ".join(order), set(order) == {"poke", "double_pat"}),
+            name="`none` is confused most with",
+            target="poke and double_pat",
+            source=SOURCE,
+            measured=" and ".join(order),
+            met=set(order) == {"poke", "double_pat"},
         ),
         BandCheck(
-            *("gestures by recall", "double_pat and poke least, grab most", SOURCE),
-            *(
-                measured,
-                set(ranks[:2]) == {"double_pat", "poke"} and ranks[-1] == "grab",
-            ),
+            name="gestures by recall",
+            target="double_pat and poke least, grab most",
+            source=SOURCE,
+            measured=measured,
+            met=set(ranks[:2]) == {"double_pat", "poke"} and ranks[-1] == "grab",
         ),
     ]
 
 
-def per_person(made: Sequence[Made], guess: np.ndarray) -> BandCheck:
+def per_person(made: Sequence[ClipSummary], guess: np.ndarray) -> BandCheck:
     """Check the spread of the accuracy between people."""
-    found = spread_of(guess == labels_of(made), people_of(made))
+    found = compute_spread(guess == list_labels(made), list_people(made))
     name = f"SD between people ({100 * found.beyond:.1f} beyond the chance of counting)"
     return within(name, 100 * found.deviation, 4.0, 11.0, COST, "points")
 
 
-def measure_linear_probe(made: Sequence[Made]) -> float:
+def measure_linear_probe(made: Sequence[ClipSummary]) -> float:
     """Return the accuracy of a linear model of three plain features."""
     columns = [NAMES.index(name) for name in PLAIN]
-    chosen = np.log(features_of(made)[:, columns] + [0.02, 0.1, 1.0])
+    chosen = np.log(stack_features(made)[:, columns] + [0.02, 0.1, 1.0])
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
-    groups = people_of(made)
+    groups = list_people(made)
     folds = GroupKFold(min(FOLDS, len(set(groups))))
-    guess = cross_val_predict(model, chosen, labels_of(made), groups=groups, cv=folds)
-    return float(np.mean(guess == labels_of(made)))
+    guess = cross_val_predict(model, chosen, list_labels(made), groups=groups, cv=folds)
+    return float(np.mean(guess == list_labels(made)))
 
 
 def pairs_check(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> BandCheck:

@@ -37,7 +37,7 @@ def element_checks(
 ) -> list[BandCheck]:
     """Check one element against the logs, with `repeats` random draws."""
     skin = ur5()[0].skin
-    build = element_of(skin, constants)
+    build = build_element(skin, constants)
     play = partial(conductance, build=build, skin=skin, constants=constants)
     return [
         *exponent_checks(skin, constants, seed, repeats),
@@ -50,7 +50,7 @@ def element_checks(
     ]
 
 
-def element_of(skin: Skin, constants: Constants) -> SensorBuild:
+def build_element(skin: Skin, constants: Constants) -> SensorBuild:
     """Build a nominal sensor with the element's exponent and a fine converter."""
     build = build_nominal_sensor(skin, constants)
     exponent = np.full(skin.count, EXPONENT)
@@ -94,7 +94,7 @@ def exponent_checks(
             for _ in range(repeats)
         ]
     )
-    build, step = element_of(skin, constants), constants.value("time.step")
+    build, step = build_element(skin, constants), constants.value("time.step")
     loads = np.array([0.25, 0.5, 1.0, 2.0])
     plateaus = [
         conductance(share * stepped(1.0, step), build, skin, constants)[-1]
@@ -217,7 +217,7 @@ def largest_ghost(
     """Return the ratio of the largest other reading to that of the pressed taxel."""
     law = "fresh" if kind == "fresh" else "shifted"
     drawn = draw_build("g", law, skin, constants, rng)
-    plain = element_of(skin, constants)
+    plain = build_element(skin, constants)
     crossed = replace(
         plain.electronics, ghost=drawn.electronics.ghost, leak=drawn.electronics.leak
     )

@@ -8,7 +8,7 @@ from jaxtyping import Float, Shaped
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import GroupKFold
 
-from benchmarks.simulation.clips import PROCESSES, Made, simulate
+from benchmarks.simulation.clips import PROCESSES, ClipSummary, simulate
 from eskin.sim.dataset.sets import PAPER_GESTURES
 
 LEVELS = (0.0, 1.0, 1.5, 2.0)
@@ -60,11 +60,11 @@ def difficulty_row(level: float, clips: int, seed: int) -> str:
     """Format the accuracy of the forest at one difficulty."""
     made = simulate("train", clips, level, seed)
     new = simulate(NEW, clips // 3, level, seed)
-    guess, labels = held_out(made, seed), labels_of(made)
-    people = spread_of(guess == labels, people_of(made))
+    guess, labels = held_out(made, seed), list_labels(made)
+    people = compute_spread(guess == labels, list_people(made))
     four = [each for each in made if each.label in PAPER_GESTURES]
-    right = np.mean(held_out(four, seed) == labels_of(four))
-    shifted = grow(made, seed).predict(features_of(new)) == labels_of(new)
+    right = np.mean(held_out(four, seed) == list_labels(four))
+    shifted = grow(made, seed).predict(stack_features(new)) == list_labels(new)
     return (
         f"| {level:g} | {np.mean(guess == labels):.1%} | {people.mean:.1%} "
         f"({100 * people.deviation:.1f}; {100 * people.beyond:.1f}) "
@@ -72,17 +72,17 @@ def difficulty_row(level: float, clips: int, seed: int) -> str:
     )
 
 
-def features_of(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
+def stack_features(made: Sequence[ClipSummary]) -> Float[np.ndarray, "clip feature"]:
     """Return the features of clips."""
     return np.array([each.features for each in made])
 
 
-def labels_of(made: Sequence[Made]) -> Names:
+def list_labels(made: Sequence[ClipSummary]) -> Names:
     """Return the classes of clips."""
     return np.array([each.label for each in made])
 
 
-def people_of(made: Sequence[Made]) -> Names:
+def list_people(made: Sequence[ClipSummary]) -> Names:
     """Return the names of the people in clips."""
     return np.array([each.plan.person.name for each in made])
 
@@ -92,14 +92,18 @@ def forest(seed: int) -> RandomForestClassifier:
     return RandomForestClassifier(TREES, random_state=seed, n_jobs=PROCESSES)
 
 
-def grow(made: Sequence[Made], seed: int) -> RandomForestClassifier:
+def grow(made: Sequence[ClipSummary], seed: int) -> RandomForestClassifier:
     """Train a forest on clips."""
-    return forest(seed).fit(features_of(made), labels_of(made))
+    return forest(seed).fit(stack_features(made), list_labels(made))
 
 
-def held_out(made: Sequence[Made], seed: int) -> Names:
+def held_out(made: Sequence[ClipSummary], seed: int) -> Names:
     """Predict each clip by a forest trained on other people."""
-    features, labels, people = features_of(made), labels_of(made), people_of(made)
+    features, labels, people = (
+        stack_features(made),
+        list_labels(made),
+        list_people(made),
+    )
     guess = np.empty_like(labels)
     folds = min(FOLDS, len(set(people)))
     for rest, out in GroupKFold(folds).split(features, labels, people):
@@ -108,7 +112,7 @@ def held_out(made: Sequence[Made], seed: int) -> Names:
     return guess
 
 
-def spread_of(right: Shaped[np.ndarray, "clip"], people: Names) -> Spread:
+def compute_spread(right: Shaped[np.ndarray, "clip"], people: Names) -> Spread:
     """Compute the distribution of the accuracy over people."""
     own = [right[people == person] for person in np.unique(people)]
     shares = np.array([each.mean() for each in own])

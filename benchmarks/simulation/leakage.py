@@ -9,13 +9,13 @@ from sklearn.metrics import recall_score
 from sklearn.model_selection import GroupKFold
 
 from benchmarks.simulation.check import BandCheck
-from benchmarks.simulation.clips import PROCESSES, Made, simulate
+from benchmarks.simulation.clips import PROCESSES, ClipSummary, simulate
 from benchmarks.simulation.forest import (
     FOLDS,
     TREES,
-    features_of,
-    labels_of,
-    people_of,
+    list_labels,
+    list_people,
+    stack_features,
 )
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset.sets import CLASSES
@@ -44,32 +44,37 @@ def leakage_checks(clips: int, seed: int) -> list[BandCheck]:
     plain = [each for each in made if each.kind not in STATED]
     touched = [each for each in plain if np.isfinite(each.height)]
     before = np.array([each.before for each in early])
-    hand = measure_recall(features_of(made), made, seed)[0]
+    hand = measure_recall(stack_features(made), made, seed)[0]
     shuffled = measure_recall(np.array([each.histogram for each in made]), made, seed)
+    placed = measure_recall(stack_places(touched), touched, seed)
     return [
         at_chance(f"{len(early)} clips, readings before contact", before, early, seed),
-        at_chance("joint positions", poses_of(plain), plain, seed),
-        at_chance("pose group, build, moving, folds", facts_of(plain), plain, seed),
-        BandCheck(
-            *("link and height of the site", "near chance but for grabs: tubes"),
-            *(
-                "design",
-                format_score(*measure_recall(places_of(touched), touched, seed)),
-            ),
-            bool(measure_recall(places_of(touched), touched, seed)[0] < 2 * CHANCE),
+        at_chance("joint positions", stack_poses(plain), plain, seed),
+        at_chance(
+            "pose group, build, moving, folds", stack_scene_facts(plain), plain, seed
         ),
         BandCheck(
-            *("shuffled histogram of pressures", f"< features - {BELOW:.0%}", "design"),
-            *(
-                f"{format_score(*shuffled)}; features {hand:.1%}",
-                shuffled[0] < hand - BELOW,
-            ),
+            name="link and height of the site",
+            target="near chance but for grabs: tubes",
+            source="design",
+            measured=format_score(*placed),
+            met=placed[0] < 2 * CHANCE,
+        ),
+        BandCheck(
+            name="shuffled histogram of pressures",
+            target=f"< features - {BELOW:.0%}",
+            source="design",
+            measured=f"{format_score(*shuffled)}; features {hand:.1%}",
+            met=shuffled[0] < hand - BELOW,
         ),
     ]
 
 
 def at_chance(
-    name: str, features: Float[np.ndarray, "clip f"], made: Sequence[Made], seed: int
+    name: str,
+    features: Float[np.ndarray, "clip f"],
+    made: Sequence[ClipSummary],
+    seed: int,
 ) -> BandCheck:
     """Check that chance lies in the confidence interval of a forest."""
     score, low, high = measure_recall(features, made, seed)
@@ -85,10 +90,10 @@ def format_score(score: float, low: float, high: float) -> str:
 
 
 def measure_recall(
-    features: Float[np.ndarray, "clip f"], made: Sequence[Made], seed: int
+    features: Float[np.ndarray, "clip f"], made: Sequence[ClipSummary], seed: int
 ) -> tuple[float, float, float]:
     """Return the mean recall of a forest on held-out people, and its 95 % interval."""
-    labels, people = labels_of(made), people_of(made)
+    labels, people = list_labels(made), list_people(made)
     guess = np.empty_like(labels)
     folds = GroupKFold(min(FOLDS, len(set(people))))
     for rest, out in folds.split(features, labels, people):
@@ -123,12 +128,12 @@ def over_people(
     return float(low), float(high)
 
 
-def poses_of(made: Sequence[Made]) -> Float[np.ndarray, "clip joint"]:
+def stack_poses(made: Sequence[ClipSummary]) -> Float[np.ndarray, "clip joint"]:
     """Return joint positions at the start of clips [rad]."""
     return np.array([each.q for each in made])
 
 
-def facts_of(made: Sequence[Made]) -> Float[np.ndarray, "clip fact"]:
+def stack_scene_facts(made: Sequence[ClipSummary]) -> Float[np.ndarray, "clip fact"]:
     """Return pose group, build, motion, fold and time of clips."""
     builds = sorted({each.plan.build.name for each in made})
     return np.array(
@@ -146,7 +151,7 @@ def facts_of(made: Sequence[Made]) -> Float[np.ndarray, "clip fact"]:
     )
 
 
-def places_of(made: Sequence[Made]) -> Float[np.ndarray, "clip place"]:
+def stack_places(made: Sequence[ClipSummary]) -> Float[np.ndarray, "clip place"]:
     """Return the height of the site [m], and the touched link, one-hot."""
     links = sorted({each.link for each in made})
     return np.array(

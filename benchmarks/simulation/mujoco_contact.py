@@ -334,12 +334,12 @@ def agreement(felt: PressureField, reference: PressureField) -> Agreement:
     return Agreement(
         area=float(felt.area[0] / reference.area[0]),
         centroid=float(np.linalg.norm(felt.centroid[0] - reference.centroid[0])),
-        correlation=correlation_of(pairs),
-        strict=correlation_of(touched) if len(touched) > 1 else 1.0,
+        correlation=compute_correlation(pairs),
+        strict=compute_correlation(touched) if len(touched) > 1 else 1.0,
     )
 
 
-def correlation_of(pairs: Float[np.ndarray, "taxel 2"]) -> float:
+def compute_correlation(pairs: Float[np.ndarray, "taxel 2"]) -> float:
     """Return Pearson's correlation of two pressures; NaN if one is constant."""
     if np.ptp(pairs, axis=0).min() == 0:
         return np.nan

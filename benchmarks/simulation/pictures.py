@@ -60,7 +60,7 @@ def main() -> None:
 def typical(simulator: Simulator, gesture: str) -> tuple[SimulatedClip, ClipPlan]:
     """Find the first whole clip of a gesture on the forearm with typical force."""
     for number in range(400):
-        plan = plan_of(gesture, number)
+        plan = plan_clip(gesture, number)
         clip = make_clip(plan, simulator.env)
         for truth in clip.truths[:1]:
             whole = truth.onset > 0.1 and truth.end < plan.seconds - 0.1
@@ -70,7 +70,7 @@ def typical(simulator: Simulator, gesture: str) -> tuple[SimulatedClip, ClipPlan
     raise RuntimeError(f"no whole {gesture} on {LINK} in 400 clips")
 
 
-def plan_of(gesture: str, number: int) -> ClipPlan:
+def plan_clip(gesture: str, number: int) -> ClipPlan:
     """Plan an easy clip: a fresh build, and a robot that stands still."""
     return ClipPlan(
         set_name="picture",
@@ -93,7 +93,7 @@ def plan_of(gesture: str, number: int) -> ClipPlan:
     )
 
 
-def pressure_of(
+def calibrate(
     clip: SimulatedClip, calibration: Calibration
 ) -> Float[np.ndarray, "reading taxel"]:
     """Return the calibrated pressure [kPa]; rest is the median of the counts."""
@@ -105,7 +105,7 @@ def draw(simulator: Simulator, clip: SimulatedClip, plan: ClipPlan) -> pyplot.Fi
     """Draw the unrolled link at several instants, then the force over time."""
     truth = clip.truths[0]
     build = get_build(plan.build, simulator.env)
-    pressure = pressure_of(clip, build.calibration(simulator.mounted.skin))
+    pressure = calibrate(clip, build.calibration(simulator.mounted.skin))
     charts = [chart for chart in simulator.env.charts if chart.link == LINK]
     chart = max(charts, key=lambda chart: len(chart.taxels))
     seen = pressure[:, chart.taxels]
@@ -117,8 +117,8 @@ def draw(simulator: Simulator, clip: SimulatedClip, plan: ClipPlan) -> pyplot.Fi
         layout="constrained",
     )  # fmt: skip
     high = max(float(seen[looks].max()), 5.0)
-    corners = MM * corners_of(chart)
-    window = window_of(chart, seen)
+    corners = MM * compute_corners(chart)
+    window = compute_window(chart, seen)
     for axis, look in zip(axes, looks, strict=False):
         cells = PolyCollection(corners, array=seen[look], edgecolor="0.5", lw=0.2)
         cells.set_clim(0, high)
@@ -134,13 +134,13 @@ def draw(simulator: Simulator, clip: SimulatedClip, plan: ClipPlan) -> pyplot.Fi
     return figure
 
 
-def corners_of(chart: Chart) -> Float[np.ndarray, "part 4 2"]:
+def compute_corners(chart: Chart) -> Float[np.ndarray, "part 4 2"]:
     """Return the corners of the taxels' cells, unrolled [m]."""
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     return chart.unrolled[:, None] + np.einsum("ci,tij->tcj", signs, chart.cells)
 
 
-def window_of(
+def compute_window(
     chart: Chart, seen: Float[np.ndarray, "reading part"]
 ) -> Float[np.ndarray, "2 2"]:
     """Return the least and greatest (s, t) of the window about the touch [mm]."""

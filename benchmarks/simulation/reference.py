@@ -108,8 +108,8 @@ def compare_all(repeats: int, rng: np.random.Generator) -> list[Case]:
             for _ in range(repeats):
                 press = draw_press(gesture, kind, chart, constants, rng)
                 touch = gesture if kind is None else kind
-                body = "other bodies" if kind in BARE else body_of(press)
-                for step in steps_of(press, INSTANTS, rng):
+                body = "other bodies" if kind in BARE else describe_hand(press)
+                for step in draw_steps(press, INSTANTS, rng):
                     at = instant(press, step)
                     found = compare_instant(at, chart, constants)
                     force = float(at.force[0])
@@ -169,7 +169,7 @@ def draw_press(
     return touch.presses[0]
 
 
-def body_of(press: Press) -> str:
+def describe_hand(press: Press) -> str:
     """Return which parts of a hand touch."""
     across, along = press.pads.radii.max(axis=0)
     if across > 0.013:
@@ -177,7 +177,7 @@ def body_of(press: Press) -> str:
     return "fingertips" if along < 0.025 else "fingers"
 
 
-def steps_of(press: Press, count: int, rng: np.random.Generator) -> list[int]:
+def draw_steps(press: Press, count: int, rng: np.random.Generator) -> list[int]:
     """Draw the step of the largest force, and others at least a tenth as strong."""
     peak = int(np.argmax(press.force))
     strong = np.flatnonzero(press.force > 0.1 * press.force[peak])

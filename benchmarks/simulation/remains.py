@@ -14,7 +14,7 @@ PERIOD = 0.02  # [s]
 CM, CM2 = 100.0, 1e4
 
 
-def truth_of(
+def build_true_series(
     clip: SimulatedClip, truth: TrueTouchSeries | None, mounted: MountedSkin
 ) -> Float[np.ndarray, "reading 5"]:
     """Return force [N], area [cm2] and centroid in the link's frame [cm]."""
@@ -30,7 +30,7 @@ def truth_of(
     return series
 
 
-def before_of(
+def compute_rest_statistics(
     clip: SimulatedClip, rest: Float[np.ndarray, "taxel"], skin: Skin
 ) -> Float[np.ndarray, "quantity"]:
     """Return mean, SD, maximum and missing share of counts by patch before contact.
@@ -51,7 +51,7 @@ def before_of(
     return np.array(found)
 
 
-def histogram_of(
+def compute_histogram(
     pressure: Float[np.ndarray, "reading taxel"],
 ) -> Float[np.ndarray, "bin"]:
     """Return the histogram of the pressures of all taxels and readings."""

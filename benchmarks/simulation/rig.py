@@ -137,7 +137,7 @@ def captures(
             touch = perform(
                 gesture, kind, person, rig_site(rng), constants, rng, difficulty, "cost"
             )
-            images = sum_of(chart, touch.presses, constants)
+            images = sum_pressure(chart, touch.presses, constants)
             rows.append(measure(images, constants.value("time.step")))
     return Captures(*np.array(rows).T)
 
@@ -164,7 +164,7 @@ def rig_site(rng: np.random.Generator) -> ContactSite:
     )
 
 
-def sum_of(
+def sum_pressure(
     chart: Chart, presses: tuple, constants: Constants
 ) -> Float[np.ndarray, "time row column"]:
     """Return the pressure on every cell under the felt [kPa]."""

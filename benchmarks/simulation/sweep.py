@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from benchmarks.simulation.clips import Factors, Made, simulate
-from benchmarks.simulation.forest import features_of, grow, labels_of
+from benchmarks.simulation.clips import ClipSummary, Factors, simulate
+from benchmarks.simulation.forest import grow, list_labels, stack_features
 from eskin.sim.constants import Constants, load_constants
 
 TEST = "test-s"
@@ -35,14 +35,10 @@ def sweep_table(clips: int, seed: int) -> str:
             simulate(TEST, clips // 3, level, seed, factors=times(factors, factor))
             for factor in (0.5, 2.0)
         )
-        cells = [
-            cell
-            for made in (half, plain, twice)
-            for cell in (
-                f"{np.mean(grown.predict(features_of(made)) == labels_of(made)):.1%}",
-                f"{felt(made):.1%}",
-            )
-        ]
+        cells = []
+        for made in (half, plain, twice):
+            right = grown.predict(stack_features(made)) == list_labels(made)
+            cells += [f"{np.mean(right):.1%}", f"{felt(made):.1%}"]
         rows.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(rows)
 
@@ -63,6 +59,6 @@ def times(names: tuple[str, ...], factor: float) -> Factors:
     return tuple((name, factor) for name in names)
 
 
-def felt(made: list[Made]) -> float:
+def felt(made: list[ClipSummary]) -> float:
     """Return the share of gestures that reach `FELT`."""
     return float(np.mean([each.peak >= FELT for each in made if each.label != "none"]))

@@ -48,7 +48,7 @@ class TextbookClip:
         return Scan(stamp, self.counts[index], received, self.site.q)
 
 
-def scans_of(
+def build_clip(
     touch: TextbookTouch, site: Site, rate: float, rng: np.random.Generator
 ) -> TextbookClip:
     """Build the scans of a touch.

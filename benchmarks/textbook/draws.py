@@ -11,7 +11,7 @@ from benchmarks.textbook.touches import (
     Place,
     Spot,
     TextbookTouch,
-    axes_of,
+    compute_semi_axes,
     fingertips,
     flat_hand,
     grip,
@@ -84,7 +84,7 @@ def build_fingertip_touch(
     name: str, setting: TouchSetting, seconds: float, rng: Rng
 ) -> TextbookTouch:
     """Build a touch of one fingertip of a duration [s]."""
-    tip = Spot((0.0, 0.0), axes_of(setting.area), setting.force)
+    tip = Spot((0.0, 0.0), compute_semi_axes(setting.area), setting.force)
     return TextbookTouch(name, (tip,), (span(seconds, rng),), setting.ramp)
 
 
@@ -146,7 +146,7 @@ TOUCHES: dict[str, Callable[[TouchSetting, Rng], TextbookTouch]] = {
 GESTURES = ("poke", "double_pat", "stroke", "grab")
 
 
-def truth_of(name: str) -> str:
+def name_true_class(name: str) -> str:
     """Return the true class of a touch."""
     return name if name in GESTURES else NONE
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.tables import format_head, format_row
-from benchmarks.textbook.draws import TOUCHES, truth_of
+from benchmarks.textbook.draws import TOUCHES, name_true_class
 from benchmarks.textbook.sweeps import FACTORS, SURFACE, WANTED, Factor, Point
 from eskin.learn.plots import save_figure
 
@@ -48,21 +48,23 @@ def summary(points: Sequence[Point]) -> str:
 
 
 def table(points: Sequence[Point], factor: str) -> str:
-    """Shares of forced choice at each value, then of the middle half, and the verdict.
+    """Format the accuracies of forced choice at each value and of the middle half.
 
     Values of the middle half are in bold; all surfaces belong to it. `live` is the
     share of the middle half with the true gesture as first detection, or rightly
     without one.
     """
-    values = values_of(points, factor)
+    values = list_values(points, factor)
     heads = [
         LABELS[factor],
         *(format_value(value, inside) for value, inside in values),
         *("middle half", "live", "verdict", "most frequent error"),
     ]
     lines = [
-        format_line(sweep_of(points, factor, touch), [value for value, _ in values])
-        for touch in touches_of(points, factor)
+        format_line(
+            select_points(points, factor, touch), [value for value, _ in values]
+        )
+        for touch in list_touches(points, factor)
     ]
     return "\n".join([format_head(heads), *lines])
 
@@ -84,18 +86,18 @@ def format_line(row: Sequence[Point], values: Sequence[float | str]) -> str:
     )
 
 
-def touches_of(points: Sequence[Point], factor: str) -> list[str]:
+def list_touches(points: Sequence[Point], factor: str) -> list[str]:
     """Return the touches that are swept over a factor, in the order of `TOUCHES`."""
     swept = {one.touch for one in points if one.factor == factor}
     return [name for name in TOUCHES if name in swept]
 
 
-def sweep_of(points: Sequence[Point], factor: str, touch: str) -> list[Point]:
+def select_points(points: Sequence[Point], factor: str, touch: str) -> list[Point]:
     """Return the points of one row of a table."""
     return [one for one in points if (one.factor, one.touch) == (factor, touch)]
 
 
-def values_of(points: Sequence[Point], factor: str) -> list[tuple[float | str, bool]]:
+def list_values(points: Sequence[Point], factor: str) -> list[tuple[float | str, bool]]:
     """Return the values of a factor, and whether each lies in the middle half."""
     every = [(one.value, one.inside) for one in points if one.factor == factor]
     return list(dict.fromkeys(every))
@@ -104,8 +106,9 @@ def values_of(points: Sequence[Point], factor: str) -> list[tuple[float | str, b
 def verdicts(points: Sequence[Point], factor: str) -> dict[str, bool]:
     """Return whether the accuracy in the middle half is sufficient, by touch."""
     return {
-        touch: share([p for p in sweep_of(points, factor, touch) if p.inside]) >= WANTED
-        for touch in touches_of(points, factor)
+        touch: share([p for p in select_points(points, factor, touch) if p.inside])
+        >= WANTED
+        for touch in list_touches(points, factor)
     }
 
 
@@ -120,7 +123,7 @@ def count_errors(points: Sequence[Point]) -> dict[str, int]:
     total: dict[str, int] = {}
     for one in points:
         for name, count in one.forced.items():
-            if name != truth_of(one.touch):
+            if name != name_true_class(one.touch):
                 total[name] = total.get(name, 0) + count
     return total
 
@@ -160,7 +163,7 @@ def draw(points: Sequence[Point], title: str, path: Path) -> None:
     ordered = [name for name in TOUCHES if name in lines]
     figure.legend(
         [lines[name] for name in ordered],
-        [f"{n} (none)" if truth_of(n) != n else n for n in ordered],
+        [f"{n} (none)" if name_true_class(n) != n else n for n in ordered],
         loc="outside lower center",
         ncols=len(ordered),
         frameon=False,
@@ -173,9 +176,9 @@ def draw_panel(
     axes: Axes, points: Sequence[Point], name: str, factor: Factor | None
 ) -> None:
     """Draw the sweep of one factor, its middle half shaded; None is the surface."""
-    values = [value for value, _ in values_of(points, name)]
-    for touch in touches_of(points, name):
-        row = sweep_of(points, name, touch)
+    values = [value for value, _ in list_values(points, name)]
+    for touch in list_touches(points, name):
+        row = select_points(points, name, touch)
         colour, marker, line = LOOKS[touch]
         place = list(TOUCHES).index(touch) - len(TOUCHES) // 2
         axes.plot(

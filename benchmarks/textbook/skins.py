@@ -118,7 +118,7 @@ def compute_path_distance(
 
 
 @lru_cache(maxsize=32)
-def site_of(surface: SurfaceName, pitch: float) -> Site:
+def build_site(surface: SurfaceName, pitch: float) -> Site:
     """Build a site to touch.
 
     Args:
@@ -139,7 +139,7 @@ def build_flat_site(pitch: float) -> Site:
     every = np.arange(skin.count)
     half = columns * pitch / 2 - EDGE, rows * pitch / 2 - EDGE
     mounted = MountedSkin(skin, load_robot("table"))
-    return build_site(mounted, plane, every, pitch, inf, half)
+    return place_evaluation_points(mounted, plane, every, pitch, inf, half)
 
 
 def build_round_site(pitch: float) -> Site:
@@ -160,7 +160,7 @@ def build_round_site(pitch: float) -> Site:
     )
     mounted = MountedSkin(skin, load_robot("tube"))
     half = inf, rows * pitch / 2 - EDGE
-    return build_site(
+    return place_evaluation_points(
         mounted, tubes[0], np.arange(skin.count), pitch, 2 * pi * RADIUS, half
     )
 
@@ -176,10 +176,10 @@ def build_ur5_site() -> Site:
     pitch = float(np.ptp(heights) / (rows - 1))
     mounted = MountedSkin(skin, load_robot("ur5"))
     half = inf, rows * pitch / 2 - EDGE
-    return build_site(mounted, tube, taxels, pitch, part.width, half)
+    return place_evaluation_points(mounted, tube, taxels, pitch, part.width, half)
 
 
-def build_site(
+def place_evaluation_points(
     mounted: MountedSkin,
     surface: Surface,
     taxels: Int[np.ndarray, "touched"],

@@ -14,9 +14,9 @@ from typing import get_args
 
 import numpy as np
 
-from benchmarks.textbook.clips import answer, scans_of
-from benchmarks.textbook.draws import TOUCHES, TouchSetting, draw_touch, truth_of
-from benchmarks.textbook.skins import SurfaceName, site_of
+from benchmarks.textbook.clips import answer, build_clip
+from benchmarks.textbook.draws import TOUCHES, TouchSetting, draw_touch, name_true_class
+from benchmarks.textbook.skins import SurfaceName, build_site
 from eskin.model import Model, load_model
 
 WANTED = 0.9
@@ -48,7 +48,7 @@ class Factor:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Ends of the middle half of the range, in its own unit."""
+        """Return the ends of the middle half of the range, in its own unit."""
         quarter = sqrt(sqrt(self.high / self.low))
         return self.low * quarter, self.high / quarter
 
@@ -91,18 +91,18 @@ class Point:
 
     @property
     def count(self) -> int:
-        """Number of clips."""
+        """Return the number of clips."""
         return sum(self.forced.values())
 
     @property
     def right(self) -> int:
-        """Number of correct forced choices."""
-        return self.forced.get(truth_of(self.touch), 0)
+        """Return the number of correct forced choices."""
+        return self.forced.get(name_true_class(self.touch), 0)
 
     @property
     def right_said(self) -> int:
-        """Number of clips with the correct first live detection, or rightly none."""
-        return self.detected.get(truth_of(self.touch), 0)
+        """Return the number of clips whose first live detection is right, or none."""
+        return self.detected.get(name_true_class(self.touch), 0)
 
 
 def run(
@@ -111,6 +111,7 @@ def run(
     values: int = 9,
     seed: int = 0,
     factors: Sequence[str] = (),
+    middle_only: bool = False,
 ) -> Iterator[Point]:
     """Sweep factors, one after the other.
 
@@ -120,6 +121,8 @@ def run(
         values: number of values of each factor.
         seed: random seed.
         factors: names of the factors to sweep; all if empty.
+        middle_only: whether values outside the middle half are left out; those inside
+            give the same points.
 
     Raises:
         ValueError: there is no such factor.
@@ -134,7 +137,7 @@ def run(
     asked = factors or SWEPT
     for factor in FACTORS:
         if factor.name in asked:
-            yield from sweep(loaded, factor, draws, values, seed)
+            yield from sweep(loaded, factor, draws, values, seed, middle_only)
     if SURFACE in asked:
         for touch in EVERY:
             for number, surface in enumerate(SURFACES):
@@ -144,13 +147,20 @@ def run(
 
 
 def sweep(
-    model: Model, factor: Factor, draws: int, values: int, seed: int
+    model: Model,
+    factor: Factor,
+    draws: int,
+    values: int,
+    seed: int,
+    middle_only: bool = False,
 ) -> Iterator[Point]:
     """Sweep one factor for every touch that it affects."""
     low, high = (factor.middle[0] * (1 - 1e-9), factor.middle[1] * (1 + 1e-9))
     for touch in factor.touches:
         for number, value in enumerate(factor.values(values)):
             inside = low <= value <= high
+            if middle_only and not inside:
+                continue
             key = seed, SWEPT.index(factor.name), EVERY.index(touch), number
             yield point(model, factor.name, value, touch, inside, draws, key)
 
@@ -179,9 +189,9 @@ def point(
     for draw in range(draws):
         of_setting, of_touch, of_noise = np.random.default_rng((*key, draw)).spawn(3)
         setting = draw_setting(touch, of_setting, {factor: value})
-        site = site_of(setting.surface, setting.pitch)
+        site = build_site(setting.surface, setting.pitch)
         made = draw_touch(touch, setting, site, of_touch)
-        found = answer(model, scans_of(made, site, setting.rate, of_noise))
+        found = answer(model, build_clip(made, site, setting.rate, of_noise))
         forced[found.forced] += 1
         detected[found.detected] += 1
     return Point(factor, value, touch, inside, dict(forced), dict(detected))

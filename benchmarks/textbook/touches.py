@@ -86,7 +86,7 @@ class TextbookTouch:
 
     @property
     def moves(self) -> bool:
-        """Whether the spots move."""
+        """Return whether the spots move."""
         return self.velocity != (0.0, 0.0)
 
 
@@ -106,7 +106,7 @@ def pulse(
     return 0.5 - 0.5 * np.cos(pi * part)
 
 
-def axes_of(area: float, slender: float = 1.0) -> Place:
+def compute_semi_axes(area: float, slender: float = 1.0) -> Place:
     """Return the semi-axes [m] of an ellipse of an area [m2] and a slenderness."""
     width = sqrt(area / (pi * slender))
     return width, slender * width
@@ -121,7 +121,7 @@ def fingertips(count: int, force: float, area: float) -> tuple[Spot, ...]:
         area: area of each [m2].
     """
     row = [SPREAD * (n - (count - 1) / 2) for n in range(count)]
-    return tuple(Spot((s, 0.0), axes_of(area), force / count) for s in row)
+    return tuple(Spot((s, 0.0), compute_semi_axes(area), force / count) for s in row)
 
 
 def flat_hand(force: float, area: float) -> tuple[Spot, ...]:
@@ -133,7 +133,10 @@ def flat_hand(force: float, area: float) -> tuple[Spot, ...]:
         [m2].
     """
     whole = 4 * LYING + PALM
-    lying, palm = axes_of(LYING * area, SLENDER), axes_of(PALM * area)
+    lying, palm = (
+        compute_semi_axes(LYING * area, SLENDER),
+        compute_semi_axes(PALM * area),
+    )
     fingers = [Spot((s, 0.03), lying, force * LYING / whole) for s in FINGERS]
     return *fingers, Spot((0.0, 0.03 - PALM_BEHIND), palm, force * PALM / whole)
 

@@ -43,9 +43,9 @@ class Elsewhere(Placed):
     away = 0.5
 
 
-def generated(folder, maker=Placed, clips=6, chosen="val") -> list[Path]:
+def generated(folder, generator=Placed, clips=6, chosen="val") -> list[Path]:
     """The recordings of a generated set, of one person."""
-    generate(folder, GenerationSettings(chosen, clips=clips, subjects=1), 0, maker)
+    generate(folder, GenerationSettings(chosen, clips=clips, subjects=1), 0, generator)
     return sorted(folder.rglob("*.mcap"))
 
 

@@ -28,6 +28,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
+READING, DETECTION = "rt/eskin/reading", "rt/eskin/detection"
 JOINTS = ("wrist_2_joint", "gripper", "elbow_joint")
 PATIENCE = 30.0
 POSITIONS = (0.75, 9.0, -0.5)
@@ -97,30 +98,32 @@ def main(count):
     reliable = Qos(
         Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepAll, cdr
     )
-    readings = DataReader(domain, Topic(domain, "rt/eskin/reading", Reading), reliable)
-    detections = DataReader(
-        domain, Topic(domain, "rt/eskin/detection", Detection), reliable
-    )
     joints = DataWriter(domain, Topic(domain, "rt/joint_states", JointState), reliable)
     found = BuiltinDataReader(domain, BuiltinTopicDcpsPublication)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    hashes, heard, said = {}, [], []
     end = time.monotonic() + PATIENCE
-    while time.monotonic() < end and (len(heard) < count or not said):
-        now = Time(*divmod(time.time_ns(), 1_000_000_000))
-        joints.write(JointState(Header(now, ""), JOINTS, POSITIONS, (), ()))
-        heard += [r for r in readings.take(100) if isinstance(r, Reading)]
-        said += [d for d in detections.take(100) if isinstance(d, Detection)]
+    # What is sent before a reader knows the writer is lost, so writers come first.
+    hashes = {}
+    while time.monotonic() < end and not {READING, DETECTION} <= hashes.keys():
         for endpoint in found.take(100):
             data = endpoint.qos[Policy.Userdata] if endpoint.qos else None
             if data is not None and data.data:
                 hashes[endpoint.topic_name] = data.data.decode()
         time.sleep(0.01)
+    readings = DataReader(domain, Topic(domain, READING, Reading), reliable)
+    detections = DataReader(domain, Topic(domain, DETECTION, Detection), reliable)
+    received, said = [], []
+    while time.monotonic() < end and (len(received) < count or not said):
+        now = Time(*divmod(time.time_ns(), 1_000_000_000))
+        joints.write(JointState(Header(now, ""), JOINTS, POSITIONS, (), ()))
+        received += [r for r in readings.take(100) if isinstance(r, Reading)]
+        said += [d for d in detections.take(100) if isinstance(d, Detection)]
+        time.sleep(0.01)
     result = {
-        "stamps": [(r.header.stamp.sec, r.header.stamp.nanosec) for r in heard],
-        "counts": [list(r.counts) for r in heard],
-        "skin": sorted({r.header.frame_id for r in heard}),
+        "stamps": [(r.header.stamp.sec, r.header.stamp.nanosec) for r in received],
+        "counts": [list(r.counts) for r in received],
+        "skin": sorted({r.header.frame_id for r in received}),
         "gestures": [d.gesture for d in said],
         "points": [(d.point.x, d.point.y, d.point.z) for d in said],
         "hashes": hashes,

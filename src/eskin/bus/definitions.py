@@ -42,7 +42,7 @@ class MessageField:
 
     @property
     def is_nested(self) -> bool:
-        """Whether its type is a message."""
+        """Return whether its type is a message."""
         return self.type_name not in FIELD_TYPE_IDS
 
 

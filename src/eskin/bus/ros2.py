@@ -250,7 +250,7 @@ class Ros2Joints(JointSource):
         robot: Robot,
         clock: Clock,
     ) -> None:
-        """Subscribe.
+        """Subscribe to the topic of joint states.
 
         Args:
             node: node that subscribes.

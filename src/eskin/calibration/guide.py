@@ -346,7 +346,7 @@ class CalibrationGuide:
 
     @property
     def request(self) -> PressRequest | None:
-        """Where to press next; None where no press is missing."""
+        """Return where to press next; None where no press is missing."""
         for patch in self.wanted:
             count = self.count_presses(patch)
             if patch not in self.skipped and count < self.config.presses:

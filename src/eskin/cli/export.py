@@ -29,7 +29,7 @@ class ExportCommand:
 
 
 def run(command: ExportCommand) -> dict[str, object]:
-    """Export; return the error of the network, or the numbers of what was written."""
+    """Write one format; return the error of the network, or what was written."""
     given = [name for name in ("onnx", "rosbag", "parquet") if getattr(command, name)]
     if len(given) != 1:
         got = " and ".join(f"--{name}" for name in given) or "no format"

@@ -14,6 +14,7 @@ from eskin.sim.dataset import GenerationSettings, generate
 from eskin.sim.dataset.sets import RECORDED_GROUPS
 from eskin.sim.people.recorded import find_recorded_people
 from eskin.sim.scene import load_environment
+from eskin.sim.sensor.flaws import Family
 from eskin.skin import SKIN_PRESETS
 
 SetName = Literal[
@@ -55,8 +56,6 @@ SetName = Literal[
     "recorded",
     "recorded-groups",
 ]
-
-FamilyName = Literal["divider", "logarithmic", "capacitive", "linear"]
 
 SKINS = (
     "ur5",
@@ -109,7 +108,7 @@ class GenerateCommand:
     """Address of a Ray cluster whose machines generate, HOST:PORT of its head or auto,
     in place of processes of this computer."""
 
-    families: tuple[FamilyName, ...] | None = None
+    families: tuple[Family, ...] | None = None
     """Families of sensors: each session has a new build of one of them, in turn. By
     default the builds are those of the set."""
 
@@ -126,42 +125,9 @@ class GenerateCommand:
 
 def run(command: GenerateCommand) -> dict[str, object]:
     """Generate recordings; return the number of clips and the time taken."""
-    if command.ray is not None and command.workers is not None:
-        raise ValueError(
-            "--workers is given with --ray; allowed is one of them; the cluster has as "
-            "many workers as cores"
-        )
+    check_options(command)
+    settings = build_settings(command)
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
-    if workers < 1:
-        raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
-    if command.people is not None and command.recorded is None:
-        raise ValueError(
-            "--people is given without --recorded; allowed is with it; name the folder "
-            "of the participants, or leave --people out"
-        )
-    if command.skin in SKIN_PRESETS and command.skin not in SKINS:
-        raise ValueError(
-            f"--skin is '{command.skin}'; allowed are {', '.join(SKINS)} or a folder "
-            "with skin.yaml; change it"
-        )
-    if command.skin not in SKIN_PRESETS:
-        # Before the folder is made, so that nothing is left of a skin without robot.
-        load_environment(command.skin, command.robot_urdf)
-    recorded = None
-    if command.recorded is not None:
-        grouped = command.set == RECORDED_GROUPS
-        recorded = find_recorded_people(command.recorded, command.people, grouped)
-    settings = GenerationSettings(
-        command.set,
-        command.skin,
-        command.seed,
-        command.clips,
-        command.subjects,
-        command.difficulty,
-        command.families,
-        recorded,
-        command.robot_urdf,
-    )
     print_untouched(command.skin, command.robot_urdf)
     with ExitStack() as stack:
         write = None
@@ -185,3 +151,55 @@ def run(command: GenerateCommand) -> dict[str, object]:
         "seconds": round(result.seconds, 2),
         "clips_per_minute": rate,
     }
+
+
+def check_options(command: GenerateCommand) -> None:
+    """Raise if an option is out of range or does not go with another one.
+
+    A skin that is not a preset is loaded, so that one without a robot is refused before
+    anything is written.
+
+    Raises:
+        ValueError: for an option.
+        SkinError: when there is no such skin.
+    """
+    if command.ray is not None and command.workers is not None:
+        raise ValueError(
+            "--workers is given with --ray; allowed is one of them; the cluster has as "
+            "many workers as cores"
+        )
+    if command.workers is not None and command.workers < 1:
+        raise ValueError(
+            f"--workers is {command.workers}; allowed are 1 and above; change it"
+        )
+    if command.people is not None and command.recorded is None:
+        raise ValueError(
+            "--people is given without --recorded; allowed is with it; name the folder "
+            "of the participants, or leave --people out"
+        )
+    if command.skin in SKIN_PRESETS and command.skin not in SKINS:
+        raise ValueError(
+            f"--skin is '{command.skin}'; allowed are {', '.join(SKINS)} or a folder "
+            "with skin.yaml; change it"
+        )
+    if command.skin not in SKIN_PRESETS:
+        load_environment(command.skin, command.robot_urdf)
+
+
+def build_settings(command: GenerateCommand) -> GenerationSettings:
+    """Build the settings of the generation, with the recorded people if any."""
+    recorded = None
+    if command.recorded is not None:
+        grouped = command.set == RECORDED_GROUPS
+        recorded = find_recorded_people(command.recorded, command.people, grouped)
+    return GenerationSettings(
+        set_name=command.set,
+        skin=command.skin,
+        seed=command.seed,
+        clips=command.clips,
+        subjects=command.subjects,
+        difficulty=command.difficulty,
+        families=command.families,
+        recorded=recorded,
+        robot=command.robot_urdf,
+    )

@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 import tyro
@@ -12,6 +13,11 @@ from eskin.cli.design import check_packages
 from eskin.cli.run import DEFAULT_PORT
 from eskin.errors import DeviceError, SkinError
 from eskin.robot import load_robot
+
+if TYPE_CHECKING:
+    from eskin.design.spec import SpecFile
+    from eskin.page import PaintOrder
+    from eskin.viewer import PaintViewer
 
 WAIT = 60.0
 """Longest time until the page is served [s]."""
@@ -50,61 +56,16 @@ class PaintCommand:
 def run(command: PaintCommand) -> dict[str, object]:
     """Serve the page until it is closed; return what was saved."""
     check_packages()
-    from eskin.design.painting import (
-        PaintedBall,
-        add_painted,
-        find_points,
-        sample_surfaces,
-    )
-    from eskin.design.spec import (
-        MAX_BALLS,
-        PER_CM2,
-        SpecFile,
-        read_spec_file,
-        write_spec_file,
-    )
-    from eskin.page import PaintOrder
-    from eskin.page.link import free_port
-    from eskin.skin import MountedSkin
-    from eskin.viewer import PaintViewer, ViewerConfig
+    from eskin.design.spec import SpecFile, read_spec_file
 
     if command.density is not None and not 0 < command.density <= 1e4:
         raise SkinError(
             f"--density is {command.density:g}; allowed are numbers above 0 up to 1e4"
         )
     check_writable(command.spec)
-    config = ViewerConfig(free_port(command.port))
-    robot = load_robot(command.robot, mimics=not command.no_mimics)
     before = read_spec_file(command.spec) if command.spec.exists() else SpecFile()
-    density = None if command.density is None else PER_CM2 * command.density
-    points = sample_surfaces(robot, command.links)
-    regions, keep_outs = before.build(PER_CM2)
-    earlier = np.stack(
-        [
-            find_points(points, [region.zone for region in regions]),
-            find_points(points, keep_outs),
-        ]
-    )
-    written = before
-
-    def save(balls: tuple[PaintOrder, ...]) -> str:
-        nonlocal written
-        painted = [
-            PaintedBall(ball.link, ball.p_link, ball.radius, ball.keeps_out)
-            for ball in balls
-        ]
-        entries = add_painted(before, painted, density)
-        try:
-            write_spec_file(command.spec, entries)
-        except OSError as error:
-            return f"not saved: {error.strerror}; give another file with --spec"
-        written = entries
-        return f"saved: {command.spec}"
-
-    used = sum(len(zone.balls_mm or ()) for zone in (*before.regions, *before.keep_out))
-    page = PaintViewer(
-        MountedSkin(points, robot), save, earlier, MAX_BALLS - used, config
-    )
+    draft = SpecDraft(command.spec, before, command.density)
+    page = open_page(command, draft)
     try:
         print(f"paint at {page.page.wait_ready(WAIT)}", flush=True)
         with suppress(KeyboardInterrupt):
@@ -113,7 +74,7 @@ def run(command: PaintCommand) -> dict[str, object]:
             raise DeviceError(page.page.failure)
     finally:
         page.close()
-    is_saved = written is not before
+    written, is_saved = draft.written, draft.written is not before
     print(
         f"{command.spec}: {len(written.regions)} regions, {len(written.keep_out)} "
         "keep-out zones"
@@ -127,3 +88,63 @@ def run(command: PaintCommand) -> dict[str, object]:
         "keep_out": len(written.keep_out),
         "balls": len(page.balls),
     }
+
+
+def open_page(command: PaintCommand, draft: "SpecDraft") -> "PaintViewer":
+    """Serve the surface of the robot, with what the specification holds already."""
+    from eskin.design.painting import find_points, sample_surfaces
+    from eskin.design.spec import MAX_BALLS, PER_CM2
+    from eskin.page.link import free_port
+    from eskin.skin import MountedSkin
+    from eskin.viewer import PaintViewer, ViewerConfig
+
+    config = ViewerConfig(free_port(command.port))
+    robot = load_robot(command.robot, mimics=not command.no_mimics)
+    points = sample_surfaces(robot, command.links)
+    before = draft.before
+    regions, keep_outs = before.build(PER_CM2)
+    zones = [region.zone for region in regions], keep_outs
+    earlier = np.stack([find_points(points, each) for each in zones])
+    used = sum(len(zone.balls_mm or ()) for zone in (*before.regions, *before.keep_out))
+    mounted = MountedSkin(points, robot)
+    return PaintViewer(mounted, draft.save, earlier, MAX_BALLS - used, config)
+
+
+@final
+class SpecDraft:
+    """A draft is a specification to which painted balls are added when they are saved.
+
+    Attributes:
+        before: specification before anything was painted.
+        written: specification as it was saved last; `before` until then.
+    """
+
+    def __init__(self, path: Path, before: "SpecFile", density: float | None) -> None:
+        """Start with nothing painted.
+
+        Args:
+            path: file that is written.
+            before: what it holds already.
+            density: density of the painted regions [1/cm2]; None for that of the
+                command that designs the skin.
+        """
+        self.path, self.density = path, density
+        self.before = self.written = before
+
+    def save(self, orders: "tuple[PaintOrder, ...]") -> str:
+        """Write what was painted; return a line that says whether it could be."""
+        from eskin.design.painting import PaintedBall, add_painted
+        from eskin.design.spec import PER_CM2, write_spec_file
+
+        balls = [
+            PaintedBall(order.link, order.p_link, order.radius, order.keeps_out)
+            for order in orders
+        ]
+        density = None if self.density is None else PER_CM2 * self.density
+        entries = add_painted(self.before, balls, density)
+        try:
+            write_spec_file(self.path, entries)
+        except OSError as error:
+            return f"not saved: {error.strerror}; give another file with --spec"
+        self.written = entries
+        return f"saved: {self.path}"

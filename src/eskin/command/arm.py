@@ -64,7 +64,7 @@ class ArmState:
 
     @property
     def stopped(self) -> bool:
-        """Whether it is paused, held or in protective stop."""
+        """Return whether it is paused, held or in protective stop."""
         return self.paused or self.hold_reason is not None or self.protective_stop
 
 

@@ -39,7 +39,7 @@ class PendingCommand:
 
     @property
     def confident(self) -> bool:
-        """Whether its confidence suffices."""
+        """Return whether its confidence suffices."""
         return self.confidence >= self.required
 
     def update(

@@ -171,7 +171,7 @@ class Policy(Listener):
         elif isinstance(item, RecognitionState):
             self.monitor.update(item)
             self.evidence.update(item)
-            self.check_skin()
+            self.hold_if_unreliable()
             self.stop_if_unrecognised(item)
             self.pause_if_touched()
             self.update_possible_stops(item)
@@ -183,23 +183,27 @@ class Policy(Listener):
     def check_skin(self) -> None:
         """Hold or slow the arm if its skin cannot be relied on."""
         with self.lock:
-            now, state = self.context.clock.now(), self.arm.state()
-            self.stop_times.update(state, now)
-            problem = self.monitor.find_problem(now)
-            if problem is not None:
-                for pending in tuple(self.pending):
-                    self.complete_pending(pending, f"{problem}; {REMEDY}")
-                if state.hold_reason is None:
-                    self.hold(problem)
-                    self.held_for = problem
-                self.over = None
-            elif state.hold_reason is None:
-                self.held_for = self.over = None
-            elif self.held_for is not None and self.over is None:
-                self.over = f"no longer {self.held_for}"
-                way = self.describe_way(state)
-                self.publish("resume", False, f"{self.over}; {way}")
+            self.hold_if_unreliable()
             self.update_limit()
+
+    def hold_if_unreliable(self) -> None:
+        """Hold the arm if its skin cannot be relied on; publish when it can again."""
+        now, state = self.context.clock.now(), self.arm.state()
+        self.stop_times.update(state, now)
+        problem = self.monitor.find_problem(now)
+        if problem is not None:
+            for pending in tuple(self.pending):
+                self.complete_pending(pending, f"{problem}; {REMEDY}")
+            if state.hold_reason is None:
+                self.hold(problem)
+                self.held_for = problem
+            self.over = None
+        elif state.hold_reason is None:
+            self.held_for = self.over = None
+        elif self.held_for is not None and self.over is None:
+            self.over = f"no longer {self.held_for}"
+            way = self.describe_way(state)
+            self.publish("resume", False, f"{self.over}; {way}")
 
     def update_limit(self) -> None:
         """Let the arm stand, go slowly or at its speed, and publish a change of it."""

@@ -157,12 +157,12 @@ class TaskExecutor:
 
     @property
     def waypoint(self) -> Waypoint:
-        """The waypoint that it goes to."""
+        """Return the waypoint that it goes to."""
         return self.task.waypoints[self.index]
 
     @property
     def stopped(self) -> bool:
-        """Whether it is paused or held."""
+        """Return whether it is paused or held."""
         return self.paused or self.hold_reason is not None
 
     def pause(self) -> None:

@@ -125,12 +125,12 @@ class Trajectory:
 
     @property
     def arrived(self) -> bool:
-        """Whether it stands at its goal, with no other to come."""
+        """Return whether it stands at its goal, with no other to come."""
         return self.next_goal is None and self.time >= self.segment.duration - TOLERANCE
 
     @property
     def still(self) -> bool:
-        """Whether no joint moves."""
+        """Return whether no joint moves."""
         within = 0 < self.time < self.segment.duration - TOLERANCE
         return self.scale <= 0 or not within
 

@@ -326,18 +326,8 @@ def run_demo(
     with ExitStack() as stack:
         if is_on_arm(skin):
             arm = stack.enter_context(build_arm(config, clock))
-            vocabulary = model.card.vocabulary
-            commands = load_commands(
-                config.commands, vocabulary, skin.mounted.skin, config.imports
-            )
-            policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
-            names = (config.skin, *(name for name in SKINS if name != config.skin))
-            page = replace(
-                page,
-                skins=names if config.robot is None else (config.skin,),
-                commands=commands.describe(),
-                places=locate_places(arm.executor.task),
-            )
+            policy = build_policy(config, skin, arm, model.card.vocabulary)
+            page = complete_page(config, page, arm, policy)
             source = LiveSource(
                 skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
             )
@@ -376,6 +366,36 @@ def run_demo(
 
 TOOL_LENGTH = 0.1
 """Distance from the tool's link to the part between the fingers [m]."""
+
+
+def build_policy(
+    config: DemoConfig,
+    skin: InteractiveSkin,
+    arm: SimulatedArm,
+    vocabulary: tuple[str, ...],
+) -> Policy:
+    """Build the policy by which touches of the skin command the arm.
+
+    Raises:
+        CommandError: when the command map cannot be used.
+    """
+    commands = load_commands(
+        config.commands, vocabulary, skin.mounted.skin, config.imports
+    )
+    return Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
+
+
+def complete_page(
+    config: DemoConfig, page: ViewerConfig, arm: SimulatedArm, policy: Policy
+) -> ViewerConfig:
+    """Add the skins to choose from, the commands and the places of the task."""
+    others = () if config.robot else [name for name in SKINS if name != config.skin]
+    return replace(
+        page,
+        skins=(config.skin, *others),
+        commands=policy.commands.describe(),
+        places=locate_places(arm.executor.task),
+    )
 
 
 def locate_places(task: Task) -> tuple[tuple[str, tuple[float, float, float]], ...]:

@@ -88,7 +88,7 @@ class ComparisonListener(Listener):
 
     @property
     def touch(self) -> SameTouch:
-        """The touch that is played now."""
+        """Return the touch that is played now."""
         return self.touches[self.playback // 2 % len(self.touches)]
 
     def finish(self) -> None:
@@ -167,14 +167,8 @@ def serve_same_touch(
     recognition = Recognition(recognizer)
     page = ViewerConfig(port)
     viewer = Viewer(recognition, page, board=lambda: comparison.board)
-    info = SourceInfo(
-        uri="sim:same-touch",
-        robot_name=mounted.robot.name,
-        joint_names=mounted.robot.joint_names,
-        skin=mounted.skin,
-        calibration=calibration,
-        rate=NS_PER_S / touches[0].period,
-    )
+    rate = NS_PER_S / touches[0].period
+    info = SourceInfo.build("sim:same-touch", mounted, calibration, rate)
     source = PlayedSource(info, play_touches(touches), restamp=True)
     stream = Stream(source, [recognition, comparison, viewer])
     with stop_on_signals(stream.stop), short_switch_interval(), stream:

@@ -81,7 +81,7 @@ class LiveSource(Source):
 
     @property
     def ended(self) -> bool:
-        """Whether it was closed."""
+        """Return whether it was closed."""
         return self.closed
 
     def take_events(self) -> list[Event]:

@@ -319,7 +319,7 @@ class PoseComparison:
 
     @property
     def blind_is_equal(self) -> bool:
-        """Whether both results without the pose are the same, to the last digit."""
+        """Return whether both results without the pose are equal to the last digit."""
         one, other = self.blind
         equal = np.array_equal(one.probabilities, other.probabilities)
         return one.detected == other.detected and equal

@@ -55,7 +55,7 @@ class Attempt:
 
     @property
     def outcome(self) -> Outcome:
-        """Whether the expected command, another or none was executed."""
+        """Return whether the expected command, another or none was executed."""
         if self.command is None:
             return "missed"
         return "correct" if self.command.action == self.expected else "wrong"

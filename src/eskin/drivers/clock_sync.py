@@ -100,7 +100,7 @@ class ScanNumberWindow:
 
     @property
     def lost(self) -> int:
-        """How many numbers between the first and the highest have not arrived."""
+        """Return how many numbers from the first to the highest have not arrived."""
         return self.gone + SCAN_WINDOW - self.seen.bit_count()
 
     def restart(self) -> None:
@@ -169,12 +169,12 @@ class ClockEpoch:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the clock was observed for long enough to be accepted."""
+        """Return whether the clock was observed for long enough to be accepted."""
         return self.scans >= SETTLE_SCANS and self.arrived - self.since >= SETTLE_TIME
 
     @property
     def is_replay(self) -> bool:
-        """Whether most of its packets were received before."""
+        """Return whether most of its packets were received before."""
         return 2 * self.known >= self.packets
 
 

@@ -87,15 +87,7 @@ class DeviceSource(Source):
         self.receive_bytes(patience, uri)
         rate = self.receive_hellos() if rate is None else rate
         self.assembler.start(clock.now(), rate, grace)
-        self.info = SourceInfo(
-            uri=uri,
-            robot_name=mounted.robot.name,
-            joint_names=mounted.robot.joint_names,
-            skin=skin,
-            calibration=calibration,
-            rate=rate,
-            urdf=mounted.robot.urdf,
-        )
+        self.info = SourceInfo.build(uri, mounted, calibration, rate)
 
     def receive_bytes(self, patience: float, uri: str) -> None:
         """Wait for the first byte; raise `DeviceError` where none comes in time [s]."""
@@ -186,7 +178,7 @@ class DeviceSource(Source):
 
     @property
     def ended(self) -> bool:
-        """Whether it was closed and all scans were read; a device never ends."""
+        """Return whether it was closed and all scans were read; a device never ends."""
         return self.closed and not self.ready
 
     def take_events(self) -> list[Event]:

@@ -120,7 +120,7 @@ class PlayedSource(Source):
 
     @property
     def ended(self) -> bool:
-        """Whether the last scan has been returned, or the source is closed."""
+        """Return whether the last scan has been returned, or the source is closed."""
         return self.next_scan is None
 
     def take_events(self) -> list[Event]:

@@ -165,15 +165,7 @@ class SampledSource(Source):
         self.period = round(NS_PER_S / rate)
         self.silence = max(SILENT_PERIODS * self.period, LEAST_SILENCE)
         self.due = clock.now() + self.silence
-        self.info = SourceInfo(
-            uri=uri,
-            robot_name=mounted.robot.name,
-            joint_names=mounted.robot.joint_names,
-            skin=skin,
-            calibration=calibration,
-            rate=rate,
-            urdf=mounted.robot.urdf,
-        )
+        self.info = SourceInfo.build(uri, mounted, calibration, rate)
 
     def measure_rate(self) -> float:
         """Return the highest rate of a patch, by its samples [1/s]."""
@@ -286,7 +278,7 @@ class SampledSource(Source):
 
     @property
     def ended(self) -> bool:
-        """Whether it was closed and all scans were read."""
+        """Return whether it was closed and all scans were read."""
         return self.closed and not self.ready
 
     def take_events(self) -> list[Event]:

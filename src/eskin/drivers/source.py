@@ -8,7 +8,7 @@ from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event
 from eskin.robot import Robot, load_recorded_robot
-from eskin.skin import Skin
+from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration, Scan
 
 
@@ -30,6 +30,28 @@ class SourceInfo:
     """Nominal scan rate [1/s]."""
     urdf: bytes = b""
     """URDF of the robot; empty for a preset."""
+
+    @classmethod
+    def build(
+        cls, uri: str, mounted: MountedSkin, calibration: Calibration, rate: float
+    ) -> "SourceInfo":
+        """Build the description of a source of scans of a skin on its robot.
+
+        Args:
+            uri: URI that the source was opened with.
+            mounted: the skin on its robot.
+            calibration: calibration of that skin.
+            rate: nominal scan rate [1/s].
+        """
+        return cls(
+            uri=uri,
+            robot_name=mounted.robot.name,
+            joint_names=mounted.robot.joint_names,
+            skin=mounted.skin,
+            calibration=calibration,
+            rate=rate,
+            urdf=mounted.robot.urdf,
+        )
 
     def load_robot(self, urdf: str | None = None) -> Robot:
         """Load the robot that carries the skin.
@@ -68,7 +90,7 @@ class Source(Closing):
     @property
     @abstractmethod
     def ended(self) -> bool:
-        """Whether no scan will come any more."""
+        """Return whether no scan will come any more."""
 
     @abstractmethod
     def take_events(self) -> list[Event]:

@@ -47,7 +47,7 @@ class Model:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the weights in the order of their names."""
+        """Return the SHA-256 digest of the weights in the order of their names."""
         digest = hashlib.sha256()
         for name in sorted(self.weights):
             digest.update(name.encode() + self.weights[name].tobytes())

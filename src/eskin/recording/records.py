@@ -30,12 +30,12 @@ class Metadata:
 
     @property
     def simulated(self) -> bool:
-        """Whether `eskin generate` made the recording, so that its truth is known."""
+        """Return whether `eskin generate` made it, so that its truth is known."""
         return self.notes.get("simulated") == "true"
 
     @property
     def partly_labelled(self) -> bool:
-        """Whether touches without a label may have been gestures all the same."""
+        """Return whether touches without a label may have been gestures, too."""
         return PARTLY_LABELLED.items() <= self.notes.items()
 
     def to_record(self) -> dict[str, str]:

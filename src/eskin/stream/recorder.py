@@ -74,7 +74,7 @@ class RecordingFiles:
 
     @property
     def is_full(self) -> bool:
-        """Whether the open file has reached the size of a piece."""
+        """Return whether the open file has reached the size of a piece."""
         return (
             self.piece_bytes is not None
             and self.writer is not None

@@ -64,7 +64,7 @@ class CalibrationViewer:
 
     @property
     def is_opened(self) -> bool:
-        """Whether a browser has opened the page.
+        """Return whether a browser has opened the page.
 
         Raises:
             DeviceError: the page cannot be served.

@@ -172,7 +172,7 @@ class Pair:
 
     @property
     def is_right(self) -> bool:
-        """Whether the detection has the gesture of the label."""
+        """Return whether the detection has the gesture of the label."""
         if self.label is None or self.detection is None:
             return False
         return self.label.gesture == self.detection.gesture

@@ -54,12 +54,12 @@ class ArmStatus(Protocol):
 
     @property
     def moving(self) -> bool:
-        """Whether a joint moves."""
+        """Return whether a joint moves."""
         ...
 
     @property
     def paused(self) -> bool:
-        """Whether a person requested a pause."""
+        """Return whether a person requested a pause."""
         ...
 
     @property
@@ -89,17 +89,17 @@ class ArmStatus(Protocol):
 
     @property
     def carrying(self) -> bool:
-        """Whether a part is in the gripper."""
+        """Return whether a part is in the gripper."""
         ...
 
     @property
     def protective_stop(self) -> bool:
-        """Whether the robot has stopped itself."""
+        """Return whether the robot has stopped itself."""
         ...
 
     @property
     def connected(self) -> bool:
-        """Whether the robot is connected."""
+        """Return whether the robot is connected."""
         ...
 
 

@@ -110,7 +110,7 @@ class VirtualPatch:
 
     @property
     def may_send(self) -> bool:
-        """Whether it may send all kinds of packets: one with a key needs a session."""
+        """Return whether it may send all packets: one with a key needs a session."""
         return self.session is None or self.session.is_open
 
     def build_hello(self, at: int) -> bytes:

@@ -40,7 +40,7 @@ class VirtualPort(Closing):
     @property
     @abstractmethod
     def uri(self) -> str:
-        """URI by which a receiver opens it."""
+        """Return the URI by which a receiver opens it."""
 
     @abstractmethod
     def send(self, chunks: list[bytes]) -> None:
@@ -92,7 +92,7 @@ class PtyPort(VirtualPort):
 
     @property
     def uri(self) -> str:
-        """URI `serial:PATH`."""
+        """Return the URI `serial:PATH`."""
         return f"serial:{self.link or self.path}"
 
     def plug(self) -> None:
@@ -229,7 +229,7 @@ class UdpPort(VirtualPort):
 
     @property
     def uri(self) -> str:
-        """URI `udp://HOST:PORT` of the receiver."""
+        """Return the URI `udp://HOST:PORT` of the receiver."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"udp://{host}:{self.port}"
 
