@@ -525,9 +525,7 @@ def test_uncertain_touch_does_nothing_and_is_shown_as_not_understood():
     number = scene.begin("none")
     scene.wait(0.2)
     scene.lift(number)
-    (event,) = scene.detect(
-        number, gesture="unknown", likeliest="grab", confidence=0.6
-    )
+    (event,) = scene.detect(number, gesture="unknown", likeliest="grab", confidence=0.6)
     assert not event.accepted and event.touch == number
     assert "not understood, most likely grab (0.60)" in event.why
     scene.close(number)

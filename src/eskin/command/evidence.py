@@ -63,9 +63,9 @@ class SoundReading:
     """A sound reading holds the taxels of a touch that no fault explains."""
 
     pressed: Int[np.ndarray, "pressed"]
-    """Taxels that were pressed and not doubtful."""
+    """Taxels that were pressed and not doubtful, with those of the path to them."""
     strong: Int[np.ndarray, "strong"]
-    """Those of them that were strongly pressed."""
+    """Those that were strongly pressed."""
 
 
 @dataclass
@@ -88,10 +88,11 @@ class EvidenceMonitor:
     """A monitor collects the evidence of every touch from its readings.
 
     In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
-    too, or was lately by a fingertip that slides from taxel to taxel. If all of the touch lies in one row or column, it covers a small part of it,
-    and the rest is not pressed. Taxels that are doubtful, as faulty ones are, or of a
-    patch that is active as a whole, do not count. When a taxel becomes doubtful, it and
-    the taxels of its row and its column no longer count in the readings before.
+    too, or was lately by a fingertip that slides from taxel to taxel. If all of the
+    touch lies in one row or column, it covers a small part of it, and the rest is not
+    pressed. Taxels that are doubtful, as faulty ones are, or of a patch that is active
+    as a whole, do not count. When a taxel becomes doubtful, it and the taxels of its
+    row and its column no longer count in the readings before.
     """
 
     def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
