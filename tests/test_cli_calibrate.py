@@ -153,6 +153,7 @@ def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
     [
         (("sim:ur5",), "source is 'sim:ur5'"),
         (("serial:/dev/gone",), "--skin"),
+        (("csv:/dev/gone", "--skin", "bent"), "cannot open serial port"),
         (("replay:x.mcap", "--seconds", "0"), "--seconds is 0"),
         (("replay:x.mcap", "--force", "-1"), "--force is -1"),
         (("replay:x.mcap", "--presses", "99"), "--presses is 99"),

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 PATIENCE = 10.0
 """Longest wait for the first byte of a device [s]."""
+GUIDED_KINDS = {"serial", "csv", "udp", "xela", "replay"}
+"""Schemes of the sources that a person can be guided with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +23,8 @@ class GuidedCommand:
     """The options that say which skin is read, and how."""
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE."""
+    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT; or replay:FILE."""
 
     skin: str | None = None
     """Skin of the device: a preset's name or a skin's folder. A recording has its own.
@@ -75,10 +78,10 @@ def open_guided_source(
     check_joints(command.joints, command.q, command.source)
 
     kinds = {uri.partition(":")[0] for uri in command.source}
-    if not command.source or not kinds <= {"serial", "udp", "replay"}:
+    if not command.source or not kinds <= GUIDED_KINDS:
         raise DeviceError(
             f"source is '{' '.join(command.source)}'; allowed are serial:PATH, "
-            "udp://HOST:PORT and replay:FILE; correct it"
+            "csv:PATH, udp://HOST:PORT, xela://HOST:PORT and replay:FILE; correct it"
         )
     if command.skin is None and "replay" not in kinds:
         raise DeviceError(
@@ -121,7 +124,7 @@ def check_joints(
     if joints is not None and played:
         raise DeviceError(
             f"--joints is given with {played[0]}, which has joint positions of its "
-            "own; allowed is --joints with serial: or udp: sources; leave it out"
+            "own; allowed is --joints with a device; leave it out"
         )
 
 

@@ -29,8 +29,8 @@ class PoseCommand(GuidedCommand):
     """
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE, a
-    recording of rest and then of the presses."""
+    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT; or replay:FILE, a recording of rest and then of the presses."""
 
     points: Path
     """CSV file of the points, with columns patch, x_mm, y_mm, z_mm in the frame of the

@@ -423,7 +423,8 @@ def subscribe_joints(
 ) -> "Ros2Joints | None":
     """Subscribe to the joint positions of the robot that the skin is mounted on.
 
-    It returns None where the source will be refused for want of a skin.
+    It returns None for a robot without joints, and where the source will be refused
+    for want of a skin.
     """
     from eskin.bus.ros2 import Ros2Joints
     from eskin.live import mount_skin
@@ -431,7 +432,7 @@ def subscribe_joints(
     if command.skin is None:
         return None
     robot = mount_skin(command.skin, command.robot_urdf).robot
-    return Ros2Joints(node, robot, clock)
+    return Ros2Joints(node, robot, clock) if robot.joint_names else None
 
 
 def build_publishers(
