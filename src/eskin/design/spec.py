@@ -44,7 +44,11 @@ class DesignLimits:
     max_distortion: float = 0.08
     """Largest relative error of the unrolled distance of neighbouring taxels."""
     clearance: float = 0.003
-    """Smallest distance of the skin from other links, at all joint values [m]."""
+    """Smallest distance of the skin from other links, while one joint moves [m]."""
+    poses: int = 256
+    """Number of combined poses, of all joints at once, in which it is checked too."""
+    clears_poses: bool = False
+    """Whether what is nearer in a combined pose is left out, or only reported."""
     min_exposure: float = 0.35
     """Smallest fraction of the directions from which a place can be touched."""
     max_bend: float = 0.7
