@@ -12,7 +12,9 @@ from eskin.calibration.pose import (
     move_patch,
     read_points,
 )
+from eskin.cli.guided import guide_person
 from eskin.cli.main import run
+from eskin.cli.pose import PoseDialogue
 from eskin.errors import SkinError
 from eskin.recording import Metadata, RecordingWriter
 from eskin.robot import load_robot
@@ -197,7 +199,8 @@ def test_command_writes_the_skin_with_the_patch_where_it_is(pressed, tmp_path, c
     (patch,) = found["patches"]
     assert patch["id"] == SKIN.patches[1].id
     assert patch["rotation_deg"] == pytest.approx([0, 0, np.rad2deg(0.1)], abs=0.3)
-    assert "press at x" in printed and printed.count("felt") == len(PLACES)
+    assert printed.count("felt on patch") == len(PLACES)
+    assert printed.count("; so far to") == len(PLACES) - 4
     corrected, taxels = load_skin(out), SKIN.find_taxels(patch["id"])
     true = apply(OFFSET, SKIN.positions[taxels])
     assert corrected.positions[taxels] == pytest.approx(true, abs=3e-4)
@@ -214,6 +217,51 @@ def test_press_on_another_patch_is_refused_and_asked_for_again():
     assert [event.kind for event in events] == ["rested", "refused", "pressed"]
     assert SKIN.patches[0].id in events[1].text
     assert len(guide.waiting) == len(points) - 1
+
+
+class PressedPage:
+    """A page that stores what it shows; its person repeats a press, skips a point."""
+
+    def __init__(self):
+        self.boards, self.lines = [], []
+        self.skipped, self.repeated, self.clicked = None, None, False
+
+    def wants(self):
+        return True
+
+    def tell(self, line):
+        self.lines.append(line)
+
+    def show(self, state, board):
+        self.boards.append(board)
+        if board.presses == 2 and not self.clicked:
+            self.repeated, self.clicked = 2, True
+        if board.place is not None and board.place.name == "point 5":
+            self.skipped = "point 5"
+
+
+def test_page_marks_each_point_until_it_is_pressed_or_skipped(capsys):
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    page = PressedPage()
+    order = [*PLACES[:2], *PLACES[1:4], *PLACES[5:]]
+    taxels = [find_taxel(1, *place) for place in order]
+    guide_person(make_scans(taxels), PoseDialogue(guide), 30.0, page)
+    assert guide.phase == "done"
+    assert [press.point for press in guide.presses] == [*points[:4], *points[5:]]
+    marked = [board.place for board in page.boards if board.place is not None]
+    numbers = [int(place.name.split()[1]) for place in marked]
+    assert list(dict.fromkeys(numbers)) == [1, 2, 3, 4, 5, 6, 7]
+    for place, number in zip(marked, numbers, strict=True):
+        assert place.p_link == points[number - 1].p_link
+        assert place.n_link == (0.0, 0.0, 1.0)
+    after = numbers[numbers.index(3) :]
+    assert after.index(2) < after[after.index(2) :].index(3) + after.index(2)
+    assert page.lines.count("the last press is not used") == 1
+    assert page.lines.count("the point is left out") == 1
+    shares = [board.share for board in page.boards if board.place is None]
+    assert shares == sorted(shares)
+    assert capsys.readouterr().out.count("press at x") >= len(points)
 
 
 def read_points_of(patch):

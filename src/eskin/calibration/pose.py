@@ -10,17 +10,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import f as f_distribution
 
+from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.errors import SkinError
 from eskin.files import read_file
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_centre
-from eskin.touch import Calibration, PressDetector, Scan, TouchPipeline
+from eskin.touch import (
+    Calibration,
+    PressDetector,
+    Scan,
+    TouchPipeline,
+    TouchState,
+)
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate, skew
 from eskin.units import NS_PER_S
 
@@ -271,24 +278,13 @@ class PosePress:
     """Outward unit normal of the file there."""
 
 
-@dataclass(frozen=True)
-class PoseEvent:
-    """An event is what a scan has led to."""
-
-    kind: Literal["rested", "pressed", "refused"]
-    text: str = ""
-    """Reason for which a press is refused."""
-
-
 @final
-class PoseGuide:
+class PoseGuide(PressGuide[PosePress]):
     """A guide asks for presses at known points, one after the other.
 
-    It is pushed scan by scan, and knows no terminal.
-
     Attributes:
-        presses: presses so far.
         waiting: points that are still to be pressed, in order.
+        count: number of points in all.
     """
 
     def __init__(
@@ -298,28 +294,25 @@ class PoseGuide:
         points: Sequence[KnownPoint],
     ) -> None:
         """Start with some seconds without touch."""
-        self.skin = mounted.skin
+        self.mounted = mounted
         self.pipeline = TouchPipeline(mounted, calibration)
         self.detector = PressDetector()
-        self.waiting = list(points)
-        self.presses: list[PosePress] = []
-        self.rests_until: int | None = None
-        self.rested = False
+        self.waiting, self.count = list(points), len(points)
+        self.phase, self.rest_seconds = "rest", TARE_SECONDS
+        self.presses = []
+        self.began: int | None = None
         self.firmest: list[PressScan] = []
+        self.state: TouchState | None = None
 
-    @property
-    def is_done(self) -> bool:
-        """Tell whether no point is left to press."""
-        return not self.waiting
-
-    def push(self, scan: Scan) -> PoseEvent | None:
+    def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan, and return what it has led to."""
-        state = self.pipeline.push(scan)
-        if self.rests_until is None:
-            self.rests_until = scan.stamp + round(TARE_SECONDS * NS_PER_S)
-        if not self.rested:
-            self.rested = scan.stamp >= self.rests_until
-            return PoseEvent("rested") if self.rested else None
+        state = self.state = self.pipeline.push(scan)
+        self.began = scan.stamp if self.began is None else self.began
+        if self.phase == "rest":
+            if scan.stamp - self.began < self.rest_seconds * NS_PER_S:
+                return None
+            self.phase = "press"
+            return GuideEvent("rested")
         taxel = self.detector.push(state)
         if self.detector.since is not None:
             contact = max(state.contacts, key=lambda each: each.force)
@@ -327,15 +320,17 @@ class PoseGuide:
             self.firmest.append(PressScan(contact.force, contact.taxels, pressure))
             return None
         ended, self.firmest = self.firmest, []
-        if taxel is None or not ended or self.is_done:
+        if taxel is None or not ended or self.phase == "done":
             return None
         point = self.waiting[0]
         felt_on = self.skin.patches[int(self.skin.patch_index[taxel])].id
         if felt_on != point.patch:
-            return PoseEvent("refused", f"felt on patch '{felt_on}'")
+            return GuideEvent("refused", f"felt on patch '{felt_on}'", taxel)
         self.waiting.pop(0)
         self.presses.append(self.build_press(point, ended))
-        return PoseEvent("pressed")
+        if not self.waiting:
+            self.phase = "done"
+        return GuideEvent("pressed", taxel=taxel)
 
     def build_press(
         self,
@@ -353,9 +348,37 @@ class PoseGuide:
         taxels = np.flatnonzero(own)
         return PosePress(point, *find_felt_point(self.skin, taxels, total[taxels]))
 
+    @property
+    def progress(self) -> float:
+        """Share of the time at rest, or of the points, that is done."""
+        if self.phase != "rest":
+            return 1.0 - len(self.waiting) / self.count
+        if self.state is None or self.began is None:
+            return 0.0
+        passed = (self.state.reading.stamp - self.began) / NS_PER_S
+        return min(passed / self.rest_seconds, 1.0)
+
     def skip(self) -> None:
         """Leave out the point that is asked for."""
         self.waiting.pop(0)
+        if not self.waiting:
+            self.phase = "done"
+
+    def withdraw(self) -> None:
+        """Forget the last press, and ask for its point again."""
+        self.waiting.insert(0, self.presses.pop().point)
+
+    def estimate(self, patch: str) -> PoseEstimate:
+        """Estimate the pose of a patch from its presses so far.
+
+        Raises:
+            ValueError: The patch has too few presses, or they lie along a line.
+        """
+        own = [press for press in self.presses if press.point.patch == patch]
+        known = np.array([press.point.p_link for press in own]).reshape(-1, 3)
+        felt = np.array([press.felt for press in own]).reshape(-1, 3)
+        normals = np.array([press.normal for press in own]).reshape(-1, 3)
+        return estimate_pose(self.skin, patch, known, felt, normals)
 
     def finish(self) -> tuple[PoseEstimate, ...]:
         """Estimate the poses of the patches that were pressed.
@@ -369,11 +392,4 @@ class PoseGuide:
                 f"no press was felt; allowed are {LEAST_PRESSES} or more of a patch; "
                 "press more firmly, at the points of the file in their order"
             )
-        found = []
-        for patch in patches:
-            own = [press for press in self.presses if press.point.patch == patch]
-            known = np.array([press.point.p_link for press in own])
-            felt = np.array([press.felt for press in own])
-            normals = np.array([press.normal for press in own])
-            found.append(estimate_pose(self.skin, patch, known, felt, normals))
-        return tuple(found)
+        return tuple(map(self.estimate, patches))

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from eskin.touch import Calibration
 
 
-DEFAULT_PORT = 8080
-"""Default TCP port of the page."""
 NETWORK, KEYED = {"udp", "xela"}, {"serial", "udp"}
 """Kinds of sources whose senders are on a network, and whose packets may be sealed."""
 
@@ -376,7 +374,7 @@ def build_listeners(
         config = RecorderConfig(piece_bytes=piece)
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
-        from eskin.page.link import free_port
+        from eskin.page.link import DEFAULT_PORT, free_port
         from eskin.viewer import Viewer, ViewerConfig
         from eskin.viewer.viewer import RECORDING
 
