@@ -7,8 +7,10 @@ from eskin.calibration.fingertip import press_taxels
 from eskin.calibration.pose import (
     KnownPoint,
     PoseGuide,
+    choose_taxels,
     estimate_pose,
     find_felt_point,
+    linearise,
     move_patch,
     read_points,
 )
@@ -21,7 +23,7 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, fit_surface, load_skin
 from eskin.touch import Calibration, Scan
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate
-from helpers.cli import call_json
+from helpers.cli import assert_refused, call_json
 from helpers.touch import build_grid_skin
 
 UR5 = load_skin("ur5")
@@ -114,6 +116,27 @@ def test_more_presses_and_less_noise_make_it_surer():
     assert (many < 0.75 * few).all()
     # Of the six components those that rest on places along the surface double.
     assert (noisy > many).sum() >= 5 and (noisy > 1.7 * many).any()
+
+
+@pytest.mark.parametrize("patch", (*PATCHES, "wrist_1"))
+def test_chosen_taxels_place_a_patch_better_than_others(patch):
+    """Than ten in ten parts of the patch, by the rotation's variance."""
+    rng = np.random.default_rng(6)
+    own = UR5.find_taxels(patch)
+
+    def measure_variance(taxels):
+        arm = UR5.positions[taxels] - UR5.positions[own].mean(axis=0)
+        jacobian, weights, _ = linearise(arm, UR5.normals[taxels], (0.8e-3, 0.3e-3))
+        squares = np.einsum("pia,pij,pjb->ab", jacobian, weights, jacobian)
+        return np.trace(np.linalg.inv(squares)[:3, :3])
+
+    chosen = choose_taxels(UR5, patch, 10)
+    assert len(set(chosen.tolist())) == 10 and set(chosen) <= set(own)
+    for _ in range(50):
+        others = [rng.choice(part) for part in np.array_split(own, 10)]
+        assert measure_variance(chosen) < measure_variance(np.array(others))
+    few, many = choose_taxels(UR5, patch, 5), choose_taxels(UR5, patch, 20)
+    assert np.array_equal(few, chosen[:5]) and np.array_equal(chosen, many[:10])
 
 
 def test_centre_of_pressure_lies_on_the_surface():
@@ -289,6 +312,32 @@ def test_points_with_an_error_are_refused_in_one_line(tmp_path, text, words):
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
+
+
+def test_command_chooses_points_that_are_read_again(tmp_path, capsys):
+    path = tmp_path / "points.csv"
+    command = ("skin", "points", "ur5", "--patch", "wrist_1", "--out", path)
+    found, _ = call_json(capsys, *command, "--presses", 8)
+    points = read_points(path, UR5)
+    assert found["points"] == len(points) == 8
+    chosen = UR5.positions[choose_taxels(UR5, "wrist_1", 8)]
+    assert [point.p_link for point in points] == pytest.approx(chosen, abs=1e-5)
+    for options, part in (
+        (("--presses", 4), "allowed are 5 to 100"),
+        (("--patch", "nose"), "no patch 'nose'"),
+    ):
+        assert_refused(capsys, *command, *options, part=part)
+
+
+def test_presses_that_do_not_fit_their_points_are_refused():
+    """As where one was missed, and those after it counted for the wrong points."""
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    for scan in make_scans([find_taxel(1, *place) for place in PLACES[1:]]):
+        guide.push(scan)
+    assert len(guide.presses) == len(PLACES) - 1
+    with pytest.raises(ValueError, match=r"scatter by \d+\.\d mm; allowed are 5 mm"):
+        guide.finish()
 
 
 @pytest.mark.slow

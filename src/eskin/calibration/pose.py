@@ -37,6 +37,12 @@ LEAST_SPREAD = 0.005
 """Smallest deviation of the known points from any line [m]."""
 LEAST_NOISE = 1e-4
 """Smallest deviation of a press that is assumed [m]."""
+MOST_NOISE = 0.005
+"""Largest deviation of a press along the surface that is believed [m]."""
+USUAL_NOISE = (0.0008, 0.0003)
+"""Deviation along and across the surface by which presses are chosen [m]."""
+WIDE_TURN, WIDE_SHIFT = 1.0, 0.1
+"""Deviation of rotation [rad] and shift [m] before the first press."""
 ITERATIONS = 30
 CONVERGED = 1e-10
 """Change of the estimate at which iterations end [rad] or [m]."""
@@ -151,17 +157,12 @@ def estimate_pose(
         ValueError: There are too few presses, or they lie along a line.
     """
     check_presses(patch, known)
-    centre = skin.positions[skin.find_taxels(patch)].mean(axis=0)
+    centre = find_middle(skin, patch)
     turn, shift, noise = np.eye(3), np.zeros(3), np.array([1e-3, 1e-3])
     freedom, shares, inverse = np.ones(2), np.ones(2), np.zeros((6, 6))
     for _ in range(ITERATIONS):
         arm = (felt - centre) @ turn.T
-        out = normals @ turn.T
-        across = out[:, :, None] * out[:, None]
-        weights = (np.eye(3) - across) / noise[0] ** 2 + across / noise[1] ** 2
-        jacobian = np.concatenate(
-            [-skew(arm), np.tile(np.eye(3), (len(arm), 1, 1))], axis=2
-        )
+        jacobian, weights, across = linearise(arm, normals @ turn.T, noise)
         left = known - (centre + shift + arm)
         squares = np.einsum("pia,pij,pjb->ab", jacobian, weights, jacobian)
         step = np.linalg.solve(
@@ -189,6 +190,71 @@ def estimate_pose(
         # Each deviation counts by the part of the motion that rests on it.
         freedom=float(shares.sum() / np.sum(shares / np.maximum(freedom, 1.0))),
     )
+
+
+def find_middle(skin: Skin, patch: str) -> Float[np.ndarray, "3"]:
+    """Find the mean of the positions of a patch's taxels [m]."""
+    return skin.positions[skin.find_taxels(patch)].mean(axis=0)
+
+
+def linearise(
+    arm: Points, normals: Points, noise: Sequence[float] | Float[np.ndarray, "2"]
+) -> tuple[
+    Float[np.ndarray, "press 3 6"],
+    Float[np.ndarray, "press 3 3"],
+    Float[np.ndarray, "press 3 3"],
+]:
+    """Linearise places of presses in a small rotation and shift of their patch.
+
+    Args:
+        arm: places from the middle of the patch [m].
+        normals: outward unit normals there.
+        noise: deviation of a press along the surface and across it [m].
+
+    Returns:
+        The derivative of each place by rotation and shift, the weight of its error, and
+        the projection onto its normal.
+    """
+    across = normals[:, :, None] * normals[:, None]
+    weights = (np.eye(3) - across) / noise[0] ** 2 + across / noise[1] ** 2
+    jacobian = np.concatenate(
+        [-skew(arm), np.tile(np.eye(3), (len(arm), 1, 1))], axis=2
+    )
+    return jacobian, weights, across
+
+
+def choose_taxels(skin: Skin, patch: str, count: int) -> Int[np.ndarray, "press"]:
+    """Choose taxels of a patch whose presses tell most of how it is turned.
+
+    They are chosen one after the other so that the variance of the rotation is smallest
+    (A-optimality, Pukelsheim 2006), each once.
+
+    Args:
+        skin: skin of the file.
+        patch: id of the patch.
+        count: number of presses.
+
+    Raises:
+        ValueError: The patch has fewer taxels.
+    """
+    taxels = skin.find_taxels(patch)
+    if not LEAST_PRESSES <= count <= len(taxels):
+        raise ValueError(
+            f"{count} presses are asked for on patch '{patch}'; allowed are "
+            f"{LEAST_PRESSES} to {len(taxels)}, one a taxel; change the number"
+        )
+    arm = skin.positions[taxels] - find_middle(skin, patch)
+    jacobian, weights, _ = linearise(arm, skin.normals[taxels], USUAL_NOISE)
+    squares = np.einsum("pia,pij,pjb->pab", jacobian, weights, jacobian)
+    found = np.diag([1.0 / WIDE_TURN**2] * 3 + [1.0 / WIDE_SHIFT**2] * 3)
+    left, chosen = np.ones(len(taxels), bool), []
+    for _ in range(count):
+        covariance = np.linalg.inv(found + squares)
+        variance = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+        best = int(np.argmin(np.where(left, variance, np.inf)))
+        found, left[best] = found + squares[best], False
+        chosen.append(best)
+    return taxels[chosen]
 
 
 def check_presses(patch: str, known: Points) -> None:
@@ -384,7 +450,8 @@ class PoseGuide(PressGuide[PosePress]):
         """Estimate the poses of the patches that were pressed.
 
         Raises:
-            ValueError: A patch has too few presses, or they lie along a line.
+            ValueError: A patch has too few presses, they lie along a line, or they do
+                not fit its points.
         """
         patches = dict.fromkeys(press.point.patch for press in self.presses)
         if not patches:
@@ -392,4 +459,13 @@ class PoseGuide(PressGuide[PosePress]):
                 f"no press was felt; allowed are {LEAST_PRESSES} or more of a patch; "
                 "press more firmly, at the points of the file in their order"
             )
-        return tuple(map(self.estimate, patches))
+        found = tuple(map(self.estimate, patches))
+        for each in found:
+            if each.noise[0] > MOST_NOISE:
+                raise ValueError(
+                    f"presses of patch '{each.patch}' scatter by "
+                    f"{1e3 * each.noise[0]:.1f} mm; allowed are {1e3 * MOST_NOISE:g} "
+                    "mm; press every point of the file once, in its order, after the "
+                    f"first {self.rest_seconds:g} s"
+                )
+        return found

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_folder
+from eskin.cli.checks import check_folder, check_writable
 from eskin.cli.guided import (
     Dialogue,
     PressCommand,
@@ -22,6 +22,7 @@ from eskin.cli.guided import (
     show_result,
 )
 from eskin.cli.skin import describe_taxel
+from eskin.files import atomic_path
 
 if TYPE_CHECKING:
     from eskin.calibration import GuideEvent
@@ -83,6 +84,49 @@ def run(command: PoseCommand) -> dict[str, object]:
         "out": str(command.out),
         "patches": [summarise(each) for each in estimates],
     }
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointsCommand:
+    """List the places of a patch whose presses tell most of where it is mounted.
+
+    Mark them on the patch, measure them on its link in place of the coordinates that
+    are written, which are those of the skin's file, and give the file to `eskin skin
+    pose`.
+    """
+
+    skin: tyro.conf.Positional[str]
+    """Skin: a preset's name or a skin's folder."""
+
+    patch: tuple[str, ...] = ()
+    """Patches; by default all."""
+
+    presses: int = 10
+    """Number of presses of each patch."""
+
+    out: Path
+    """CSV file to write, with columns patch, row, column, x_mm, y_mm, z_mm."""
+
+
+def run_points(command: PointsCommand) -> dict[str, object]:
+    """Write the places to press, and return how many there are."""
+    from eskin.calibration.guide import find_patches
+    from eskin.calibration.pose import choose_taxels
+    from eskin.skin import load_skin
+
+    check_writable(command.out)
+    skin = load_skin(command.skin)
+    lines = ["patch,row,column,x_mm,y_mm,z_mm"]
+    for number in find_patches(skin, command.patch):
+        patch = skin.patches[number].id
+        for taxel in choose_taxels(skin, patch, command.presses).tolist():
+            x, y, z = (f"{1e3 * each:.2f}" for each in skin.positions[taxel])
+            cell = f"{skin.rows[taxel]},{skin.columns[taxel]}"
+            lines.append(f"{patch},{cell},{x},{y},{z}")
+    with atomic_path(command.out) as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print_line(f"{command.out}: {len(lines) - 1} points; measure where they are")
+    return {"points": len(lines) - 1, "out": str(command.out)}
 
 
 @final

@@ -102,7 +102,7 @@ class CalibrationPanel:
         self.skip.visible = board.place is not None
         if board.place is not None:
             self.skip.label = f"Skip {to_words(board.place.name)}"
-        self.again.visible = board.presses > 0 and not board.result
+        self.again.visible = board.presses > 0
         self.close.visible = bool(board.result)
         self.result.content = render_result(board) if board.result else ""
         self.log.content = render_log(tuple(self.log_entries))
