@@ -98,7 +98,7 @@ ROBOTS = {
 }
 HEAD = (
     *("robot", "asked [1/cm2]", "time", "links", "patches", "taxels"),
-    *("taxels per cm2", "distortion", "of allowed", "traces", "at 100 Hz"),
+    *("taxels per cm2", "distortion", "of allowed", "traces", "at 100 Hz", "close"),
 )
 MEANT = {"ur5": 2000, "ur10": 2000, "panda": 2000, "go2": 5000, "talos": 5000}
 """Number of taxels that each skin is to have at least."""
@@ -155,6 +155,7 @@ def build_row(name: str, seconds: float, report: dict[str, Any]) -> list[str]:
         f"{100 * report['coverage_of_allowed']:.0f} %",
         f"{report['wiring_m']:.0f} m",
         f"{report['bandwidth_mbit_s']:.1f} Mbit/s",
+        f"{100 * report['taxels_close'] / report['taxels']:.0f} %",
     ]
 
 
@@ -348,7 +349,7 @@ def measure_clearance(
     coarse = {link.name: build_link_surface(link) for link in robot.links if link.geoms}
     names = np.array(design.skin.link_names)[design.skin.patch_index]
     least = np.inf
-    for first, second, T in iterate_relative_poses(robot, coarse):
+    for first, second, T in iterate_relative_poses(robot, list(coarse)):
         if rng.random() > 0.3:
             continue
         for own, other, pose in ((first, second, T), (second, first, np.linalg.inv(T))):

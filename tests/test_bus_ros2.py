@@ -21,7 +21,7 @@ from eskin.cli.run import (
     subscribe_joints,
 )
 from eskin.drivers import HostClock, ManualClock
-from eskin.errors import DeviceError
+from eskin.errors import DeviceError, JointsError
 from eskin.live import Recognizer
 from eskin.recording.messages import DETECTION, READING, pack_joint_state
 from eskin.robot import load_robot
@@ -98,7 +98,9 @@ def test_another_process_hears_every_reading_and_moves_the_joints(domain):
         stated = heard["hashes"][f"rt{topic.name}"]
         assert stated == f"typehash={compute_type_hash(topic)};"
     assert bus.unsent == 0
-    assert joints.q_at(0).tolist() == [0.0, 0.0, -0.5, 0.0, 0.75, 0.0]
+    with pytest.raises(JointsError) as error:
+        joints.q_at(joints.clock.now())
+    assert error.value.q.tolist() == [0.0, 0.0, -0.5, 0.0, 0.75, 0.0]
     status = joints.diagnose()
     assert status.level == WARN and "shoulder_lift_joint" in status.message
 
@@ -134,7 +136,7 @@ def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain):
     command = RunCommand(("serial:/dev/ttyACM0",), skin="ur5", ros2=True)
     joints = subscribe_joints(command, Ros2Node(), ManualClock())
     assert joints is not None
-    assert tuple(joints.index) == load_robot("ur5").joint_names
+    assert joints.robot.joint_names == load_robot("ur5").joint_names
     doubts = describe_doubts(command, calibration_of(mounted("ur5").skin))
     assert any("/joint_states" in doubt for doubt in doubts)
 
@@ -161,15 +163,21 @@ def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain):
     assert joints.diagnose().level == WARN
     q = np.arange(6) / 10
     hear(joints, robot.joint_names[::-1], q[::-1])
-    assert joints.q_at(0).tolist() == q.tolist() and joints.diagnose().level == OK
+    assert joints.q_at(clock.now()).tolist() == q.tolist()
+    assert joints.diagnose().level == OK
     hear(joints, robot.joint_names[:2], [1.0])
     hear(joints, robot.joint_names[:2], [1.0, np.nan])
+    hear(joints, robot.joint_names[:2], [1.0, 90.0])
     joints.push(wrap_message(joints.reader.topic.data_type, b"\0\1\0\0\7"))
-    assert joints.q_at(0).tolist() == q.tolist() and joints.refused == 3
+    assert joints.q_at(clock.now()).tolist() == q.tolist()
+    assert joints.received.refused == 4
+    clock.sleep(0.02)
     hear(joints, ("elbow_joint", "lid"), [-1.0, 5.0])
-    assert joints.q_at(0).tolist() == [0.0, 0.1, -1.0, 0.3, 0.4, 0.5]
-    clock.sleep(2.0)
+    assert joints.q_at(clock.now()).tolist() == [0.0, 0.1, -1.0, 0.3, 0.4, 0.5]
+    clock.sleep(0.09)
     assert joints.diagnose().level == STALE
+    with pytest.raises(JointsError, match=r"for 0\.1 s \(4 messages refused"):
+        joints.q_at(clock.now())
 
 
 @pytest.mark.parametrize("number", ["-1", "233", "two"])

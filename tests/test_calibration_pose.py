@@ -7,19 +7,23 @@ from eskin.calibration.fingertip import press_taxels
 from eskin.calibration.pose import (
     KnownPoint,
     PoseGuide,
+    choose_taxels,
     estimate_pose,
     find_felt_point,
+    linearise,
     move_patch,
     read_points,
 )
+from eskin.cli.guided import guide_person
 from eskin.cli.main import run
+from eskin.cli.pose import PoseDialogue
 from eskin.errors import SkinError
 from eskin.recording import Metadata, RecordingWriter
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, fit_surface, load_skin
 from eskin.touch import Calibration, Scan
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate
-from helpers.cli import call_json
+from helpers.cli import assert_refused, call_json
 from helpers.touch import build_grid_skin
 
 UR5 = load_skin("ur5")
@@ -114,6 +118,27 @@ def test_more_presses_and_less_noise_make_it_surer():
     assert (noisy > many).sum() >= 5 and (noisy > 1.7 * many).any()
 
 
+@pytest.mark.parametrize("patch", (*PATCHES, "wrist_1"))
+def test_chosen_taxels_place_a_patch_better_than_others(patch):
+    """Than ten in ten parts of the patch, by the rotation's variance."""
+    rng = np.random.default_rng(6)
+    own = UR5.find_taxels(patch)
+
+    def measure_variance(taxels):
+        arm = UR5.positions[taxels] - UR5.positions[own].mean(axis=0)
+        jacobian, weights, _ = linearise(arm, UR5.normals[taxels], (0.8e-3, 0.3e-3))
+        squares = np.einsum("pia,pij,pjb->ab", jacobian, weights, jacobian)
+        return np.trace(np.linalg.inv(squares)[:3, :3])
+
+    chosen = choose_taxels(UR5, patch, 10)
+    assert len(set(chosen.tolist())) == 10 and set(chosen) <= set(own)
+    for _ in range(50):
+        others = [rng.choice(part) for part in np.array_split(own, 10)]
+        assert measure_variance(chosen) < measure_variance(np.array(others))
+    few, many = choose_taxels(UR5, patch, 5), choose_taxels(UR5, patch, 20)
+    assert np.array_equal(few, chosen[:5]) and np.array_equal(chosen, many[:10])
+
+
 def test_centre_of_pressure_lies_on_the_surface():
     for patch in ("forearm_front", "elbow_cap"):
         taxels = UR5.find_taxels(patch)
@@ -197,7 +222,8 @@ def test_command_writes_the_skin_with_the_patch_where_it_is(pressed, tmp_path, c
     (patch,) = found["patches"]
     assert patch["id"] == SKIN.patches[1].id
     assert patch["rotation_deg"] == pytest.approx([0, 0, np.rad2deg(0.1)], abs=0.3)
-    assert "press at x" in printed and printed.count("felt") == len(PLACES)
+    assert printed.count("felt on patch") == len(PLACES)
+    assert printed.count("; so far to") == len(PLACES) - 4
     corrected, taxels = load_skin(out), SKIN.find_taxels(patch["id"])
     true = apply(OFFSET, SKIN.positions[taxels])
     assert corrected.positions[taxels] == pytest.approx(true, abs=3e-4)
@@ -214,6 +240,51 @@ def test_press_on_another_patch_is_refused_and_asked_for_again():
     assert [event.kind for event in events] == ["rested", "refused", "pressed"]
     assert SKIN.patches[0].id in events[1].text
     assert len(guide.waiting) == len(points) - 1
+
+
+class PressedPage:
+    """A page that stores what it shows; its person repeats a press, skips a point."""
+
+    def __init__(self):
+        self.boards, self.lines = [], []
+        self.skipped, self.repeated, self.clicked = None, None, False
+
+    def wants(self):
+        return True
+
+    def tell(self, line):
+        self.lines.append(line)
+
+    def show(self, state, board):
+        self.boards.append(board)
+        if board.presses == 2 and not self.clicked:
+            self.repeated, self.clicked = 2, True
+        if board.place is not None and board.place.name == "point 5":
+            self.skipped = "point 5"
+
+
+def test_page_marks_each_point_until_it_is_pressed_or_skipped(capsys):
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    page = PressedPage()
+    order = [*PLACES[:2], *PLACES[1:4], *PLACES[5:]]
+    taxels = [find_taxel(1, *place) for place in order]
+    guide_person(make_scans(taxels), PoseDialogue(guide), 30.0, page)
+    assert guide.phase == "done"
+    assert [press.point for press in guide.presses] == [*points[:4], *points[5:]]
+    marked = [board.place for board in page.boards if board.place is not None]
+    numbers = [int(place.name.split()[1]) for place in marked]
+    assert list(dict.fromkeys(numbers)) == [1, 2, 3, 4, 5, 6, 7]
+    for place, number in zip(marked, numbers, strict=True):
+        assert place.p_link == points[number - 1].p_link
+        assert place.n_link == (0.0, 0.0, 1.0)
+    after = numbers[numbers.index(3) :]
+    assert after.index(2) < after[after.index(2) :].index(3) + after.index(2)
+    assert page.lines.count("the last press is not used") == 1
+    assert page.lines.count("the point is left out") == 1
+    shares = [board.share for board in page.boards if board.place is None]
+    assert shares == sorted(shares)
+    assert capsys.readouterr().out.count("press at x") >= len(points)
 
 
 def read_points_of(patch):
@@ -241,6 +312,32 @@ def test_points_with_an_error_are_refused_in_one_line(tmp_path, text, words):
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
+
+
+def test_command_chooses_points_that_are_read_again(tmp_path, capsys):
+    path = tmp_path / "points.csv"
+    command = ("skin", "points", "ur5", "--patch", "wrist_1", "--out", path)
+    found, _ = call_json(capsys, *command, "--presses", 8)
+    points = read_points(path, UR5)
+    assert found["points"] == len(points) == 8
+    chosen = UR5.positions[choose_taxels(UR5, "wrist_1", 8)]
+    assert [point.p_link for point in points] == pytest.approx(chosen, abs=1e-5)
+    for options, part in (
+        (("--presses", 4), "allowed are 5 to 100"),
+        (("--patch", "nose"), "no patch 'nose'"),
+    ):
+        assert_refused(capsys, *command, *options, part=part)
+
+
+def test_presses_that_do_not_fit_their_points_are_refused():
+    """As where one was missed, and those after it counted for the wrong points."""
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    for scan in make_scans([find_taxel(1, *place) for place in PLACES[1:]]):
+        guide.push(scan)
+    assert len(guide.presses) == len(PLACES) - 1
+    with pytest.raises(ValueError, match=r"scatter by \d+\.\d mm; allowed are 5 mm"):
+        guide.finish()
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from eskin.calibration import CalibrationGuide, GuideConfig
 from eskin.calibration.fingertip import press_taxels
 from eskin.calibration.guide import PLACES
 from eskin.cli import calibrate
+from eskin.cli.guided import await_page, guide_person
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.recording import Metadata, RecordingWriter, read_recording
 from eskin.robot import load_robot
@@ -153,6 +154,7 @@ def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
     [
         (("sim:ur5",), "source is 'sim:ur5'"),
         (("serial:/dev/gone",), "--skin"),
+        (("csv:/dev/gone", "--skin", "bent"), "cannot open serial port"),
         (("replay:x.mcap", "--seconds", "0"), "--seconds is 0"),
         (("replay:x.mcap", "--force", "-1"), "--force is -1"),
         (("replay:x.mcap", "--presses", "99"), "--presses is 99"),
@@ -180,7 +182,7 @@ def test_interrupted_calibration_writes_nothing(
 
     out = tmp_path / "calibration.json"
     out.write_text("before")
-    monkeypatch.setattr(calibrate, "describe_event", stop)
+    monkeypatch.setattr(calibrate.CalibrationDialogue, "describe_event", stop)
     words = ("calibrate", f"replay:{recording}", "--out", out)
     assert call(capsys, *words)[0] == 130
     assert out.read_text() == "before"
@@ -207,6 +209,7 @@ class RememberedPage:
 
     def __init__(self, skipped=None, opened_at=0):
         self.skipped, self.opened_at, self.asked = skipped, opened_at, 0
+        self.repeated = None
         self.lines, self.boards = [], []
 
     @property
@@ -226,7 +229,8 @@ class RememberedPage:
 
 def guide_in_page(page, above, config=None):
     guide = CalibrationGuide(MOUNTED, CALIBRATION, config)
-    calibrate.guide_person(make_scans(above), guide, 3.0, page)
+    dialogue = calibrate.CalibrationDialogue(guide)
+    guide_person(make_scans(above), dialogue, 3.0, page)
     return guide
 
 
@@ -241,9 +245,11 @@ def test_page_shows_what_terminal_prints(capsys):
     assert requests[1].startswith("press 1 of 5 with 4.9 N: patch 'p0'")
     assert "not used" in "".join(page.lines)
     for board in page.boards:
-        assert ("press" in board.request) == (board.taxel is not None)
-    asked = list(dict.fromkeys(board.taxel for board in page.boards))
-    assert asked[1:] == places(0) + places(1)
+        assert ("press" in board.request) == (board.place is not None)
+    asked = list(dict.fromkeys(board.place for board in page.boards))
+    for place, taxel in zip(asked[1:], places(0) + places(1), strict=True):
+        assert place.p_link == tuple(SKIN.positions[taxel])
+        assert place.n_link == tuple(SKIN.normals[taxel])
 
 
 def test_progress_grows_to_the_whole_in_each_phase():
@@ -265,12 +271,35 @@ def test_page_skips_the_patch_that_it_showed_and_no_other(capsys):
     assert "nothing felt" not in capsys.readouterr().out
 
 
+class ImpatientPage(RememberedPage):
+    """A page whose person clicks twice to repeat the third press."""
+
+    clicks = 2
+
+    def show(self, state, board):
+        super().show(state, board)
+        # The second click comes when the press is withdrawn already.
+        if self.clicks == 1 or (board.presses == 3 and self.clicks):
+            self.repeated, self.clicks = 3, self.clicks - 1
+
+
+def test_last_press_is_repeated_once_where_the_page_asks_for_that():
+    page = ImpatientPage()
+    guide = guide_in_page(page, rest() + all_presses())
+    assert guide.count_presses(0) == 4 and guide.count_presses(1) == 5
+    assert page.lines.count("the last press is not used") == 1
+    asked = [board.place for board in page.boards if board.presses == 2]
+    assert len(set(asked)) == 1
+    counts = [board.presses for board in page.boards]
+    assert counts[counts.index(3) :].count(2) > 0
+
+
 def test_guide_begins_once_a_browser_has_opened_the_page():
     scans = list(make_scans(rest(20)))
     info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
     source = PlayedSource(info, iter(scans), STEPPED, ManualClock())
     page = RememberedPage(opened_at=5)
-    given = calibrate.await_page(source, page, is_live=True)
+    given = await_page(source, page, is_live=True)
     assert [scan.stamp for scan in given] == [scan.stamp for scan in scans[5:]]
 
 

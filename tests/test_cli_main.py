@@ -36,6 +36,7 @@ ARGUMENTS = {
     "skin paint": "gone.urdf --spec spec.yaml",
     "skin convert": "gone out",
     "skin pose": "replay:gone.mcap --points p.csv --out skin",
+    "skin points": "gone --out p.csv",
     "bench latency": "--steps 10",
     "bench throughput": "--seconds 1",
     "doctor": "",

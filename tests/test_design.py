@@ -2,7 +2,7 @@
 
 import csv
 import json
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -47,6 +47,7 @@ from eskin.design.painting import (  # noqa: E402
 )
 from eskin.design.patches import divide, iterate_routable  # noqa: E402
 from eskin.design.spec import RegionEntry, SpecFile, write_spec_file  # noqa: E402
+from eskin.design.zones import sample_positions  # noqa: E402
 from eskin.skin import MountedSkin, Tube  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -325,6 +326,85 @@ def test_skin_stays_clear_of_a_link_that_moves(tmp_path):
     free = design_skin(robot, DesignSpec("elbow", regions[:1]))
     assert design.skin.count > 100
     assert free.regions[0].allowed_area > design.regions[0].allowed_area
+
+
+SLIDES = """<robot name="press">
+<link name="table"><collision><origin xyz="-0.1 0 -0.02"/><geometry>
+  <box size="0.2 0.08 0.04"/></geometry></collision></link>
+<link name="carriage"/>
+<link name="ram"><collision><origin xyz="0.12 0 0.03"/><geometry>
+  <box size="0.2 0.06 0.06"/></geometry></collision></link>
+<joint name="slide" type="prismatic"><parent link="table"/><child link="carriage"/>
+  <origin xyz="0 0 0.051"/><axis xyz="-1 0 0"/><limit lower="0" upper="0.1"
+  effort="1" velocity="1"/></joint>
+<joint name="lower" type="prismatic"><parent link="carriage"/><child link="ram"/>
+  <axis xyz="0 0 -1"/><limit lower="0" upper="0.05" effort="1" velocity="1"/></joint>
+</robot>"""
+"""A ram touches the table, to 1 mm, only where it is slid over it and lowered: then it
+covers x from -0.08 m on, and y within 0.03 m."""
+CLEARANCE = 3 * MM
+
+
+def design_press(folder, poses, clears=False):
+    path = folder / "press.urdf"
+    path.write_text(SLIDES)
+    regions = tuple(RegionSpec(LinkZone(name), DENSITY) for name in ("table", "ram"))
+    limits = DesignLimits(clearance=CLEARANCE, poses=poses, clears_poses=clears)
+    return design_skin(load_urdf(path), DesignSpec("press", regions, (), limits))
+
+
+def measure_from_box(points, low, high):
+    return np.linalg.norm(
+        np.maximum(np.maximum(low - points, points - high), 0), axis=1
+    )
+
+
+def find_touching(skin):
+    """Find the taxels that are near the other body in the one pose in which it is."""
+    links = np.array(skin.link_names)[skin.patch_index]
+    # Of the ram's box, 1 mm above the table; of the table's box, 1 mm below the ram.
+    ram = measure_from_box(skin.positions, [-0.08, -0.03, 1e-3], [0.12, 0.03, 0.061])
+    table = measure_from_box(skin.positions, [-0.1, -0.04, -0.041], [0.1, 0.04, -1e-3])
+    return np.where(links == "table", ram, table) < CLEARANCE
+
+
+def test_taxels_that_touch_in_a_combined_pose_alone_are_those_that_are_told(tmp_path):
+    alone, told = design_press(tmp_path, 0), design_press(tmp_path, 128)
+    assert np.array_equal(alone.skin.positions, told.skin.positions)
+    assert not alone.close.any()
+    touching = find_touching(told.skin)
+    assert 50 < touching.sum() < 0.5 * len(touching)
+    assert np.array_equal(told.close, touching)
+
+
+def test_taxels_that_touch_in_a_combined_pose_can_be_left_out(tmp_path):
+    alone, cleared = design_press(tmp_path, 0), design_press(tmp_path, 128, True)
+    assert not cleared.close.any() and not find_touching(cleared.skin).any()
+    # On the table 8 x 6 cm are lost, and a rim as wide as a triangle.
+    before, after = (each.regions[0].allowed_area for each in (alone, cleared))
+    assert 0.08 * 0.06 < before - after < 0.09 * 0.08
+
+
+def test_more_combined_poses_never_keep_more(tmp_path):
+    numbers = (0, 4, 16, 64)
+    told = [design_press(tmp_path, number).close for number in numbers]
+    kept = [design_press(tmp_path, number, True).regions for number in numbers]
+    for fewer, more in pairwise(told):
+        assert (more | ~fewer).all()
+    for fewer, more in pairwise(kept):
+        for a, b in zip(fewer, more, strict=True):
+            assert b.allowed_area <= a.allowed_area
+    assert told[-1].any()
+
+
+def test_first_combined_poses_are_those_of_fewer_and_reach_the_limits():
+    robot = load_robot("ur5")
+    few, many = sample_positions(robot, 20), sample_positions(robot, 200)
+    assert np.array_equal(many[:20], few)
+    assert (many >= robot.lower).all() and (many <= robot.upper).all()
+    # A joint that turns further is sampled over one full turn.
+    at_limit = (many == many.min(axis=0)) | (many == many.max(axis=0))
+    assert 0.25 < at_limit.mean() < 0.42
 
 
 def test_cells_are_cut_into_parts_that_boards_can_read():

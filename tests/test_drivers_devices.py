@@ -12,7 +12,7 @@ from itertools import pairwise
 from operator import xor
 from pathlib import Path
 from threading import Event as Flag
-from threading import Thread
+from threading import Thread, Timer
 
 import numpy as np
 import pytest
@@ -355,7 +355,7 @@ class Script(SampleDevice):
         self.open = False
 
     def counters(self):
-        return {}
+        return {"bytes": 5 * (self.clock.now() >= 3 * SECOND)}
 
 
 def sample(patch, stamp, value, age=0):
@@ -364,7 +364,7 @@ def sample(patch, stamp, value, age=0):
     return stamp + age, PatchSample(patch, stamp, counts)
 
 
-def read_script(events, count, rate=50.0):
+def read_script(events, count, rate=50.0, patience=0.0):
     """Return the first scans of a scripted device, and its source."""
     clock = ManualClock(SECOND)
     source = SampledSource(
@@ -375,6 +375,7 @@ def read_script(events, count, rate=50.0):
         clock,
         "test:",
         rate,
+        patience,
     )
     return [source.read() for _ in range(count)], source
 
@@ -454,6 +455,27 @@ def test_device_that_is_gone_gives_scans_without_data_until_it_is_back():
     assert 30 < sum(not scan.received.any() for scan in scans) < 60
     kinds = [event.kind for event in source.take_events() if event.patch is None]
     assert kinds == ["silent", "returned"]
+
+
+def test_device_that_sends_no_byte_is_waited_for_no_longer_than_said():
+    with pytest.raises(DeviceError, match=r"test: sent no byte within 1\.5 s; allowed"):
+        read_script([], 0, patience=1.5)
+    _, source = read_script([], 0, patience=2.5)
+    assert 3 * SECOND <= source.clock.now() < 3.1 * SECOND
+
+
+@pytest.mark.parametrize("data", [b"", b"?"])
+def test_matrix_has_sent_once_any_byte_has_come(tmp_path, data):
+    pad = Pad(tmp_path, timed=False)
+    skin = matrix_skin()
+    config = SourceConfig(skin=skin, robot="table", rate=50.0, patience=0.3)
+    with contextlib.closing(pad):
+        Timer(0.1, pad.write, [data]).start()
+        if data:
+            open_source(pad.uri, config=config).close()
+            return
+        with pytest.raises(DeviceError, match=r"port sent no byte within 0\.3 s"):
+            open_source(pad.uri, config=config)
 
 
 def test_module_that_the_server_repeats_is_not_received_again():

@@ -10,6 +10,7 @@ import pytest
 from eskin.app import SourceConfig, open_joints, open_source
 from eskin.cli.run import RunCommand, check_options
 from eskin.drivers import CalledJoints, DeviceSource, ManualClock, UdpJoints
+from eskin.drivers.joints import ReceivedJoints
 from eskin.errors import DeviceError, EskinError, JointsError
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
@@ -39,7 +40,7 @@ def test_positions_are_taken_in_the_robots_order_whatever_theirs_is(joints):
     joints.push(encode([9.0, *Q[::-1]], name=names), HERE, START)
     assert joints.q_at(START).tolist() == Q
     joints.push(encode(), HERE, START + MS)
-    assert joints.q_at(START + MS).tolist() == Q and joints.accepted == 2
+    assert joints.q_at(START + MS).tolist() == Q and joints.received.accepted == 2
 
 
 def test_positions_are_interpolated_between_arrivals(joints):
@@ -57,10 +58,26 @@ def test_positions_of_another_time_are_refused(joints, ms):
     assert error.value.q.tolist() == Q
 
 
+@pytest.mark.parametrize("late", range(6))
+def test_positions_are_as_old_as_those_of_the_joint_that_came_first(late):
+    """Messages of some joints, as several publishers of ROS 2 send them."""
+    received = ReceivedJoints(ROBOT)
+    first = dict(zip(NAMES, Q, strict=True))
+    del first[NAMES[late]]
+    received.add(first, START)
+    with pytest.raises(JointsError, match=f"'{NAMES[late]}'"):
+        received.q_at(START)
+    received.add({NAMES[late]: Q[late]}, START + 50 * MS)
+    assert received.q_at(START + 99 * MS).tolist() == Q
+    received.add({NAMES[late]: Q[late]}, START + 90 * MS)
+    with pytest.raises(JointsError, match=r"for 0\.1 s"):
+        received.q_at(START + 101 * MS)
+
+
 def test_second_sender_is_refused_while_the_first_sends(joints):
     joints.push(encode(), HERE, START)
     joints.push(encode([0.0] * 6), THERE, START + SECOND)
-    assert joints.refused == 1 and joints.q_at(START).tolist() == Q
+    assert joints.received.refused == 1 and joints.q_at(START).tolist() == Q
     joints.push(encode([0.0] * 6), THERE, START + 3 * SECOND)
     assert joints.q_at(START + 3 * SECOND).tolist() == [0.0] * 6
 
@@ -89,7 +106,7 @@ def test_second_sender_is_refused_while_the_first_sends(joints):
 )
 def test_what_is_no_position_of_every_joint_is_refused_and_said(joints, data, part):
     joints.push(data, HERE, START)
-    assert (joints.accepted, joints.refused) == (0, 1)
+    assert (joints.received.accepted, joints.received.refused) == (0, 1)
     with pytest.raises(JointsError) as error:
         joints.q_at(START)
     assert part in str(error.value) and error.value.q.tolist() == [0.0] * 6

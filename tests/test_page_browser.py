@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from eskin.cli.guided import build_place
 from eskin.page import ArmSummary, GuideBoard, LogEntry
 from eskin.page.link import free_port
 from eskin.touch import Calibration, Scan, TouchPipeline
@@ -259,20 +260,25 @@ def test_page_guides_through_calibration(calibrated):
     assert becomes(lambda: viewer.is_opened, PATIENCE)
     show(GuideBoard("hands off for 5 s", 0.5))
     tab.wait_for_selector("text=hands off for 5 s")
-    assert not find("Skip this patch").is_visible() and not count_place()
+    assert not find("Skip").is_visible() and not count_place()
+    assert not find("Repeat the last press").is_visible()
     # Also where the place is on the far side: the camera turns to it.
-    for patch in ("forearm_front", "forearm_back"):
+    for number, patch in enumerate(("forearm_front", "forearm_back"), 1):
         taxel = int(skin.find_taxels(patch)[200])
+        place = build_place(patch, mounted(), taxel, skin.positions[taxel])
         viewer.tell("felt on <b>")
-        show(GuideBoard(f"press {patch}", 0.5, taxel))
+        show(GuideBoard(f"press {patch}", 0.5, place, presses=number))
         tab.wait_for_selector(f"text=press {patch}")
         assert becomes(lambda: count_place() > 20, PATIENCE)
-        find("Skip this patch").click()
+        find(f"Skip {patch.replace('_', ' ')}").click()
         assert becomes(lambda patch=patch: viewer.skipped == patch, PATIENCE)
+        find("Repeat the last press").click()
+        assert becomes(lambda number=number: viewer.repeated == number, PATIENCE)
     assert tab.get_by_text("felt on <b>").count() == 2
     show(GuideBoard("finished", 1.0, None, ("gain x 2.00",)))
     tab.wait_for_selector("text=gain x 2.00")
     assert becomes(lambda: not count_place(), PATIENCE)
+    assert not find("Repeat the last press").is_visible()
     assert not viewer.closed.is_set()
     find("Close").click()
     viewer.wait_closed()

@@ -7,14 +7,9 @@ from eskin.cli.main import run
 from eskin.errors import SkinError
 from eskin.robot import load_robot, load_urdf
 from eskin.skin import check_skin, load_skin, save_skin
-from eskin.skin.exchange import (
-    read_gentact,
-    read_icub_positions,
-    read_tactile_urdf,
-    write_gentact,
-    write_icub_positions,
-    write_tactile_urdf,
-)
+from eskin.skin.gentact import read_gentact, write_gentact
+from eskin.skin.icub import read_icub_positions, write_icub_positions
+from eskin.skin.tactile_urdf import read_tactile_urdf, write_tactile_urdf
 from helpers.cli import call_json
 
 URDF = """<?xml version="1.0"?>

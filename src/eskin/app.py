@@ -273,7 +273,14 @@ def open_samples(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sou
     with ExitStack() as stack:
         stack.callback(device.close)
         source = SampledSource(
-            device, mounted, calibration, joints, clock, " ".join(uris), config.rate
+            device,
+            mounted,
+            calibration,
+            joints,
+            clock,
+            " ".join(uris),
+            config.rate,
+            config.patience,
         )
         stack.pop_all()
     return source

@@ -4,7 +4,7 @@ from collections.abc import Hashable, Sequence
 from typing import Annotated
 
 import yaml
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 MAX_SHOWN = 40
 """Number of characters of a value that messages show."""
@@ -124,6 +124,13 @@ def format_entry_path(steps: Sequence[int | str]) -> str:
         plain = str(step) if str(step).isidentifier() else shorten(step)
         path += f"[{step}]" if isinstance(step, int) else f".{plain}"
     return path.lstrip(".")
+
+
+def describe_first_error(error: ValidationError) -> str:
+    """Describe where the first wrong entry of a file is, why, and what was got."""
+    first = error.errors()[0]
+    where = format_entry_path(first["loc"]) or "the file"
+    return f"{where}: {first['msg']}, got {shorten(first['input'])}"
 
 
 def shorten(value: object) -> str:

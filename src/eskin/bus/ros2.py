@@ -28,6 +28,7 @@ from eskin.bus.messages import (
 from eskin.bus.publisher import Bus
 from eskin.closing import Closing
 from eskin.drivers import Clock, JointSource
+from eskin.drivers.joints import MAX_AGE, ReceivedJoints, check_positions
 from eskin.errors import DeviceError, RecordingError
 from eskin.extras import find_package
 from eskin.recording.messages import (
@@ -56,8 +57,6 @@ SENSOR_DEPTH, DEPTH, RELIABLE_DEPTH = 5, 10, 1000
 topics, as ROS 2 has them by default, and of sensor data that is sent reliably."""
 MAX_TAKEN = 64
 """Largest number of joint states that are taken at a time."""
-STALE_SECONDS = 1.0
-"""Age from which joint positions are reported as stale [s]."""
 BLOCKING_SECONDS = 0.1
 """Longest time that sending waits for a slow receiver of a reliable topic [s]."""
 
@@ -236,12 +235,10 @@ class Ros2Bus(Bus):
 class Ros2Joints(JointSource):
     """Receives the joint positions of a robot from `/joint_states`.
 
-    A message may hold some of the joints, and joints of others. A joint is at 0 until
-    it has been received.
+    A message may hold some of the joints, and joints of others.
 
     Attributes:
-        missing: names of joints that were not received so far.
-        refused: number of messages that could not be used.
+        received: positions that have arrived, and what was refused.
     """
 
     def __init__(
@@ -255,22 +252,23 @@ class Ros2Joints(JointSource):
         Args:
             node: node that subscribes.
             robot: robot whose joints are received.
-            clock: clock that tells how old positions are.
+            clock: clock that stamps arrivals.
         """
         self.reader = node.create_reader(JOINT_STATES)
-        self.index = {name: i for i, name in enumerate(robot.joint_names)}
+        self.robot = robot
         self.clock = clock
-        self.q = np.zeros(len(robot.joint_names))
-        self.missing = set(robot.joint_names)
-        self.received: int | None = None
-        self.refused = 0
+        self.received = ReceivedJoints(robot)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Return the joint positions received so far [rad]."""
+        """Return the joint positions at a time [rad].
+
+        Raises:
+            JointsError: those of a joint that were received are more than 0.1 s away.
+        """
         while samples := self.reader.take(MAX_TAKEN):
             for sample in samples:
                 self.push(sample)
-        return self.q
+        return self.received.q_at(stamp)
 
     def push(self, sample: Any) -> None:  # noqa: ANN401
         """Take the positions of a message, or count it as refused."""
@@ -279,28 +277,21 @@ class Ros2Joints(JointSource):
             return
         try:
             _, names, positions = unpack_joint_state(encoded)
-        except (RecordingError, StructError, ValueError):
-            self.refused += 1
+            pairs = zip(names, positions, strict=True)
+            own = {name: q for name, q in pairs if name in self.received.index}
+            q = check_positions(list(own.values()), self.robot, list(own))
+        except (RecordingError, StructError, ValueError) as error:
+            self.received.refuse(str(error))
             return
-        if len(names) != len(positions) or not np.isfinite(positions).all():
-            self.refused += 1
-            return
-        q = self.q.copy()
-        for name, position in zip(names, positions, strict=True):
-            if name in self.index:
-                q[self.index[name]] = position
-                self.missing.discard(name)
-                self.received = self.clock.now()
-        self.q = q
+        self.received.add(dict(zip(own, q, strict=True)), self.clock.now())
 
     def diagnose(self) -> DiagnosticStatus:
         """Return whether the positions of all joints arrive."""
-        level, message, age = OK, "ok", float("inf")
-        if self.received is not None:
-            age = (self.clock.now() - self.received) / NS_PER_S
-        if self.missing:
-            level, message = WARN, f"never received: {', '.join(sorted(self.missing))}"
-        elif age > STALE_SECONDS:
-            level, message = STALE, f"nothing received for {age:.0f} s"
-        values = (("age [s]", f"{age:.3f}"), ("refused", str(self.refused)))
+        level, message = OK, "ok"
+        age = self.received.compute_age(self.clock.now())
+        if missing := self.received.missing:
+            level, message = WARN, f"never received: {', '.join(missing)}"
+        elif age > MAX_AGE:
+            level, message = STALE, f"nothing received for {age:.1f} s"
+        values = (("age [s]", f"{age:.3f}"), ("refused", str(self.received.refused)))
         return DiagnosticStatus(level, "eskin: joint states", message, values)

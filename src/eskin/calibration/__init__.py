@@ -10,8 +10,8 @@ from eskin.calibration.guide import (
     CalibrationGuide,
     CalibrationResult,
     GuideConfig,
-    GuideEvent,
 )
+from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.calibration.rest import RestEstimate, RestRecord, estimate_rest
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "GuideConfig",
     "GuideEvent",
     "FingertipPress",
+    "PressGuide",
     "RestEstimate",
     "RestRecord",
     "estimate_gains",

@@ -1,7 +1,7 @@
 """This module guides a person through a calibration: rest first, then presses."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,6 +12,7 @@ from eskin.calibration.gains import (
     GainPrior,
     estimate_gains,
 )
+from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.calibration.rest import (
     RestEstimate,
     RestRecord,
@@ -78,20 +79,6 @@ class GuideConfig:
     they are not known."""
     prior: GainPrior = field(default_factory=GainPrior)
     """What is known before any press."""
-
-
-@dataclass(frozen=True)
-class GuideEvent:
-    """An event is what a scan has led to."""
-
-    kind: Literal["touched", "rested", "pressed", "refused", "done"]
-    """`touched`: rest begins again, since the skin is touched; `rested`: rest is
-    measured; `pressed`: a press was measured; `refused`: one was not; `done`: every
-    patch has its presses."""
-    text: str = ""
-    """Reason for which rest begins again, or a press is refused."""
-    taxel: int | None = None
-    """Taxel of greatest pressure of a press."""
 
 
 @dataclass(frozen=True)
@@ -168,21 +155,14 @@ class PressScans:
 
 
 @final
-class CalibrationGuide:
+class CalibrationGuide(PressGuide[FingertipPress]):
     """A guide measures rest, then asks for presses until every patch has enough.
 
-    It is pushed scan by scan, from a device or a recording, and knows neither terminal
-    nor page. A press counts for the patch on which it is felt, wherever it was asked
-    for.
+    A press counts for the patch on which it is felt, wherever it was asked for.
 
     Attributes:
-        phase: what is measured now.
-        presses: presses so far.
         skipped: patches that are no longer asked for.
-        state: contacts and pressures at the latest scan; None before the first.
     """
-
-    phase: Literal["rest", "press", "done"]
 
     def __init__(
         self,
@@ -197,7 +177,7 @@ class CalibrationGuide:
         """
         self.config = config or GuideConfig()
         self.mounted, self.assumed = mounted, calibration
-        self.skin: Skin = mounted.skin
+        self.rest_seconds = self.config.seconds
         self.wanted = find_patches(self.skin, self.config.patches)
         self.adjacency = Adjacency.build(self.skin)
         self.pipeline = TouchPipeline(mounted, calibration)
@@ -210,7 +190,7 @@ class CalibrationGuide:
         self.ignored = np.zeros(self.skin.count, bool)
         self.detector = PressDetector()
         self.pressing = PressScans()
-        self.presses: list[FingertipPress] = []
+        self.presses = []
         self.skipped: set[int] = set()
         self.touched_at: int | None = None
         self.state: TouchState | None = None
@@ -369,6 +349,10 @@ class CalibrationGuide:
             self.skipped.add(self.request.patch)
         if self.request is None:
             self.phase = "done"
+
+    def withdraw(self) -> None:
+        """Forget the last press; the patch on which it was felt needs another."""
+        self.presses.pop()
 
     def finish(self) -> CalibrationResult:
         """Return the calibration from all that was measured.

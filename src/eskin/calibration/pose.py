@@ -10,17 +10,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import f as f_distribution
 
+from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.errors import SkinError
 from eskin.files import read_file
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_centre
-from eskin.touch import Calibration, PressDetector, Scan, TouchPipeline
+from eskin.touch import (
+    Calibration,
+    PressDetector,
+    Scan,
+    TouchPipeline,
+    TouchState,
+)
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate, skew
 from eskin.units import NS_PER_S
 
@@ -30,6 +37,12 @@ LEAST_SPREAD = 0.005
 """Smallest deviation of the known points from any line [m]."""
 LEAST_NOISE = 1e-4
 """Smallest deviation of a press that is assumed [m]."""
+MOST_NOISE = 0.005
+"""Largest deviation of a press along the surface that is believed [m]."""
+USUAL_NOISE = (0.0008, 0.0003)
+"""Deviation along and across the surface by which presses are chosen [m]."""
+WIDE_TURN, WIDE_SHIFT = 1.0, 0.1
+"""Deviation of rotation [rad] and shift [m] before the first press."""
 ITERATIONS = 30
 CONVERGED = 1e-10
 """Change of the estimate at which iterations end [rad] or [m]."""
@@ -144,17 +157,12 @@ def estimate_pose(
         ValueError: There are too few presses, or they lie along a line.
     """
     check_presses(patch, known)
-    centre = skin.positions[skin.find_taxels(patch)].mean(axis=0)
+    centre = find_middle(skin, patch)
     turn, shift, noise = np.eye(3), np.zeros(3), np.array([1e-3, 1e-3])
     freedom, shares, inverse = np.ones(2), np.ones(2), np.zeros((6, 6))
     for _ in range(ITERATIONS):
         arm = (felt - centre) @ turn.T
-        out = normals @ turn.T
-        across = out[:, :, None] * out[:, None]
-        weights = (np.eye(3) - across) / noise[0] ** 2 + across / noise[1] ** 2
-        jacobian = np.concatenate(
-            [-skew(arm), np.tile(np.eye(3), (len(arm), 1, 1))], axis=2
-        )
+        jacobian, weights, across = linearise(arm, normals @ turn.T, noise)
         left = known - (centre + shift + arm)
         squares = np.einsum("pia,pij,pjb->ab", jacobian, weights, jacobian)
         step = np.linalg.solve(
@@ -182,6 +190,71 @@ def estimate_pose(
         # Each deviation counts by the part of the motion that rests on it.
         freedom=float(shares.sum() / np.sum(shares / np.maximum(freedom, 1.0))),
     )
+
+
+def find_middle(skin: Skin, patch: str) -> Float[np.ndarray, "3"]:
+    """Find the mean of the positions of a patch's taxels [m]."""
+    return skin.positions[skin.find_taxels(patch)].mean(axis=0)
+
+
+def linearise(
+    arm: Points, normals: Points, noise: Sequence[float] | Float[np.ndarray, "2"]
+) -> tuple[
+    Float[np.ndarray, "press 3 6"],
+    Float[np.ndarray, "press 3 3"],
+    Float[np.ndarray, "press 3 3"],
+]:
+    """Linearise places of presses in a small rotation and shift of their patch.
+
+    Args:
+        arm: places from the middle of the patch [m].
+        normals: outward unit normals there.
+        noise: deviation of a press along the surface and across it [m].
+
+    Returns:
+        The derivative of each place by rotation and shift, the weight of its error, and
+        the projection onto its normal.
+    """
+    across = normals[:, :, None] * normals[:, None]
+    weights = (np.eye(3) - across) / noise[0] ** 2 + across / noise[1] ** 2
+    jacobian = np.concatenate(
+        [-skew(arm), np.tile(np.eye(3), (len(arm), 1, 1))], axis=2
+    )
+    return jacobian, weights, across
+
+
+def choose_taxels(skin: Skin, patch: str, count: int) -> Int[np.ndarray, "press"]:
+    """Choose taxels of a patch whose presses tell most of how it is turned.
+
+    They are chosen one after the other so that the variance of the rotation is smallest
+    (A-optimality, Pukelsheim 2006), each once.
+
+    Args:
+        skin: skin of the file.
+        patch: id of the patch.
+        count: number of presses.
+
+    Raises:
+        ValueError: The patch has fewer taxels.
+    """
+    taxels = skin.find_taxels(patch)
+    if not LEAST_PRESSES <= count <= len(taxels):
+        raise ValueError(
+            f"{count} presses are asked for on patch '{patch}'; allowed are "
+            f"{LEAST_PRESSES} to {len(taxels)}, one a taxel; change the number"
+        )
+    arm = skin.positions[taxels] - find_middle(skin, patch)
+    jacobian, weights, _ = linearise(arm, skin.normals[taxels], USUAL_NOISE)
+    squares = np.einsum("pia,pij,pjb->pab", jacobian, weights, jacobian)
+    found = np.diag([1.0 / WIDE_TURN**2] * 3 + [1.0 / WIDE_SHIFT**2] * 3)
+    left, chosen = np.ones(len(taxels), bool), []
+    for _ in range(count):
+        covariance = np.linalg.inv(found + squares)
+        variance = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+        best = int(np.argmin(np.where(left, variance, np.inf)))
+        found, left[best] = found + squares[best], False
+        chosen.append(best)
+    return taxels[chosen]
 
 
 def check_presses(patch: str, known: Points) -> None:
@@ -271,24 +344,13 @@ class PosePress:
     """Outward unit normal of the file there."""
 
 
-@dataclass(frozen=True)
-class PoseEvent:
-    """An event is what a scan has led to."""
-
-    kind: Literal["rested", "pressed", "refused"]
-    text: str = ""
-    """Reason for which a press is refused."""
-
-
 @final
-class PoseGuide:
+class PoseGuide(PressGuide[PosePress]):
     """A guide asks for presses at known points, one after the other.
 
-    It is pushed scan by scan, and knows no terminal.
-
     Attributes:
-        presses: presses so far.
         waiting: points that are still to be pressed, in order.
+        count: number of points in all.
     """
 
     def __init__(
@@ -298,28 +360,25 @@ class PoseGuide:
         points: Sequence[KnownPoint],
     ) -> None:
         """Start with some seconds without touch."""
-        self.skin = mounted.skin
+        self.mounted = mounted
         self.pipeline = TouchPipeline(mounted, calibration)
         self.detector = PressDetector()
-        self.waiting = list(points)
-        self.presses: list[PosePress] = []
-        self.rests_until: int | None = None
-        self.rested = False
+        self.waiting, self.count = list(points), len(points)
+        self.phase, self.rest_seconds = "rest", TARE_SECONDS
+        self.presses = []
+        self.began: int | None = None
         self.firmest: list[PressScan] = []
+        self.state: TouchState | None = None
 
-    @property
-    def is_done(self) -> bool:
-        """Tell whether no point is left to press."""
-        return not self.waiting
-
-    def push(self, scan: Scan) -> PoseEvent | None:
+    def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan, and return what it has led to."""
-        state = self.pipeline.push(scan)
-        if self.rests_until is None:
-            self.rests_until = scan.stamp + round(TARE_SECONDS * NS_PER_S)
-        if not self.rested:
-            self.rested = scan.stamp >= self.rests_until
-            return PoseEvent("rested") if self.rested else None
+        state = self.state = self.pipeline.push(scan)
+        self.began = scan.stamp if self.began is None else self.began
+        if self.phase == "rest":
+            if scan.stamp - self.began < self.rest_seconds * NS_PER_S:
+                return None
+            self.phase = "press"
+            return GuideEvent("rested")
         taxel = self.detector.push(state)
         if self.detector.since is not None:
             contact = max(state.contacts, key=lambda each: each.force)
@@ -327,15 +386,17 @@ class PoseGuide:
             self.firmest.append(PressScan(contact.force, contact.taxels, pressure))
             return None
         ended, self.firmest = self.firmest, []
-        if taxel is None or not ended or self.is_done:
+        if taxel is None or not ended or self.phase == "done":
             return None
         point = self.waiting[0]
         felt_on = self.skin.patches[int(self.skin.patch_index[taxel])].id
         if felt_on != point.patch:
-            return PoseEvent("refused", f"felt on patch '{felt_on}'")
+            return GuideEvent("refused", f"felt on patch '{felt_on}'", taxel)
         self.waiting.pop(0)
         self.presses.append(self.build_press(point, ended))
-        return PoseEvent("pressed")
+        if not self.waiting:
+            self.phase = "done"
+        return GuideEvent("pressed", taxel=taxel)
 
     def build_press(
         self,
@@ -353,15 +414,44 @@ class PoseGuide:
         taxels = np.flatnonzero(own)
         return PosePress(point, *find_felt_point(self.skin, taxels, total[taxels]))
 
+    @property
+    def progress(self) -> float:
+        """Share of the time at rest, or of the points, that is done."""
+        if self.phase != "rest":
+            return 1.0 - len(self.waiting) / self.count
+        if self.state is None or self.began is None:
+            return 0.0
+        passed = (self.state.reading.stamp - self.began) / NS_PER_S
+        return min(passed / self.rest_seconds, 1.0)
+
     def skip(self) -> None:
         """Leave out the point that is asked for."""
         self.waiting.pop(0)
+        if not self.waiting:
+            self.phase = "done"
+
+    def withdraw(self) -> None:
+        """Forget the last press, and ask for its point again."""
+        self.waiting.insert(0, self.presses.pop().point)
+
+    def estimate(self, patch: str) -> PoseEstimate:
+        """Estimate the pose of a patch from its presses so far.
+
+        Raises:
+            ValueError: The patch has too few presses, or they lie along a line.
+        """
+        own = [press for press in self.presses if press.point.patch == patch]
+        known = np.array([press.point.p_link for press in own]).reshape(-1, 3)
+        felt = np.array([press.felt for press in own]).reshape(-1, 3)
+        normals = np.array([press.normal for press in own]).reshape(-1, 3)
+        return estimate_pose(self.skin, patch, known, felt, normals)
 
     def finish(self) -> tuple[PoseEstimate, ...]:
         """Estimate the poses of the patches that were pressed.
 
         Raises:
-            ValueError: A patch has too few presses, or they lie along a line.
+            ValueError: A patch has too few presses, they lie along a line, or they do
+                not fit its points.
         """
         patches = dict.fromkeys(press.point.patch for press in self.presses)
         if not patches:
@@ -369,11 +459,13 @@ class PoseGuide:
                 f"no press was felt; allowed are {LEAST_PRESSES} or more of a patch; "
                 "press more firmly, at the points of the file in their order"
             )
-        found = []
-        for patch in patches:
-            own = [press for press in self.presses if press.point.patch == patch]
-            known = np.array([press.point.p_link for press in own])
-            felt = np.array([press.felt for press in own])
-            normals = np.array([press.normal for press in own])
-            found.append(estimate_pose(self.skin, patch, known, felt, normals))
-        return tuple(found)
+        found = tuple(map(self.estimate, patches))
+        for each in found:
+            if each.noise[0] > MOST_NOISE:
+                raise ValueError(
+                    f"presses of patch '{each.patch}' scatter by "
+                    f"{1e3 * each.noise[0]:.1f} mm; allowed are {1e3 * MOST_NOISE:g} "
+                    "mm; press every point of the file once, in its order, after the "
+                    f"first {self.rest_seconds:g} s"
+                )
+        return found

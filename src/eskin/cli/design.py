@@ -69,7 +69,15 @@ class DesignCommand:
     """Largest relative error of the unrolled distance of neighbouring taxels."""
 
     clearance: float = 3.0
-    """Smallest distance of the skin from other links, at all joint values [mm]."""
+    """Smallest distance of the skin from other links, while one joint moves from limit
+    to limit [mm]."""
+
+    poses: int = 256
+    """Number of poses of all joints at once in which that distance is checked too."""
+
+    clear_poses: bool = False
+    """Leave out what is nearer in one of these poses. Without it that is reported
+    alone: an arm that can fold onto itself would have half of its skin left."""
 
     min_taxels: int = 8
     """Smallest number of taxels of a patch."""
@@ -100,7 +108,7 @@ def run(command: DesignCommand) -> dict[str, object]:
     report = save_design(design, command.out)
     for warning in design.warnings:
         print(f"warning: {warning}")
-    print_report(report)
+    print_report(report, command)
     print(f"skin and drawings: {command.out}")
     if command.picture is not None:
         draw_picture(design.skin, command.picture, robot)
@@ -144,6 +152,7 @@ def build_spec(command: DesignCommand, robot: Robot) -> "DesignSpec":
         ("rows", command.rows, 2),
         ("columns", command.columns, 2),
         ("min-taxels", command.min_taxels, 6),
+        ("poses", command.poses, 0),
     ):
         if not least <= count <= 65535:
             raise SkinError(f"--{name} is {count}; allowed are {least} to 65535")
@@ -165,6 +174,8 @@ def build_spec(command: DesignCommand, robot: Robot) -> "DesignSpec":
         max_columns=command.columns,
         max_distortion=command.distortion,
         clearance=MM * command.clearance,
+        poses=command.poses,
+        clears_poses=command.clear_poses,
         min_taxels=command.min_taxels,
         rate=command.rate,
     )
@@ -172,7 +183,7 @@ def build_spec(command: DesignCommand, robot: Robot) -> "DesignSpec":
     return DesignSpec(name, regions, keep_outs, limits)
 
 
-def print_report(report: dict[str, object]) -> None:
+def print_report(report: dict[str, object], command: DesignCommand) -> None:
     """Print one line for each region, and the figures of the whole."""
     table = Table(box=SIMPLE_HEAD)
     table.add_column("link")
@@ -205,6 +216,11 @@ def print_report(report: dict[str, object]) -> None:
         f"{report['covered_cm2']} cm2 covered of {report['allowed_cm2']} allowed and "
         f"{report['area_cm2']} in all; distortion up to {report['distortion_max']}"
     )
+    if command.poses:
+        print(
+            f"{report['taxels_close']} taxels come within {command.clearance:g} mm of "
+            f"another link in one of {command.poses} poses of all joints at once"
+        )
     print(
         f"traces: {report['wiring_m']} m, {report['trace_pitch_mm']} mm apart or more; "
         f"bandwidth at {report['rate_hz']} Hz: {report['bandwidth_mbit_s']} Mbit/s"

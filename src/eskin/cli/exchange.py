@@ -10,15 +10,10 @@ from eskin.cli.checks import check_folder, check_writable
 from eskin.errors import SkinError
 from eskin.robot import Robot, load_robot
 from eskin.skin import SKIN_PRESETS, Skin, load_skin, save_skin
-from eskin.skin.exchange import (
-    read_gentact,
-    read_icub_positions,
-    read_tactile_urdf,
-    write_gentact,
-    write_icub_positions,
-    write_tactile_urdf,
-)
 from eskin.skin.files import MANIFEST
+from eskin.skin.gentact import read_gentact, write_gentact
+from eskin.skin.icub import read_icub_positions, write_icub_positions
+from eskin.skin.tactile_urdf import read_tactile_urdf, write_tactile_urdf
 
 Format = Literal["skin", "urdf", "icub", "gentact"]
 SUFFIXES: dict[str, Format] = {".urdf": "urdf", ".txt": "icub", ".csv": "gentact"}

@@ -1,19 +1,32 @@
-"""This module holds what commands share that guide a person in the terminal."""
+"""This module holds what commands share that guide a person, in terminal and page."""
 
-from contextlib import ExitStack
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from itertools import dropwhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
 
+import numpy as np
 import tyro
+from jaxtyping import Float
 
 from eskin.errors import DeviceError
 
 if TYPE_CHECKING:
+    from eskin.calibration import GuideEvent, PressGuide
     from eskin.drivers import Source
+    from eskin.page import GuideBoard, PressPlace
+    from eskin.skin import MountedSkin
+    from eskin.touch import Scan
+    from eskin.viewer import CalibrationViewer
 
 PATIENCE = 10.0
 """Longest wait for the first byte of a device [s]."""
+GUIDED_KINDS = {"serial", "csv", "udp", "xela", "replay"}
+"""Schemes of the sources that a person can be guided with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +34,8 @@ class GuidedCommand:
     """The options that say which skin is read, and how."""
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE."""
+    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT; or replay:FILE."""
 
     skin: str | None = None
     """Skin of the device: a preset's name or a skin's folder. A recording has its own.
@@ -54,15 +68,110 @@ class GuidedCommand:
     key: Path | None = None
     """Key file of the patches; packets without a valid seal are refused."""
 
+    @property
+    def pace(self) -> float:
+        """Seconds of a recording that are played in a second."""
+        return math.inf
 
-def open_guided_source(
-    command: GuidedCommand, pace: float, stack: ExitStack
-) -> "Source":
+
+@dataclass(frozen=True, kw_only=True)
+class PressCommand(GuidedCommand):
+    """The options of commands that ask for presses, in the browser too."""
+
+    wait: float = 30.0
+    """Longest time to wait for what is asked for before it is left out [s]."""
+
+    view: bool = False
+    """Guide in the browser too, where the place to press is marked on the robot. It
+    begins once the page is opened; a recording is then played as fast as it was made.
+    """
+
+    port: int | None = None
+    """TCP port of the page on this computer, 8080 by default; 0 takes any free one."""
+
+    @property
+    def is_live(self) -> bool:
+        """Whether somebody can be asked for presses, unlike by a recording."""
+        return not (self.source and self.source[0].startswith("replay:"))
+
+    @property
+    def pace(self) -> float:
+        """Seconds of a recording that are played in a second."""
+        return 1.0 if self.view else math.inf
+
+    def check_page_options(self) -> None:
+        """Raise if an option is out of range.
+
+        Raises:
+            ValueError: for --wait or --port.
+        """
+        if not 1.0 <= self.wait < math.inf:
+            raise ValueError(
+                f"--wait is {self.wait:g}; allowed are 1 and above; change it"
+            )
+        if self.port is not None and not self.view:
+            raise ValueError(
+                "--port is given without --view; allowed is both; ask for the page"
+            )
+
+
+Guide = TypeVar("Guide", bound="PressGuide[Any]")
+
+
+class Dialogue(ABC, Generic[Guide]):
+    """A dialogue puts what a guide asks for, and what it has felt, into words."""
+
+    guide: Guide
+
+    @abstractmethod
+    def describe_request(self) -> str:
+        """Describe what to do now; empty where nothing is to be done."""
+
+    @abstractmethod
+    def describe_event(self, event: "GuideEvent") -> str:
+        """Describe what a scan has led to; empty where there is nothing to say."""
+
+    @abstractmethod
+    def describe_skip(self) -> str:
+        """Describe that what is asked for is left out."""
+
+    @abstractmethod
+    def find_place(self) -> "PressPlace | None":
+        """Find the place to press now; None where none is to be pressed."""
+
+    def build_board(self) -> "GuideBoard":
+        """Build what the page shows of the guide."""
+        from eskin.page import GuideBoard
+
+        guide = self.guide
+        place = self.find_place() if guide.phase == "press" else None
+        count = len(guide.presses)
+        return GuideBoard(self.describe_request(), guide.progress, place, presses=count)
+
+
+def build_place(
+    name: str, mounted: "MountedSkin", taxel: int, p_link: Float[np.ndarray, "3"]
+) -> "PressPlace":
+    """Build a place to press, with link and normal of a taxel there.
+
+    Args:
+        name: name by which the page asks to leave it out.
+        mounted: the skin on its robot.
+        taxel: taxel there.
+        p_link: the place in the frame of the taxel's link [m].
+    """
+    from eskin.page import PressPlace
+
+    (x, y, z), (nx, ny, nz) = p_link.tolist(), mounted.skin.normals[taxel].tolist()
+    link = int(mounted.taxel_link_index[taxel])
+    return PressPlace(name, link, (x, y, z), (nx, ny, nz))
+
+
+def open_guided_source(command: GuidedCommand, stack: ExitStack) -> "Source":
     """Open a device, or a recording.
 
     Args:
         command: what is opened.
-        pace: seconds of a recording that are played in a second.
         stack: what closes it.
 
     Raises:
@@ -75,10 +184,10 @@ def open_guided_source(
     check_joints(command.joints, command.q, command.source)
 
     kinds = {uri.partition(":")[0] for uri in command.source}
-    if not command.source or not kinds <= {"serial", "udp", "replay"}:
+    if not command.source or not kinds <= GUIDED_KINDS:
         raise DeviceError(
             f"source is '{' '.join(command.source)}'; allowed are serial:PATH, "
-            "udp://HOST:PORT and replay:FILE; correct it"
+            "csv:PATH, udp://HOST:PORT, xela://HOST:PORT and replay:FILE; correct it"
         )
     if command.skin is None and "replay" not in kinds:
         raise DeviceError(
@@ -91,7 +200,7 @@ def open_guided_source(
         calibration=command.calibration,
         q=command.q,
         rate=command.rate,
-        pace=pace,
+        pace=command.pace,
         patience=PATIENCE,
         baud=command.baud,
         allow_remote=command.allow_remote,
@@ -121,7 +230,7 @@ def check_joints(
     if joints is not None and played:
         raise DeviceError(
             f"--joints is given with {played[0]}, which has joint positions of its "
-            "own; allowed is --joints with serial: or udp: sources; leave it out"
+            "own; allowed is --joints with a device; leave it out"
         )
 
 
@@ -129,3 +238,124 @@ def print_line(line: str) -> None:
     """Print a line at once, unless it is empty."""
     if line:
         print(line, flush=True)
+
+
+def open_page(
+    command: PressCommand, mounted: "MountedSkin", rate: float, stack: ExitStack
+) -> "CalibrationViewer | None":
+    """Start the page where it is asked for, and print its link.
+
+    Raises:
+        DeviceError: the port is not available.
+    """
+    if not command.view:
+        return None
+    from eskin.page.link import DEFAULT_PORT, free_port
+    from eskin.viewer import CalibrationViewer, ViewerConfig
+
+    port = free_port(DEFAULT_PORT if command.port is None else command.port)
+    config = ViewerConfig(port)
+    page = CalibrationViewer(mounted, rate, config)
+    stack.callback(page.close)
+    print(f"see {config.link}", flush=True)
+    return page
+
+
+def await_page(
+    source: "Source", page: "CalibrationViewer | None", is_live: bool
+) -> "Iterable[Scan]":
+    """Return the scans from the time on at which a browser has opened the page.
+
+    A recording begins then. Scans of a device do not wait, and are dropped until then.
+    """
+    if page is None:
+        return source
+    if not is_live:
+        page.wait_opened()
+    return dropwhile(lambda scan: not page.is_opened, source)
+
+
+def guide_person(
+    scans: "Iterable[Scan]",
+    dialogue: Dialogue[Any],
+    wait: float,
+    page: "CalibrationViewer | None" = None,
+) -> None:
+    """Push scans until all is measured, and say what to do and what was felt.
+
+    Args:
+        scans: scans of the skin.
+        dialogue: what is said of the guide.
+        wait: longest time to wait for rest and for each press [s]; infinite for a
+            recording, which nobody can be asked for presses.
+        page: page that shows the same as the terminal; None without a page.
+    """
+    from eskin.units import NS_PER_S
+
+    guide = dialogue.guide
+    asks = math.isfinite(wait)
+    print_line(dialogue.describe_request())
+    since: int | None = None
+    for scan in scans:
+        since = scan.stamp if since is None else since
+        was_rest, event = guide.phase == "rest", guide.push(scan)
+        limit = wait + guide.rest_seconds * was_rest
+        is_late = scan.stamp - since > limit * NS_PER_S
+        told = ""
+        if event is not None:
+            told = dialogue.describe_event(event)
+        elif is_late and was_rest:
+            return
+        elif is_late or is_skipped(dialogue, page):
+            told = f"{'nothing felt: ' * is_late}{dialogue.describe_skip()}"
+            guide.skip()
+        elif takes_back(guide, page):
+            told = "the last press is not used"
+            guide.withdraw()
+        say(told, page)
+        if told and not (event is not None and event.kind == "touched"):
+            since = scan.stamp
+            if asks or event is None:
+                print_line(dialogue.describe_request())
+        if page is not None and guide.state is not None and page.wants():
+            page.show(guide.state, dialogue.build_board())
+        if guide.phase == "done":
+            return
+
+
+def is_skipped(dialogue: Dialogue[Any], page: "CalibrationViewer | None") -> bool:
+    """Tell whether the person has left out, in the page, what is asked for."""
+    if page is None or page.skipped is None or dialogue.guide.phase != "press":
+        return False
+    place = dialogue.find_place()
+    return place is not None and place.name == page.skipped
+
+
+def takes_back(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bool:
+    """Tell whether the person wants, in the page, to repeat the last press."""
+    if page is None or page.repeated is None:
+        return False
+    # What was asked of an earlier press is out of date.
+    repeated, page.repeated = page.repeated, None
+    return guide.phase == "press" and 0 < repeated == len(guide.presses)
+
+
+def show_result(
+    page: "CalibrationViewer | None", guide: "PressGuide[Any]", lines: list[str]
+) -> None:
+    """Show the result in the page until the person closes it there, or by Ctrl-C."""
+    from eskin.page import GuideBoard
+
+    if page is None:
+        return
+    assert guide.state is not None
+    page.show(guide.state, GuideBoard("finished", 1.0, None, tuple(lines)))
+    with suppress(KeyboardInterrupt):
+        page.wait_closed()
+
+
+def say(line: str, page: "CalibrationViewer | None" = None) -> None:
+    """Print a line unless it is empty, and add it to the log of the page."""
+    print_line(line)
+    if line and page is not None:
+        page.tell(line)

@@ -56,6 +56,7 @@ COMMANDS = {
     "skin design": Entry("design:run", "lay a skin on a robot, and draw its patches"),
     "skin convert": Entry("exchange:run", "from and to URDF, iCub, GenTact"),
     "skin pose": Entry("pose:run", "measure where patches are mounted"),
+    "skin points": Entry("pose:run_points", "choose where to press for that"),
     "skin paint": Entry("paint:run", "paint in the browser where skin is to lie"),
     "bench latency": Entry("bench_latency:run", "time one step of the recogniser"),
     "bench throughput": Entry("bench_throughput:run", "recognise at a rate"),

@@ -10,8 +10,8 @@ import tyro
 
 from eskin.cli.checks import check_writable
 from eskin.cli.design import check_packages
-from eskin.cli.run import DEFAULT_PORT
 from eskin.errors import DeviceError, SkinError
+from eskin.page.link import DEFAULT_PORT
 from eskin.robot import load_robot
 
 if TYPE_CHECKING:

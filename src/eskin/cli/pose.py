@@ -1,25 +1,37 @@
 """`eskin skin pose` measures where a patch is mounted, with a person's help."""
 
 import math
-from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_folder
-from eskin.cli.guided import GuidedCommand, open_guided_source, print_line
+from eskin.cli.checks import check_folder, check_writable
+from eskin.cli.guided import (
+    Dialogue,
+    PressCommand,
+    await_page,
+    build_place,
+    guide_person,
+    open_guided_source,
+    open_page,
+    print_line,
+    show_result,
+)
+from eskin.cli.skin import describe_taxel
+from eskin.files import atomic_path
 
 if TYPE_CHECKING:
+    from eskin.calibration import GuideEvent
     from eskin.calibration.pose import PoseEstimate, PoseGuide
-    from eskin.touch import Scan
+    from eskin.page import PressPlace
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseCommand(GuidedCommand):
+class PoseCommand(PressCommand):
     """Measure where patches are mounted, and write a skin with them where they are.
 
     Take all hands off for three seconds, then press each point of a file with one
@@ -29,8 +41,8 @@ class PoseCommand(GuidedCommand):
     """
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE, a
-    recording of rest and then of the presses."""
+    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT; or replay:FILE, a recording of rest and then of the presses."""
 
     points: Path
     """CSV file of the points, with columns patch, x_mm, y_mm, z_mm in the frame of the
@@ -39,35 +51,34 @@ class PoseCommand(GuidedCommand):
     out: Path
     """Folder of the corrected skin."""
 
-    wait: float = 30.0
-    """Longest time to wait for each press before its point is left out [s]."""
-
 
 def run(command: PoseCommand) -> dict[str, object]:
     """Guide through the presses, write the skin and return what was measured."""
     from eskin.calibration.pose import PoseGuide, move_patch, read_points
     from eskin.skin import MountedSkin, save_skin
 
-    if not 1.0 <= command.wait < math.inf:
-        raise ValueError(
-            f"--wait is {command.wait:g}; allowed are 1 and above; change it"
-        )
+    command.check_page_options()
     check_folder(command.out)
-    is_live = not (command.source and command.source[0].startswith("replay:"))
     with ExitStack() as stack:
-        source = open_guided_source(command, math.inf, stack)
+        source = open_guided_source(command, stack)
         info = source.info
         points = read_points(command.points, info.skin)
         mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))
         guide = PoseGuide(mounted, info.calibration, points)
-        guide_person(source, guide, command.wait if is_live else math.inf)
-    skin = info.skin
-    estimates = guide.finish()
-    for estimate in estimates:
-        skin = move_patch(skin, estimate)
-        print_line(describe_estimate(estimate, guide))
-    save_skin(skin, command.out)
-    print_line(f"written to {command.out}")
+        page = open_page(command, mounted, info.rate, stack)
+        scans = await_page(source, page, command.is_live)
+        wait = command.wait if command.is_live else math.inf
+        guide_person(scans, PoseDialogue(guide), wait, page)
+        source.close()
+        skin, estimates = info.skin, guide.finish()
+        for estimate in estimates:
+            skin = move_patch(skin, estimate)
+        save_skin(skin, command.out)
+        lines = [describe_estimate(estimate, guide) for estimate in estimates]
+        lines.append(f"written to {command.out}")
+        for line in lines:
+            print_line(line)
+        show_result(page, guide, lines)
     return {
         "presses": len(guide.presses),
         "out": str(command.out),
@@ -75,43 +86,108 @@ def run(command: PoseCommand) -> dict[str, object]:
     }
 
 
-def guide_person(scans: "Iterable[Scan]", guide: "PoseGuide", wait: float) -> None:
-    """Push scans until all points are pressed, and say what to do and what was felt.
+@dataclass(frozen=True, kw_only=True)
+class PointsCommand:
+    """List the places of a patch whose presses tell most of where it is mounted.
 
-    Args:
-        scans: scans of the skin.
-        guide: guide through the presses.
-        wait: longest time to wait for each press [s]; infinite for a recording.
+    Mark them on the patch, measure them on its link in place of the coordinates that
+    are written, which are those of the skin's file, and give the file to `eskin skin
+    pose`.
     """
-    from eskin.units import NS_PER_S
 
-    print_line("hands off for 3 s")
-    since = 0
-    for scan in scans:
-        event = guide.push(scan)
-        late = guide.rested and scan.stamp - since > wait * NS_PER_S
-        if event is not None:
-            since = scan.stamp
-            print_line({"refused": f"  {event.text}: not used"}.get(event.kind, ""))
-            print_line("  felt" if event.kind == "pressed" else "")
-        elif late:
-            since = scan.stamp
-            print_line("  nothing felt: the point is left out")
-            guide.skip()
-        if guide.is_done:
-            return
-        if event is not None or late:
-            print_line(describe_request(guide))
+    skin: tyro.conf.Positional[str]
+    """Skin: a preset's name or a skin's folder."""
+
+    patch: tuple[str, ...] = ()
+    """Patches; by default all."""
+
+    presses: int = 10
+    """Number of presses of each patch."""
+
+    out: Path
+    """CSV file to write, with columns patch, row, column, x_mm, y_mm, z_mm."""
 
 
-def describe_request(guide: "PoseGuide") -> str:
-    """Describe the point to press next."""
-    point = guide.waiting[0]
-    x, y, z = (1e3 * each for each in point.p_link)
-    return (
-        f"press at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of its link, on patch "
-        f"'{point.patch}'; {len(guide.waiting)} points left"
-    )
+def run_points(command: PointsCommand) -> dict[str, object]:
+    """Write the places to press, and return how many there are."""
+    from eskin.calibration.guide import find_patches
+    from eskin.calibration.pose import choose_taxels
+    from eskin.skin import load_skin
+
+    check_writable(command.out)
+    skin = load_skin(command.skin)
+    lines = ["patch,row,column,x_mm,y_mm,z_mm"]
+    for number in find_patches(skin, command.patch):
+        patch = skin.patches[number].id
+        for taxel in choose_taxels(skin, patch, command.presses).tolist():
+            x, y, z = (f"{1e3 * each:.2f}" for each in skin.positions[taxel])
+            cell = f"{skin.rows[taxel]},{skin.columns[taxel]}"
+            lines.append(f"{patch},{cell},{x},{y},{z}")
+    with atomic_path(command.out) as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print_line(f"{command.out}: {len(lines) - 1} points; measure where they are")
+    return {"points": len(lines) - 1, "out": str(command.out)}
+
+
+@final
+class PoseDialogue(Dialogue["PoseGuide"]):
+    """Puts presses at known points into words."""
+
+    def __init__(self, guide: "PoseGuide") -> None:
+        """Keep the guide."""
+        self.guide = guide
+
+    def describe_request(self) -> str:
+        """Describe what to do now; empty where nothing is to be done."""
+        guide = self.guide
+        if guide.phase == "rest":
+            return f"hands off for {guide.rest_seconds:g} s"
+        if guide.phase == "done":
+            return ""
+        point = guide.waiting[0]
+        x, y, z = (1e3 * each for each in point.p_link)
+        return (
+            f"press at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of its link, on patch "
+            f"'{point.patch}'; {len(guide.waiting)} points left"
+        )
+
+    def describe_event(self, event: "GuideEvent") -> str:
+        """Describe what a scan has led to; empty where there is nothing to say."""
+        if event.kind == "rested":
+            return "rest is measured"
+        if event.taxel is None:
+            return ""
+        if event.kind == "refused":
+            return f"  {event.text}: not used"
+        felt = f"  felt on {describe_taxel(self.guide.skin, event.taxel)}"
+        return f"{felt}{self.describe_progress()}"
+
+    def describe_progress(self) -> str:
+        """Describe how well the patch of the last press is placed so far."""
+        try:
+            found = self.guide.estimate(self.guide.presses[-1].point.patch)
+        except ValueError:
+            return ""
+        half = 1.96 * found.deviations
+        return (
+            f"; so far to {1e3 * half[3:].max():.1f} mm and "
+            f"{np.rad2deg(half[:3].max()):.1f} degrees"
+        )
+
+    def describe_skip(self) -> str:
+        """Describe that the point asked for is left out."""
+        return "the point is left out"
+
+    def find_place(self) -> "PressPlace | None":
+        """Find the place to press now; None where none is to be pressed."""
+        guide = self.guide
+        if not guide.waiting:
+            return None
+        point, skin = guide.waiting[0], guide.skin
+        own, p_link = skin.find_taxels(point.patch), np.array(point.p_link)
+        away = np.linalg.norm(skin.positions[own] - p_link, axis=1)
+        name = f"point {guide.count - len(guide.waiting) + 1}"
+        return build_place(name, guide.mounted, int(own[np.argmin(away)]), p_link)
 
 
 def describe_estimate(estimate: "PoseEstimate", guide: "PoseGuide") -> str:

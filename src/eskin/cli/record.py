@@ -61,7 +61,7 @@ def run(command: RecordCommand) -> dict[str, object]:
 
     check_options(command)
     with ExitStack() as stack:
-        source = open_guided_source(command, float("inf"), stack)
+        source = open_guided_source(command, stack)
         info = source.info
         robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)

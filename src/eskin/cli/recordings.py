@@ -402,7 +402,7 @@ def run_view(command: ViewCommand) -> dict[str, object]:
         timeline = Timeline(server, mounted, replayed, editor, detections)
         if replayed.group > 1:
             print(f"a long recording: one reading in {replayed.group} is shown")
-        print(f"see {format_link(port, token)}; Ctrl-C ends it", flush=True)
+        print(f"Ctrl-C ends it; see {format_link(port, token)}", flush=True)
         play_timeline(timeline, command.seconds)
     finally:
         server.stop()

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from eskin.touch import Calibration
 
 
-DEFAULT_PORT = 8080
-"""Default TCP port of the page."""
 NETWORK, KEYED = {"udp", "xela"}, {"serial", "udp"}
 """Kinds of sources whose senders are on a network, and whose packets may be sealed."""
 
@@ -376,7 +374,7 @@ def build_listeners(
         config = RecorderConfig(piece_bytes=piece)
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
-        from eskin.page.link import free_port
+        from eskin.page.link import DEFAULT_PORT, free_port
         from eskin.viewer import Viewer, ViewerConfig
         from eskin.viewer.viewer import RECORDING
 
@@ -423,7 +421,8 @@ def subscribe_joints(
 ) -> "Ros2Joints | None":
     """Subscribe to the joint positions of the robot that the skin is mounted on.
 
-    It returns None where the source will be refused for want of a skin.
+    It returns None for a robot without joints, and where the source will be refused
+    for want of a skin.
     """
     from eskin.bus.ros2 import Ros2Joints
     from eskin.live import mount_skin
@@ -431,7 +430,7 @@ def subscribe_joints(
     if command.skin is None:
         return None
     robot = mount_skin(command.skin, command.robot_urdf).robot
-    return Ros2Joints(node, robot, clock)
+    return Ros2Joints(node, robot, clock) if robot.joint_names else None
 
 
 def build_publishers(

@@ -8,12 +8,20 @@ from eskin.stream import CommandEvent, Context, Listener, Message, found_togethe
 from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
+PATCH_KINDS = {"appeared", "silent", "returned", "slow", "on_rate", "late", "in_time"}
+"""Kinds of events that many patches have at once, as when a cable is pulled."""
+LISTED = 3
+"""Number of patches with such an event that are printed; the others are counted."""
+TOGETHER = NS_PER_S // 2
+"""Longest time between two such events that are counted together [ns]."""
+
 
 @final
 class TerminalPrinter(Listener):
     """A listener that prints what happens, with seconds since the stream began.
 
-    Of faults that are found together, it prints one and counts the others.
+    Of faults that are found together, it prints one and counts the others; of patches
+    that appear or become silent together, three.
     """
 
     name = "terminal"
@@ -25,19 +33,37 @@ class TerminalPrinter(Listener):
         """Print the column titles."""
         self.first = context.clock.now()
         self.fault: Event | None = None
-        self.more = 0
+        self.last: Event | None = None
+        self.row = self.more = 0
+        self.counted = ""
         print(f"{'time':>8}  {'what':12} {'conf':>4}  where", flush=True)
 
     def on_message(self, item: Message) -> None:
-        """Print a message, unless it is one of many faults found together."""
+        """Print a message, unless it is one of many of its kind at once."""
         if not isinstance(item, Detection | Event | CommandEvent):
             return
-        if isinstance(item, Event) and found_together(self.fault, item):
-            self.more += 1
-            return
+        if isinstance(item, Event):
+            counted = "faults" if found_together(self.fault, item) else ""
+            counted = "patches" if self.follows_many(item) else counted
+            if counted:
+                self.more, self.counted = self.more + 1, counted
+                return
         self.close()
         self.fault = item if isinstance(item, Event) else None
         self.write(item)
+
+    def follows_many(self, event: Event) -> bool:
+        """Return whether an event of a patch follows others of its kind at once."""
+        last, self.last = self.last, event
+        is_next = (
+            last is not None
+            and event.patch is not None
+            and event.kind == last.kind
+            and event.kind in PATCH_KINDS
+            and event.stamp - last.stamp <= TOGETHER
+        )
+        self.row = self.row + 1 if is_next else 1
+        return self.row > LISTED
 
     def write(self, item: Detection | Event | CommandEvent) -> None:
         """Print one line."""
@@ -55,7 +81,8 @@ class TerminalPrinter(Listener):
         print(f"{seconds:7.2f}s  {text}", flush=True)
 
     def close(self) -> None:
-        """Print the number of faults that were only counted."""
+        """Print the number of faults or patches that were only counted."""
         if self.more:
-            print(f"{'':8}  {'':12} {'':4}  and {self.more} faults more", flush=True)
+            text = f"and {self.more} {self.counted} more"
+            print(f"{'':8}  {'':12} {'':4}  {text}", flush=True)
         self.more = 0

@@ -285,7 +285,7 @@ def serve_skin(
 ) -> PageResult:
     """Serve the page with one skin."""
     with run_demo(config, page, choice) as demo:
-        tell(f"see {demo.link}; Ctrl-C ends it")
+        tell(f"Ctrl-C ends it; see {demo.link}")
         demo.stream.wait(seconds)
     step = demo.recognition.step
     return PageResult(

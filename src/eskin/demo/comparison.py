@@ -172,6 +172,6 @@ def serve_same_touch(
     source = PlayedSource(info, play_touches(touches), restamp=True)
     stream = Stream(source, [recognition, comparison, viewer])
     with stop_on_signals(stream.stop), short_switch_interval(), stream:
-        tell(f"see {page.link}; Ctrl-C ends it")
+        tell(f"Ctrl-C ends it; see {page.link}")
         stream.wait(seconds)
     return {"readings": source.given}

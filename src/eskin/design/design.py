@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool
@@ -13,13 +14,18 @@ from eskin.design.patches import (
     find_adjacency,
     lay_patches,
 )
-from eskin.design.spec import PER_CM2, DesignSpec, RegionSpec
+from eskin.design.spec import PER_CM2, DesignLimits, DesignSpec, RegionSpec
 from eskin.design.surface import (
     LinkSurface,
     build_two_surfaces,
     find_invented_vertices,
 )
-from eskin.design.zones import compute_exposure, find_swept_vertices
+from eskin.design.zones import (
+    compute_exposure,
+    find_close_points,
+    iterate_combined_poses,
+    iterate_relative_poses,
+)
 from eskin.errors import RobotError, SkinError
 from eskin.robot import Robot
 from eskin.skin import Patch, Skin, build_skin
@@ -54,6 +60,8 @@ class SkinDesign:
     regions: tuple[RegionResult, ...]
     """Results of the regions, in the order of the specification."""
     spec: DesignSpec
+    close: Bool[np.ndarray, "taxel"]
+    """Taxels that come within the clearance of another link in a combined pose."""
     warnings: tuple[str, ...]
     """What was repaired or left out, one line each."""
 
@@ -119,7 +127,10 @@ def design_skin(robot: Robot, spec: DesignSpec, seed: int = 0) -> SkinDesign:
         for patch, layout in zip(patches, layouts, strict=True)
     ]
     skin = build_skin(spec.name, placed)
-    return SkinDesign(skin, tuple(layouts), tuple(results), spec, tuple(warnings))
+    close = find_close_taxels(robot, skin, coarse, spec.limits)
+    return SkinDesign(
+        skin, tuple(layouts), tuple(results), spec, close, tuple(warnings)
+    )
 
 
 def check_spec(robot: Robot, spec: DesignSpec) -> None:
@@ -188,7 +199,12 @@ def find_allowed_vertices(
     coarse: dict[str, LinkSurface],
 ) -> dict[str, Bool[np.ndarray, "vertex"]]:
     """Return the vertices that can be touched, and lie in no keep-out or clearance."""
-    swept = find_swept_vertices(robot, fine, coarse, spec.limits.clearance)
+    poses = iterate_relative_poses(robot, list(coarse))
+    if spec.limits.clears_poses:
+        combined = iterate_combined_poses(robot, list(coarse), spec.limits.poses)
+        poses = chain(poses, combined)
+    points = {name: surface.vertices for name, surface in fine.items()}
+    swept = find_close_points(points, coarse, poses, spec.limits.clearance)
     for name, surface in fine.items():
         if surface.warnings:
             link = robot.links[robot.link_index(name)]
@@ -199,6 +215,21 @@ def find_allowed_vertices(
         if zone.link in swept:
             swept[zone.link] |= zone.contains(fine[zone.link].vertices)
     return {name: ~mask for name, mask in swept.items()}
+
+
+def find_close_taxels(
+    robot: Robot, skin: Skin, surfaces: dict[str, LinkSurface], limits: DesignLimits
+) -> Bool[np.ndarray, "taxel"]:
+    """Find the taxels that come close to another link in combined poses."""
+    links = np.array([patch.link for patch in skin.patches])[skin.patch_index]
+    own = {str(name): np.flatnonzero(links == name) for name in np.unique(links)}
+    points = {name: skin.positions[taxels] for name, taxels in own.items()}
+    poses = iterate_combined_poses(robot, list(surfaces), limits.poses)
+    found = find_close_points(points, surfaces, poses, limits.clearance)
+    close = np.zeros(skin.count, dtype=bool)
+    for name, taxels in own.items():
+        close[taxels] = found[name]
+    return close
 
 
 def name_patches(

@@ -16,7 +16,7 @@ from eskin.design.patches import PatchLayout
 from eskin.design.unroll import UnrolledMesh
 from eskin.errors import SkinError
 from eskin.files import atomic_path, read_file
-from eskin.plain_yaml import format_entry_path, shorten
+from eskin.plain_yaml import describe_first_error
 from eskin.skin import Plane, Surface, Tube
 
 MAX_MAP_BYTES = 64 << 20
@@ -147,11 +147,9 @@ def load_map(path: Path) -> tuple[str, Surface]:
     except OSError as error:
         raise SkinError(f"cannot read {path}: {error.strerror}") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        where = format_entry_path(first["loc"]) or "the file"
         raise SkinError(
-            f"{path}: {where}: {first['msg']}, got {shorten(first['input'])}; allowed "
-            "is a map that `eskin skin design` wrote; design the skin again"
+            f"{path}: {describe_first_error(error)}; allowed is a map that `eskin skin "
+            "design` wrote; design the skin again"
         ) from None
     except ValueError as error:
         raise SkinError(f"{path}: {error}; design the skin again") from None

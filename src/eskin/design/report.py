@@ -28,6 +28,7 @@ def build_report(
     allowed = PER_CM2 * sum(result.allowed_area for result in design.regions)
     area = PER_CM2 * sum(result.area for result in design.regions)
     counts = np.bincount(skin.patch_index, minlength=len(skin.patches))
+    close = np.bincount(skin.patch_index[design.close], minlength=len(skin.patches))
     return {
         "name": skin.name,
         "taxels": skin.count,
@@ -46,6 +47,8 @@ def build_report(
             3,
         ),
         "rate_hz": design.spec.limits.rate,
+        "combined_poses": design.spec.limits.poses,
+        "taxels_close": int(design.close.sum()),
         "regions": [build_region_row(design, i) for i in range(len(design.regions))],
         "patches": [
             {
@@ -53,6 +56,7 @@ def build_report(
                 "rows": patch.rows,
                 "columns": patch.columns,
                 "taxels": int(counts[number]),
+                "taxels_close": int(close[number]),
                 "distortion": round(design.layouts[number].distortion, 4),
                 "wiring_mm": round(drawings[number].trace_length, 1),
             }
@@ -76,6 +80,7 @@ def build_region_row(design: SkinDesign, number: int) -> dict[str, object]:
         "allowed_cm2": round(PER_CM2 * result.allowed_area, 2),
         "covered_cm2": round(covered, 2),
         "taxels": int(own.sum()),
+        "taxels_close": int(design.close[own].sum()),
         "patches": len(result.patches),
         "distortion_max": round(max(distortions, default=0.0), 4),
     }

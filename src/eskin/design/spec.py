@@ -20,9 +20,8 @@ from eskin.files import atomic_path, read_file
 from eskin.plain_yaml import (
     MAX_YAML_BYTES,
     Name,
-    format_entry_path,
+    describe_first_error,
     load_plain_yaml,
-    shorten,
 )
 
 PER_CM2 = 1e4
@@ -45,7 +44,11 @@ class DesignLimits:
     max_distortion: float = 0.08
     """Largest relative error of the unrolled distance of neighbouring taxels."""
     clearance: float = 0.003
-    """Smallest distance of the skin from other links, at all joint values [m]."""
+    """Smallest distance of the skin from other links, while one joint moves [m]."""
+    poses: int = 256
+    """Number of combined poses, of all joints at once, in which it is checked too."""
+    clears_poses: bool = False
+    """Whether what is nearer in a combined pose is left out, or only reported."""
     min_exposure: float = 0.35
     """Smallest fraction of the directions from which a place can be touched."""
     max_bend: float = 0.7
@@ -190,12 +193,10 @@ def read_spec_file(path: Path) -> SpecFile:
     except OSError as error:
         raise SkinError(f"cannot read {path}: {error.strerror}") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        where = format_entry_path(first["loc"]) or "the file"
         raise SkinError(
-            f"{path}: {where}: {first['msg']}, got {shorten(first['input'])}; allowed "
-            "are regions and keep_out, each a list of {link, and box_mm, or point_mm "
-            "and radius_mm, or balls_mm}, regions with density_per_cm2 too"
+            f"{path}: {describe_first_error(error)}; allowed are regions and keep_out, "
+            "each a list of {link, and box_mm, or point_mm and radius_mm, or "
+            "balls_mm}, regions with density_per_cm2 too"
         ) from None
     except ValueError as error:
         raise SkinError(f"{path}{error}") from None

@@ -1,13 +1,15 @@
 """This module finds which parts of a link's surface may carry skin."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import final
 
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
+from scipy.stats import qmc
 
 from eskin.design.surface import LinkSurface, PointLocator
 from eskin.extras import find_package
@@ -32,6 +34,8 @@ SWEEP_STEP = 0.2
 """Largest step of a joint in a sweep from its lower to its upper limit [rad]."""
 SLIDE_STEPS = 9
 """Number of positions of a prismatic joint in a sweep."""
+STRETCH = 1.5
+"""Range of sampled positions over that of a joint; those beyond are at its limits."""
 
 
 class Zone(ABC):
@@ -143,38 +147,67 @@ def build_directions(count: int) -> Float[np.ndarray, "direction 3"]:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), z])
 
 
-def find_swept_vertices(
-    robot: Robot,
-    fine: Mapping[str, LinkSurface],
-    coarse: Mapping[str, LinkSurface],
-    clearance: float,
-) -> dict[str, Bool[np.ndarray, "vertex"]]:
-    """Find the vertices that come close to another link.
+RelativePose = tuple[str, str, Float[np.ndarray, "4 4"]]
+"""Names of two links, and the pose T_second_first."""
 
-    Links on both sides of a joint are compared while that joint moves from its lower
-    to its upper limit, in steps of `SWEEP_STEP`; all others with the joints at 0.
+
+def find_close_points(
+    points: Mapping[str, Points],
+    surfaces: Mapping[str, LinkSurface],
+    poses: Iterable[RelativePose],
+    clearance: float,
+) -> dict[str, Bool[np.ndarray, "point"]]:
+    """Find the points that come close to another link in some poses.
 
     Args:
-        robot: the robot.
-        fine: surfaces of the links that are to carry skin, by their names.
-        coarse: surfaces of all links that have one, of fewer triangles.
+        points: points of links in their frames, by the names of the links [m].
+        surfaces: surfaces of the links that may come close, by their names.
+        poses: poses of pairs of links.
         clearance: distance below which a link is close [m].
 
     Returns:
-        For each link in `fine` a mask of its vertices.
+        For each link in `points` a mask of its points.
     """
-    swept = {name: np.zeros(len(own.vertices), bool) for name, own in fine.items()}
-    obstacles = {name: Obstacle(other) for name, other in coarse.items()}
-    for name, other, T_other_own in iterate_relative_poses(robot, coarse):
+    close = {name: np.zeros(len(own), bool) for name, own in points.items()}
+    boxes = {name: BoundingBox(own) for name, own in points.items() if len(own)}
+    obstacles = {name: Obstacle(other) for name, other in surfaces.items()}
+    for name, other, T_other_own in poses:
         for a, b, T_b_a in (
             (name, other, T_other_own),
             (other, name, invert(T_other_own)),
         ):
-            if a in fine:
-                left = np.flatnonzero(~swept[a])
-                points = apply(T_b_a, fine[a].vertices[left])
-                swept[a][left] = obstacles[b].is_close(points, clearance)
-    return swept
+            if a not in boxes or not boxes[a].reaches(
+                obstacles[b].box, T_b_a, clearance
+            ):
+                continue
+            left = np.flatnonzero(~close[a])
+            placed = apply(T_b_a, points[a][left])
+            close[a][left] = obstacles[b].is_close(placed, clearance)
+    return close
+
+
+@final
+class BoundingBox:
+    """A bounding box holds points, along the axes of their frame."""
+
+    def __init__(self, points: Points) -> None:
+        """Find the box of some points [m]."""
+        self.low, self.high = points.min(axis=0), points.max(axis=0)
+
+    def reaches(
+        self, other: "BoundingBox", T: Float[np.ndarray, "4 4"], clearance: float
+    ) -> bool:
+        """Return False only where all points are further from another box than this.
+
+        Args:
+            other: box in another frame.
+            T: pose of this box's frame in the other's.
+            clearance: distance [m].
+        """
+        centre = T[:3, :3] @ (self.low + self.high) / 2 + T[:3, 3]
+        half = np.abs(T[:3, :3]) @ (self.high - self.low) / 2
+        apart = np.maximum(other.low - centre, centre - other.high) - half
+        return bool(apart.max() < clearance)
 
 
 @final
@@ -187,12 +220,12 @@ class Obstacle:
         self.winding = igl.FastWindingNumberBVH()
         self.winding.init(surface.vertices, surface.faces)
         self.normals = compute_triangle_normals(surface.corners)
-        self.low = surface.vertices.min(axis=0)
-        self.high = surface.vertices.max(axis=0)
+        self.box = BoundingBox(surface.vertices)
 
     def is_close(self, points: Points, clearance: float) -> Bool[np.ndarray, "point"]:
         """Return which points are inside, or within a clearance [m] of the surface."""
-        beyond = np.maximum(self.low - points, points - self.high).max(axis=1)
+        low, high = self.box.low, self.box.high
+        beyond = np.maximum(low - points, points - high).max(axis=1)
         close = np.zeros(len(points), dtype=bool)
         near = np.flatnonzero(beyond < clearance)
         if len(near) == 0:
@@ -211,29 +244,68 @@ class Obstacle:
 
 
 def iterate_relative_poses(
-    robot: Robot, links: Mapping[str, LinkSurface]
-) -> Iterator[tuple[str, str, Float[np.ndarray, "4 4"]]]:
-    """Yield pairs of links and the pose T_second_first, in every sampled position."""
+    robot: Robot, links: Sequence[str]
+) -> Iterator[RelativePose]:
+    """Yield the poses of pairs of links while one joint moves at a time.
+
+    Links on both sides of a joint are compared while that joint moves from its lower
+    to its upper limit, in steps of `SWEEP_STEP`; all others with the joints at 0.
+    """
     kinematics = Kinematics(robot)
     rest = np.clip(0.0, robot.lower, robot.upper)
     index = {name: robot.link_index(name) for name in links}
-    names = list(links)
     T = kinematics.poses(rest)
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            yield first, second, invert(T[index[second]]) @ T[index[first]]
+    for first, second in combinations(links, 2):
+        yield first, second, invert(T[index[second]]) @ T[index[first]]
     groups = group_rigid_links(robot)
     for number, joint in enumerate(robot.actuated_joints):
         sweep = sample_joint(joint)
         values = np.tile(rest, (len(sweep), 1))
         values[:, number] = sweep
         poses = kinematics.poses(values)
-        parents = [n for n in names if groups[n] == groups[joint.parent]]
-        children = [n for n in names if groups[n] == groups[joint.child]]
+        parents = [n for n in links if groups[n] == groups[joint.parent]]
+        children = [n for n in links if groups[n] == groups[joint.child]]
         for first in parents:
             for second in children:
                 for T in poses:
                     yield first, second, invert(T[index[second]]) @ T[index[first]]
+
+
+def iterate_combined_poses(
+    robot: Robot, links: Sequence[str], count: int
+) -> Iterator[RelativePose]:
+    """Yield the poses of pairs of links in poses of all joints at once.
+
+    Links that a single joint connects are left out: their pose is that of a sweep.
+    """
+    index = {name: robot.link_index(name) for name in links}
+    groups = group_rigid_links(robot)
+    beside = {frozenset((groups[j.parent], groups[j.child])) for j in robot.joints}
+    pairs = [
+        (first, second)
+        for first, second in combinations(links, 2)
+        if groups[first] != groups[second]
+        and frozenset((groups[first], groups[second])) not in beside
+    ]
+    if not pairs or count == 0:
+        return
+    for T in Kinematics(robot).poses(sample_positions(robot, count)):
+        for first, second in pairs:
+            yield first, second, invert(T[index[second]]) @ T[index[first]]
+
+
+def sample_positions(robot: Robot, count: int) -> Float[np.ndarray, "sample joint"]:
+    """Return positions of all joints that fill the space between their limits.
+
+    They are points of a Halton sequence (Owen 2017), stretched so that each joint is at
+    one of its limits in a third of them, where links usually meet. The first of more
+    samples are those of fewer.
+    """
+    joints = robot.actuated_joints
+    ranges = [(sample[0], sample[-1]) for sample in map(sample_joint, joints)]
+    low, high = np.array(ranges, np.float64).reshape(-1, 2).T
+    unit = qmc.Halton(len(joints), scramble=True, rng=0).random(count)
+    return low + (high - low) * np.clip(0.5 + STRETCH * (unit - 0.5), 0.0, 1.0)
 
 
 def sample_joint(joint: Joint) -> Float[np.ndarray, "sample"]:

@@ -10,7 +10,7 @@ from eskin.drivers.joints import JointSource
 from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.packet import decode_packet
 from eskin.drivers.sessions import HostSessions
-from eskin.drivers.source import Source, SourceInfo
+from eskin.drivers.source import Source, SourceInfo, await_first_byte
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError
 from eskin.skin import MountedSkin
@@ -84,24 +84,21 @@ class DeviceSource(Source):
         self.sessions = HostSessions(self.assembler.streams, clock, key)
         self.ready: deque[Scan] = deque()
         self.closed, self.left_unread = False, 0
-        self.receive_bytes(patience, uri)
+        await_first_byte(
+            uri,
+            clock,
+            patience,
+            lambda: transport.counters()["bytes"],
+            self.receive_packets,
+        )
         rate = self.receive_hellos() if rate is None else rate
         self.assembler.start(clock.now(), rate, grace)
         self.info = SourceInfo.build(uri, mounted, calibration, rate)
 
-    def receive_bytes(self, patience: float, uri: str) -> None:
-        """Wait for the first byte; raise `DeviceError` where none comes in time [s]."""
-        end = self.clock.now() + round(patience * NS_PER_S)
-        while patience and not self.transport.counters()["bytes"]:
-            if (now := self.clock.now()) >= end:
-                raise DeviceError(
-                    f"{uri} sent no byte within {patience:g} s; allowed is a device "
-                    "that sends; switch it on, and check its cable, address and port"
-                )
-            self.push_packets(
-                self.transport.read(min(MAX_WAIT, (end - now) / NS_PER_S))
-            )
-            self.send_requests()
+    def receive_packets(self, timeout: float) -> None:
+        """Take the packets that arrive within a time [s], before scans are due."""
+        self.push_packets(self.transport.read(timeout))
+        self.send_requests()
 
     def receive_hellos(self) -> float:
         """Wait for the hellos of all patches; return their nominal rate [1/s]."""
@@ -112,8 +109,7 @@ class DeviceSource(Source):
         end = self.clock.now() + round(timeout * NS_PER_S)
         while (now := self.clock.now()) < end:
             wait = min(MAX_WAIT, (end - now) / NS_PER_S)
-            self.push_packets(self.transport.read(wait))
-            self.send_requests()
+            self.receive_packets(wait)
             if all(slot.module for slot in registry.slots.values()):
                 break
         return float(registry.highest_rate or DEFAULT_RATE)

@@ -5,7 +5,7 @@ import threading
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import final
 
 import numpy as np
@@ -123,15 +123,96 @@ class JointHistory:
 
 
 @final
+class ReceivedJoints:
+    """Received joints are the positions that arrive, and are used for 0.1 s.
+
+    Positions count from their arrival on; between two arrivals they are interpolated.
+
+    Attributes:
+        history: positions of all joints; None before every joint was received.
+        heard: time at which each joint was last received [ns since the epoch].
+        accepted, refused: numbers of messages that were used, and that were not.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Start without positions of the robot's joints."""
+        self.robot = robot
+        self.index = {name: i for i, name in enumerate(robot.joint_names)}
+        self.q = np.zeros(len(robot.joint_names))
+        self.history: JointHistory | None = None
+        self.heard: dict[str, int] = {}
+        self.accepted = self.refused = 0
+        self.reason = ""
+
+    def add(self, given: Mapping[str, float], now: int) -> None:
+        """Add positions of some joints [rad] that arrived at a time [ns].
+
+        Args:
+            given: positions that `check_positions` has accepted, by names of joints.
+            now: time of arrival [ns since the epoch].
+        """
+        self.accepted += 1
+        for name, position in given.items():
+            self.q[self.index[name]] = position
+            self.heard[name] = now
+        if not self.missing:
+            self.history = self.history or JointHistory(now, self.q)
+            self.history.add(now, self.q)
+
+    def refuse(self, reason: str) -> None:
+        """Count a message that cannot be used."""
+        self.refused += 1
+        self.reason = reason
+
+    @property
+    def missing(self) -> list[str]:
+        """Names of the joints that were not received so far."""
+        return [name for name in self.index if name not in self.heard]
+
+    def compute_age(self, stamp: int) -> float:
+        """Return how far the nearest positions of every joint are from a time [s].
+
+        It is infinite before every joint was received.
+        """
+        if self.history is None:
+            return float("inf")
+        late = stamp - min(self.heard.values(), default=stamp)
+        return max(late, self.history.stamps[0] - stamp) / NS_PER_S
+
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return the joint positions at a time [rad].
+
+        Raises:
+            JointsError: the nearest that were received are more than 0.1 s away.
+        """
+        if self.history is None:
+            text = "no joint positions have come"
+            if self.heard:
+                text = f"no position of joint '{self.missing[0]}' has come"
+            raise JointsError(f"{text}{self.describe_refused()}", self.q.copy())
+        q = self.history.at(stamp)
+        if self.compute_age(stamp) > MAX_AGE:
+            text = f"no joint positions for {MAX_AGE:g} s{self.describe_refused()}"
+            raise JointsError(text, q)
+        return q
+
+    def describe_refused(self) -> str:
+        """Describe how many messages were refused so far, and why the last one."""
+        if not self.refused:
+            return ""
+        return f" ({self.refused} messages refused, the last: {self.reason})"
+
+
+@final
 class UdpJoints(JointSource, Closing):
     """Receives joint positions as JSON, one object a datagram, and interpolates them.
 
     The fields are those of `sensor_msgs/JointState`: `position` [rad], and `name`, the
     joints that they are of. Without `name` there is one position for each joint of the
-    robot, in its order. Positions count from their arrival on, and for 0.1 s.
+    robot, in its order.
 
     Attributes:
-        accepted, refused: numbers of datagrams that were used, and that were not.
+        received: positions that have arrived, and what was refused.
     """
 
     def __init__(
@@ -158,10 +239,8 @@ class UdpJoints(JointSource, Closing):
         self.clock = clock or HostClock()
         self.socket = bind_udp(host, port, allow_remote)
         self.uri = f"udp://{host}:{self.socket.getsockname()[1]}"
-        self.history: JointHistory | None = None
+        self.received = ReceivedJoints(robot)
         self.sender: tuple[str, int] | None = None
-        self.accepted = self.refused = 0
-        self.reason = ""
         self.lock, self.arrived = threading.Lock(), threading.Event()
         self.closed = False
         self.socket.settimeout(POLL)
@@ -186,20 +265,18 @@ class UdpJoints(JointSource, Closing):
                 self.check_sender(sender, now)
                 q = parse_positions(data, self.robot)
             except ValueError as error:
-                self.refused += 1
-                self.reason = str(error)
+                self.received.refuse(str(error))
                 return
-            self.accepted, self.sender = self.accepted + 1, sender
-            if self.history is None:
-                self.history = JointHistory(now, q)
-            self.history.add(now, q)
+            self.sender = sender
+            self.received.add(dict(zip(self.robot.joint_names, q, strict=True)), now)
         self.arrived.set()
 
     def check_sender(self, sender: tuple[str, int], now: int) -> None:
         """Refuse a second sender while the first one sends."""
-        if self.history is None or sender == self.sender:
+        history = self.received.history
+        if history is None or sender == self.sender:
             return
-        if now - self.history.stamps[-1] < PEER_TIMEOUT:
+        if now - history.stamps[-1] < PEER_TIMEOUT:
             raise ValueError("a second program sends joint positions; stop one of them")
 
     def wait(self, seconds: float = FIRST_TIMEOUT) -> None:
@@ -211,7 +288,7 @@ class UdpJoints(JointSource, Closing):
         if not self.arrived.wait(seconds):
             raise DeviceError(
                 f"no joint positions came on {self.uri} within {seconds:g} s"
-                f"{self.describe_refused()}; allowed is JSON such as "
+                f"{self.received.describe_refused()}; allowed is JSON such as "
                 f"{describe_example(self.robot)} at least 20 times a second; start "
                 "what sends them first"
             )
@@ -223,21 +300,7 @@ class UdpJoints(JointSource, Closing):
             JointsError: the nearest that were received are more than 0.1 s away.
         """
         with self.lock:
-            if self.history is None:
-                text = f"no joint positions have come{self.describe_refused()}"
-                raise JointsError(text, np.zeros(len(self.robot.joint_names)))
-            q, stamps = self.history.at(stamp), self.history.stamps
-            age = max(stamp - stamps[-1], stamps[0] - stamp) / NS_PER_S
-            if age > MAX_AGE:
-                text = f"no joint positions for {MAX_AGE:g} s{self.describe_refused()}"
-                raise JointsError(text, q)
-            return q
-
-    def describe_refused(self) -> str:
-        """Describe how many datagrams were refused so far, and why the last one."""
-        if not self.refused:
-            return ""
-        return f" ({self.refused} datagrams refused, the last: {self.reason})"
+            return self.received.q_at(stamp)
 
     def close(self) -> None:
         """Close the socket and end the thread."""
@@ -325,14 +388,21 @@ def parse_positions(data: bytes, robot: Robot) -> Float[np.ndarray, "joint"]:
 
 
 def check_positions(
-    given: Sequence[object] | Float[np.ndarray, "joint"], robot: Robot
+    given: Sequence[object] | Float[np.ndarray, "joint"],
+    robot: Robot,
+    names: Sequence[str] | None = None,
 ) -> Float[np.ndarray, "joint"]:
     """Return joint positions as an array [rad].
+
+    Args:
+        given: positions, one a joint.
+        robot: the robot.
+        names: joints that they are of, in order; None for all of the robot's.
 
     Raises:
         ValueError: they are not one finite number for each joint, within its limits.
     """
-    names = robot.joint_names
+    names = robot.joint_names if names is None else names
     wrong = [value for value in given if not is_position(value)]
     if wrong or len(given) != len(names):
         got = (
@@ -343,12 +413,14 @@ def check_positions(
             f"{', '.join(names)} [rad]"
         )
     q = np.array(given, np.float64)
-    beyond = (q < robot.lower - LIMIT_MARGIN) | (q > robot.upper + LIMIT_MARGIN)
+    own = [robot.joint_names.index(name) for name in names]
+    lower, upper = robot.lower[own], robot.upper[own]
+    beyond = (q < lower - LIMIT_MARGIN) | (q > upper + LIMIT_MARGIN)
     if beyond.any():
         first = int(np.flatnonzero(beyond)[0])
         raise ValueError(
-            f"'{names[first]}' is {q[first]:g}; allowed is {robot.lower[first]:.2f} to "
-            f"{robot.upper[first]:.2f} rad; send radians, not degrees"
+            f"'{names[first]}' is {q[first]:g}; allowed is {lower[first]:.2f} to "
+            f"{upper[first]:.2f} rad; send radians, not degrees"
         )
     return q
 

@@ -16,7 +16,7 @@ from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.joints import JointSource, PoseLog
 from eskin.drivers.module_registry import MAX_SCAN_RATE
-from eskin.drivers.source import Source, SourceInfo
+from eskin.drivers.source import Source, SourceInfo, await_first_byte
 from eskin.errors import DeviceError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
@@ -87,7 +87,11 @@ class SampleDevice(Closing):
 
     @abstractmethod
     def counters(self) -> dict[str, int]:
-        """Return how much was received, and how much of it was refused and why."""
+        """Return how much was received, and how much of it was refused and why.
+
+        `bytes` counts all that has arrived, used or not: it tells a device that sends
+        nothing from one that is not understood.
+        """
 
     def close(self) -> None:
         """Close the line for good."""
@@ -116,6 +120,7 @@ class SampledSource(Source):
         clock: Clock,
         uri: str,
         rate: float | None = None,
+        patience: float = 0.0,
     ) -> None:
         """Connect a device, which is closed with the source.
 
@@ -127,10 +132,12 @@ class SampledSource(Source):
             clock: clock that stamps everything.
             uri: URI that the source was opened with.
             rate: scan rate of the device [1/s]; None measures it for 1.2 s.
+            patience: longest wait for the first byte [s]; 0 waits for none.
 
         Raises:
             SkinMismatchError: the calibration is not of this skin.
-            DeviceError: the device is not there, or the rate is out of range.
+            DeviceError: the device is not there, no byte came in time, or the rate is
+                out of range.
         """
         skin = mounted.skin
         calibration.check_skin(skin)
@@ -160,6 +167,9 @@ class SampledSource(Source):
                 f"cannot open {uri} ({error}); allowed is a device that is there and "
                 "that no other program uses; plug it in, or correct the name"
             ) from error
+        await_first_byte(
+            uri, clock, patience, lambda: device.counters()["bytes"], self.receive
+        )
         self.due = clock.now() + round(MEASURE_SECONDS * NS_PER_S)
         rate = self.measure_rate() if rate is None else rate
         self.period = round(NS_PER_S / rate)

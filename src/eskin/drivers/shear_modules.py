@@ -88,6 +88,7 @@ class ShearModules(SampleDevice):
             return []
         except ConnectionClosed as error:
             raise OSError(f"the server has closed the connection: {error}") from error
+        self.counts["bytes"] += len(text)
         return self.parse(text, self.clock.now())
 
     def parse(self, text: str | bytes, now: int) -> list[PatchSample]:
@@ -153,5 +154,5 @@ class ShearModules(SampleDevice):
             socket.close()
 
     def counters(self) -> dict[str, int]:
-        """Return messages, and samples by what became of them."""
-        return dict(self.counts)
+        """Return bytes, messages, and samples by what became of them."""
+        return {"bytes": 0, **self.counts}

@@ -1,15 +1,20 @@
 """This module defines the abstract source of scans."""
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event
+from eskin.errors import DeviceError
 from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration, Scan
+from eskin.units import NS_PER_S
+
+BYTE_WAIT = 0.05
+"""Longest wait before it is checked whether a device has sent a byte [s]."""
 
 
 @dataclass(frozen=True)
@@ -106,3 +111,32 @@ class Source(Closing):
             scan = self.read()
             if scan is not None:
                 yield scan
+
+
+def await_first_byte(
+    uri: str,
+    clock: Clock,
+    patience: float,
+    count: Callable[[], int],
+    receive: Callable[[float], object],
+) -> None:
+    """Receive from a device until it has sent a byte.
+
+    Args:
+        uri: URI that the device was opened with.
+        clock: clock by which is waited.
+        patience: longest wait [s]; 0 waits for none.
+        count: function that returns how many bytes have come so far.
+        receive: function that receives from the device, for at most a time [s].
+
+    Raises:
+        DeviceError: no byte came in time.
+    """
+    end = clock.now() + round(patience * NS_PER_S)
+    while patience and not count():
+        if (now := clock.now()) >= end:
+            raise DeviceError(
+                f"{uri} sent no byte within {patience:g} s; allowed is a device that "
+                "sends; switch it on, and check its cable, address and port"
+            )
+        receive(min(BYTE_WAIT, (end - now) / NS_PER_S))

@@ -14,6 +14,7 @@ from eskin.page.html import (
     render_log,
     render_patches,
     render_warning,
+    to_words,
     unpack_valid,
 )
 from eskin.page.messages import (
@@ -57,7 +58,10 @@ class CalibrationPanel:
         self.request = gui.add_html(render_request(self.board))
         self.progress = gui.add_progress_bar(0.0)
         self.skip = gui.add_button(
-            "Skip this patch", visible=False, icon=Icon.PLAYER_SKIP_FORWARD
+            "Skip this", visible=False, icon=Icon.PLAYER_SKIP_FORWARD
+        )
+        self.again = gui.add_button(
+            "Repeat the last press", visible=False, icon=Icon.ARROW_BACK_UP
         )
         self.close = gui.add_button("Close", visible=False, icon=Icon.CHECK)
         self.result = gui.add_html("")
@@ -69,13 +73,17 @@ class CalibrationPanel:
         with tabs.add_tab("View", Icon.PALETTE):
             add_scale(gui, scale, self.legend)
         self.skip.on_click(self.order_skip)
+        self.again.on_click(self.order_again)
         self.close.on_click(self.order_close)
 
     async def order_skip(self, event: GuiEvent) -> None:
-        """Ask to leave out the patch that is shown."""
-        if self.board.taxel is not None:
-            patch = self.setup.patches[self.setup.patch_index[self.board.taxel]]
-            self.send(PageOrder("skip_patch", patch))
+        """Ask to leave out the patch or point that is shown."""
+        if self.board.place is not None:
+            self.send(PageOrder("skip", self.board.place.name))
+
+    async def order_again(self, event: GuiEvent) -> None:
+        """Ask to repeat the last press of those that are shown."""
+        self.send(PageOrder("again", float(self.board.presses)))
 
     async def order_close(self, event: GuiEvent) -> None:
         """Ask to end the page."""
@@ -91,7 +99,10 @@ class CalibrationPanel:
         board = self.board
         self.request.content = render_request(board)
         self.progress.value = round(100.0 * board.share, 1)
-        self.skip.visible = board.taxel is not None
+        self.skip.visible = board.place is not None
+        if board.place is not None:
+            self.skip.label = f"Skip {to_words(board.place.name)}"
+        self.again.visible = board.presses > 0
         self.close.visible = bool(board.result)
         self.result.content = render_result(board) if board.result else ""
         self.log.content = render_log(tuple(self.log_entries))

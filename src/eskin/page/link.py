@@ -11,6 +11,8 @@ HOST = "127.0.0.1"
 By default viser would listen on every address.
 """
 
+DEFAULT_PORT = 8080
+"""TCP port of the page where no other is asked for."""
 TOKEN_BYTES = 24
 """Size of a token, which nobody can guess [bytes]."""
 

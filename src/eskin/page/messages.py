@@ -113,6 +113,20 @@ class ComparisonBoard:
 
 
 @dataclass(frozen=True)
+class PressPlace:
+    """Describes where a person is to press next."""
+
+    name: str
+    """Name by which the page asks to leave it out: of its patch, or of its point."""
+    link: int
+    """Index of the link."""
+    p_link: tuple[float, float, float]
+    """Position in the frame of the link [m]."""
+    n_link: tuple[float, float, float]
+    """Outward unit normal there, in the frame of the link."""
+
+
+@dataclass(frozen=True)
 class GuideBoard:
     """Tells a person what to do next in a calibration, and what it has measured."""
 
@@ -120,10 +134,12 @@ class GuideBoard:
     """What the person is to do now."""
     share: float
     """Share of the time at rest, or of the presses, that is done."""
-    taxel: int | None = None
-    """Taxel to press next; None where none is to be pressed."""
+    place: PressPlace | None = None
+    """Place to press next; None where none is to be pressed."""
     result: tuple[str, ...] = ()
     """Lines of the result; empty before the end."""
+    presses: int = 0
+    """Number of presses so far, of which the last may be repeated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +263,8 @@ PageKind = Literal[
     "record",
     "stop_recording",
     "opened",
-    "skip_patch",
+    "skip",
+    "again",
     "close",
     "undo",
     "save",
@@ -279,8 +296,8 @@ class PageOrder:
     kind: PageKind
     """Action."""
     value: str | float | None = None
-    """Argument: a patch to unplug, plug in or skip, a share of taxels to kill, or a
-    skin."""
+    """Argument: a patch to unplug or plug in, a place to skip, the number of presses of
+    which the last is to be repeated, a share of taxels to kill, or a skin."""
 
 
 @dataclass(frozen=True)

@@ -137,12 +137,14 @@ class Page:
         with self.server.atomic():
             self.scene.show(update)
             self.marks.show(update)
-            self.target.show(None if update.guide is None else update.guide.taxel)
+            self.target.show(None if update.guide is None else update.guide.place)
             if self.gripper is not None and update.arm is not None:
                 self.gripper.show(update.arm.gripper, update.arm.carrying)
             self.panel.take(update)
             guide = update.guide
-            asked = (guide.request, guide.taxel, guide.result) if guide else ()
+            asked = ()
+            if guide is not None:
+                asked = (guide.request, guide.place, guide.presses, guide.result)
             passed = update.seconds - self.drawn
             if asked != self.asked or not 0.0 <= passed < PANEL_PERIOD:
                 self.drawn, self.asked = update.seconds, asked

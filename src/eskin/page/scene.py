@@ -15,7 +15,13 @@ from viser import (
 )
 
 from eskin.page.colours import ColourScale
-from eskin.page.messages import ContactMarker, LogEntry, SceneDescription, ViewUpdate
+from eskin.page.messages import (
+    ContactMarker,
+    LogEntry,
+    PressPlace,
+    SceneDescription,
+    ViewUpdate,
+)
 from eskin.transforms import quaternion_to_matrix
 
 CORNERS = 12
@@ -494,26 +500,25 @@ class TargetMark:
         """Start without a place."""
         self.server = server
         self.scene = scene
-        self.taxel: int | None = None
+        self.place: PressPlace | None = None
         self.handles: list[MeshHandle | LabelHandle] = []
 
-    def show(self, taxel: int | None) -> None:
-        """Mark a taxel, or none."""
-        if taxel == self.taxel:
+    def show(self, place: PressPlace | None) -> None:
+        """Mark a place, or none."""
+        if place == self.place:
             return
         for handle in self.handles:
             handle.remove()
-        self.taxel, self.handles = taxel, []
-        if taxel is not None:
-            self.handles = self.add_mark(taxel)
-            self.turn_camera(taxel)
+        self.place, self.handles = place, []
+        if place is not None:
+            self.handles = self.add_mark(place)
+            self.turn_camera(place)
 
-    def add_mark(self, taxel: int) -> list[MeshHandle | LabelHandle]:
-        """Add a ring around a taxel, and a label that is seen through the robot."""
-        setup, scene = self.scene.setup, self.server.scene
-        normal = setup.normals[taxel]
-        at = f"/robot/{setup.links[setup.taxel_link[taxel]]}"
-        place = setup.positions[taxel] + RING_LIFT * normal
+    def add_mark(self, place: PressPlace) -> list[MeshHandle | LabelHandle]:
+        """Add a ring around a place, and a label that is seen through the robot."""
+        scene, normal = self.server.scene, np.array(place.n_link)
+        at = f"/robot/{self.scene.setup.links[place.link]}"
+        middle = place.p_link + RING_LIFT * normal
         vertices, faces = build_ring()
         ring = scene.add_mesh_simple(
             f"{at}/target",
@@ -523,22 +528,24 @@ class TargetMark:
             side="double",
             scale=TARGET_RADIUS,
             wxyz=compute_rotations_to(normal[None])[0],
-            position=place,
+            position=middle,
             cast_shadow=False,
             receive_shadow=False,
         )
         label = scene.add_label(
             f"{at}/target_label",
             "press here",
-            position=place + 3 * TARGET_RADIUS * normal,
+            position=middle + 3 * TARGET_RADIUS * normal,
             anchor="bottom-center",
         )
         return [ring, label]
 
-    def turn_camera(self, taxel: int) -> None:
-        """Look at a taxel from outside, and from above the ground."""
-        positions, normals = self.scene.place_taxels()
-        p_world, direction = positions[taxel], normals[taxel] + SLANT * CAMERA_DIRECTION
+    def turn_camera(self, place: PressPlace) -> None:
+        """Look at a place from outside, and from above the ground."""
+        p_link = np.array(place.p_link)
+        p_world = self.scene.transform_to_world(place.link, p_link)
+        end = self.scene.transform_to_world(place.link, p_link + place.n_link)
+        direction = end - p_world + SLANT * CAMERA_DIRECTION
         direction /= np.linalg.norm(direction)
         room = max(p_world[2] - CAMERA_HEIGHT, CAMERA_HEIGHT)
         distance = min(TARGET_DISTANCE, room / max(-direction[2], 1e-9))

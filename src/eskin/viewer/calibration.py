@@ -25,7 +25,10 @@ class CalibrationViewer:
     Attributes:
         opened: flag set once a browser has opened the page.
         closed: flag set once the person has closed it by its button.
-        skipped: patch that the person wants to leave out; None before the first.
+        skipped: patch or point that the person wants to leave out; None before the
+            first.
+        repeated: number of presses of which the person wants to repeat the last; None
+            where nothing is to be repeated.
     """
 
     def __init__(
@@ -45,6 +48,7 @@ class CalibrationViewer:
         self.rate = rate
         self.opened, self.closed = Flag(), Flag()
         self.skipped: str | None = None
+        self.repeated: int | None = None
         self.encoder: FrameEncoder | None = None
         self.mounted, self.stamp, self.due = mounted, 0, 0.0
         scene = describe_scene(mounted, (), calibrates=True, warning=config.warning)
@@ -57,8 +61,10 @@ class CalibrationViewer:
         match order.kind:
             case "opened":
                 self.opened.set()
-            case "skip_patch":
+            case "skip":
                 self.skipped = str(order.value)
+            case "again":
+                self.repeated = int(order.value or 0)
             case "close":
                 self.closed.set()
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
+from eskin.sim.contact.kernels import dot
 
 
 class CylinderArrays(NamedTuple):
@@ -45,13 +46,6 @@ def place_cylinders(
                 axis += T[i, j] * cylinders.axes[cylinder, j]
             centres[cylinder, i], axes[cylinder, i] = centre, axis
     return centres, axes
-
-
-@compiled
-@no_type_check
-def dot(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
-    """Return the dot product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled

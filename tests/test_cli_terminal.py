@@ -1,0 +1,56 @@
+"""Tests of the lines on the terminal: nothing is lost, and no line hides another."""
+
+import pytest
+
+from eskin.cli.terminal import TerminalPrinter
+from eskin.drivers import Event, ManualClock, SourceInfo
+from eskin.stream import Context
+from helpers.touch import build_grid_skin, calibration_of
+
+MS = 1_000_000
+SKIN = build_grid_skin(2, 2)
+INFO = SourceInfo("test:", "table", (), SKIN, calibration_of(SKIN), 50.0)
+
+
+def print_events(capsys, events):
+    """Return the lines of some events, without the titles."""
+    printer = TerminalPrinter()
+    printer.start(Context(INFO, ManualClock(0), lambda _: None))
+    for event in events:
+        printer.on_message(event)
+    printer.close()
+    return capsys.readouterr().out.splitlines()[1:]
+
+
+def silence(count, start=0, kind="silent"):
+    return [
+        Event(start + n * MS, kind, f"patch 'p{n}' is {kind}", f"p{n}")
+        for n in range(count)
+    ]
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 43])
+def test_of_many_patches_at_once_three_are_printed_and_all_are_counted(capsys, count):
+    lines = print_events(capsys, silence(count))
+    assert len(lines) == min(count, 4)
+    if count > 3:
+        assert lines[-1].split() == ["and", str(count - 3), "patches", "more"]
+
+
+def test_patches_at_another_time_or_of_another_kind_are_printed(capsys):
+    events = silence(5) + silence(2, 600 * MS) + silence(2, 603 * MS, "returned")
+    lines = print_events(capsys, events)
+    assert ["and 2 patches more" in line for line in lines].count(True) == 1
+    assert len(lines) == 3 + 1 + 2 + 2
+
+
+@pytest.mark.parametrize("kind", ["damaged", "silent"])
+def test_events_that_are_not_of_patches_are_all_printed(capsys, kind):
+    events = [Event(n * MS, kind, f"port {n}") for n in range(8)]
+    assert len(print_events(capsys, events)) == 8
+
+
+def test_faults_of_one_reading_are_counted(capsys):
+    events = [Event(0, "fault", f"taxel {n}", "p0") for n in range(8)]
+    lines = print_events(capsys, events)
+    assert len(lines) == 2 and lines[-1].endswith("and 7 faults more")
