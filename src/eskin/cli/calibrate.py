@@ -16,6 +16,7 @@ from eskin.cli.guided import GuidedCommand, open_guided_source, print_line
 from eskin.cli.run import DEFAULT_PORT
 from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError, RecordingError
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.calibration import (
@@ -94,7 +95,10 @@ def run(command: CalibrateCommand) -> dict[str, object]:
         robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         guide = CalibrationGuide(mounted, info.calibration, config)
-        print(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")
+        print(
+            f"{info.uri}: skin '{info.skin.name}', "
+            f"{format_count(info.skin.count, 'taxel')}"
+        )
         page = None
         if command.view:
             page = open_page(command, mounted, info.rate)
@@ -320,7 +324,7 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
     rows = build_patch_rows(result, skin)
     lines += [
         f"  patch '{row.id}': gain x {row.gain_ratio:.2f} +- "
-        f"{100 * (row.deviation or 0.0):.0f} %, {row.presses} presses"
+        f"{100 * (row.deviation or 0.0):.0f} %, {format_count(row.presses, 'press')}"
         for row in rows
         if row.presses
     ]

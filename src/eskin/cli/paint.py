@@ -12,6 +12,7 @@ from eskin.cli.design import check_packages
 from eskin.cli.run import DEFAULT_PORT
 from eskin.errors import DeviceError, SkinError
 from eskin.robot import load_robot
+from eskin.units import format_count
 
 WAIT = 60.0
 """Longest time until the page is served [s]."""
@@ -115,8 +116,8 @@ def run(command: PaintCommand) -> dict[str, object]:
         page.close()
     is_saved = written is not before
     print(
-        f"{command.spec}: {len(written.regions)} regions, {len(written.keep_out)} "
-        "keep-out zones"
+        f"{command.spec}: {format_count(len(written.regions), 'region')}, "
+        f"{format_count(len(written.keep_out), 'keep-out zone')}"
         if is_saved
         else "nothing was saved"
     )

@@ -12,6 +12,7 @@ import tyro
 
 from eskin.cli.checks import check_folder
 from eskin.cli.guided import GuidedCommand, open_guided_source, print_line
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.calibration.pose import PoseEstimate, PoseGuide
@@ -110,7 +111,7 @@ def describe_request(guide: "PoseGuide") -> str:
     x, y, z = (1e3 * each for each in point.p_link)
     return (
         f"press at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of its link, on patch "
-        f"'{point.patch}'; {len(guide.waiting)} points left"
+        f"'{point.patch}'; {format_count(len(guide.waiting), 'point')} left"
     )
 
 
@@ -128,8 +129,8 @@ def describe_estimate(estimate: "PoseEstimate", guide: "PoseGuide") -> str:
     count = sum(press.point.patch == estimate.patch for press in guide.presses)
     return (
         f"patch '{estimate.patch}': shifted by {shift} mm and turned by {turn} degrees "
-        f"about x, y, z of its link, from {count} presses that scatter by "
-        f"{1e3 * estimate.noise[0]:.1f} mm"
+        f"about x, y, z of its link, from {format_count(count, 'press')} that scatter "
+        f"by {1e3 * estimate.noise[0]:.1f} mm"
     )
 
 

@@ -6,7 +6,7 @@ from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.stream import CommandEvent, Context, Listener, Message, found_together
 from eskin.stream.listener import Drop
-from eskin.units import NS_PER_S
+from eskin.units import NS_PER_S, format_count
 
 
 @final
@@ -57,5 +57,8 @@ class TerminalPrinter(Listener):
     def close(self) -> None:
         """Print the number of faults that were only counted."""
         if self.more:
-            print(f"{'':8}  {'':12} {'':4}  and {self.more} faults more", flush=True)
+            print(
+                f"{'':8}  {'':12} {'':4}  and {format_count(self.more, 'fault')} more",
+                flush=True,
+            )
         self.more = 0
