@@ -14,12 +14,13 @@ import pytest
 import tyro
 
 import eskin
-from eskin.cli.main import load_command, parse, split_command
+from eskin.cli.main import load_command, parse, run, split_command
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+README = ROOT / "README.md"
+PAGES = [README, ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
 BLOCK = re.compile(
     r"^ *```(?P<kind>\w*)\n(?P<text>.*?)^ *```", re.MULTILINE | re.DOTALL
 )
@@ -36,6 +37,17 @@ PART = re.compile(
     r"Required options|arguments are required"
 )
 """What is said of a command of which a sentence names only a part."""
+
+
+GENERATE = "eskin generate OUT --clips 20"
+RUN = (
+    "eskin doctor",
+    "eskin skin show ur5 --out ur5.png",
+    "eskin export ur5 --onnx ur5.onnx",
+    "eskin demo --same-touch --headless --json",
+)
+"""Commands of the documentation that take seconds and need neither files nor devices;
+those of the first hour are run by `test_first_hour.py`."""
 
 
 class Accepted(BaseException):
@@ -140,3 +152,25 @@ def test_names_that_python_blocks_take_from_eskin_exist(code):
             assert [a.name for a in node.names if not hasattr(module, a.name)] == []
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             assert node.value.id != "eskin" or hasattr(eskin, node.attr), node.attr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("line", RUN)
+def test_quick_commands_run_as_they_stand(line, tmp_path, monkeypatch, capsys):
+    assert line in {*find_lines(), *find_spans()}
+    monkeypatch.chdir(tmp_path)
+    assert run(shlex.split(line)[1:]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_code_of_the_readme_recognises_what_its_command_generates(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert GENERATE in find_spans() and run(shlex.split(GENERATE)[1:]) == 0
+    [code] = [text for kind, text in BLOCK.findall(README.read_text()) if kind]
+    capsys.readouterr()
+    exec(code, {})
+    said = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert len(said) >= 3
+    assert set(said) <= {*eskin.load_model("ur5").card.vocabulary, "unknown"}
