@@ -42,6 +42,7 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.scaling --picture docs/pictures/latency.png
 	$(BIN)/python -m benchmarks.sustained
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.start
 	$(BIN)/python -m benchmarks.limit
 	$(BIN)/python -m benchmarks.network_step
 

@@ -1,8 +1,10 @@
 """Recognise touches that real people made.
 
+    python examples/01_real_touches.py --data Annotated-dataset
+
 Converts the public sleeve recordings, trains on all sessions but the last, then replays
 that session one reading at a time, as live, and prints what is recognised beside what
-was done. Takes one or two minutes.
+was done. Takes one or two minutes; `make touches` runs it.
 """
 
 import sys

@@ -29,6 +29,13 @@ CALLS_KERNELS = re.compile(
 )
 """Imports of test files that need the recogniser, whose code compiles for minutes."""
 
+LOOPBACK = (
+    "<CycloneDDS><Domain><General><Interfaces>"
+    '<NetworkInterface name="lo" multicast="true"/>'
+    "</Interfaces></General></Domain></CycloneDDS>"
+)
+"""Settings of Cyclone DDS that keep its messages on this computer."""
+
 SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[2] / "shared"))
 
 
@@ -70,6 +77,13 @@ def shearsense_folder() -> Path:
 def socialtouch_folder() -> Path:
     """The public SocialTouch recordings, or a skip that says where they were sought."""
     return folder_or_skip("socialtouch")
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep ROS 2 to this computer, and apart from other tests."""
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200))
 
 
 def folder_or_skip(name: str) -> Path:

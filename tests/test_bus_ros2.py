@@ -36,32 +36,12 @@ from helpers.live import (
     say_always,
     scans,
 )
+from helpers.ros2 import start_when_heard
 from helpers.streams import INFO, played
 
 pytestmark = pytest.mark.slow
 
 PEER = Path(__file__).parent / "helpers" / "ros2_peer.py"
-LOOPBACK = (
-    "<CycloneDDS><Domain><General><Interfaces>"
-    '<NetworkInterface name="lo" multicast="true"/>'
-    "</Interfaces></General></Domain></CycloneDDS>"
-)
-PATIENCE = 30.0
-
-
-@pytest.fixture
-def domain(monkeypatch):
-    """Keep to this computer, and apart from other tests."""
-    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200))
-
-
-def wait_until(condition):
-    clock = HostClock()
-    end = clock.now() + round(PATIENCE * 1e9)
-    while not condition():
-        assert clock.now() < end
-        clock.sleep(0.02)
 
 
 def test_another_process_hears_every_reading_and_moves_the_joints(domain):
@@ -86,7 +66,7 @@ def test_another_process_hears_every_reading_and_moves_the_joints(domain):
         recognition = Recognition(recognizer, drop="never")
         publisher = Publisher(bus, on, VOCABULARY, joints.diagnose, "never")
         running = Stream(source, [recognition, publisher])
-        publisher.start = start_when_heard(publisher.start, bus)
+        publisher.start = start_when_heard(publisher.start, bus, (READING, DETECTION))
         with running:
             running.wait()
         heard = json.loads(peer.stdout.read().splitlines()[-1])
@@ -139,16 +119,6 @@ def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain):
     assert joints.robot.joint_names == load_robot("ur5").joint_names
     doubts = describe_doubts(command, calibration_of(mounted("ur5").skin))
     assert any("/joint_states" in doubt for doubt in doubts)
-
-
-def start_when_heard(start, bus):
-    """Wait, after the start of a publisher, until its topics are subscribed to."""
-
-    def start_and_wait(context):
-        start(context)
-        wait_until(lambda: bus.wants(READING) and bus.wants(DETECTION))
-
-    return start_and_wait
 
 
 def hear(joints, names, q):

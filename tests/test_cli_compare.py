@@ -87,7 +87,7 @@ def test_a_command_out_of_time_counts_the_trainings_left(
         (["--test", "a/x", "b/x"], "--test names folders x, x; allowed is each name"),
         (["--results", "tests"], "is a folder; give the path of a file"),
         (["--pack", "pyproject.toml"], "pyproject.toml is no folder that can be"),
-        ([], "1 recordings of --test a, such as "),
+        ([], "--test a has 1 recording of --train, such as "),
     ],
 )
 def test_compare_refuses_bad_arguments(folder, tmp_path, capsys, words, message):

@@ -251,7 +251,7 @@ def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
         (out, "no recording given"),
         ((ann, "--out", tmp_path), "is a folder"),
         ((ann, "--out", start / "m"), "no folder"),
-        ((quiet, *out), "no touch in 1 recordings"),
+        ((quiet, *out), "no touch in 1 recording;"),
         ((one, *out), "hold only hold"),
         ((silent, *out), "hold only none"),
         ((ann, *out, "--classes", "grab"), "no recording is labelled grab"),

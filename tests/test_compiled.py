@@ -5,11 +5,15 @@ These are compiled functions, digests of code, and files that are written as a w
 
 import ast
 import importlib
+import logging
 import sys
 
+import numba
 import pytest
+from numba.core.event import install_listener
 
 from eskin import code_digest, compiled
+from eskin.cli.main import main
 from eskin.files import atomic_path
 
 KERNEL_MODULES = {
@@ -143,3 +147,19 @@ def test_exception_leaves_the_file_as_it_was(tmp_path):
         raise RuntimeError
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_compiling_is_reported_once_and_on_stderr_of_the_command(monkeypatch, capsys):
+    logger = logging.getLogger("eskin.compiled")
+    monkeypatch.setattr(logger, "handlers", [])
+    monkeypatch.setattr(logger, "level", logging.NOTSET)
+    monkeypatch.setattr(sys, "argv", ["eskin", "--version"])
+    with pytest.raises(SystemExit):
+        main()
+    numba.njit(lambda x: x + 1)(1)  # reported by the listener of the process, perhaps
+    capsys.readouterr()
+    with install_listener("numba:compile", compiled.CompilationReporter()):
+        for kernel in (lambda x: x + 2, lambda x: x + 3):
+            numba.njit(kernel)(1)
+    out, err = capsys.readouterr()
+    assert out == "" and len(err.splitlines()) == 1 and "kept on disk" in err

@@ -1,22 +1,33 @@
 """Tests of the examples: each runs on a tiny budget and refuses missing data."""
 
 import json
+import re
 import runpy
+import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eskin.bus import Publisher
+from eskin.bus.ros2 import Ros2Bus, Ros2Node
 from eskin.learn.onnx_export import export_onnx
+from eskin.live import Recognizer
 from eskin.model import load_model
+from eskin.recording.messages import DETECTION
+from eskin.stream import Recognition, Stream
 from helpers.learning import FLAGS
+from helpers.live import VOCABULARY, Press, calibration_of, mounted, say_always, scans
+from helpers.ros2 import PATIENCE, start_when_heard
+from helpers.streams import INFO, played
 
 pytestmark = pytest.mark.slow
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REAL_TOUCHES = "01_real_touches.py"
-ONNX_STEP = "02_onnx_step.py"
+ROS2_SUBSCRIBER = "06_ros2_subscriber.py"
 
 
 @pytest.fixture
@@ -50,14 +61,69 @@ def write_sleeve(folder, gesture, stamp):
     (folder / f"{gesture}_{stamp}_annotated.json").write_text(text)
 
 
-def test_examples_are_short_numbered_and_titled():
+def prepare_sleeve(folder):
+    """Write two sessions of the sleeve; return the arguments that train on one."""
+    for day in ("20250521", "20250528"):
+        write_sleeve(folder, "Grab", f"{day}150000")
+        write_sleeve(folder, "Stroke", f"{day}150100")
+    return "--data", folder, *FLAGS, "--train.validation", 0
+
+
+def prepare_network(folder):
+    """Export the network; return the arguments that name it."""
+    path = folder / "ur5.onnx"
+    export_onnx(load_model("ur5"), path)
+    return "--model", path
+
+
+RUNS = {
+    REAL_TOUCHES: (prepare_sleeve, r"Session 20250528-1500.*: 4 touches, \d+ det"),
+    "02_simulated_touches.py": (
+        lambda _: ("--seconds", 9),
+        r"grab +9\d%  forearm_link",
+    ),
+    "03_own_skin.py": (
+        lambda folder: ("--out", folder, "--seconds", 9),
+        r"320 taxels, problems: none\n\w+ +\d+% on sleeve",
+    ),
+    "04_own_gestures.py": (
+        lambda _: ("--train.epochs", 1, "--train.steps", 2, "--train.encoded", 2),
+        r"made: +circle none knock .*\nrecognised: +\w+ \w+",
+    ),
+    "05_command_function.py": (
+        lambda _: ("--seconds", 6),
+        r"half speed since a grab of 18 N\n(?s:.*)function +done: grab",
+    ),
+    "07_onnx_step.py": (prepare_network, r"touch 1  poke \d+%\Z"),
+}
+"""Arguments of each example on a tiny budget, and a pattern in what it prints."""
+
+
+def test_examples_are_seven_short_numbered_and_say_how_they_are_run():
     paths = sorted(EXAMPLES.glob("*.py"))
-    assert [path.name for path in paths] == [REAL_TOUCHES, ONNX_STEP]
-    for path in paths:
+    assert [path.name for path in paths] == sorted([*RUNS, ROS2_SUBSCRIBER])
+    for number, path in enumerate(paths, 1):
         title, *lines = path.read_text().splitlines()
-        assert len(lines) < 100, path
-        assert path.name[:2].isdigit()
+        assert path.name.startswith(f"{number:02}_") and len(lines) < 100, path
         assert title.startswith('"""') and title.endswith(".")
+        assert any(
+            line.startswith(f"    python examples/{path.name}") for line in lines
+        )
+    assert len(paths) == 7
+
+
+def test_examples_are_named_in_the_table_of_the_documentation():
+    table = (EXAMPLES.parent / "docs" / "examples.md").read_text()
+    for path in EXAMPLES.glob("*.py"):
+        title = path.read_text().splitlines()[0].strip('".')
+        assert f"| `examples/{path.name}` | {title} |" in table
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_example_runs_without_hardware(name, tmp_path, run_example):
+    prepare, pattern = RUNS[name]
+    code, out, _ = run_example(name, *prepare(tmp_path))
+    assert code == 0 and re.search(pattern, out.strip()), out
 
 
 def test_real_touches_trains_on_all_but_last_session(tmp_path, run_example):
@@ -95,9 +161,19 @@ def test_real_touches_refuses_missing_data_in_one_line(content, tmp_path, run_ex
         assert "make touches DATA=" in err
 
 
-def test_onnx_network_recognises_a_poke_step_by_step(tmp_path, run_example):
-    path = tmp_path / "ur5.onnx"
-    export_onnx(load_model("ur5"), path)
-    code, out, _ = run_example(ONNX_STEP, "--model", path)
-    lines = out.splitlines()
-    assert code == 0 and 20 < len(lines) < 60 and "touch 1  poke" in lines[-1]
+def test_ros2_subscriber_prints_the_detections_of_a_running_stream(domain):
+    on = mounted()
+    source = played(scans(on, [Press(2.3, 2.7, 65, 65)], 50, 3.5))
+    source.info = replace(INFO, skin=on.skin, joint_names=(), robot_name="table")
+    recognizer = Recognizer(say_always("poke"), on, calibration_of(on.skin))
+    bus = Ros2Bus(Ros2Node())
+    publisher = Publisher(bus, on, VOCABULARY, drop="never")
+    publisher.start = start_when_heard(publisher.start, bus, (DETECTION,))
+    words = [sys.executable, str(EXAMPLES / ROS2_SUBSCRIBER), "--count", "1"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as subscriber:
+        listeners = [Recognition(recognizer, drop="never"), publisher]
+        with Stream(source, listeners, patience=PATIENCE) as stream:
+            stream.wait()
+        out, _ = subscriber.communicate(timeout=PATIENCE)
+    assert subscriber.returncode == 0
+    assert re.fullmatch(r"poke \d+% on table\n", out), out

@@ -119,7 +119,7 @@ def test_cut_recording_gives_its_rows_up_to_the_cut(nominal, tmp_path):
 
 def test_recordings_without_any_touch_are_refused(tmp_path):
     path = record(tmp_path / "a.mcap", (), calibrated=True)
-    with pytest.raises(RecordingError, match="no touch in 1 recordings"):
+    with pytest.raises(RecordingError, match="no touch in 1 recording;"):
         prepare([path])
     with pytest.raises(RecordingError, match="no recording given"):
         prepare([])

@@ -7,12 +7,14 @@ one imports, and of those that imported kernels import, at any depth.
 """
 
 import hashlib
+import logging
 import re
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, final
 
 from numba import njit
+from numba.core.event import Event, Listener, register
 
 PACKAGE = Path(__file__).parent
 IMPORTS = re.compile(r"^from eskin\.([\w.]+) import", re.MULTILINE)
@@ -20,6 +22,38 @@ IMPORTS = re.compile(r"^from eskin\.([\w.]+) import", re.MULTILINE)
 nothing."""
 
 Parameters = TypeVar("Parameters", bound=tuple)
+
+logger = logging.getLogger(__name__)
+
+
+@final
+class CompilationReporter(Listener):
+    """Logs once in a process that code is compiled, and how long that may take.
+
+    Code that is ready on disk is loaded without an event.
+
+    Attributes:
+        reported: whether it has been logged.
+    """
+
+    def __init__(self) -> None:
+        """Report the first compilation."""
+        self.reported = False
+
+    def on_start(self, event: Event) -> None:
+        """Report the beginning of a compilation."""
+        if not self.reported:
+            self.reported = True
+            logger.info(
+                "compiling code, which is then kept on disk; the first time this takes "
+                "a minute or two"
+            )
+
+    def on_end(self, event: Event) -> None:
+        """Do nothing."""
+
+
+register("numba:compile", CompilationReporter())
 
 
 def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401

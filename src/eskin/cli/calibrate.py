@@ -23,6 +23,7 @@ from eskin.cli.guided import (
 )
 from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError, RecordingError
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.calibration import (
@@ -85,7 +86,10 @@ def run(command: CalibrateCommand) -> dict[str, object]:
         robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         guide = CalibrationGuide(mounted, info.calibration, config)
-        print(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")
+        print(
+            f"{info.uri}: skin '{info.skin.name}', "
+            f"{format_count(info.skin.count, 'taxel')}"
+        )
         page = open_page(command, mounted, info.rate, stack)
         scans = await_page(source, page, is_live)
         wait = command.wait if is_live else math.inf
@@ -209,7 +213,7 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
     rows = build_patch_rows(result, skin)
     lines += [
         f"  patch '{row.id}': gain x {row.gain_ratio:.2f} +- "
-        f"{100 * (row.deviation or 0.0):.0f} %, {row.presses} presses"
+        f"{100 * (row.deviation or 0.0):.0f} %, {format_count(row.presses, 'press')}"
         for row in rows
         if row.presses
     ]

@@ -34,6 +34,7 @@ from eskin.learn.comparison.study import (
     format_study,
 )
 from eskin.model import check_limits
+from eskin.units import format_count
 
 
 @dataclass(frozen=True)
@@ -166,9 +167,9 @@ def check_test_is_held_out(train: Examples, tests: Mapping[str, Examples]) -> No
         both = [path for path in test.paths if path.resolve() in training_paths]
         if both:
             raise EskinError(
-                f"{len(both)} recordings of --test {name}, such as {both[0]}, are in "
-                "--train as well; allowed are none; name folders apart, as the parts "
-                "SET/train and SET/test of eskin generate SET --set paper"
+                f"--test {name} has {format_count(len(both), 'recording')} of --train, "
+                f"such as {both[0]}; allowed are none; name folders apart, as the "
+                "parts SET/train and SET/test of eskin generate SET --set paper"
             )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from eskin.cli.checks import print_untouched
 from eskin.errors import DeviceError
 from eskin.extras import find_mujoco
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.demo import DemoConfig
@@ -130,12 +131,16 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
     outcome = run_headless(seconds, config)
     counts = dict(summarise_score(outcome.score))
     print(
-        f"{counts['touches']} touches in {outcome.seconds:g} s on {config.build_kind} "
-        f"builds: {counts['correct']} obeyed correctly, {counts['wrong']} wrongly, "
-        f"{counts['missed']} missed; {counts['accidents']} accidental contacts, "
-        f"{counts['false_alarms']} unasked commands ({counts['unasked_stops']} stops, "
-        f"{counts['unasked_going_on']} to go on); {counts['holds']} holds, "
-        f"{outcome.unlocked} protective stops, {outcome.delivered} parts brought"
+        f"{format_count(counts['touches'], 'touch')} in {outcome.seconds:g} s on "
+        f"{config.build_kind} builds: {counts['correct']} obeyed correctly, "
+        f"{counts['wrong']} wrongly, {counts['missed']} missed; "
+        f"{format_count(counts['accidents'], 'accidental contact')}, "
+        f"{format_count(counts['false_alarms'], 'unasked command')} "
+        f"({format_count(counts['unasked_stops'], 'stop')}, "
+        f"{counts['unasked_going_on']} to go on); "
+        f"{format_count(counts['holds'], 'hold')}, "
+        f"{format_count(outcome.unlocked, 'protective stop')}, "
+        f"{format_count(outcome.delivered, 'part')} brought"
     )
     p50, p95 = outcome.delay or (None, None)
     if p50 is None:
@@ -185,7 +190,7 @@ def run_same_touch(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     print(
         f"with the pose {counts['posed_right']} of {counts['playings']} are correct, "
         f"without it {counts['blind_right']}, and both answers are the same for "
-        f"{counts['blind_same']} of {len(found)} touches"
+        f"{counts['blind_same']} of {format_count(len(found), 'touch')}"
     )
     rows = [
         {
@@ -203,7 +208,10 @@ def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     from eskin.demo.browser import serve
 
     served = serve(config, command.port, command.seconds, print_line)
-    print(f"{served.readings} readings, {served.commands} commands")
+    print(
+        f"{format_count(served.readings, 'reading')}, "
+        f"{format_count(served.commands, 'command')}"
+    )
     return {
         "touches": served.detections,
         "correct": None,

@@ -14,6 +14,7 @@ from eskin.cli.checks import check_folder, check_picture
 from eskin.cli.skin import draw_picture
 from eskin.errors import ExtraError, SkinError
 from eskin.robot import Robot, load_robot
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.design import DesignSpec
@@ -212,7 +213,8 @@ def print_report(report: dict[str, object], command: DesignCommand) -> None:
         )
     Console(markup=False).print(table)
     print(
-        f"{report['taxels']} taxels on {report['boards']} patches, each with a board; "
+        f"{format_count(report['taxels'], 'taxel')} on "
+        f"{format_count(report['boards'], 'patch')}, each with a board; "
         f"{report['covered_cm2']} cm2 covered of {report['allowed_cm2']} allowed and "
         f"{report['area_cm2']} in all; distortion up to {report['distortion_max']}"
     )

@@ -14,6 +14,7 @@ import tyro
 
 from eskin.cli.checks import check_writable, print_untouched
 from eskin.errors import DeviceError, SkinMismatchError
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.drivers.virtual import VirtualPort, VirtualSkin
@@ -112,7 +113,9 @@ def run(command: DeviceCommand) -> dict[str, object]:
             device.play(resample_scans(scans, rate), HostClock(), command.seconds)
     result = device.counters()
     print(
-        f"{result['scans']} scans, {result['packets']} packets, {result['bytes']} bytes"
+        f"{format_count(result['scans'], 'scan')}, "
+        f"{format_count(result['packets'], 'packet')}, "
+        f"{format_count(result['bytes'], 'byte')}"
     )
     for fault in faults:
         print(f"  {fault.spec.text}: {fault.count} {fault.unit}")
@@ -172,7 +175,8 @@ def load_played(
         )
     if recording.count < 2:
         raise DeviceError(
-            f"{command.play} has {recording.count} scans; allowed are at least 2; "
+            f"{command.play} has {format_count(recording.count, 'scan')}; allowed are "
+            "at least 2; "
             "play another"
         )
     return recording.scans(), 1e9 / recording.period, recording.calibration
@@ -229,9 +233,8 @@ def print_addresses(device: "VirtualSkin") -> None:
     """Print the skin and the --source options for `eskin run`."""
     skin = device.skin
     print(
-        f"skin '{skin.name}': {len(skin.patches)} "
-        f"patch{'es' * (len(skin.patches) != 1)}, {skin.count} taxels, "
-        f"{device.rate:g} scans a second"
+        f"skin '{skin.name}': {format_count(len(skin.patches), 'patch')}, "
+        f"{format_count(skin.count, 'taxel')}, {device.rate:g} scans a second"
     )
     for uri in dict.fromkeys(port.uri for port in device.ports):
         print(f"  --source {uri}")

@@ -30,6 +30,7 @@ from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
 from eskin.progress import track_progress
 from eskin.recording import find_recordings, read_recording
+from eskin.units import format_count
 
 
 def summarise_people(people: dict[str, float]) -> dict[str, float]:
@@ -134,7 +135,8 @@ def print_event_score(score: EventScore, console: Console) -> None:
     )
     print(
         f"at once: F1 {describe(score.simultaneous.f1)}; mistaken for a gesture: "
-        f"{accidents.mistaken} of {accidents.count} accidental contacts, "
+        f"{accidents.mistaken} of "
+        f"{format_count(accidents.count, 'accidental contact')}, "
         f"{unknown.mistaken} of {unknown.count} unknown gestures"
     )
 
@@ -295,11 +297,11 @@ def score_clips(
             result.segments.confusion,
             model.card.vocabulary,
             command.picture,
-            f"{result.segments.confusion.sum()} gestures, "
+            f"{format_count(result.segments.confusion.sum(), 'gesture')}, "
             f"{result.segments.accuracy:.1%} right",
         )
     if command.reliability is not None:
-        title = f"{result.reliability.count.sum()} gestures"
+        title = format_count(result.reliability.count.sum(), "gesture")
         draw_reliability(result.reliability, command.reliability, title)
     return {
         "accuracy": round(result.segments.accuracy, 4),
@@ -336,10 +338,11 @@ def score_streams(
 def draw_event_pictures(command: EvaluateCommand, score: EventScore) -> None:
     """Draw the plots of streams that are asked for."""
     if command.event_picture is not None:
-        title = f"{score.confusion[:-1].sum()} events, F1 {score.total.f1:.3f}"
+        events = format_count(score.confusion[:-1].sum(), "event")
+        title = f"{events}, F1 {score.total.f1:.3f}"
         draw_confusion(score.confusion, score.names, command.event_picture, title)
     if command.event_reliability is not None:
-        title = f"{score.reliability.count.sum()} detections"
+        title = format_count(score.reliability.count.sum(), "detection")
         draw_reliability(score.reliability, command.event_reliability, title)
 
 

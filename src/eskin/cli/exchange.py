@@ -14,6 +14,7 @@ from eskin.skin.files import MANIFEST
 from eskin.skin.gentact import read_gentact, write_gentact
 from eskin.skin.icub import read_icub_positions, write_icub_positions
 from eskin.skin.tactile_urdf import read_tactile_urdf, write_tactile_urdf
+from eskin.units import format_count
 
 Format = Literal["skin", "urdf", "icub", "gentact"]
 SUFFIXES: dict[str, Format] = {".urdf": "urdf", ".txt": "icub", ".csv": "gentact"}
@@ -67,8 +68,9 @@ def run(command: ConvertSkinCommand) -> dict[str, object]:
         case "gentact":
             write_gentact(command.out, skin)
     print(
-        f"{command.out}: {skin.count} taxels of {len(skin.patches)} patches, on "
-        f"{len(set(skin.link_names))} links"
+        f"{command.out}: {format_count(skin.count, 'taxel')} of "
+        f"{format_count(len(skin.patches), 'patch')}, on "
+        f"{format_count(len(set(skin.link_names)), 'link')}"
     )
     return {
         "out": str(command.out),

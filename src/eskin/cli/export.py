@@ -7,6 +7,7 @@ import tyro
 
 from eskin.cli.checks import check_folder, check_writable
 from eskin.errors import EskinError
+from eskin.units import format_count
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,10 @@ def export_bag(sources: tuple[str, ...], folder: Path) -> dict[str, object]:
 
     recordings = [read_recording(path) for path in find_recordings(sources)]
     messages = write_bag(recordings, folder)
-    print(f"{folder}: {len(recordings)} recordings, {messages} messages")
+    print(
+        f"{folder}: {format_count(len(recordings), 'recording')}, "
+        f"{format_count(messages, 'message')}"
+    )
     return {"recordings": len(recordings), "messages": messages}
 
 
@@ -85,7 +89,8 @@ def export_tables(sources: tuple[str, ...], folder: Path) -> dict[str, object]:
     recordings = [read_recording(path) for path in find_recordings(sources)]
     readings, touches = write_tables(recordings, folder)
     print(
-        f"{folder}: {len(recordings)} recordings, {readings} readings, "
-        f"{touches} touches"
+        f"{folder}: {format_count(len(recordings), 'recording')}, "
+        f"{format_count(readings, 'reading')}, "
+        f"{format_count(touches, 'touch')}"
     )
     return {"recordings": len(recordings), "readings": readings, "touches": touches}

@@ -16,6 +16,7 @@ from eskin.sim.people.recorded import find_recorded_people
 from eskin.sim.scene import load_environment
 from eskin.sim.sensor.flaws import Family
 from eskin.skin import SKIN_PRESETS
+from eskin.units import format_count
 
 SetName = Literal[
     "train",
@@ -141,7 +142,8 @@ def run(command: GenerateCommand) -> dict[str, object]:
         )
     rate = round(result.clips_per_minute, 1)
     print(
-        f"{command.out}: {result.clips} clips in {result.files} recordings, "
+        f"{command.out}: {format_count(result.clips, 'clip')} in "
+        f"{format_count(result.files, 'recording')}, "
         f"{result.made} of them made in {result.seconds:.1f} s, {rate} a minute"
     )
     return {

@@ -11,6 +11,7 @@ import importlib
 import inspect
 import io
 import json
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -81,7 +82,13 @@ class Output:
 
 
 def main() -> None:
-    """Run the command in `sys.argv` and exit with its code."""
+    """Run the command in `sys.argv` and exit with its code.
+
+    What takes long before anything is printed, such as compiling, is said on stderr.
+    """
+    compiling = logging.getLogger("eskin.compiled")
+    compiling.addHandler(logging.StreamHandler())
+    compiling.setLevel(logging.INFO)
     sys.exit(run(sys.argv[1:]))
 
 

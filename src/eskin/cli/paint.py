@@ -13,6 +13,7 @@ from eskin.cli.design import check_packages
 from eskin.errors import DeviceError, SkinError
 from eskin.page.link import DEFAULT_PORT
 from eskin.robot import load_robot
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.design.spec import SpecFile
@@ -76,8 +77,8 @@ def run(command: PaintCommand) -> dict[str, object]:
         page.close()
     written, is_saved = draft.written, draft.written is not before
     print(
-        f"{command.spec}: {len(written.regions)} regions, {len(written.keep_out)} "
-        "keep-out zones"
+        f"{command.spec}: {format_count(len(written.regions), 'region')}, "
+        f"{format_count(len(written.keep_out), 'keep-out zone')}"
         if is_saved
         else "nothing was saved"
     )

@@ -23,6 +23,7 @@ from eskin.cli.guided import (
 )
 from eskin.cli.skin import describe_taxel
 from eskin.files import atomic_path
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.calibration import GuideEvent
@@ -125,8 +126,9 @@ def run_points(command: PointsCommand) -> dict[str, object]:
             lines.append(f"{patch},{cell},{x},{y},{z}")
     with atomic_path(command.out) as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print_line(f"{command.out}: {len(lines) - 1} points; measure where they are")
-    return {"points": len(lines) - 1, "out": str(command.out)}
+    count = len(lines) - 1
+    print_line(f"{command.out}: {format_count(count, 'point')}; measure where they are")
+    return {"points": count, "out": str(command.out)}
 
 
 @final
@@ -148,7 +150,7 @@ class PoseDialogue(Dialogue["PoseGuide"]):
         x, y, z = (1e3 * each for each in point.p_link)
         return (
             f"press at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of its link, on patch "
-            f"'{point.patch}'; {len(guide.waiting)} points left"
+            f"'{point.patch}'; {format_count(len(guide.waiting), 'point')} left"
         )
 
     def describe_event(self, event: "GuideEvent") -> str:
@@ -204,8 +206,8 @@ def describe_estimate(estimate: "PoseEstimate", guide: "PoseGuide") -> str:
     count = sum(press.point.patch == estimate.patch for press in guide.presses)
     return (
         f"patch '{estimate.patch}': shifted by {shift} mm and turned by {turn} degrees "
-        f"about x, y, z of its link, from {count} presses that scatter by "
-        f"{1e3 * estimate.noise[0]:.1f} mm"
+        f"about x, y, z of its link, from {format_count(count, 'press')} that scatter "
+        f"by {1e3 * estimate.noise[0]:.1f} mm"
     )
 
 

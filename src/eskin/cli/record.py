@@ -14,6 +14,7 @@ import tyro
 from eskin.cli.checks import check_writable
 from eskin.cli.guided import GuidedCommand, open_guided_source, print_line
 from eskin.errors import RecordingError
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.recording import RecordingWriter
@@ -66,7 +67,10 @@ def run(command: RecordCommand) -> dict[str, object]:
         robot = info.load_robot(command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         guide = TakeGuide(mounted, info.calibration, command.gestures, command.times)
-        print_line(f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels")
+        print_line(
+            f"{info.uri}: skin '{info.skin.name}', "
+            f"{format_count(info.skin.count, 'taxel')}"
+        )
         writer = stack.enter_context(
             RecordingWriter(
                 command.out,
@@ -198,7 +202,10 @@ def describe_event(event: "TakeEvent") -> str:
     take = event.take
     if take is None:
         return ""
-    return f"  {take.seconds:.2f} s, {take.force:.1f} N, {take.taxels} taxels"
+    return (
+        f"  {take.seconds:.2f} s, {take.force:.1f} N, "
+        f"{format_count(take.taxels, 'taxel')}"
+    )
 
 
 def describe_review(review: "TakeReview", command: RecordCommand) -> list[str]:
@@ -211,7 +218,7 @@ def describe_review(review: "TakeReview", command: RecordCommand) -> list[str]:
     ]
     if review.confused is not None:
         one, other, times = review.confused
-        lines.append(f"  {one} is most like {other} {times} times")
+        lines.append(f"  {one} is most like {other} {format_count(times, 'time')}")
     if review.few:
         lines.append(f"  few examples of {', '.join(review.few)}; record more of them")
     return lines

@@ -10,6 +10,7 @@ import tyro
 
 from eskin.cli.checks import check_writable, load_overrides
 from eskin.errors import RecordingError
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.live import Detection
@@ -55,8 +56,10 @@ def run_convert(command: ConvertCommand) -> dict[str, object]:
     }
     result = convert[command.dataset](command.src, command.out, **options)
     print(
-        f"{command.out}: {result.recordings} recordings of {result.taxels} taxels, "
-        f"{result.readings} readings, {result.labels} labels"
+        f"{command.out}: {format_count(result.recordings, 'recording')} of "
+        f"{format_count(result.taxels, 'taxel')}, "
+        f"{format_count(result.readings, 'reading')}, "
+        f"{format_count(result.labels, 'label')}"
     )
     return asdict(result)
 
@@ -295,7 +298,10 @@ def check_replay(command: ReplayCommand) -> None:
 def print_header(recording: "Recording") -> None:
     """Print what is replayed, and the column titles."""
     seconds = (recording.end - recording.start) * 1e-9
-    print(f"{recording.path}: {recording.count} readings in {seconds:.1f} s")
+    print(
+        f"{recording.path}: {format_count(recording.count, 'reading')} in "
+        f"{seconds:.1f} s"
+    )
     if recording.truncated:
         print("the file is cut or damaged: replaying up to its last whole part")
     if not recording.skin.calibrated:

@@ -12,6 +12,7 @@ import tyro
 
 from eskin.cli.guided import PATIENCE, check_joints
 from eskin.errors import ArmError, DeviceError
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.bus import Publisher
@@ -471,7 +472,8 @@ def print_source(source: "Source", doubts: tuple[str, ...]) -> None:
     """Print the source, its skin and its rate, and doubts about its touches."""
     info = source.info
     print(
-        f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels on "
+        f"{info.uri}: skin '{info.skin.name}', "
+        f"{format_count(info.skin.count, 'taxel')} on "
         f"'{info.robot_name}', {info.rate:g} scans a second; Ctrl-C ends it",
         flush=True,
     )
@@ -487,9 +489,10 @@ def summarise(
     skipped = counted.get("skipped", 0)
     dropped = skipped + sum(queue.dropped for queue in queues.values())
     step = recognition.step
+    p50, p99 = (1e3 * step.quantile(part) for part in (0.5, 0.99))
     print(
-        f"{counted['readings']} readings, {dropped} dropped; a step took "
-        f"{1e3 * step.quantile(0.5):.2f} ms (p99 {1e3 * step.quantile(0.99):.2f} ms)"
+        f"{format_count(counted['readings'], 'reading')}, {dropped} dropped; a step "
+        f"took {p50:.2f} ms (p99 {p99:.2f} ms)"
     )
     rest = {key: value for key, value in counted.items() if value}
     print("  " + ", ".join(f"{key} {value}" for key, value in rest.items()))
@@ -498,8 +501,8 @@ def summarise(
         "dropped": dropped,
         "detections": recognition.detections,
         "commands": commands,
-        "step_ms_p50": 1e3 * step.quantile(0.5),
-        "step_ms_p99": 1e3 * step.quantile(0.99),
+        "step_ms_p50": p50,
+        "step_ms_p99": p99,
         "age_ms_p50": 1e3 * recognition.age.quantile(0.5),
         "age_ms_p99": 1e3 * recognition.age.quantile(0.99),
         "source": counted,

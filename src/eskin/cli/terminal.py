@@ -6,7 +6,7 @@ from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.stream import CommandEvent, Context, Listener, Message, found_together
 from eskin.stream.listener import Drop
-from eskin.units import NS_PER_S
+from eskin.units import NS_PER_S, format_count
 
 PATCH_KINDS = {"appeared", "silent", "returned", "slow", "on_rate", "late", "in_time"}
 """Kinds of events that many patches have at once, as when a cable is pulled."""
@@ -43,8 +43,8 @@ class TerminalPrinter(Listener):
         if not isinstance(item, Detection | Event | CommandEvent):
             return
         if isinstance(item, Event):
-            counted = "faults" if found_together(self.fault, item) else ""
-            counted = "patches" if self.follows_many(item) else counted
+            counted = "fault" if found_together(self.fault, item) else ""
+            counted = "patch" if self.follows_many(item) else counted
             if counted:
                 self.more, self.counted = self.more + 1, counted
                 return
@@ -83,6 +83,6 @@ class TerminalPrinter(Listener):
     def close(self) -> None:
         """Print the number of faults or patches that were only counted."""
         if self.more:
-            text = f"and {self.more} {self.counted} more"
+            text = f"and {format_count(self.more, self.counted)} more"
             print(f"{'':8}  {'':12} {'':4}  {text}", flush=True)
         self.more = 0

@@ -41,6 +41,7 @@ from eskin.recording import (
     read_recording,
 )
 from eskin.touch import PipelineConfig
+from eskin.units import format_count
 
 NO_GRAPHS = create_empty_batch(0)
 
@@ -156,8 +157,8 @@ def prepare(
     dataset = concatenate_recordings(recordings * copies, parts, copies, pack)
     if not len(dataset.stamps):
         raise RecordingError(
-            f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
-            "check that they were converted, and the thresholds"
+            f"no touch in {format_count(len(paths), 'recording')}; allowed are "
+            "recordings of touches; check that they were converted, and the thresholds"
         )
     return dataset
 

@@ -1,8 +1,10 @@
 """Run an exported network with onnxruntime alone, one step a reading.
 
-`eskin export ur5 --onnx ur5.onnx` writes the network. `OnnxSteps` needs only numpy and
-onnxruntime; what it is fed, one reading of one touch at a time, is computed here by
-eskin from a finger that presses on a small skin.
+    eskin export ur5 --onnx ur5.onnx
+    python examples/07_onnx_step.py --model ur5.onnx
+
+`OnnxSteps` needs only numpy and onnxruntime; what it is fed, one reading of one touch
+at a time, is computed here by eskin from a finger that presses on a small skin.
 """
 
 import json
@@ -18,8 +20,7 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration, Scan, TouchPipeline
 
-SECOND = 1_000_000_000
-RATE = 50
+RATE, SECOND = 50, 1_000_000_000  # scans a second; one second [ns]
 
 
 class OnnxSteps:
@@ -85,9 +86,8 @@ def main(example: Example) -> None:
     for index in range(3 * RATE):
         t = index / RATE
         press = 1600 * np.sin(np.pi * np.clip((t - 2.0) / 0.3, 0, 1))
-        counts = rng.normal(20, 1, skin.count) + press * np.exp(
-            -((distance / 0.012) ** 2)
-        )
+        shape = np.exp(-((distance / 0.012) ** 2))
+        counts = rng.normal(20, 1, skin.count) + press * shape
         received = np.ones(skin.count, bool)
         scan = Scan(round(t * SECOND), np.int32(counts), received, np.zeros(0))
         for touch, graph in graphs.push(pipeline.push(scan)).items():

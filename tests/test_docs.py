@@ -1,0 +1,176 @@
+"""Tests of the documentation: the commands and names on its pages exist as they say."""
+
+import argparse
+import ast
+import importlib
+import importlib.util
+import re
+import runpy
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+import tyro
+
+import eskin
+from eskin.cli.main import load_command, parse, run, split_command
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = [README, ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+BLOCK = re.compile(
+    r"^ *```(?P<kind>\w*)\n(?P<text>.*?)^ *```", re.MULTILINE | re.DOTALL
+)
+COMMAND = re.compile(r"(?:torchrun .* )?(?P<command>(?:eskin|make|python) .*)")
+SPAN = re.compile(r"`((?:eskin|make|python)\s[^`]+)`")
+FILE = re.compile(r"<<'END'.*?^END$", re.MULTILINE | re.DOTALL)
+"""A file that a block of commands writes."""
+MARKS = re.compile(r"[\[\]]| &$|  #.*")
+"""What a page adds to a command: brackets, a comment, that it runs beside others."""
+NUMBER = re.compile(r"(?<= )N(?= |$)")
+"""A number that the reader chooses."""
+PART = re.compile(
+    r" is missing: | has no value; | is named; |is '[A-Z]+'; |"
+    r"Required options|arguments are required"
+)
+"""What is said of a command of which a sentence names only a part."""
+
+
+GENERATE = "eskin generate OUT --clips 20"
+RUN = (
+    "eskin doctor",
+    "eskin skin show ur5 --out ur5.png",
+    "eskin export ur5 --onnx ur5.onnx",
+    "eskin demo --same-touch --headless --json",
+)
+"""Commands of the documentation that take seconds and need neither files nor devices;
+those of the first hour are run by `test_first_hour.py`."""
+
+
+class Accepted(BaseException):
+    """The arguments of a program have been accepted; it need not run."""
+
+
+def find_lines():
+    """Return the command lines of all blocks, once each."""
+    lines = {}
+    for page in PAGES:
+        for kind, text in BLOCK.findall(page.read_text()):
+            text = FILE.sub("", text.replace("\\\n", " ") * (kind in ("", "bash")))
+            words = (
+                " ".join(MARKS.sub("", line).split()) for line in text.splitlines()
+            )
+            found = filter(None, map(COMMAND.fullmatch, words))
+            lines |= {NUMBER.sub("1", line["command"]): None for line in found}
+    return list(lines)
+
+
+def find_spans():
+    """Return the commands that stand in sentences and tables, once each."""
+    prose = "\n".join(BLOCK.sub("", page.read_text()) for page in PAGES)
+    spans = (" ".join(MARKS.sub("", span).split()) for span in SPAN.findall(prose))
+    return sorted({NUMBER.sub("1", span) for span in spans} - set(find_lines()))
+
+
+def check_command(line, monkeypatch):
+    """Give a command line to its program, which does not run; raise what it says."""
+    program, *words = shlex.split(line)
+    if program == "eskin":
+        name, rest = split_command(words)
+        parse(load_command(name)[1], name, rest)
+    elif program == "make":
+        targets = re.findall(
+            r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE
+        )
+        assert {word for word in words if "=" not in word} <= set(targets)
+    elif words[0] == "-m":
+        check_benchmark(words[1], words[2:], monkeypatch)
+    elif words[0].startswith("examples/"):
+        assert (ROOT / words[0]).is_file()
+
+
+def check_benchmark(module, words, monkeypatch):
+    """Let a module parse its arguments; one that takes none must get none."""
+    spec = importlib.util.find_spec(module)
+    if spec is not None and spec.submodule_search_locations is not None:
+        spec = importlib.util.find_spec(f"{module}.__main__")
+    assert spec is not None and spec.origin is not None
+    if not re.search("tyro.cli|parse_args|sys.argv", Path(spec.origin).read_text()):
+        assert words == []
+        return
+    monkeypatch.setattr(tyro, "cli", stop_after(tyro.cli))
+    parser = argparse.ArgumentParser
+    monkeypatch.setattr(parser, "parse_args", stop_after(parser.parse_args))
+    monkeypatch.setattr(sys, "argv", [module, *words])
+    with pytest.raises(Accepted):
+        runpy.run_path(spec.origin, run_name="__main__")
+
+
+def stop_after(function):
+    """Return a function that raises as soon as another one has returned."""
+
+    def call(*args, **options):
+        function(*args, **options)
+        raise Accepted
+
+    return call
+
+
+@pytest.mark.parametrize("line", find_lines())
+def test_commands_of_blocks_are_accepted_by_their_programs(line, monkeypatch):
+    check_command(line, monkeypatch)
+
+
+@pytest.mark.parametrize("span", find_spans())
+def test_commands_in_sentences_have_only_options_that_exist(span, monkeypatch, capsys):
+    try:
+        check_command(span.replace("...", ""), monkeypatch)
+    except (ValueError, SystemExit) as stop:
+        said = f"{stop} {capsys.readouterr().err}"
+        assert PART.search(said), said
+
+
+def find_code():
+    """Return the blocks of Python."""
+    texts = (page.read_text() for page in PAGES)
+    return [
+        block
+        for text in texts
+        for kind, block in BLOCK.findall(text)
+        if kind == "python"
+    ]
+
+
+@pytest.mark.parametrize("code", find_code(), ids=lambda code: code.splitlines()[-1])
+def test_names_that_python_blocks_take_from_eskin_exist(code):
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("eskin"):
+            module = importlib.import_module(node.module or "")
+            assert [a.name for a in node.names if not hasattr(module, a.name)] == []
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            assert node.value.id != "eskin" or hasattr(eskin, node.attr), node.attr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("line", RUN)
+def test_quick_commands_run_as_they_stand(line, tmp_path, monkeypatch, capsys):
+    assert line in {*find_lines(), *find_spans()}
+    monkeypatch.chdir(tmp_path)
+    assert run(shlex.split(line)[1:]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_code_of_the_readme_recognises_what_its_command_generates(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert GENERATE in find_spans() and run(shlex.split(GENERATE)[1:]) == 0
+    [code] = [text for kind, text in BLOCK.findall(README.read_text()) if kind]
+    capsys.readouterr()
+    exec(code, {})
+    said = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert len(said) >= 3
+    assert set(said) <= {*eskin.load_model("ur5").card.vocabulary, "unknown"}

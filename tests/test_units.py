@@ -1,0 +1,59 @@
+"""Tests of counts in messages: one thing is never called by a plural."""
+
+import ast
+import re
+
+import pytest
+
+from eskin.units import format_count
+from helpers.source import MODULES, parse_module
+
+COMMANDS = [path for path in MODULES if path.parent.name == "cli"]
+
+
+def find_nouns():
+    """Return the nouns that are counted anywhere."""
+    calls = (
+        node
+        for path in MODULES
+        for node in parse_module(path)
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "format_count"
+    )
+    return sorted({ast.literal_eval(call.args[1]) for call in calls})
+
+
+def find_bare_plurals(path, plurals):
+    """Return the texts of a file in which a plural follows a count as it is.
+
+    Formatted numbers are measured, not counted; constants never are 1.
+    """
+    begins = re.compile(rf" (?:{'|'.join(plurals)})\b")
+    for node in parse_module(path):
+        parts = node.values if isinstance(node, ast.JoinedStr) else []
+        for value, text in zip(parts, parts[1:], strict=False):
+            if isinstance(value, ast.FormattedValue) and isinstance(text, ast.Constant):
+                counted = value.format_spec is None and begins.match(text.value)
+                if counted and not ast.unparse(value.value).isupper():
+                    yield ast.unparse(value), text.value
+
+
+@pytest.mark.parametrize(
+    ("noun", "texts"),
+    [
+        ("reading", ("0 readings", "1 reading", "2 readings")),
+        ("patch", ("0 patches", "1 patch", "2 patches")),
+        ("press", ("0 presses", "1 press", "2 presses")),
+        (
+            "unasked command",
+            ("0 unasked commands", "1 unasked command", "2 unasked commands"),
+        ),
+    ],
+)
+def test_counts_have_the_number_of_their_noun(noun, texts):
+    assert tuple(format_count(count, noun) for count in range(3)) == texts
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=lambda path: path.stem)
+def test_commands_print_no_count_before_a_plural_that_does_not_follow_it(path):
+    plurals = {format_count(2, noun).removeprefix("2 ") for noun in find_nouns()}
+    assert list(find_bare_plurals(path, plurals)) == []
