@@ -82,6 +82,25 @@ def test_fingertip_that_slides_over_single_taxels_is_no_fault(path, suffices):
     assert scene.policy.evidence.suffices(number) == suffices
 
 
+@pytest.mark.parametrize(
+    "faults",
+    [
+        (ROW[:6], find_block(PATCH, 2, 8)[8:14]),
+        (FINGERTIP[-1:], ROW),
+        (ROW, WHOLE[np.isin(SKIN.columns[WHOLE], SKIN.columns[ROW[:1]])]),
+        (ROW[:1], ROW[1:2], WHOLE[-1:]),
+    ],
+    ids=["parts of two rows", "a taxel, a row", "a row, a column", "taxels far apart"],
+)
+def test_faults_in_turn_are_no_path(faults):
+    scene = Scene()
+    number = scene.begin("double_pat")
+    for taxels in [*faults, *faults, *faults]:
+        scene.touches[number].taxels = np.asarray(taxels)
+        scene.wait(0.12)
+    assert not scene.policy.evidence.suffices(number)
+
+
 def test_doubtful_taxels_are_no_evidence():
     scene = Scene()
     scene.doubtful = np.isin(np.arange(SKIN.count), FINGERTIP[:3])

@@ -550,6 +550,18 @@ def test_tap_does_not_recognise_strong_press_beside_it():
     assert scene.arm.hold_reason
 
 
+def test_strong_press_holds_an_arm_that_stands_for_another_touch():
+    scene = Scene()
+    possible_stop = scene.begin("poke", confidence=MAYBE)
+    scene.step()
+    assert scene.arm.speed_limit == 0.0
+    scene.arm.moving = False
+    scene.begin("none", force=80.0)
+    scene.detect(possible_stop, gesture="none")
+    scene.step()
+    assert scene.arm.hold_reason
+
+
 def test_held_arm_takes_two_touches_to_start():
     scene = Scene()
     scene.arm.hold("not started")

@@ -31,8 +31,11 @@ class EvidenceConfig:
     """Number of readings in which it needs all this."""
 
     path: int = 3
-    """Number of taxels that a finger has to press one after the other, within
-    `path_seconds`, so that one of them counts as beside the next."""
+    """Number of neighbouring taxels that a fingertip has to press one after the other,
+    within `path_seconds`, so that one of them counts as beside the next."""
+
+    path_width: int = 2
+    """Greatest number of taxels that such a fingertip presses at once."""
 
     path_seconds: float = 0.5
     """Time for which a pressed taxel belongs to that path [s]."""
@@ -79,8 +82,8 @@ class Evidence:
     seconds: float = 0.0
     """Time in contact [s]."""
     path: dict[int, int] = field(default_factory=dict)
-    """Taxels that were pressed lately and not doubtful, each with the stamp of its
-    latest pressure [ns since the epoch]."""
+    """Taxels that a fingertip has slid over lately, each with the stamp of its latest
+    pressure [ns since the epoch]."""
 
 
 @final
@@ -197,11 +200,16 @@ class EvidenceMonitor:
             pressed: taxels that are pressed now and not doubtful.
         """
         limit = self.stamp - self.config.path_seconds * NS_PER_S
-        evidence.path = {i: at for i, at in evidence.path.items() if at >= limit}
-        evidence.path |= dict.fromkeys(pressed.tolist(), self.stamp)
-        if len(evidence.path) < self.config.path:
+        path = {i: at for i, at in evidence.path.items() if at >= limit}
+        new = set(pressed.tolist()) - set(path)
+        if not all(self.has_neighbour(taxel, set(path)) for taxel in new):
+            path = {}
+        is_narrow = len(pressed) <= self.config.path_width
+        path = path | dict.fromkeys(pressed.tolist(), self.stamp) if is_narrow else {}
+        evidence.path = path
+        if len(path) < self.config.path:
             return pressed
-        return np.array(list(evidence.path), dtype=np.int64)
+        return np.array(list(path), dtype=np.int64)
 
     def find_sound_reading(
         self,
@@ -219,7 +227,7 @@ class EvidenceMonitor:
         strong = pressed[pressure[pressed] >= self.config.strong]
         if not self.has_support(strong, support):
             return None
-        for line in self.find_lines(support):
+        for line in [*self.find_lines(support), *self.find_lines(pressed)]:
             most = self.config.line_share * np.count_nonzero(line)
             active = np.count_nonzero(pressure[line] >= self.config.weak)
             if active > len(pressed) or active > most:
@@ -230,12 +238,15 @@ class EvidenceMonitor:
         self, strong: Int[np.ndarray, "strong"], pressed: Int[np.ndarray, "pressed"]
     ) -> bool:
         """Return whether a pressed taxel lies beside a strongly pressed one."""
-        starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
-        support = set(pressed.tolist())
         return any(
-            not support.isdisjoint(neighbours[starts[i] : starts[i + 1]].tolist())
-            for i in strong
+            self.has_neighbour(i, set(pressed.tolist())) for i in strong.tolist()
         )
+
+    def has_neighbour(self, taxel: int, others: set[int]) -> bool:
+        """Return whether a taxel lies beside one of some others."""
+        starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
+        beside = neighbours[starts[taxel] : starts[taxel + 1]].tolist()
+        return not others.isdisjoint(beside)
 
     def find_lines(
         self, pressed: Int[np.ndarray, "pressed"]

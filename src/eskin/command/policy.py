@@ -248,14 +248,16 @@ class Policy(Listener):
             raise
 
     def stop_if_unrecognised(self, recognition: RecognitionState) -> None:
-        """Stop a moving arm under a strong or long touch that was not recognised.
+        """Stop an arm at work under a strong or long touch that was not recognised.
 
-        A strong one holds it. Under a long one it stands until the touch has ended, and
-        if that takes too long, it is paused.
+        A strong one holds it, also where it only stands for another touch. Under a long
+        one it stands until the touch has ended, and if that takes too long, it is
+        paused.
         """
         found = self.monitor.find_unrecognised(recognition)
         state, waiting = self.arm.state(), self.possible_stops.waiting
-        if found is None or state.stopped or not (state.moving or waiting):
+        is_working = state.moving or waiting or state.speed_limit == 0.0
+        if found is None or state.stopped or not is_working:
             return
         if found.effect == "hold":
             self.hold(found.reason, found.touch)
