@@ -1,6 +1,6 @@
 """Choose the confidence that each action of the command map needs, from data.
 
-    python -m benchmarks.command_thresholds --minutes 60 --traces traces.jsonl
+    python -m benchmarks.command_thresholds --traces traces.jsonl
     python -m benchmarks.command_thresholds --read traces.jsonl
 
 Simulated people touch an arm at work, as in `eskin demo --headless`, on builds and with
@@ -35,13 +35,14 @@ from eskin.demo.headless import run_build
 from eskin.live import UNKNOWN, Detection
 from eskin.model import load_model
 from eskin.recording import NONE
+from eskin.sim.sensor import FAMILIES
 from eskin.sim.sensor.build import BuildKind
 from eskin.stream import Context, Listener, Message, RecognitionState
 from eskin.units import NS_PER_S
 
 COSTS = {
     "pause": ("poke", 5.0, 1.0),
-    "slow": ("stroke", 1.0, 1.0),
+    "slow": ("stroke", 1.0, 0.5),
     "close_gripper": ("grab", 1.0, 3.0),
     "next_waypoint": ("double_pat", 1.0, 5.0),
     "normal": ("double_pat", 1.0, 10.0),
@@ -49,9 +50,10 @@ COSTS = {
     "resume": ("double_pat", 1.0, 20.0),
 }
 """Gesture of each action of the default map, cost of a touch that asks for it and does
-not get it, and cost of one that gets it and did not ask. A missed command is repeated,
-a slow arm is made fast again: 1. A stop that does not come may hurt: 5. A part that
-falls costs 10 commands, an arm that starts though nobody asked costs 20."""
+not get it, and cost of one that gets it and did not ask. A missed command is repeated:
+1. A stop that does not come may hurt: 5. A slow arm harms nobody, and one touch makes
+it fast again: 0.5. A part that falls costs 10 commands, an arm that starts though
+nobody asked costs 20."""
 
 LATEST_STOP = 0.25
 """Time after the onset of a poke from which it costs a missed stop that the arm does
@@ -90,9 +92,9 @@ class Choice:
 class Command:
     """Choose the confidence that each action needs."""
 
-    minutes: float = 120.0
+    minutes: float = 72.0
     """Simulated time [min]; that of the stored traces where they are read."""
-    builds: tuple[BuildKind, ...] = ("fresh", "shifted")
+    builds: tuple[BuildKind, ...] = ("fresh", "shifted", *FAMILIES)
     """Kinds of builds, in turn."""
     build_seconds: float = 120.0
     """Simulated time of one build [s]."""

@@ -28,17 +28,17 @@ FUNCTION = "function"
 """Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
-    "hold": 0.4,
-    "pause": 0.4,
+    "hold": 0.31,
+    "pause": 0.31,
     FUNCTION: 0.8,
-    "slow": 0.58,
+    "slow": 0.47,
     "jog": 0.95,
-    "close_gripper": 0.89,
-    "open_gripper": 0.97,
-    "next_waypoint": 0.83,
-    "previous_waypoint": 0.83,
-    "normal": 0.83,
-    "resume": 0.9,
+    "close_gripper": 0.96,
+    "open_gripper": 0.98,
+    "next_waypoint": 0.87,
+    "previous_waypoint": 0.87,
+    "normal": 0.89,
+    "resume": 0.97,
 }
 """Default confidence that each action needs, by what errors of it cost.
 
@@ -46,7 +46,7 @@ Those of the default map are chosen by `python -m benchmarks.command_thresholds`
 and `previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
 one that is set by hand.
 """
-STAND_CONFIDENCE = 0.13
+STAND_CONFIDENCE = 0.11
 """Probability of a stop from which a moving arm stands until the touch is recognised,
 where the stop itself needs more; chosen by the same command."""
 STRICT_ACTIONS = ("open_gripper", "resume", "jog")
