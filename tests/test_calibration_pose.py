@@ -1,5 +1,7 @@
 """Tests of the pose of a mounted patch: what is found, how sure it is, the command."""
 
+from itertools import groupby
+
 import numpy as np
 import pytest
 
@@ -285,6 +287,33 @@ def test_page_marks_each_point_until_it_is_pressed_or_skipped(capsys):
     shares = [board.share for board in page.boards if board.place is None]
     assert shares == sorted(shares)
     assert capsys.readouterr().out.count("press at x") >= len(points)
+
+
+class RegretfulPage(PressedPage):
+    """A page whose person skips the third point, then repeats the second."""
+
+    def show(self, state, board):
+        self.boards.append(board)
+        name = board.place and board.place.name
+        if name == "point 3":
+            self.skipped = name
+        if name == "point 4" and not self.clicked:
+            self.repeated, self.clicked = 2, True
+
+
+def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    page = RegretfulPage()
+    order = [*PLACES[:2], PLACES[1], *PLACES[3:]]
+    taxels = [find_taxel(1, *place) for place in order]
+    guide_person(make_scans(taxels), PoseDialogue(guide), 30.0, page)
+    assert guide.phase == "done"
+    assert [press.point for press in guide.presses] == [*points[:2], *points[3:]]
+    names = [board.place.name for board in page.boards if board.place is not None]
+    turns = [name for name, _ in groupby(names)]
+    assert turns == [f"point {number}" for number in (1, 2, 3, 4, 2, 4, 5, 6, 7)]
+    assert page.lines.count("the point is left out") == 1
 
 
 def read_points_of(patch):

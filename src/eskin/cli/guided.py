@@ -327,8 +327,10 @@ def is_skipped(dialogue: Dialogue[Any], page: "CalibrationViewer | None") -> boo
     """Tell whether the person has left out, in the page, what is asked for."""
     if page is None or page.skipped is None or dialogue.guide.phase != "press":
         return False
+    # What was asked of an earlier place is out of date.
+    skipped, page.skipped = page.skipped, None
     place = dialogue.find_place()
-    return place is not None and place.name == page.skipped
+    return place is not None and place.name == skipped
 
 
 def takes_back(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bool:
