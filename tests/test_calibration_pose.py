@@ -316,6 +316,33 @@ def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
     assert page.lines.count("the point is left out") == 1
 
 
+@pytest.mark.parametrize(
+    ("action", "last", "expected"), [("skip", 2, [0, 2]), ("withdraw", 0, [0])]
+)
+def test_press_that_goes_on_at_a_skip_or_a_repeat_counts_for_no_point(
+    action, last, expected
+):
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    taxels, acted = [find_taxel(1, *PLACES[n]) for n in (0, 1, last)], False
+    for scan in make_scans(taxels):
+        guide.push(scan)
+        if guide.is_pressed and guide.presses and not acted:
+            getattr(guide, action)()
+            acted = True
+    assert acted and [press.number for press in guide.presses] == expected
+
+
+def test_time_that_runs_out_during_a_press_leaves_no_point_out(capsys):
+    """Each press begins before the time has run out, and ends after it."""
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    taxels = [find_taxel(1, *place) for place in PLACES]
+    guide_person(make_scans(taxels), PoseDialogue(guide), 0.8)
+    assert [press.point for press in guide.presses] == list(points)
+    assert "nothing felt" not in capsys.readouterr().out
+
+
 def read_points_of(patch):
     for place in PLACES:
         x, y, z = SKIN.positions[find_taxel(patch, *place)].tolist()

@@ -269,7 +269,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
     def push_press(self, state: TouchState) -> GuideEvent | None:
         """Follow a press, and measure it at its end."""
         taxel = self.detector.push(state)
-        if self.detector.since is not None:
+        if self.is_pressed:
             contact = max(state.contacts, key=lambda each: each.force)
             self.pressing.add(contact, state)
             return None
@@ -344,14 +344,19 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         return next((int(i) for i in order if not self.has_fault(int(i))), taxel)
 
     def skip(self) -> None:
-        """Ask for no more presses of the patch that is asked for."""
+        """Ask for no more presses of a patch, and ignore a press that goes on."""
+        self.detector.drop()
         if self.request is not None:
             self.skipped.add(self.request.patch)
         if self.request is None:
             self.phase = "done"
 
     def withdraw(self) -> None:
-        """Forget the last press; the patch on which it was felt needs another."""
+        """Forget the last press; the patch on which it was felt needs another.
+
+        A press that goes on is ignored.
+        """
+        self.detector.drop()
         self.presses.pop()
 
     def finish(self) -> CalibrationResult:

@@ -382,7 +382,7 @@ class PoseGuide(PressGuide[PosePress]):
             self.phase = "press"
             return GuideEvent("rested")
         taxel = self.detector.push(state)
-        if self.detector.since is not None:
+        if self.is_pressed:
             contact = max(state.contacts, key=lambda each: each.force)
             pressure = state.reading.pressure[contact.taxels]
             self.firmest.append(PressScan(contact.force, contact.taxels, pressure))
@@ -429,13 +429,18 @@ class PoseGuide(PressGuide[PosePress]):
         return min(passed / self.rest_seconds, 1.0)
 
     def skip(self) -> None:
-        """Leave out the point that is asked for."""
+        """Leave out the point that is asked for, and ignore a press that goes on."""
+        self.detector.drop()
         self.waiting.pop(0)
         if not self.waiting:
             self.phase = "done"
 
     def withdraw(self) -> None:
-        """Forget the last press, and ask for its point again."""
+        """Forget the last press and ask for its point again.
+
+        A press that goes on is ignored.
+        """
+        self.detector.drop()
         self.waiting.insert(0, self.presses.pop().number)
 
     def estimate(self, patch: str) -> PoseEstimate:

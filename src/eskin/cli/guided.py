@@ -300,7 +300,8 @@ def guide_person(
         since = scan.stamp if since is None else since
         was_rest, event = guide.phase == "rest", guide.push(scan)
         limit = wait + guide.rest_seconds * was_rest
-        is_late = scan.stamp - since > limit * NS_PER_S
+        # A press that goes on is waited for.
+        is_late = scan.stamp - since > limit * NS_PER_S and not guide.is_pressed
         told = ""
         if event is not None:
             told = dialogue.describe_event(event)
