@@ -354,10 +354,11 @@ class CalibrationGuide(PressGuide[FingertipPress]):
     def withdraw(self) -> None:
         """Forget the last press; the patch on which it was felt needs another.
 
-        A press that goes on is ignored.
+        That patch is asked for also where it was left out. A press that goes on is
+        ignored.
         """
         self.detector.drop()
-        self.presses.pop()
+        self.skipped.discard(self.presses.pop().patch)
 
     def finish(self) -> CalibrationResult:
         """Return the calibration from all that was measured.
