@@ -45,12 +45,17 @@ def draw_motion(skin, patch, rng):
 
 
 def draw_presses(patch, T, rng, count=10, along=1e-3, across=3e-4):
-    """Press points of a moved patch; they deviate along its surface and across it."""
+    """Press random points of a moved patch."""
     own = UR5.find_taxels(patch)
     # One in each part of the patch, so that they are never along a line.
     taxels = np.array([rng.choice(part) for part in np.array_split(own, count)])
+    return press_taxels_of_moved(taxels, T, rng, along, across)
+
+
+def press_taxels_of_moved(taxels, T, rng, along=1e-3, across=3e-4):
+    """Press taxels of a moved patch, with errors along its surface and across it."""
     felt, normals = UR5.positions[taxels], UR5.normals[taxels]
-    noise = along * rng.normal(size=(count, 3))
+    noise = along * rng.normal(size=(len(taxels), 3))
     lean = np.sum(noise * normals, axis=1, keepdims=True)
     noise += (across / along - 1) * lean * normals
     return apply(T, felt + noise), felt, normals
@@ -99,6 +104,20 @@ def test_confidence_region_contains_the_truth_as_often_as_it_says(patch):
         found = estimate_pose(UR5, patch, *draw_presses(patch, T, rng))
         inside.append(found.contains(T))
     assert 0.90 <= np.mean(inside) <= 0.996
+
+
+@pytest.mark.parametrize("patch", PATCHES)
+def test_intervals_contain_the_truth_as_often_as_they_say(patch):
+    """Also of few presses, from which the noise is not known well."""
+    rng, taxels = np.random.default_rng(5), choose_taxels(UR5, patch, 8)
+    inside = []
+    for _ in range(200):
+        T = draw_motion(UR5, patch, rng)
+        found = estimate_pose(UR5, patch, *press_taxels_of_moved(taxels, T, rng))
+        turn = log_so3(T[:3, :3] @ exp_so3(found.rotation).T)
+        shift = apply(T, found.centre) - found.centre - found.shift
+        inside.append(np.abs(np.concatenate([turn, shift])) <= found.half_widths)
+    assert 0.93 <= np.mean(inside) <= 0.97
 
 
 def test_more_presses_and_less_noise_make_it_surer():

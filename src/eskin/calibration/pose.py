@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import f as f_distribution
+from scipy.stats import t as t_distribution
 
 from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.errors import SkinError
@@ -97,6 +98,15 @@ class PoseEstimate:
     def deviations(self) -> Float[np.ndarray, "6"]:
         """Return standard deviations of rotation [rad] and shift [m]."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def half_widths(self) -> Float[np.ndarray, "6"]:
+        """Return half the widths of the 95 % confidence intervals of each component.
+
+        They are those of Student's t distribution, of rotation [rad] and shift [m].
+        """
+        quantile = t_distribution.ppf(0.5 + CONFIDENCE / 2, self.freedom)
+        return float(quantile) * self.deviations
 
     def contains(self, T_true_file: Float[np.ndarray, "4 4"]) -> bool:
         """Tell whether a motion lies in the 95 % confidence region."""

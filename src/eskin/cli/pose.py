@@ -170,7 +170,7 @@ class PoseDialogue(Dialogue["PoseGuide"]):
             found = self.guide.estimate(self.guide.presses[-1].point.patch)
         except ValueError:
             return ""
-        half = 1.96 * found.deviations
+        half = found.half_widths
         return (
             f"; so far to {1e3 * half[3:].max():.1f} mm and "
             f"{np.rad2deg(half[:3].max()):.1f} degrees"
@@ -195,7 +195,7 @@ class PoseDialogue(Dialogue["PoseGuide"]):
 
 def describe_estimate(estimate: "PoseEstimate", guide: "PoseGuide") -> str:
     """Describe how a patch is moved, with 95 % intervals of each component."""
-    half = 1.96 * estimate.deviations
+    half = estimate.half_widths
     turn = ", ".join(
         f"{np.rad2deg(value):+.1f} ± {np.rad2deg(each):.1f}"
         for value, each in zip(estimate.rotation, half[:3], strict=True)
