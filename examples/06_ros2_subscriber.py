@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import tyro
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.dynamic import get_types_for_typeid
 from cyclonedds.qos import Policy, Qos
@@ -41,10 +42,16 @@ def discover_type(participant: DomainParticipant) -> type:
     """Return the type of the messages, once somebody publishes them."""
     publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
     while True:
-        for publication in publications.take(100):
-            if getattr(publication, "topic_name", None) == TOPIC:
-                wait = duration(seconds=5)
+        for publication in publications.read(1000):
+            if getattr(publication, "topic_name", None) != TOPIC:
+                continue
+            wait = duration(seconds=5)
+            try:
                 return get_types_for_typeid(participant, publication.type_id, wait)[0]
+            except DDSException as error:
+                # A publisher that does not answer in time is asked again.
+                if error.code != DDSException.DDS_RETCODE_TIMEOUT:
+                    raise
         time.sleep(0.05)
 
 

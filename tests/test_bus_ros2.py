@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,12 @@ from eskin.cli.run import (
 from eskin.drivers import HostClock, ManualClock
 from eskin.errors import DeviceError, JointsError
 from eskin.live import Recognizer
-from eskin.recording.messages import DETECTION, READING, pack_joint_state
+from eskin.recording.messages import (
+    DETECTION,
+    JOINT_STATES,
+    READING,
+    pack_joint_state,
+)
 from eskin.robot import load_robot
 from eskin.stream import Recognition, Stream
 from helpers.cli import assert_refused, call_json
@@ -36,7 +42,7 @@ from helpers.live import (
     say_always,
     scans,
 )
-from helpers.ros2 import start_when_heard
+from helpers.ros2 import start_when_heard, wait_until
 from helpers.streams import INFO, played
 
 pytestmark = pytest.mark.slow
@@ -44,7 +50,14 @@ pytestmark = pytest.mark.slow
 PEER = Path(__file__).parent / "helpers" / "ros2_peer.py"
 
 
-def test_another_process_hears_every_reading_and_moves_the_joints(domain):
+@pytest.fixture
+def stack(domain):
+    """Close what is entered at the end of a test."""
+    with ExitStack() as opened:
+        yield opened
+
+
+def test_another_process_hears_every_reading_and_moves_the_joints(domain, stack):
     on = mounted()
     stream = scans(on, [Press(2.3, 2.7, 65, 65)], 50, 3.5)
     source = played(stream)
@@ -62,7 +75,7 @@ def test_another_process_hears_every_reading_and_moves_the_joints(domain):
         assert peer.stdout is not None and peer.stdout.readline() == "ready\n"
         node = Ros2Node()
         bus = Ros2Bus(node, reliable=True)
-        joints = Ros2Joints(node, load_robot("ur5"), HostClock())
+        joints = stack.enter_context(Ros2Joints(node, load_robot("ur5"), HostClock()))
         recognition = Recognition(recognizer, drop="never")
         publisher = Publisher(bus, on, VOCABULARY, joints.diagnose, "never")
         running = Stream(source, [recognition, publisher])
@@ -112,10 +125,11 @@ def test_joint_states_are_used_where_nothing_else_tells_the_joints(options, subs
     assert is_without_joints(replace(command, **options)) == subscribes
 
 
-def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain):
+def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain, stack):
     command = RunCommand(("serial:/dev/ttyACM0",), skin="ur5", ros2=True)
     joints = subscribe_joints(command, Ros2Node(), ManualClock())
     assert joints is not None
+    stack.enter_context(joints)
     assert joints.robot.joint_names == load_robot("ur5").joint_names
     doubts = describe_doubts(command, calibration_of(mounted("ur5").skin))
     assert any("/joint_states" in doubt for doubt in doubts)
@@ -127,9 +141,9 @@ def hear(joints, names, q):
     joints.push(wrap_message(joints.reader.topic.data_type, data))
 
 
-def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain):
+def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain, stack):
     robot, clock = load_robot("ur5"), ManualClock()
-    joints = Ros2Joints(Ros2Node(), robot, clock)
+    joints = stack.enter_context(Ros2Joints(Ros2Node(), robot, clock))
     assert joints.diagnose().level == WARN
     q = np.arange(6) / 10
     hear(joints, robot.joint_names[::-1], q[::-1])
@@ -147,6 +161,28 @@ def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain):
     clock.sleep(0.09)
     assert joints.diagnose().level == STALE
     with pytest.raises(JointsError, match=r"for 0\.1 s \(4 messages refused"):
+        joints.q_at(clock.now())
+
+
+def test_joint_states_count_from_their_arrival_whenever_they_are_asked_for(
+    domain, stack
+):
+    robot, clock = load_robot("ur5"), ManualClock()
+    joints = stack.enter_context(Ros2Joints(Ros2Node(), robot, clock))
+    bus = Ros2Bus(Ros2Node())
+    bus.open((JOINT_STATES,))
+    wait_until(lambda: bus.wants(JOINT_STATES))
+    stamps = []
+    for number in range(2):
+        q = np.full(6, float(number))
+        bus.send(JOINT_STATES, 1, pack_joint_state(1, robot.joint_names, q))
+        wait_until(lambda number=number: joints.received.accepted == number + 1)
+        stamps.append(clock.now())
+        clock.sleep(0.08)
+    middle = joints.q_at((stamps[0] + stamps[1]) // 2)
+    assert middle == pytest.approx(np.full(6, 0.5))
+    clock.sleep(0.4)
+    with pytest.raises(JointsError, match=r"for 0\.1 s"):
         joints.q_at(clock.now())
 
 

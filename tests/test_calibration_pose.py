@@ -1,5 +1,7 @@
 """Tests of the pose of a mounted patch: what is found, how sure it is, the command."""
 
+from itertools import groupby
+
 import numpy as np
 import pytest
 
@@ -43,12 +45,17 @@ def draw_motion(skin, patch, rng):
 
 
 def draw_presses(patch, T, rng, count=10, along=1e-3, across=3e-4):
-    """Press points of a moved patch; they deviate along its surface and across it."""
+    """Press random points of a moved patch."""
     own = UR5.find_taxels(patch)
     # One in each part of the patch, so that they are never along a line.
     taxels = np.array([rng.choice(part) for part in np.array_split(own, count)])
+    return press_taxels_of_moved(taxels, T, rng, along, across)
+
+
+def press_taxels_of_moved(taxels, T, rng, along=1e-3, across=3e-4):
+    """Press taxels of a moved patch, with errors along its surface and across it."""
     felt, normals = UR5.positions[taxels], UR5.normals[taxels]
-    noise = along * rng.normal(size=(count, 3))
+    noise = along * rng.normal(size=(len(taxels), 3))
     lean = np.sum(noise * normals, axis=1, keepdims=True)
     noise += (across / along - 1) * lean * normals
     return apply(T, felt + noise), felt, normals
@@ -97,6 +104,20 @@ def test_confidence_region_contains_the_truth_as_often_as_it_says(patch):
         found = estimate_pose(UR5, patch, *draw_presses(patch, T, rng))
         inside.append(found.contains(T))
     assert 0.90 <= np.mean(inside) <= 0.996
+
+
+@pytest.mark.parametrize("patch", PATCHES)
+def test_intervals_contain_the_truth_as_often_as_they_say(patch):
+    """Also of few presses, from which the noise is not known well."""
+    rng, taxels = np.random.default_rng(5), choose_taxels(UR5, patch, 8)
+    inside = []
+    for _ in range(200):
+        T = draw_motion(UR5, patch, rng)
+        found = estimate_pose(UR5, patch, *press_taxels_of_moved(taxels, T, rng))
+        turn = log_so3(T[:3, :3] @ exp_so3(found.rotation).T)
+        shift = apply(T, found.centre) - found.centre - found.shift
+        inside.append(np.abs(np.concatenate([turn, shift])) <= found.half_widths)
+    assert 0.93 <= np.mean(inside) <= 0.97
 
 
 def test_more_presses_and_less_noise_make_it_surer():
@@ -285,6 +306,60 @@ def test_page_marks_each_point_until_it_is_pressed_or_skipped(capsys):
     shares = [board.share for board in page.boards if board.place is None]
     assert shares == sorted(shares)
     assert capsys.readouterr().out.count("press at x") >= len(points)
+
+
+class RegretfulPage(PressedPage):
+    """A page whose person skips the third point, then repeats the second."""
+
+    def show(self, state, board):
+        self.boards.append(board)
+        name = board.place and board.place.name
+        if name == "point 3":
+            self.skipped = name
+        if name == "point 4" and not self.clicked:
+            self.repeated, self.clicked = 2, True
+
+
+def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    page = RegretfulPage()
+    order = [*PLACES[:2], PLACES[1], *PLACES[3:]]
+    taxels = [find_taxel(1, *place) for place in order]
+    guide_person(make_scans(taxels), PoseDialogue(guide), 30.0, page)
+    assert guide.phase == "done"
+    assert [press.point for press in guide.presses] == [*points[:2], *points[3:]]
+    names = [board.place.name for board in page.boards if board.place is not None]
+    turns = [name for name, _ in groupby(names)]
+    assert turns == [f"point {number}" for number in (1, 2, 3, 4, 2, 4, 5, 6, 7)]
+    assert page.lines.count("the point is left out") == 1
+
+
+@pytest.mark.parametrize(
+    ("action", "last", "expected"), [("skip", 2, [0, 2]), ("withdraw", 0, [0])]
+)
+def test_press_that_goes_on_at_a_skip_or_a_repeat_counts_for_no_point(
+    action, last, expected
+):
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    taxels, acted = [find_taxel(1, *PLACES[n]) for n in (0, 1, last)], False
+    for scan in make_scans(taxels):
+        guide.push(scan)
+        if guide.is_pressed and guide.presses and not acted:
+            getattr(guide, action)()
+            acted = True
+    assert acted and [press.number for press in guide.presses] == expected
+
+
+def test_time_that_runs_out_during_a_press_leaves_no_point_out(capsys):
+    """Each press begins before the time has run out, and ends after it."""
+    points = tuple(read_points_of(1))
+    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    taxels = [find_taxel(1, *place) for place in PLACES]
+    guide_person(make_scans(taxels), PoseDialogue(guide), 0.8)
+    assert [press.point for press in guide.presses] == list(points)
+    assert "nothing felt" not in capsys.readouterr().out
 
 
 def read_points_of(patch):

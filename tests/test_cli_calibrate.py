@@ -2,6 +2,7 @@
 
 import json
 import socket
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -292,6 +293,43 @@ def test_last_press_is_repeated_once_where_the_page_asks_for_that():
     assert len(set(asked)) == 1
     counts = [board.presses for board in page.boards]
     assert counts[counts.index(3) :].count(2) > 0
+
+
+class RegretfulPage(RememberedPage):
+    """A page whose person skips a patch after two presses, then repeats the second."""
+
+    clicks = 0
+
+    def show(self, state, board):
+        super().show(state, board)
+        if board.presses == 2 and self.clicks == 0:
+            self.skipped, self.clicks = "p0", 1
+        elif self.clicks == 1 and board.place.name == "p1":
+            self.repeated, self.clicks = 2, 2
+
+
+def test_patch_that_was_skipped_is_asked_for_again_where_its_press_is_repeated():
+    page = RegretfulPage()
+    own = [scan for taxel in places(0) for scan in press(taxel)]
+    others = [scan for taxel in places(1) for scan in press(taxel)]
+    above = rest() + own[: 2 * len(own) // 5] + own[len(own) // 5 :] + others
+    guide = guide_in_page(page, above)
+    assert guide.phase == "done" and not guide.skipped
+    assert (guide.count_presses(0), guide.count_presses(1)) == (5, 5)
+    names = [board.place.name for board in page.boards if board.place is not None]
+    assert [name for name, _ in groupby(names)] == ["p0", "p1", "p0", "p1"]
+    assert page.lines.count("patch 'p0' is left out") == 1
+
+
+@pytest.mark.parametrize(("action", "counts"), [("skip", (1, 0)), ("withdraw", (0, 0))])
+def test_press_that_goes_on_at_a_skip_or_a_repeat_is_not_used(action, counts):
+    guide, acted = CalibrationGuide(MOUNTED, CALIBRATION), False
+    for scan in make_scans(rest() + press(places(0)[0]) + press(places(0)[1])):
+        guide.push(scan)
+        if guide.is_pressed and guide.presses and not acted:
+            getattr(guide, action)()
+            acted = True
+    assert acted and (guide.count_presses(0), guide.count_presses(1)) == counts
 
 
 def test_guide_begins_once_a_browser_has_opened_the_page():

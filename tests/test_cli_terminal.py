@@ -1,10 +1,13 @@
 """Tests of the lines on the terminal: nothing is lost, and no line hides another."""
 
+import numpy as np
 import pytest
 
 from eskin.cli.terminal import TerminalPrinter
 from eskin.drivers import Event, ManualClock, SourceInfo
 from eskin.stream import Context
+from eskin.touch import Scan
+from eskin.units import format_count
 from helpers.touch import build_grid_skin, calibration_of
 
 MS = 1_000_000
@@ -12,13 +15,14 @@ SKIN = build_grid_skin(2, 2)
 INFO = SourceInfo("test:", "table", (), SKIN, calibration_of(SKIN), 50.0)
 
 
-def print_events(capsys, events):
+def print_events(capsys, events, closes=True):
     """Return the lines of some events, without the titles."""
     printer = TerminalPrinter()
     printer.start(Context(INFO, ManualClock(0), lambda _: None))
     for event in events:
         printer.on_message(event)
-    printer.close()
+    if closes:
+        printer.close()
     return capsys.readouterr().out.splitlines()[1:]
 
 
@@ -34,7 +38,26 @@ def test_of_many_patches_at_once_three_are_printed_and_all_are_counted(capsys, c
     lines = print_events(capsys, silence(count))
     assert len(lines) == min(count, 4)
     if count > 3:
-        assert lines[-1].split() == ["and", str(count - 3), "patches", "more"]
+        assert lines[-1].strip() == f"and {format_count(count - 3, 'patch')} more"
+
+
+def test_patch_with_several_events_is_counted_once(capsys):
+    lines = print_events(capsys, [Event(n, "late", f"{n}", "p0") for n in range(8)])
+    assert len(lines) == 8 and not any("more" in line for line in lines)
+    again = silence(6) + silence(6, 10 * MS)[3:]
+    lines = print_events(capsys, again)
+    assert len(lines) == 4 and lines[-1].endswith("and 3 patches more")
+
+
+def test_count_is_printed_once_time_has_passed(capsys):
+    def scan(ms):
+        received = np.ones(SKIN.count, bool)
+        return Scan(ms * MS, np.zeros(SKIN.count, np.int32), received, np.zeros(0))
+
+    for last, count in ((400, 3), (505, 4), (900, 4)):
+        scans = [scan(ms) for ms in range(100, last, 20)]
+        lines = print_events(capsys, silence(5) + scans + [scan(last)], closes=False)
+        assert len(lines) == count
 
 
 def test_patches_at_another_time_or_of_another_kind_are_printed(capsys):

@@ -6,10 +6,13 @@ import runpy
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from cyclonedds.core import DDSException
 
 from eskin.bus import Publisher
 from eskin.bus.ros2 import Ros2Bus, Ros2Node
@@ -177,3 +180,22 @@ def test_ros2_subscriber_prints_the_detections_of_a_running_stream(domain):
         out, _ = subscriber.communicate(timeout=PATIENCE)
     assert subscriber.returncode == 0
     assert re.fullmatch(r"poke \d+% on table\n", out), out
+
+
+def test_ros2_subscriber_asks_again_for_a_type_that_does_not_come_in_time(domain):
+    example = SourceFileLoader("subscriber", str(EXAMPLES / ROS2_SUBSCRIBER))
+    module = ModuleType("subscriber")
+    example.exec_module(module)
+    answer, asked = module.get_types_for_typeid, []
+
+    def answer_late(*arguments):
+        asked.append(arguments)
+        if len(asked) == 1:
+            raise DDSException(DDSException.DDS_RETCODE_TIMEOUT)
+        return answer(*arguments)
+
+    module.get_types_for_typeid = answer_late
+    bus, node = Ros2Bus(Ros2Node()), Ros2Node()
+    bus.open((DETECTION,))
+    found = module.discover_type(node.participant)
+    assert "Detection_" in found.__name__ and len(asked) == 2

@@ -1,6 +1,7 @@
 """This module is a node of ROS 2 without an installation of it, by Cyclone DDS."""
 
 import os
+import threading
 from graphlib import TopologicalSorter
 from struct import error as StructError
 from typing import Any, final
@@ -28,7 +29,7 @@ from eskin.bus.messages import (
 from eskin.bus.publisher import Bus
 from eskin.closing import Closing
 from eskin.drivers import Clock, JointSource
-from eskin.drivers.joints import MAX_AGE, ReceivedJoints, check_positions
+from eskin.drivers.joints import MAX_AGE, POLL, ReceivedJoints, check_positions
 from eskin.errors import DeviceError, RecordingError
 from eskin.extras import find_package
 from eskin.recording.messages import (
@@ -232,10 +233,12 @@ class Ros2Bus(Bus):
 
 
 @final
-class Ros2Joints(JointSource):
+class Ros2Joints(JointSource, Closing):
     """Receives the joint positions of a robot from `/joint_states`.
 
-    A message may hold some of the joints, and joints of others.
+    A message may hold some of the joints, and joints of others. It counts from its
+    arrival on, for which a thread waits: its own stamp is by the clock of another
+    computer.
 
     Attributes:
         received: positions that have arrived, and what was refused.
@@ -258,6 +261,20 @@ class Ros2Joints(JointSource):
         self.robot = robot
         self.clock = clock
         self.received = ReceivedJoints(robot)
+        self.lock, self.closed = threading.Lock(), False
+        self.arrival = core.WaitSet(node.participant)
+        any_state = core.ViewState.Any | core.InstanceState.Any
+        unread = core.SampleState.NotRead | any_state
+        self.arrival.attach(core.ReadCondition(self.reader, unread))
+        self.thread = threading.Thread(target=self.receive, daemon=True)
+        self.thread.start()
+
+    def receive(self) -> None:
+        """Push messages as they arrive, until it is closed."""
+        while not self.closed:
+            self.arrival.wait(round(POLL * NS_PER_S))
+            for sample in self.reader.take(MAX_TAKEN):
+                self.push(sample)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
         """Return the joint positions at a time [rad].
@@ -265,33 +282,40 @@ class Ros2Joints(JointSource):
         Raises:
             JointsError: those of a joint that were received are more than 0.1 s away.
         """
-        while samples := self.reader.take(MAX_TAKEN):
-            for sample in samples:
-                self.push(sample)
-        return self.received.q_at(stamp)
+        with self.lock:
+            return self.received.q_at(stamp)
 
     def push(self, sample: Any) -> None:  # noqa: ANN401
-        """Take the positions of a message, or count it as refused."""
+        """Take the positions of a message that arrives, or count it as refused."""
         encoded = getattr(sample, "encoded", None)
         if encoded is None:  # A publisher that has left.
             return
-        try:
-            _, names, positions = unpack_joint_state(encoded)
-            pairs = zip(names, positions, strict=True)
-            own = {name: q for name, q in pairs if name in self.received.index}
-            q = check_positions(list(own.values()), self.robot, list(own))
-        except (RecordingError, StructError, ValueError) as error:
-            self.received.refuse(str(error))
-            return
-        self.received.add(dict(zip(own, q, strict=True)), self.clock.now())
+        now = self.clock.now()
+        with self.lock:
+            try:
+                _, names, positions = unpack_joint_state(encoded)
+                pairs = zip(names, positions, strict=True)
+                own = {name: q for name, q in pairs if name in self.received.index}
+                q = check_positions(list(own.values()), self.robot, list(own))
+            except (RecordingError, StructError, ValueError) as error:
+                self.received.refuse(str(error))
+                return
+            self.received.add(dict(zip(own, q, strict=True)), now)
 
     def diagnose(self) -> DiagnosticStatus:
         """Return whether the positions of all joints arrive."""
         level, message = OK, "ok"
-        age = self.received.compute_age(self.clock.now())
-        if missing := self.received.missing:
+        with self.lock:
+            age = self.received.compute_age(self.clock.now())
+            missing, refused = self.received.missing, self.received.refused
+        if missing:
             level, message = WARN, f"never received: {', '.join(missing)}"
         elif age > MAX_AGE:
             level, message = STALE, f"nothing received for {age:.1f} s"
-        values = (("age [s]", f"{age:.3f}"), ("refused", str(self.received.refused)))
+        values = (("age [s]", f"{age:.3f}"), ("refused", str(refused)))
         return DiagnosticStatus(level, "eskin: joint states", message, values)
+
+    def close(self) -> None:
+        """End the thread."""
+        self.closed = True
+        self.thread.join()

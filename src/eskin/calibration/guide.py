@@ -269,7 +269,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
     def push_press(self, state: TouchState) -> GuideEvent | None:
         """Follow a press, and measure it at its end."""
         taxel = self.detector.push(state)
-        if self.detector.since is not None:
+        if self.is_pressed:
             contact = max(state.contacts, key=lambda each: each.force)
             self.pressing.add(contact, state)
             return None
@@ -344,15 +344,21 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         return next((int(i) for i in order if not self.has_fault(int(i))), taxel)
 
     def skip(self) -> None:
-        """Ask for no more presses of the patch that is asked for."""
+        """Ask for no more presses of a patch, and ignore a press that goes on."""
+        self.detector.drop()
         if self.request is not None:
             self.skipped.add(self.request.patch)
         if self.request is None:
             self.phase = "done"
 
     def withdraw(self) -> None:
-        """Forget the last press; the patch on which it was felt needs another."""
-        self.presses.pop()
+        """Forget the last press; the patch on which it was felt needs another.
+
+        That patch is asked for also where it was left out. A press that goes on is
+        ignored.
+        """
+        self.detector.drop()
+        self.skipped.discard(self.presses.pop().patch)
 
     def finish(self) -> CalibrationResult:
         """Return the calibration from all that was measured.

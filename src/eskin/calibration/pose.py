@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import f as f_distribution
+from scipy.stats import t as t_distribution
 
 from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.errors import SkinError
@@ -97,6 +98,15 @@ class PoseEstimate:
     def deviations(self) -> Float[np.ndarray, "6"]:
         """Return standard deviations of rotation [rad] and shift [m]."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def half_widths(self) -> Float[np.ndarray, "6"]:
+        """Return half the widths of the 95 % confidence intervals of each component.
+
+        They are those of Student's t distribution, of rotation [rad] and shift [m].
+        """
+        quantile = t_distribution.ppf(0.5 + CONFIDENCE / 2, self.freedom)
+        return float(quantile) * self.deviations
 
     def contains(self, T_true_file: Float[np.ndarray, "4 4"]) -> bool:
         """Tell whether a motion lies in the 95 % confidence region."""
@@ -337,6 +347,8 @@ class PressScan:
 class PosePress:
     """A press was felt where a known point was pressed."""
 
+    number: int
+    """Index of the known point."""
     point: KnownPoint
     felt: Float[np.ndarray, "3"]
     """Centre of pressure in the frame of the link, by the file [m]."""
@@ -349,8 +361,8 @@ class PoseGuide(PressGuide[PosePress]):
     """A guide asks for presses at known points, one after the other.
 
     Attributes:
-        waiting: points that are still to be pressed, in order.
-        count: number of points in all.
+        points: all points.
+        waiting: indices of those that are still to be pressed, in order.
     """
 
     def __init__(
@@ -363,7 +375,7 @@ class PoseGuide(PressGuide[PosePress]):
         self.mounted = mounted
         self.pipeline = TouchPipeline(mounted, calibration)
         self.detector = PressDetector()
-        self.waiting, self.count = list(points), len(points)
+        self.points, self.waiting = tuple(points), list(range(len(points)))
         self.phase, self.rest_seconds = "rest", TARE_SECONDS
         self.presses = []
         self.began: int | None = None
@@ -380,7 +392,7 @@ class PoseGuide(PressGuide[PosePress]):
             self.phase = "press"
             return GuideEvent("rested")
         taxel = self.detector.push(state)
-        if self.detector.since is not None:
+        if self.is_pressed:
             contact = max(state.contacts, key=lambda each: each.force)
             pressure = state.reading.pressure[contact.taxels]
             self.firmest.append(PressScan(contact.force, contact.taxels, pressure))
@@ -388,22 +400,23 @@ class PoseGuide(PressGuide[PosePress]):
         ended, self.firmest = self.firmest, []
         if taxel is None or not ended or self.phase == "done":
             return None
-        point = self.waiting[0]
+        number = self.waiting[0]
         felt_on = self.skin.patches[int(self.skin.patch_index[taxel])].id
-        if felt_on != point.patch:
+        if felt_on != self.points[number].patch:
             return GuideEvent("refused", f"felt on patch '{felt_on}'", taxel)
         self.waiting.pop(0)
-        self.presses.append(self.build_press(point, ended))
+        self.presses.append(self.build_press(number, ended))
         if not self.waiting:
             self.phase = "done"
         return GuideEvent("pressed", taxel=taxel)
 
     def build_press(
         self,
-        point: KnownPoint,
+        number: int,
         scans: Sequence[PressScan],
     ) -> PosePress:
-        """Build a press from the mean pressure of its firmest scans."""
+        """Build the press of a point from the mean pressure of its firmest scans."""
+        point = self.points[number]
         most = max(scan.force for scan in scans)
         total = np.zeros(self.skin.count)
         for scan in scans:
@@ -412,27 +425,33 @@ class PoseGuide(PressGuide[PosePress]):
         ids = [patch.id for patch in self.skin.patches]
         own = (total > 0) & (self.skin.patch_index == ids.index(point.patch))
         taxels = np.flatnonzero(own)
-        return PosePress(point, *find_felt_point(self.skin, taxels, total[taxels]))
+        felt, normal = find_felt_point(self.skin, taxels, total[taxels])
+        return PosePress(number, point, felt, normal)
 
     @property
     def progress(self) -> float:
         """Share of the time at rest, or of the points, that is done."""
         if self.phase != "rest":
-            return 1.0 - len(self.waiting) / self.count
+            return 1.0 - len(self.waiting) / len(self.points)
         if self.state is None or self.began is None:
             return 0.0
         passed = (self.state.reading.stamp - self.began) / NS_PER_S
         return min(passed / self.rest_seconds, 1.0)
 
     def skip(self) -> None:
-        """Leave out the point that is asked for."""
+        """Leave out the point that is asked for, and ignore a press that goes on."""
+        self.detector.drop()
         self.waiting.pop(0)
         if not self.waiting:
             self.phase = "done"
 
     def withdraw(self) -> None:
-        """Forget the last press, and ask for its point again."""
-        self.waiting.insert(0, self.presses.pop().point)
+        """Forget the last press and ask for its point again.
+
+        A press that goes on is ignored.
+        """
+        self.detector.drop()
+        self.waiting.insert(0, self.presses.pop().number)
 
     def estimate(self, patch: str) -> PoseEstimate:
         """Estimate the pose of a patch from its presses so far.

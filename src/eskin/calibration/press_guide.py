@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 from eskin.skin import MountedSkin, Skin
-from eskin.touch import Scan, TouchState
+from eskin.touch import PressDetector, Scan, TouchState
 
 Press = TypeVar("Press")
 
@@ -34,6 +34,7 @@ class PressGuide(ABC, Generic[Press]):
         phase: what is measured now.
         presses: presses so far.
         rest_seconds: time without touch that is asked for first [s].
+        detector: detector of the presses.
         state: contacts and pressures at the latest scan; None before the first.
     """
 
@@ -41,12 +42,18 @@ class PressGuide(ABC, Generic[Press]):
     phase: Literal["rest", "press", "done"]
     presses: list[Press]
     rest_seconds: float
+    detector: PressDetector
     state: TouchState | None
 
     @property
     def skin(self) -> Skin:
         """The skin that is pressed."""
         return self.mounted.skin
+
+    @property
+    def is_pressed(self) -> bool:
+        """Whether a press goes on."""
+        return self.detector.since is not None
 
     @abstractmethod
     def push(self, scan: Scan) -> GuideEvent | None:
@@ -59,8 +66,8 @@ class PressGuide(ABC, Generic[Press]):
 
     @abstractmethod
     def skip(self) -> None:
-        """Leave out what is asked for."""
+        """Leave out what is asked for, and ignore a press that goes on."""
 
     @abstractmethod
     def withdraw(self) -> None:
-        """Forget the last press, and ask for it again."""
+        """Forget the last press and ask for it again; ignore one that goes on."""

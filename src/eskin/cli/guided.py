@@ -300,7 +300,8 @@ def guide_person(
         since = scan.stamp if since is None else since
         was_rest, event = guide.phase == "rest", guide.push(scan)
         limit = wait + guide.rest_seconds * was_rest
-        is_late = scan.stamp - since > limit * NS_PER_S
+        # A press that goes on is waited for.
+        is_late = scan.stamp - since > limit * NS_PER_S and not guide.is_pressed
         told = ""
         if event is not None:
             told = dialogue.describe_event(event)
@@ -327,8 +328,10 @@ def is_skipped(dialogue: Dialogue[Any], page: "CalibrationViewer | None") -> boo
     """Tell whether the person has left out, in the page, what is asked for."""
     if page is None or page.skipped is None or dialogue.guide.phase != "press":
         return False
+    # What was asked of an earlier place is out of date.
+    skipped, page.skipped = page.skipped, None
     place = dialogue.find_place()
-    return place is not None and place.name == page.skipped
+    return place is not None and place.name == skipped
 
 
 def takes_back(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bool:

@@ -146,7 +146,7 @@ class PoseDialogue(Dialogue["PoseGuide"]):
             return f"hands off for {guide.rest_seconds:g} s"
         if guide.phase == "done":
             return ""
-        point = guide.waiting[0]
+        point = guide.points[guide.waiting[0]]
         x, y, z = (1e3 * each for each in point.p_link)
         return (
             f"press at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of its link, on patch "
@@ -170,7 +170,7 @@ class PoseDialogue(Dialogue["PoseGuide"]):
             found = self.guide.estimate(self.guide.presses[-1].point.patch)
         except ValueError:
             return ""
-        half = 1.96 * found.deviations
+        half = found.half_widths
         return (
             f"; so far to {1e3 * half[3:].max():.1f} mm and "
             f"{np.rad2deg(half[:3].max()):.1f} degrees"
@@ -185,16 +185,17 @@ class PoseDialogue(Dialogue["PoseGuide"]):
         guide = self.guide
         if not guide.waiting:
             return None
-        point, skin = guide.waiting[0], guide.skin
+        number, skin = guide.waiting[0], guide.skin
+        point = guide.points[number]
         own, p_link = skin.find_taxels(point.patch), np.array(point.p_link)
         away = np.linalg.norm(skin.positions[own] - p_link, axis=1)
-        name = f"point {guide.count - len(guide.waiting) + 1}"
-        return build_place(name, guide.mounted, int(own[np.argmin(away)]), p_link)
+        taxel = int(own[np.argmin(away)])
+        return build_place(f"point {number + 1}", guide.mounted, taxel, p_link)
 
 
 def describe_estimate(estimate: "PoseEstimate", guide: "PoseGuide") -> str:
     """Describe how a patch is moved, with 95 % intervals of each component."""
-    half = 1.96 * estimate.deviations
+    half = estimate.half_widths
     turn = ", ".join(
         f"{np.rad2deg(value):+.1f} ± {np.rad2deg(each):.1f}"
         for value, each in zip(estimate.rotation, half[:3], strict=True)

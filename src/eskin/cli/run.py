@@ -186,7 +186,8 @@ def run(command: RunCommand) -> dict[str, object]:
             stack.enter_context(node)
             if is_without_joints(command):
                 joints = subscribe_joints(command, node, clock)
-                config = replace(config, joints=joints)
+                if joints is not None:
+                    config = replace(config, joints=stack.enter_context(joints))
         source = open_source(*command.source, config=config, clock=clock)
         stack.enter_context(source)
         info = source.info

@@ -6,6 +6,7 @@ from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.stream import CommandEvent, Context, Listener, Message, found_together
 from eskin.stream.listener import Drop
+from eskin.touch import Scan
 from eskin.units import NS_PER_S, format_count
 
 PATCH_KINDS = {"appeared", "silent", "returned", "slow", "on_rate", "late", "in_time"}
@@ -21,11 +22,12 @@ class TerminalPrinter(Listener):
     """A listener that prints what happens, with seconds since the stream began.
 
     Of faults that are found together, it prints one and counts the others; of patches
-    that appear or become silent together, three.
+    that appear or become silent together, three. Scans tell it that time has passed, so
+    that the count is printed while nothing else happens.
     """
 
     name = "terminal"
-    message_types = (Detection, Event, CommandEvent)
+    message_types = (Detection, Event, CommandEvent, Scan)
     size = 1000
     drop: Drop = "oldest"
 
@@ -34,36 +36,51 @@ class TerminalPrinter(Listener):
         self.first = context.clock.now()
         self.fault: Event | None = None
         self.last: Event | None = None
-        self.row = self.more = 0
+        self.together: list[str] = []
+        self.more = 0
         self.counted = ""
         print(f"{'time':>8}  {'what':12} {'conf':>4}  where", flush=True)
 
     def on_message(self, item: Message) -> None:
         """Print a message, unless it is one of many of its kind at once."""
-        if not isinstance(item, Detection | Event | CommandEvent):
-            return
-        if isinstance(item, Event):
-            counted = "fault" if found_together(self.fault, item) else ""
-            counted = "patch" if self.follows_many(item) else counted
-            if counted:
-                self.more, self.counted = self.more + 1, counted
+        if isinstance(item, Scan):
+            if self.last is not None and item.stamp - self.last.stamp > TOGETHER:
+                self.close()
+        elif isinstance(item, Detection | Event | CommandEvent):
+            if isinstance(item, Event) and self.is_counted(item):
                 return
-        self.close()
-        self.fault = item if isinstance(item, Event) else None
-        self.write(item)
+            self.close()
+            self.fault = item if isinstance(item, Event) else None
+            self.write(item)
 
-    def follows_many(self, event: Event) -> bool:
-        """Return whether an event of a patch follows others of its kind at once."""
+    def is_counted(self, event: Event) -> bool:
+        """Count an event that is one of many of its kind at once; return whether it is.
+
+        Faults are counted, and patches, each once however many events it has.
+        """
+        is_new = self.gather(event)
+        if event.patch in self.together[LISTED:]:
+            self.more, self.counted = self.more + is_new, "patch"
+            return True
+        if found_together(self.fault, event):
+            self.more, self.counted = self.more + 1, "fault"
+            return True
+        return False
+
+    def gather(self, event: Event) -> bool:
+        """Collect patches with events of one kind at once; return whether it is new."""
         last, self.last = self.last, event
         is_next = (
             last is not None
-            and event.patch is not None
             and event.kind == last.kind
-            and event.kind in PATCH_KINDS
             and event.stamp - last.stamp <= TOGETHER
         )
-        self.row = self.row + 1 if is_next else 1
-        return self.row > LISTED
+        if not is_next:
+            self.together = []
+        is_new = event.kind in PATCH_KINDS and event.patch not in self.together
+        if is_new and event.patch is not None:
+            self.together.append(event.patch)
+        return is_new
 
     def write(self, item: Detection | Event | CommandEvent) -> None:
         """Print one line."""

@@ -326,6 +326,11 @@ class PressDetector:
         self.since: int | None = None
         self.force = 0.0
         self.taxel = -1
+        self.dropped = False
+
+    def drop(self) -> None:
+        """Ignore the press that goes on, if any, until it has ended."""
+        self.dropped = self.since is not None
 
     def push(self, state: TouchState) -> int | None:
         """Process the state at the next reading.
@@ -343,8 +348,8 @@ class PressDetector:
                 self.force = contact.force
                 self.taxel = int(contact.taxels[np.argmax(pressure)])
             return None
-        since, taxel = self.since, self.taxel
-        self.since, self.force, self.taxel = None, 0.0, -1
-        if since is None or stamp - since < MIN_PRESS_SECONDS * NS_PER_S:
+        since, taxel, dropped = self.since, self.taxel, self.dropped
+        self.since, self.force, self.taxel, self.dropped = None, 0.0, -1, False
+        if since is None or dropped or stamp - since < MIN_PRESS_SECONDS * NS_PER_S:
             return None
         return taxel

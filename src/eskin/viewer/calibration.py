@@ -25,8 +25,8 @@ class CalibrationViewer:
     Attributes:
         opened: flag set once a browser has opened the page.
         closed: flag set once the person has closed it by its button.
-        skipped: patch or point that the person wants to leave out; None before the
-            first.
+        skipped: patch or point that the person wants to leave out; None where nothing
+            is to be left out.
         repeated: number of presses of which the person wants to repeat the last; None
             where nothing is to be repeated.
     """
