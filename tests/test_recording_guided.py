@@ -75,6 +75,21 @@ def test_gesture_that_is_left_out_is_asked_for_no_more():
     assert guide.request == "none"
 
 
+@pytest.mark.parametrize("gestures", [("knock", "none"), ("knock",)])
+def test_touch_during_which_its_gesture_is_left_out_is_no_take(gestures):
+    guide = make_guide(gestures)
+    for scan in make_scans([(4.0, 5.0)], 8.0):
+        event = guide.push(scan)
+        if event is not None and event.kind == "began":
+            guide.skip()
+        if event is not None and event.kind == "refused":
+            assert "meanwhile" in event.text
+            break
+    else:
+        pytest.fail("no touch was refused")
+    assert not guide.takes
+
+
 @pytest.mark.parametrize(
     ("touch", "counts", "reason"),
     [((4.0, 4.5 + LONGEST), 200, "lasted"), ((4.0, 4.5), 5000, "full scale")],

@@ -102,6 +102,7 @@ class TakeGuide:
         self.rested_since: int | None = None
         self.is_ready = False
         self.touch: TouchSummary | None = None
+        self.requested: str | None = None
 
     def count_takes(self, gesture: str) -> int:
         """Return the number of takes of a gesture so far."""
@@ -142,6 +143,7 @@ class TakeGuide:
         if self.touch is None:
             if not state.open:
                 return None
+            self.requested = self.request
             self.touch = TouchSummary(min(touch.onset for touch in state.open))
             self.touch.add(scan, state, self.calibration.full_scale)
             return TakeEvent("began")
@@ -149,10 +151,12 @@ class TakeGuide:
             self.touch.add(scan, state, self.calibration.full_scale)
             return None
         ended, self.touch = self.touch, None
-        text = ended.describe_refusal()
-        if text:
+        gesture, text = self.requested, ended.describe_refusal()
+        if gesture is None or gesture != self.request:
+            text = "another gesture was asked for meanwhile"
+        if gesture is None or text:
             return TakeEvent("refused", text)
-        take = ended.build_take(self.request or "")
+        take = ended.build_take(gesture)
         self.takes.append(take)
         self.is_last_kept = False
         return TakeEvent("taken" if self.request else "done", take=take)
