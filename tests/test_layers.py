@@ -61,7 +61,7 @@ INSIDE = {
         "interactive": ("dataset",),
     },
 }
-TOP = {"cli", "app", "__init__"}
+TOP = {"cli", "app", "__init__", "__main__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}
 CORE = set(BELOW) - {"nn", "learn", "bench"}
 # Modules and calls by which bytes of others become code.
