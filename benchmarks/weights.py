@@ -78,9 +78,9 @@ WEIGHTS = {
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
     "groups-p0": Recipe("ur5-sim", (0,), 8, 250, grouped=True),
     "groups-p1": Recipe("ur5-sim", (1,), 8, 250, grouped=True),
-    "all-families": Recipe("", (), 8, 250),
+    "all-families": Recipe("", (), 4, 250),
     **{
-        f"without-{family}": Recipe("", (), 8, 250, left_out=family)
+        f"without-{family}": Recipe("", (), 4, 250, left_out=family)
         for family in FAMILIES
     },
 }
