@@ -4,9 +4,10 @@
     python -m benchmarks.left_out_families --sets SETS --models FOLDER
 
 The weights `all-families` and `without-FAMILY` of each family, all of which the first
-command makes, are trained equally long, and tested on the clips of the validation set of all families. What is lost is the difference on the
-family that was left out, with a 95 % interval from drawing the sessions anew; each
-session has a build and a person of its own.
+command makes, are trained equally long, and tested on the clips of the validation set
+of all families. What is lost is the difference on the family that was left out, with a
+95 % interval from drawing the sessions anew; each session has a build and a person of
+its own.
 """
 
 from dataclasses import dataclass
