@@ -12,14 +12,15 @@ COMMANDS = [path for path in MODULES if path.parent.name == "cli"]
 
 
 def find_nouns():
-    """Return the nouns that are counted anywhere."""
+    """Return the nouns that are counted anywhere, but for those in variables."""
     calls = (
         node
         for path in MODULES
         for node in parse_module(path)
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "format_count"
     )
-    return sorted({ast.literal_eval(call.args[1]) for call in calls})
+    nouns = (call.args[1] for call in calls)
+    return sorted({noun.value for noun in nouns if isinstance(noun, ast.Constant)})
 
 
 def find_bare_plurals(path, plurals):

@@ -220,8 +220,9 @@ def print_report(report: dict[str, object], command: DesignCommand) -> None:
     )
     if command.poses:
         print(
-            f"{report['taxels_close']} taxels come within {command.clearance:g} mm of "
-            f"another link in one of {command.poses} poses of all joints at once"
+            f"within {command.clearance:g} mm of another link, in one of {command.poses} "
+            "poses of all joints at once: "
+            f"{format_count(report['taxels_close'], 'taxel')}"
         )
     print(
         f"traces: {report['wiring_m']} m, {report['trace_pitch_mm']} mm apart or more; "
