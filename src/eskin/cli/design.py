@@ -220,8 +220,8 @@ def print_report(report: dict[str, object], command: DesignCommand) -> None:
     )
     if command.poses:
         print(
-            f"within {command.clearance:g} mm of another link, in one of {command.poses} "
-            "poses of all joints at once: "
+            f"in one of {command.poses} poses of all joints at once, within "
+            f"{command.clearance:g} mm of another link: "
             f"{format_count(report['taxels_close'], 'taxel')}"
         )
     print(
