@@ -55,6 +55,9 @@ class Command:
 
     times: int = 20
     """Number of times that each fault is injected, and that each command is given."""
+    time_factor: float = 1.0
+    """Factor on how long controller and computer may be silent; above 1 on a computer
+    that is too busy for the robot's watchdog, where stops by it take as much longer."""
 
 
 def main() -> None:
@@ -63,7 +66,7 @@ def main() -> None:
     skin = load_skin("ur5")
     print("fault                     held p50  max   stands p50  max  [ms]")
     with StandIn(FAR.waypoints[0].q) as stand_in:
-        with UrArm(UrLink(stand_in.host, 0), FAR) as arm:
+        with UrArm(UrLink(stand_in.host, 0, command.time_factor), FAR) as arm:
             for name, (inject, remove) in faults(stand_in, arm, skin).items():
                 rows = [
                     measure_fault(stand_in, arm, inject, remove)
