@@ -154,13 +154,10 @@ class CalibrationDialogue(Dialogue["CalibrationGuide"]):
         """Keep the guide."""
         self.guide = guide
 
-    def describe_request(self) -> str:
-        """Describe what to do now; empty where nothing is to be done."""
-        guide = self.guide
-        if guide.phase == "rest":
-            return f"hands off for {guide.rest_seconds:g} s"
-        request = guide.request
-        if guide.phase != "press" or request is None:
+    def describe_press(self) -> str:
+        """Describe where to press now; empty where nothing is to be pressed."""
+        guide, request = self.guide, self.guide.request
+        if request is None:
             return ""
         count = guide.count_presses(request.patch)
         force = "" if request.force is None else f" with {request.force:g} N"

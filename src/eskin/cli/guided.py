@@ -123,9 +123,16 @@ class Dialogue(ABC, Generic[Guide]):
 
     guide: Guide
 
-    @abstractmethod
     def describe_request(self) -> str:
         """Describe what to do now; empty where nothing is to be done."""
+        guide = self.guide
+        if guide.phase == "rest":
+            return f"hands off for {guide.rest_seconds:g} s"
+        return self.describe_press() if guide.phase == "press" else ""
+
+    @abstractmethod
+    def describe_press(self) -> str:
+        """Describe where to press now; empty where nothing is to be pressed."""
 
     @abstractmethod
     def describe_event(self, event: "GuideEvent") -> str:

@@ -139,13 +139,9 @@ class PoseDialogue(Dialogue["PoseGuide"]):
         """Keep the guide."""
         self.guide = guide
 
-    def describe_request(self) -> str:
-        """Describe what to do now; empty where nothing is to be done."""
+    def describe_press(self) -> str:
+        """Describe where to press now; empty where nothing is to be pressed."""
         guide = self.guide
-        if guide.phase == "rest":
-            return f"hands off for {guide.rest_seconds:g} s"
-        if guide.phase == "done":
-            return ""
         point = guide.points[guide.waiting[0]]
         x, y, z = (1e3 * each for each in point.p_link)
         return (

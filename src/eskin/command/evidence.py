@@ -199,17 +199,18 @@ class EvidenceMonitor:
             evidence: evidence of the touch that presses them.
             pressed: taxels that are pressed now and not doubtful.
         """
+        if len(pressed) > self.config.path_width:
+            evidence.path = {}
+            return pressed
         limit = self.stamp - self.config.path_seconds * NS_PER_S
         path = {i: at for i, at in evidence.path.items() if at >= limit}
-        new = set(pressed.tolist()) - set(path)
-        if not all(self.has_neighbour(taxel, set(path)) for taxel in new):
+        known, now = set(path), set(pressed.tolist())
+        if not all(self.has_neighbour(taxel, known) for taxel in now - known):
             path = {}
-        is_narrow = len(pressed) <= self.config.path_width
-        path = path | dict.fromkeys(pressed.tolist(), self.stamp) if is_narrow else {}
-        evidence.path = path
-        if len(path) < self.config.path:
+        evidence.path = path | dict.fromkeys(now, self.stamp)
+        if len(evidence.path) < self.config.path:
             return pressed
-        return np.array(list(path), dtype=np.int64)
+        return np.array(list(evidence.path), dtype=np.int64)
 
     def find_sound_reading(
         self,
@@ -227,7 +228,10 @@ class EvidenceMonitor:
         strong = pressed[pressure[pressed] >= self.config.strong]
         if not self.has_support(strong, support):
             return None
-        for line in [*self.find_lines(support), *self.find_lines(pressed)]:
+        lines = self.find_lines(pressed)
+        if support is not pressed:
+            lines += self.find_lines(support)
+        for line in lines:
             most = self.config.line_share * np.count_nonzero(line)
             active = np.count_nonzero(pressure[line] >= self.config.weak)
             if active > len(pressed) or active > most:
@@ -238,9 +242,8 @@ class EvidenceMonitor:
         self, strong: Int[np.ndarray, "strong"], pressed: Int[np.ndarray, "pressed"]
     ) -> bool:
         """Return whether a pressed taxel lies beside a strongly pressed one."""
-        return any(
-            self.has_neighbour(i, set(pressed.tolist())) for i in strong.tolist()
-        )
+        support = set(pressed.tolist())
+        return any(self.has_neighbour(taxel, support) for taxel in strong.tolist())
 
     def has_neighbour(self, taxel: int, others: set[int]) -> bool:
         """Return whether a taxel lies beside one of some others."""
