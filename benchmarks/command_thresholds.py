@@ -10,10 +10,11 @@ the command adds up, for every threshold, what it would have cost: `COSTS` state
 cost of a touch that asks for the action and does not get it, and of another touch or an
 accident that gets it. Of unasked commands few are seen, so their upper limit counts
 (95 %, of a Poisson law). The threshold of least cost is chosen; of equal ones the
-lowest for a stop, and the highest for all else. So is the probability from which a
-moving arm stands for a possible stop. The chosen figures belong into `MIN_CONFIDENCE`
-and `STAND_CONFIDENCE` of `eskin.command.actions`. A last table compares the gestures
-that could let an arm go on.
+lowest for a stop, and the highest for all else. So are the probability from which a
+moving arm stands for a possible stop, and how long a touch lasts at least that makes
+the arm do more. The chosen figures belong into `MIN_CONFIDENCE` and `STAND_CONFIDENCE`
+of `eskin.command.actions`, and into `PolicyConfig.min_duration`. A last table compares
+the gestures that could let an arm go on.
 """
 
 import json
@@ -29,7 +30,7 @@ import tyro
 from scipy.stats import chi2
 
 from benchmarks.tables import format_head, format_row
-from eskin.command import HALTING_ACTIONS
+from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS
 from eskin.demo import CommandScore, DemoConfig, SimulatedUserConfig
 from eskin.demo.headless import run_build
 from eskin.live import UNKNOWN, Detection
@@ -64,6 +65,9 @@ WAIT_COST = 0.1
 
 GRID = tuple(np.round(np.arange(0.05, 1.0, 0.01), 2).tolist())
 """Thresholds that are compared."""
+
+DURATIONS = tuple(np.round(np.arange(0.0, 0.41, 0.02), 2).tolist())
+"""Least durations that are compared [s]."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,13 @@ class TouchTrace:
     """Time of the detection since the onset of the simulated touch [s]."""
     length: float = 0.0
     """Duration of the simulated touch [s]."""
+
+    @property
+    def duration(self) -> float:
+        """Return the time from its first to its latest contact [s]."""
+        pairs = zip(self.seconds, self.contact, strict=True)
+        times = [at for at, contact in pairs if contact]
+        return times[-1] - times[0] if times else 0.0
 
     def confidence(self, gesture: str) -> float:
         """Return the highest confidence that the policy would see after detection.
@@ -298,7 +309,12 @@ def read_traces(path: Path) -> list[TouchTrace]:
 
 
 def choose(
-    action: str, gesture: str, miss: float, wrong: float, traces: list[TouchTrace]
+    action: str,
+    gesture: str,
+    miss: float,
+    wrong: float,
+    traces: list[TouchTrace],
+    duration: float = 0.0,
 ) -> Choice:
     """Choose the threshold of an action.
 
@@ -308,10 +324,14 @@ def choose(
         miss: cost of a touch that asks for it and does not get it.
         wrong: cost of another touch that gets it.
         traces: all tracked touches.
+        duration: least duration of a touch that makes the arm do more [s].
     """
     stops = action in HALTING_ACTIONS
+    least = 0.0 if action in REDUCING_ACTIONS else duration
     used = [trace for trace in traces if trace.works or not stops]
-    values = np.array([trace.value(action, gesture) for trace in used])
+    values = np.array(
+        [trace.value(action, gesture) * (trace.duration >= least) for trace in used]
+    )
     asks = np.array([trace.true == gesture for trace in used])
     choices = []
     for threshold in GRID:
@@ -323,6 +343,24 @@ def choose(
     least = min(choice.cost for choice in choices)
     equal = [choice for choice in choices if choice.cost == least]
     return equal[0] if stops else equal[-1]
+
+
+def choose_duration(traces: list[TouchTrace]) -> float:
+    """Choose how long a touch lasts at least that makes the arm do more [s].
+
+    Each duration is judged by the least costs of all actions that it applies to.
+    """
+    costs = {
+        action: cost for action, cost in COSTS.items() if action not in REDUCING_ACTIONS
+    }
+    totals = [
+        sum(
+            choose(action, *cost, traces, duration).cost
+            for action, cost in costs.items()
+        )
+        for duration in DURATIONS
+    ]
+    return DURATIONS[int(np.argmin(totals))]
 
 
 def choose_standing(
@@ -393,9 +431,11 @@ def main() -> None:
     hours = command.minutes / 60.0
     accidents = sum(trace.true == NONE for trace in caused)
     print(f"{len(caused)} touches, {accidents} of them accidents, in {hours:.2f} hours")
+    duration = choose_duration(caused)
+    print(f"what makes the arm do more lasts {duration:g} s or longer")
     print(format_head(HEAD))
-    for action, (gesture, miss, wrong) in COSTS.items():
-        print(format_choice(choose(action, gesture, miss, wrong, caused), hours))
+    for action, cost in COSTS.items():
+        print(format_choice(choose(action, *cost, caused, duration), hours))
     gesture, miss, _ = COSTS["pause"]
     standing, delays = choose_standing(gesture, miss, caused)
     print(format_choice(standing, hours))
@@ -406,8 +446,9 @@ def main() -> None:
     print("gestures that could let an arm go on, by the cost of resume:")
     print(format_head(HEAD))
     for gesture in ("double_pat", "grab", "poke", "stroke"):
-        _, miss, wrong = COSTS["resume"]
-        print(format_choice(choose("resume", gesture, miss, wrong, caused), hours))
+        cost = COSTS["resume"][1:]
+        choice = choose("resume", gesture, *cost, caused, duration)
+        print(format_choice(choice, hours))
 
 
 if __name__ == "__main__":

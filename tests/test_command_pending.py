@@ -105,6 +105,25 @@ def test_doubtful_touch_has_two_seconds_to_become_confident(seconds, accepted):
     assert accepted or "0.85" in scene.last_reason
 
 
+@pytest.mark.parametrize("seconds", [0.1, 0.2, 0.24])
+def test_touch_as_brief_as_a_bump_never_makes_the_arm_do_more(seconds):
+    scene = make_paused_scene(commands=TOGGLE)
+    number = scene.begin_detected(seconds=seconds)
+    scene.lift(number)
+    scene.wait(0.5)
+    scene.close(number)
+    assert scene.arm.paused and "lasted" in scene.last_reason
+
+
+@pytest.mark.parametrize(("gesture", "action"), [("stroke", "slow"), ("poke", "pause")])
+def test_touch_as_brief_as_a_bump_may_make_the_arm_do_less(gesture, action):
+    scene = Scene()
+    number = scene.begin_detected(gesture, seconds=0.1)
+    scene.lift(number)
+    scene.wait(0.3)
+    assert scene.accepted == [action]
+
+
 def test_heir_of_pending_touch_becomes_pending():
     scene, number = ask_to_resume(DOUBTFUL)
     scene.lift(number)

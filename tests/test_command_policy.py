@@ -484,7 +484,7 @@ def test_arm_goes_on_once_possible_stop_is_recognised_as_something_else():
     scene.step()
     scene.touches[number].gesture, scene.touches[number].confidence = "grab", 0.99
     scene.detect(number)
-    scene.wait(0.1)
+    scene.wait(0.3)
     assert scene.accepted == ["close_gripper"] and scene.arm.speed_limit == 1.0
 
 
@@ -534,7 +534,7 @@ def test_uncertain_touch_does_nothing_and_is_shown_as_not_understood():
 
 def test_command_names_touch_and_patch_that_gave_it():
     scene = Scene()
-    number = scene.begin_detected("double_pat")
+    number = scene.begin_detected("double_pat", seconds=0.3)
     scene.step()
     (event,) = scene.events
     assert (event.touch, event.patch) == (number, PATCH.id)

@@ -5,6 +5,7 @@ import pytest
 from benchmarks.command_thresholds import (
     TouchTrace,
     choose,
+    choose_duration,
     compute_wilson,
     read_traces,
     write_traces,
@@ -30,12 +31,13 @@ SECOND = 1_000_000_000
 
 
 def trace(true, confidence, detected="grab", **changes):
-    """Return the trace of a touch with one reading, detected at once."""
+    """Return the trace of a touch with one reading, detected at once, or with more."""
     known = {"grab": confidence, "poke": confidence, "none": 1.0 - confidence}
-    values = {"true": true, "cause": 1, "detected": detected} | changes
-    return TouchTrace(
-        seconds=[0.1], probabilities=[known], contact=[True], detected_at=0.1, **values
-    )
+    known["double_pat"] = confidence
+    values = {"true": true, "cause": 1, "detected": detected, "seconds": [0.1]}
+    values |= {"detected_at": 0.1} | changes
+    count = len(values["seconds"])
+    return TouchTrace(probabilities=[known] * count, contact=[True] * count, **values)
 
 
 def test_threshold_separates_what_was_asked_for_from_what_was_not():
@@ -51,6 +53,17 @@ def test_dear_error_raises_threshold_at_the_price_of_missed_touches():
     dear = choose("close_gripper", "grab", 1.0, 50.0, traces)
     assert cheap.threshold < 0.8 < dear.threshold
     assert cheap.wrong == 3 and dear.wrong == 0 and dear.missed > cheap.missed
+
+
+def test_duration_separates_bumps_from_touches_that_are_recognised_as_surely():
+    touches = [trace("double_pat", 0.9, "double_pat", seconds=[0.0, 0.4])] * 50
+    bumps = [trace("none", 0.95, "double_pat", seconds=[0.0, 0.2])] * 20
+    duration = choose_duration([*touches, *bumps])
+    assert 0.2 < duration <= 0.4
+    briefer = choose("resume", "double_pat", 1.0, 20.0, [*touches, *bumps], duration)
+    assert (briefer.missed, briefer.wrong) == (0, 0)
+    stopping = [trace("poke", 0.9, "poke", seconds=[0.0, 0.1])] * 20
+    assert choose("pause", "poke", 5.0, 1.0, stopping, duration).missed == 0
 
 
 def test_stop_is_given_by_unknown_touches_and_counts_only_at_work():

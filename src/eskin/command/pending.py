@@ -34,6 +34,9 @@ class PendingCommand:
     touch: int
     """Id of the touch, or of the touch that has taken it over."""
 
+    end: int
+    """Stamp of the latest contact of the touch [ns since the epoch]."""
+
     closed: bool = False
     """Whether the touch has closed, so that its confidence is final."""
 
@@ -41,6 +44,11 @@ class PendingCommand:
     def confident(self) -> bool:
         """Return whether its confidence suffices."""
         return self.confidence >= self.required
+
+    @property
+    def duration(self) -> float:
+        """Return the time from the first to the latest contact of the touch [s]."""
+        return (self.end - self.detection.onset) / NS_PER_S
 
     def update(
         self, recognition: RecognitionState, vocabulary: tuple[str, ...]
@@ -51,10 +59,15 @@ class PendingCommand:
             recognition: a state not earlier than the detection.
             vocabulary: gestures in the order of the probabilities.
         """
-        for touch in recognition.state.closed:
+        state = recognition.state
+        for touch in state.closed:
             if touch.id == self.touch:
                 self.closed = not touch.merged_into
                 self.touch = touch.merged_into or self.touch
+        lasts = [
+            one.last for one in (*state.open, *state.closed) if one.id == self.touch
+        ]
+        self.end = max(self.end, *lasts) if lasts else self.end
         probabilities = recognition.probabilities.get(self.touch)
         if probabilities is not None:
             index = vocabulary.index(self.detection.gesture)

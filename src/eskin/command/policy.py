@@ -56,6 +56,11 @@ class PolicyConfig:
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     """How much of a touch must be sound for more than a stop."""
 
+    min_duration: float = 0.28
+    """Least time from the first to the latest contact of a touch that makes the arm do
+    more than before [s]; what bumps into a skin and rebounds is briefer than most double
+    pats. Chosen by `python -m benchmarks.command_thresholds`."""
+
     min_pause: float = 1.0
     """Least duration of a pause [s]."""
 
@@ -337,6 +342,7 @@ class Policy(Listener):
                 required=required,
                 confidence=detection.confidence,
                 touch=detection.touch,
+                end=detection.end,
             )
             self.pending.append(pending)
             return
@@ -468,15 +474,28 @@ class Policy(Listener):
         ended = untouched >= self.config.min_release * NS_PER_S
         ended = ended and self.monitor.has_data(detection.patch)
         late = self.context.age(detection.stamp) > self.config.max_delay
-        sound = action in HALTING_ACTIONS or self.evidence.suffices(pending.touch)
+        doubt = self.find_doubt(pending)
         if refusal is None and action in STARTING_ACTIONS and not ended:
             if late:
                 self.complete_pending(pending, GOES_ON)
-        elif refusal is not None or (pending.confident and sound):
+        elif refusal is not None or doubt is None:
             self.complete_pending(pending, refusal)
         elif late or pending.closed:
-            doubt = describe_doubt(pending)
-            self.complete_pending(pending, doubt if sound else UNSOUND)
+            self.complete_pending(pending, doubt)
+
+    def find_doubt(self, pending: PendingCommand) -> str | None:
+        """Return why a touch may be no command after all, or None where it surely is."""
+        action, least = pending.action, self.config.min_duration
+        if action not in HALTING_ACTIONS and not self.evidence.suffices(pending.touch):
+            return UNSOUND
+        if not pending.confident:
+            return describe_doubt(pending)
+        if action not in REDUCING_ACTIONS and pending.duration < least:
+            return (
+                f"its touch lasted {pending.duration:.2f} s, as a bump may; what makes "
+                f"the arm do more lasts {least:g} s or longer: do it again, more slowly"
+            )
+        return None
 
     def complete_pending(self, pending: PendingCommand, refusal: str | None) -> None:
         """Remove a pending command; execute it unless it is refused."""
