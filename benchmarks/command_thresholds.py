@@ -33,6 +33,7 @@ from benchmarks.tables import format_head, format_row
 from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS
 from eskin.demo import CommandScore, DemoConfig, SimulatedUserConfig
 from eskin.demo.headless import run_build
+from eskin.errors import ArmError
 from eskin.live import UNKNOWN, Detection
 from eskin.model import load_model
 from eskin.recording import NONE
@@ -97,11 +98,11 @@ class Command:
     """Choose the confidence that each action needs."""
 
     minutes: float = 72.0
-    """Simulated time [min]; that of the stored traces where they are read."""
+    """Simulated time [min]."""
     builds: tuple[BuildKind, ...] = ("fresh", "shifted", *FAMILIES)
     """Kinds of builds, in turn."""
     build_seconds: float = 120.0
-    """Simulated time of one build [s]."""
+    """Simulated time of one build [s], also of stored traces."""
     pause: tuple[float, float] = (0.6, 0.8)
     """Shortest and longest time from one touch to the next [s]."""
     seed: int = 7000
@@ -112,8 +113,8 @@ class Command:
     """Name of weights that come with eskin, or a model file."""
     traces: Path | None = None
     """Path of a file to store the traces in."""
-    read: Path | None = None
-    """Path of stored traces to choose from, without simulating."""
+    read: tuple[Path, ...] = ()
+    """Paths of stored traces to choose from, without simulating."""
 
 
 @dataclass
@@ -268,7 +269,7 @@ class TraceListener(Listener):
 
 
 def collect(plan: tuple[float, DemoConfig, int]) -> list[TouchTrace]:
-    """Return the traces of one build."""
+    """Return the traces of one build; none where its skin is too slow for an arm."""
     seconds, config, seed = plan
     listeners: list[TraceListener] = []
     vocabulary = load_model(config.model).card.vocabulary
@@ -277,7 +278,10 @@ def collect(plan: tuple[float, DemoConfig, int]) -> list[TouchTrace]:
         listeners.append(TraceListener(score, vocabulary, seed))
         return list(listeners)
 
-    run_build(seconds, config, seed, watch)
+    try:
+        run_build(seconds, config, seed, watch)
+    except ArmError:
+        return []
     return listeners[0].finish()
 
 
@@ -424,11 +428,13 @@ HEAD = ["action", "gesture", "confidence", "obeyed", "unasked", "unasked an hour
 def main() -> None:
     """Print the tables."""
     command = tyro.cli(Command)
-    traces = read_traces(command.read) if command.read else collect_all(command)
+    stored = [trace for path in command.read for trace in read_traces(path)]
+    traces = stored or collect_all(command)
     if command.traces is not None:
         write_traces(command.traces, traces)
     caused = [trace for trace in traces if trace.cause is not None]
-    hours = command.minutes / 60.0
+    builds = {trace.build for trace in traces}
+    hours = len(builds) * command.build_seconds / 3600.0
     accidents = sum(trace.true == NONE for trace in caused)
     print(f"{len(caused)} touches, {accidents} of them accidents, in {hours:.2f} hours")
     duration = choose_duration(caused)

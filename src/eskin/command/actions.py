@@ -35,10 +35,10 @@ MIN_CONFIDENCE = {
     "jog": 0.95,
     "close_gripper": 0.96,
     "open_gripper": 0.98,
-    "next_waypoint": 0.87,
-    "previous_waypoint": 0.87,
-    "normal": 0.89,
-    "resume": 0.97,
+    "next_waypoint": 0.71,
+    "previous_waypoint": 0.71,
+    "normal": 0.76,
+    "resume": 0.76,
 }
 """Default confidence that each action needs, by what errors of it cost.
 

@@ -1,6 +1,6 @@
 """This module judges whether a touch can be a fault of the skin."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass, field
 from typing import final
 
@@ -24,8 +24,12 @@ class EvidenceConfig:
     weak: float = 0.7
     """Pressure on a taxel beside it that it needs too [kPa]."""
 
-    line_share: float = 0.25
+    line_share: float = 0.34
     """Share of a row or column that a touch may cover that lies in it alone."""
+
+    doubted_share: float = 0.2
+    """Share of a row or column that must be doubtful, and active lately, so that none
+    of its taxels counts in the readings before."""
 
     readings: int = 2
     """Number of readings in which it needs all this."""
@@ -94,8 +98,10 @@ class EvidenceMonitor:
     too, or was lately by a fingertip that slides from taxel to taxel. If all of the
     touch lies in one row or column, it covers a small part of it, and the rest is not
     pressed. Taxels that are doubtful, as faulty ones are, or of a patch that is active
-    as a whole, do not count. When a taxel becomes doubtful, it and the taxels of its
-    row and its column no longer count in the readings before.
+    as a whole, do not count. When a taxel becomes doubtful, it no longer counts in the
+    readings before. Nor do the taxels of its row and its column if the touch presses
+    it, or if several taxels of that line are doubtful and active: a line that is not
+    connected shows itself taxel by taxel.
     """
 
     def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
@@ -106,6 +112,7 @@ class EvidenceMonitor:
         self.rows, self.columns = np.asarray(skin.rows), np.asarray(skin.columns)
         self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
+        self.active_at = np.zeros(skin.count, np.int64)
         self.stamp = 0
         self.touches: dict[int, Evidence] = {}
 
@@ -115,9 +122,11 @@ class EvidenceMonitor:
         stamp = state.reading.stamp
         before = self.stamp or stamp
         self.stamp = stamp
+        self.active_at[state.reading.pressure >= self.config.weak] = stamp
         if state.doubtful is not self.doubtful:
-            self.reset_doubted(np.flatnonzero(state.doubtful & ~self.doubtful))
+            new = np.flatnonzero(state.doubtful & ~self.doubtful)
             self.doubtful = state.doubtful
+            self.reset_doubted(new)
         if not state.open and not self.touches:
             return
         for touch in state.closed:
@@ -147,20 +156,45 @@ class EvidenceMonitor:
         return len(evidence.readings) >= self.config.readings
 
     def reset_doubted(self, taxels: Int[np.ndarray, "doubted"]) -> None:
-        """Take doubtful taxels, their rows and columns out of the readings before."""
+        """Take taxels that became doubtful, and their lines, out of readings before."""
         if not self.touches:
             return
         believed = np.ones(len(self.rows), bool)
+        believed[taxels] = False
+        limit = self.stamp - self.config.keep_seconds * NS_PER_S
+        active = self.doubtful & (self.active_at >= limit)
         for taxel in taxels.tolist():
             for line in self.select_lines(taxel):
-                believed &= ~line
+                if active[line].mean() >= self.config.doubted_share:
+                    believed &= ~line
+        doubted = set(taxels.tolist())
         for evidence in self.touches.values():
-            evidence.path = {i: at for i, at in evidence.path.items() if believed[i]}
-            evidence.readings = [
-                left
-                for reading in evidence.readings
-                if (left := self.reduce_reading(reading, believed)) is not None
-            ]
+            self.reduce_evidence(evidence, doubted, believed)
+
+    def reduce_evidence(
+        self,
+        evidence: Evidence,
+        doubted: Set[int],
+        believed: Bool[np.ndarray, "taxel"],
+    ) -> None:
+        """Keep what can be believed of the readings of a touch.
+
+        Args:
+            evidence: evidence of the touch.
+            doubted: taxels that became doubtful; if the touch has pressed one of them,
+                the row and the column of it are not believed either.
+            believed: taxels that can be believed.
+        """
+        known = {int(i) for reading in evidence.readings for i in reading.pressed}
+        for taxel in doubted & (known | evidence.path.keys()):
+            for line in self.select_lines(taxel):
+                believed = believed & ~line
+        evidence.path = {i: at for i, at in evidence.path.items() if believed[i]}
+        evidence.readings = [
+            left
+            for reading in evidence.readings
+            if (left := self.reduce_reading(reading, believed)) is not None
+        ]
 
     def reduce_reading(
         self, reading: SoundReading, believed: Bool[np.ndarray, "taxel"]

@@ -58,8 +58,8 @@ class PolicyConfig:
 
     min_duration: float = 0.28
     """Least time from the first to the latest contact of a touch that makes the arm do
-    more than before [s]; what bumps into a skin and rebounds is briefer than most double
-    pats. Chosen by `python -m benchmarks.command_thresholds`."""
+    more than before [s]; what bumps into a skin and rebounds is briefer than most
+    double pats. Chosen by `python -m benchmarks.command_thresholds`."""
 
     min_pause: float = 1.0
     """Least duration of a pause [s]."""
@@ -484,7 +484,7 @@ class Policy(Listener):
             self.complete_pending(pending, doubt)
 
     def find_doubt(self, pending: PendingCommand) -> str | None:
-        """Return why a touch may be no command after all, or None where it surely is."""
+        """Return why a touch may be no command after all, or None where it is one."""
         action, least = pending.action, self.config.min_duration
         if action not in HALTING_ACTIONS and not self.evidence.suffices(pending.touch):
             return UNSOUND
