@@ -4,7 +4,9 @@
     python -m benchmarks.few_examples --work FOLDER --examples 1 --repeats 1 \
         --cap 4 --held 1 --epochs 1 --steps 4
 
-The second form shows in three minutes that all of it runs; the first takes some hours.
+The second form shows in three minutes that all of it runs; the first takes some hours
+on one core. With `--keep` the results of each draw are kept in a file, and what is
+there is not measured again.
 The 12 groups of gestures of SocialTouch, played as by a live device. For each person
 and draw some repetitions of each group are held out; of the others 1, 2, 5 and so on of
 each group are learned from, then all. Tested on the held-out repetitions of the same
@@ -16,12 +18,14 @@ wrong. Intervals are bootstrapped over people and draws.
 
 import json
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import torch
 import tyro
 from jaxtyping import Float, Int
 
@@ -79,11 +83,11 @@ class Command:
     steps: int = 40
     """Steps of an epoch."""
     workers: int = 1
-    """Threads of a training."""
+    """Number of processes."""
     methods: tuple[Method, ...] = METHODS
     """Methods to compare."""
-    json: Path | None = None
-    """Path of a JSON file with all accuracies."""
+    keep: Path | None = None
+    """File to which results are appended, and of which they are read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,21 +128,45 @@ class Result:
     """Number of the draw."""
     accuracy: float
     """Share of the held-out repetitions that were right."""
+    steps: int
+    """Number of steps of a training."""
 
 
 def main() -> None:
     """Measure, and print the tables."""
     command = tyro.cli(Command)
     started = time.monotonic()
-    examples, model = build_examples(command), load_model(command.model)
-    results = list(measure(command, examples, model))
+    results = run(command)
     for same in (True, False):
         print("\nsame person" if same else "\nanother person")
         print(format_table(command, results, same))
-    if command.json is not None:
-        rows = [vars(result) for result in results]
-        command.json.write_text(json.dumps(rows, indent=1) + "\n")
     print(f"\n{time.monotonic() - started:.0f} s")
+
+
+def run(command: Command) -> list[Result]:
+    """Measure the draws that are not kept, and return all results."""
+    people = sorted(set(build_examples(command).person))
+    steps = command.epochs * command.steps
+    results = [r for r in read_results(command.keep) if r.steps == steps]
+    done = {(result.person, result.draw) for result in results}
+    runs = [(person, n) for n in range(command.repeats) for person in people]
+    plans = [(replace(command, workers=1), *one) for one in runs if one not in done]
+    with get_context("spawn").Pool(command.workers) as pool:
+        parts = pool.imap_unordered(measure, plans)
+        for found in track_progress(parts, "draws", len(plans)):
+            results += found
+            if command.keep is not None:
+                with command.keep.open("a", encoding="utf-8") as file:
+                    file.writelines(json.dumps(vars(one)) + "\n" for one in found)
+    return results
+
+
+def read_results(path: Path | None) -> list[Result]:
+    """Return the results of a file; none without one."""
+    if path is None or not path.exists():
+        return []
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [Result(**json.loads(line)) for line in lines]
 
 
 def build_examples(command: Command) -> RecordedExamples:
@@ -180,27 +208,35 @@ def write_trial(
         write_all(writer, scans, labels)
 
 
-def measure(
-    command: Command, examples: RecordedExamples, model: Model
-) -> Iterator[Result]:
-    """Yield the accuracy of every method, person, draw and number of examples."""
-    people = sorted(set(examples.person))
+def measure(plan: tuple[Command, str, int]) -> list[Result]:
+    """Return the accuracies of all methods and numbers of examples, for one draw.
+
+    Args:
+        plan: the command, the person to learn from, and the number of the draw.
+    """
+    command, person, draw = plan
+    torch.set_num_threads(1)
+    examples, model = build_examples(command), load_model(command.model)
     features = compute_features(examples.dataset, model)
-    runs = [(p, d) for p in people for d in range(command.repeats)]
-    for person, draw in track_progress(runs, "draws", len(runs)):
-        rng = np.random.default_rng([draw, people.index(person)])
-        pool, tests = split(examples, person, command.held, rng)
-        wanted = {n for held in tests.values() for n in held}
-        for count in command.examples:
-            learned = [n for group in pool for n in group[: count or None]]
-            for method in command.methods:
-                answers = answer(
-                    method, command, examples, model, features, learned, wanted, draw
+    people = sorted(set(examples.person))
+    rng = np.random.default_rng([draw, people.index(person)])
+    pool, tests = split(examples, person, command.held, rng)
+    wanted = {n for held in tests.values() for n in held}
+    results = []
+    for count in command.examples:
+        learned = [n for group in pool for n in group[: count or None]]
+        for method in command.methods:
+            answers = answer(
+                method, command, examples, model, features, learned, wanted, draw
+            )
+            for tested, held in tests.items():
+                truth = [examples.vocabulary.index(examples.group[n]) for n in held]
+                right = float(np.mean(answers[held] == truth))
+                steps = command.epochs * command.steps
+                results.append(
+                    Result(method, count, person, tested, draw, right, steps)
                 )
-                for tested, held in tests.items():
-                    truth = [examples.vocabulary.index(examples.group[n]) for n in held]
-                    right = float(np.mean(answers[held] == truth))
-                    yield Result(method, count, person, tested, draw, right)
+    return results
 
 
 def split(
@@ -238,7 +274,6 @@ def answer(
     config = TrainConfig(
         epochs=command.epochs,
         steps=command.steps,
-        workers=command.workers,
         validation=0.0,
     )
     start = model if method == "start" else None
