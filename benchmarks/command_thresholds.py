@@ -30,7 +30,12 @@ import tyro
 from scipy.stats import chi2
 
 from benchmarks.tables import format_head, format_row
-from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS
+from eskin.command import (
+    HALTING_ACTIONS,
+    REDUCING_ACTIONS,
+    STARTING_ACTIONS,
+    PolicyConfig,
+)
 from eskin.demo import CommandScore, DemoConfig, SimulatedUserConfig
 from eskin.demo.headless import run_build
 from eskin.errors import ArmError
@@ -162,6 +167,22 @@ class TouchTrace:
         last = self.probabilities[-1][gesture]
         return max((p[gesture] for at, p in pairs if at >= since), default=last)
 
+    def settled(self, gesture: str, release: float) -> float:
+        """Return the highest such confidence from some time after the contact on [s].
+
+        So does the policy wait where a touch makes the arm do more.
+        """
+        if self.detected != gesture:
+            return 0.0
+        since, latest, values = self.detected_at - 1e-6, -math.inf, []
+        for at, known, contact in zip(
+            self.seconds, self.probabilities, self.contact, strict=True
+        ):
+            latest = at if contact else latest
+            if at >= since and at - latest >= release - 1e-6:
+                values.append(known[gesture])
+        return max(values, default=self.probabilities[-1][gesture])
+
     def slowing(self, gesture: str) -> float:
         """Return the confidence by which it would slow the arm.
 
@@ -187,7 +208,11 @@ class TouchTrace:
         """Return the confidence by which it would command an action."""
         if action in HALTING_ACTIONS:
             return self.final_stop(gesture)
-        return self.slowing(gesture) if action == "slow" else self.confidence(gesture)
+        if action == "slow":
+            return self.slowing(gesture)
+        if action in STARTING_ACTIONS:
+            return self.probabilities[-1][gesture] * (self.detected == gesture)
+        return self.settled(gesture, PolicyConfig().min_release)
 
     def first_stop(self, gesture: str, threshold: float) -> float | None:
         """Return when the arm would stand for it [s]; None where it would not.

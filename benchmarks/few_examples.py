@@ -20,6 +20,7 @@ import json
 import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
@@ -82,6 +83,8 @@ class Command:
     """Epochs of a training."""
     steps: int = 40
     """Steps of an epoch."""
+    readings: int = 25
+    """Readings of a window whose graphs are encoded."""
     workers: int = 1
     """Number of processes."""
     methods: tuple[Method, ...] = METHODS
@@ -148,8 +151,8 @@ def run(command: Command) -> list[Result]:
     people = sorted(set(build_examples(command).person))
     steps = command.epochs * command.steps
     results = [r for r in read_results(command.keep) if r.steps == steps]
-    done = {(result.person, result.draw) for result in results}
-    runs = [(person, n) for n in range(command.repeats) for person in people]
+    done = {(one.person, one.draw, one.examples) for one in results}
+    runs = product(people, range(command.repeats), command.examples)
     plans = [(replace(command, workers=1), *one) for one in runs if one not in done]
     with get_context("spawn").Pool(command.workers) as pool:
         parts = pool.imap_unordered(measure, plans)
@@ -208,13 +211,14 @@ def write_trial(
         write_all(writer, scans, labels)
 
 
-def measure(plan: tuple[Command, str, int]) -> list[Result]:
-    """Return the accuracies of all methods and numbers of examples, for one draw.
+def measure(plan: tuple[Command, str, int, int]) -> list[Result]:
+    """Return the accuracies of all methods for one draw and number of examples.
 
     Args:
-        plan: the command, the person to learn from, and the number of the draw.
+        plan: the command, the person to learn from, the number of the draw, and that of
+            examples.
     """
-    command, person, draw = plan
+    command, person, draw, count = plan
     torch.set_num_threads(1)
     examples, model = build_examples(command), load_model(command.model)
     features = compute_features(examples.dataset, model)
@@ -222,20 +226,17 @@ def measure(plan: tuple[Command, str, int]) -> list[Result]:
     rng = np.random.default_rng([draw, people.index(person)])
     pool, tests = split(examples, person, command.held, rng)
     wanted = {n for held in tests.values() for n in held}
+    learned = [n for group in pool for n in group[: count or None]]
     results = []
-    for count in command.examples:
-        learned = [n for group in pool for n in group[: count or None]]
-        for method in command.methods:
-            answers = answer(
-                method, command, examples, model, features, learned, wanted, draw
-            )
-            for tested, held in tests.items():
-                truth = [examples.vocabulary.index(examples.group[n]) for n in held]
-                right = float(np.mean(answers[held] == truth))
-                steps = command.epochs * command.steps
-                results.append(
-                    Result(method, count, person, tested, draw, right, steps)
-                )
+    for method in command.methods:
+        answers = answer(
+            method, command, examples, model, features, learned, wanted, draw
+        )
+        for tested, held in tests.items():
+            truth = [examples.vocabulary.index(examples.group[n]) for n in held]
+            right = float(np.mean(answers[held] == truth))
+            steps = command.epochs * command.steps
+            results.append(Result(method, count, person, tested, draw, right, steps))
     return results
 
 
@@ -274,6 +275,7 @@ def answer(
     config = TrainConfig(
         epochs=command.epochs,
         steps=command.steps,
+        readings=command.readings,
         validation=0.0,
     )
     start = model if method == "start" else None

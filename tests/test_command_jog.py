@@ -187,13 +187,14 @@ def test_inverse_kinematics_solves_step_within_joint_limits(seed):
     assert (found >= UR5.lower).all() and (found <= UR5.upper).all()
 
 
-def test_stroke_jogs_paused_arm_once_it_has_ended():
+def test_stroke_jogs_paused_arm_once_it_has_closed():
     scene = make_paused_scene(JOG)
     number = scene.begin_detected("stroke")
     scene.wait(0.5)
-    assert "jog" not in scene.arm.orders
     scene.lift(number)
-    scene.wait(0.2)
+    scene.wait(0.4)
+    assert "jog" not in scene.arm.orders
+    scene.close(number)
     assert scene.accepted == ["pause", "jog"] and scene.arm.paused
     np.testing.assert_allclose(scene.arm.steps, [0.02 * DIRECTION])
 

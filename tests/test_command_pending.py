@@ -35,15 +35,26 @@ def ask_to_open():
     return scene, scene.begin_detected("grab", confidence=0.8)
 
 
-def test_poke_resumes_paused_arm_once_it_has_ended():
+def test_poke_resumes_paused_arm_once_it_has_closed():
     scene, number = ask_to_resume()
     scene.wait(0.5)
     assert scene.arm.paused
     scene.lift(number)
-    scene.wait(0.08)
+    scene.wait(0.48)
     assert scene.arm.paused
-    scene.wait(0.1)
+    scene.close(number)
     assert not scene.arm.paused and scene.accepted == ["pause", "resume"]
+
+
+def test_arm_does_more_only_once_the_hand_has_left():
+    scene = Scene()
+    number = scene.begin_detected("grab", seconds=0.5)
+    scene.wait(0.5)
+    scene.lift(number)
+    scene.wait(0.08)
+    assert scene.accepted == []
+    scene.wait(0.04)
+    assert scene.accepted == ["close_gripper"]
 
 
 def test_pause_lasts_one_second_at_least():
@@ -85,9 +96,9 @@ def test_lifted_touch_may_become_confident_until_it_closes(last, resumed):
     assert scene.accepted == ["pause"]
     scene.touches[number].confidence = last
     scene.step()
+    scene.close(number)
     assert scene.arm.paused == (not resumed)
     if not resumed:
-        scene.close(number)
         assert f"{LEAST - 0.01:.2f} is below {LEAST:.2f}" in scene.last_reason
         scene.touch(confidence=0.5)
         assert scene.arm.paused
@@ -96,8 +107,9 @@ def test_lifted_touch_may_become_confident_until_it_closes(last, resumed):
 @pytest.mark.parametrize(("seconds", "accepted"), [(0.2, ["next_waypoint"]), (2.1, [])])
 def test_doubtful_touch_has_two_seconds_to_become_confident(seconds, accepted):
     scene = Scene(WAYPOINT)
-    number = scene.begin_detected("stroke", 0.85)
+    number = scene.begin_detected("stroke", 0.85, seconds=0.3)
     assert scene.events == []
+    scene.lift(number)
     scene.wait(seconds)
     scene.touches[number].confidence = 0.92
     scene.wait(0.5)
@@ -131,6 +143,8 @@ def test_heir_of_pending_touch_becomes_pending():
     scene.lift(heir)
     scene.close(number, heir)
     scene.wait(0.2)
+    assert scene.accepted == ["pause"]
+    scene.close(heir)
     assert scene.accepted == ["pause", "resume"]
 
 
@@ -150,10 +164,12 @@ def test_heir_that_has_commanded_does_not_become_pending():
 
 def test_pending_touch_that_inherits_commanding_touch_is_refused():
     scene, older = ask_to_open()
-    younger = scene.begin_detected("double_pat", patch=OTHER_PATCH)
-    scene.wait(0.1)
+    younger = scene.begin_detected("double_pat", patch=OTHER_PATCH, seconds=0.3)
+    scene.lift(younger)
+    scene.wait(0.2)
     scene.close(younger, heir=older)
     scene.touches[older].confidence = 0.99
+    scene.lift(older)
     scene.wait(0.2)
     assert scene.accepted == ["next_waypoint"]
 
@@ -163,14 +179,16 @@ def test_chain_of_merged_touches_commands_once():
     scene.arm.gripper = "closed"
     last, middle = scene.begin("none"), scene.begin("double_pat")
     first = scene.begin("grab", confidence=0.8)
-    scene.wait(0.2)
+    scene.wait(0.3)
     scene.detect(middle, patch=OTHER_PATCH)
     scene.detect(first)
-    scene.wait(0.1)
+    scene.lift(middle)
+    scene.wait(0.2)
     closed = scene.status(first, middle), scene.status(middle, last)
     del scene.touches[first], scene.touches[middle]
     scene.touches[last].gesture, scene.touches[last].confidence = "grab", 0.99
     scene.step(closed)
+    scene.lift(last)
     scene.wait(0.2)
     assert scene.accepted == ["next_waypoint"]
 

@@ -155,6 +155,8 @@ def test_unknown_touch_never_resumes():
 def test_touch_commands_once():
     scene = Scene()
     number = scene.begin("double_pat")
+    scene.wait(0.4)
+    scene.lift(number)
     for _ in range(5):
         scene.wait(0.7)
         scene.detect(number)
@@ -485,6 +487,8 @@ def test_arm_goes_on_once_possible_stop_is_recognised_as_something_else():
     scene.touches[number].gesture, scene.touches[number].confidence = "grab", 0.99
     scene.detect(number)
     scene.wait(0.3)
+    scene.lift(number)
+    scene.wait(0.2)
     assert scene.accepted == ["close_gripper"] and scene.arm.speed_limit == 1.0
 
 
@@ -535,7 +539,8 @@ def test_uncertain_touch_does_nothing_and_is_shown_as_not_understood():
 def test_command_names_touch_and_patch_that_gave_it():
     scene = Scene()
     number = scene.begin_detected("double_pat", seconds=0.3)
-    scene.step()
+    scene.lift(number)
+    scene.wait(0.2)
     (event,) = scene.events
     assert (event.touch, event.patch) == (number, PATCH.id)
     assert event.onset == scene.touches[number].onset

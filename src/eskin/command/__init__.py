@@ -3,6 +3,7 @@
 from eskin.command.actions import (
     HALTING_ACTIONS,
     REDUCING_ACTIONS,
+    STARTING_ACTIONS,
     command_function,
     resolve_action,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "HALTING_ACTIONS",
     "NON_GESTURES",
     "REDUCING_ACTIONS",
+    "STARTING_ACTIONS",
     "Arm",
     "ArmState",
     "CommandMap",

@@ -28,17 +28,17 @@ FUNCTION = "function"
 """Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
-    "hold": 0.31,
-    "pause": 0.31,
+    "hold": 0.34,
+    "pause": 0.34,
     FUNCTION: 0.8,
-    "slow": 0.47,
+    "slow": 0.49,
     "jog": 0.95,
-    "close_gripper": 0.96,
-    "open_gripper": 0.98,
-    "next_waypoint": 0.71,
-    "previous_waypoint": 0.71,
-    "normal": 0.76,
-    "resume": 0.76,
+    "close_gripper": 0.88,
+    "open_gripper": 0.96,
+    "next_waypoint": 0.74,
+    "previous_waypoint": 0.74,
+    "normal": 0.82,
+    "resume": 0.88,
 }
 """Default confidence that each action needs, by what errors of it cost.
 
@@ -46,7 +46,7 @@ Those of the default map are chosen by `python -m benchmarks.command_thresholds`
 and `previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
 one that is set by hand.
 """
-STAND_CONFIDENCE = 0.11
+STAND_CONFIDENCE = 0.08
 """Probability of a stop from which a moving arm stands until the touch is recognised,
 where the stop itself needs more; chosen by the same command."""
 STRICT_ACTIONS = ("open_gripper", "resume", "jog")
@@ -63,7 +63,8 @@ TOGGLES = {
 HALTING_ACTIONS = ("pause", "hold")
 """Actions that stop the arm: neither a cool-down nor an unknown touch blocks them."""
 STARTING_ACTIONS = ("resume", "jog")
-"""Actions that set a standing arm in motion: executed once nobody touches it."""
+"""Actions that set a standing arm in motion: executed once their touch has closed, half
+a second after its latest contact, and nobody touches the skin."""
 REDUCING_ACTIONS = ("pause", "hold", "slow")
 """Actions that make the arm do less: allowed when most others are not."""
 

@@ -40,7 +40,7 @@ UNSOUND = (
     "touch more firmly"
 )
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
-GOES_ON = "touching went on: the skin is still touched; let go, then ask again"
+GOES_ON = "touching went on for too long; let go, then ask again"
 WAIT = "wait"
 """Action of events that tell that the arm stands until a touch is recognised."""
 logger = logging.getLogger(__name__)
@@ -65,11 +65,12 @@ class PolicyConfig:
     """Least duration of a pause [s]."""
 
     min_release: float = 0.1
-    """How long nobody may have touched the skin before the arm is set in motion [s]."""
+    """How long a touch must have ended before it makes the arm do more, and nobody may
+    have touched the skin before it sets the arm in motion [s]."""
 
     max_delay: float = 2.0
-    """How long after a detection it may still be executed: a touch that is to set the
-    arm in motion may go on so long, and a doubtful one become confident so late [s]."""
+    """How long after a detection it may still be executed: a touch that makes the arm
+    do more may go on so long, and a doubtful one become confident so late [s]."""
 
     slow_speed: float = 0.3
     """Share of full speed of the action `slow`, and on a skin that is out in part."""
@@ -470,18 +471,27 @@ class Policy(Listener):
         if refusal is None and action not in HALTING_ACTIONS and meant != action:
             meant = meant.replace("_", " ")
             refusal = f"the arm has changed: the same would {meant} now"
-        untouched = self.monitor.latest - self.monitor.last_contact
-        ended = untouched >= self.config.min_release * NS_PER_S
-        ended = ended and self.monitor.has_data(detection.patch)
         late = self.context.age(detection.stamp) > self.config.max_delay
         doubt = self.find_doubt(pending)
-        if refusal is None and action in STARTING_ACTIONS and not ended:
+        if refusal is None and not self.has_ended(pending):
             if late:
                 self.complete_pending(pending, GOES_ON)
         elif refusal is not None or doubt is None:
             self.complete_pending(pending, refusal)
         elif late or pending.closed:
             self.complete_pending(pending, doubt)
+
+    def has_ended(self, pending: PendingCommand) -> bool:
+        """Return whether the skin was let go, as far as the action needs that."""
+        monitor, action = self.monitor, pending.action
+        if action in REDUCING_ACTIONS:
+            return True
+        release = self.config.min_release * NS_PER_S
+        if action not in STARTING_ACTIONS:
+            return monitor.latest - pending.end >= release
+        untouched = monitor.latest - monitor.last_contact >= release
+        has_data = monitor.has_data(pending.detection.patch)
+        return pending.closed and untouched and has_data
 
     def find_doubt(self, pending: PendingCommand) -> str | None:
         """Return why a touch may be no command after all, or None where it is one."""
