@@ -2,6 +2,7 @@
 
     python -m benchmarks.network_parts --sets SETS --keep FILE
     python -m benchmarks.network_parts --sets SETS --seeds 1 --only "summary alone"
+    python -m benchmarks.network_parts --sets SETS --keep FILE --weights ur5 ur5-sim
 
 Every row is trained on the sets of `benchmarks.weights`, and on one recorded person,
 for as long and with the same augmentation, from random weights. It is tested on
@@ -11,14 +12,16 @@ other recorded person, whose touches are placed on a robot. None of these is a f
 set, and the epoch of least loss is chosen on the first two.
 
 Accuracies are of clips, by the touch of largest impulse at its last reading. Intervals
-are those of 95 % of resampled people. The lead over the first row is paired. With
-`--keep` each training is kept in a file, and what is there is not trained again.
+are those of 95 % of resampled people, or of recordings of the only one. The lead over the first row is paired. With
+`--keep` each training is kept in a file, and what is there is not trained again. The
+last form also tests the views of weights that come with eskin.
 """
 
 import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -41,12 +44,13 @@ from eskin.graph import compute_summary
 from eskin.learn.baselines.estimators import GradientBoosting
 from eskin.learn.baselines.hand import compute_statistics
 from eskin.learn.batches import Batch, BatchBuilder, build_sampler
+from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import find_last_rows, predict_clips
 from eskin.learn.metrics import bootstrap_mean
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.learn.windows import cut_windows
-from eskin.model import NetworkConfig
+from eskin.model import NetworkConfig, load_model
 from eskin.nn import GraphTensors, RecogniserNetwork, SlotIndex
 from eskin.recording import NONE, find_recordings
 
@@ -75,6 +79,12 @@ class Part:
     """Windows encoded in a step; as many as for the weights where None."""
 
 
+VIEWS = {
+    "both views": (SUMMARY, GRAPH),
+    "summary alone": (SUMMARY,),
+    "graph alone": (GRAPH,),
+}
+"""Views of trained weights that are tested, by their names in the table."""
 TREES = "trees on the summary"
 PARTS = {
     "both views (shipped)": Part(),
@@ -112,6 +122,9 @@ class Command:
     """Number of processes that prepare, and of threads that train."""
     keep: Path | None = None
     """File to which results are appended, and of which they are read."""
+    weights: tuple[str, ...] = ()
+    """Names of weights that come with eskin, whose views are tested one by one; what
+    they were trained on may hold the other person."""
 
     def __post_init__(self) -> None:
         """Raise if a row is not known."""
@@ -262,9 +275,35 @@ def run(command: Command) -> tuple[list[Result], dict[str, list[str]]]:
             if command.keep is not None:
                 with command.keep.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(asdict(result)) + "\n")
+    results += [
+        test_views(command, name, row, tests)
+        for name in command.weights
+        for row in VIEWS
+    ]
     people = {name: find_people(test) for name, test in tests.items()}
     wanted = command.epochs, command.steps
     return [r for r in results if (r.epochs, r.steps) == wanted], people
+
+
+def test_views(
+    command: Command, weights: str, row: str, tests: dict[str, Dataset]
+) -> Result:
+    """Test weights that come with eskin by some of their views."""
+    model = load_model(weights)
+    network = PartNetwork(model.card.network, Part(views=VIEWS[row]))
+    network.load_state_dict(to_network(model).state_dict())
+    network.eval()
+    name = f"{weights}, {row}"
+    result = Result(name, 0, command.epochs, command.steps, 0.0)
+    for test, dataset in tests.items():
+        result.correct[test] = predict_with(network, dataset)
+    return result
+
+
+def predict_with(network: RecogniserNetwork, test: Dataset) -> list[bool]:
+    """Tell which clips of a set a network classifies correctly."""
+    found = predict_clips(network, test, VOCABULARY)
+    return (found.predicted == found.truth).tolist()
 
 
 Predictor = Callable[[Dataset], list[bool]]
@@ -279,13 +318,7 @@ def fit_network(
     trainer = PartTrainer(train, VOCABULARY, config, seed=seed, validation=validation)
     torch.manual_seed(seed)
     trainer.network = PartNetwork(config.network, part)
-    network = trainer.run(quiet=True)
-
-    def predict(test: Dataset) -> list[bool]:
-        found = predict_clips(network, test, VOCABULARY)
-        return (found.predicted == found.truth).tolist()
-
-    return predict
+    return partial(predict_with, trainer.run(quiet=True))
 
 
 def fit_trees(
@@ -343,13 +376,15 @@ def read_results(path: Path | None) -> list[Result]:
 
 
 def find_people(test: Dataset) -> list[str]:
-    """Return the person of each clip."""
-    return [
-        test.recordings[n].metadata.subject or str(n)
+    """Return the person of each clip; its recording where all are of one person."""
+    numbers = [
+        n
         for n, clips in enumerate(test.clips)
         for clip in clips
         if clip.gesture in VOCABULARY
     ]
+    people = [test.recordings[n].metadata.subject or str(n) for n in numbers]
+    return people if len(set(people)) > 1 else [str(n) for n in numbers]
 
 
 def format_table(
@@ -389,7 +424,8 @@ def main() -> None:
     command = tyro.cli(Command)
     torch.set_num_threads(1)
     results, people = run(command)
-    print(format_table(results, people, command.only))
+    tested = (f"{name}, {row}" for name in command.weights for row in VIEWS)
+    print(format_table(results, people, (*command.only, *tested)))
 
 
 if __name__ == "__main__":
