@@ -12,9 +12,10 @@ other recorded person, whose touches are placed on a robot. None of these is a f
 set, and the epoch of least loss is chosen on the first two.
 
 Accuracies are of clips, by the touch of largest impulse at its last reading. Intervals
-are those of 95 % of resampled people, or of recordings of the only one. The lead over the first row is paired. With
-`--keep` each training is kept in a file, and what is there is not trained again. The
-last form also tests the views of weights that come with eskin.
+are those of 95 % of resampled people, or of recordings of the only one. The lead over
+the first row is paired. With `--keep` each training is kept in a file, and what is
+there is not trained again. The last form also tests the views of weights that come with
+eskin.
 """
 
 import json
