@@ -137,6 +137,57 @@ def test_taxel_that_becomes_doubtful_takes_no_more_than_its_row_and_column():
         assert scene.policy.evidence.suffices(number) == suffices
 
 
+def test_touch_that_has_pressed_a_taxel_loses_the_line_in_which_it_becomes_doubtful():
+    scene, row = Scene(), find_block(PATCH, 1, 8)
+    number = scene.begin("double_pat")
+    for taxels in (row[6:7], row[:2]):
+        scene.touches[number].taxels = taxels
+        scene.wait(0.2)
+    assert scene.policy.evidence.suffices(number)
+    scene.doubtful = np.isin(np.arange(SKIN.count), row[6])
+    scene.step()
+    assert not scene.policy.evidence.suffices(number)
+
+
+def test_taxel_that_is_first_pressed_as_it_becomes_doubtful_counts_as_pressed():
+    scene, row = Scene(), find_block(PATCH, 1, 8)
+    number = scene.begin("double_pat")
+    scene.touches[number].taxels = row[:2]
+    scene.wait(0.3)
+    scene.touches[number].taxels = row[:3]
+    scene.doubtful = np.isin(np.arange(SKIN.count), row[2])
+    scene.step()
+    assert not scene.policy.evidence.suffices(number)
+
+
+@pytest.mark.parametrize("active", [True, False])
+def test_line_counts_no_more_once_a_fifth_of_it_is_doubtful_and_active(active):
+    scene, row = Scene(), find_block(PATCH, 1, 8)
+    number = scene.begin("double_pat")
+    scene.touches[number].taxels = row[:2]
+    scene.wait(0.3)
+    if active:
+        other = scene.begin("none")
+        scene.touches[other].taxels = row[4:]
+        scene.wait(0.1)
+    for count, suffices in ((1, True), (4, not active)):
+        scene.doubtful = np.isin(np.arange(SKIN.count), row[4 : 4 + count])
+        scene.step()
+        assert scene.policy.evidence.suffices(number) == suffices
+
+
+@pytest.mark.parametrize(("more", "suffices"), [(0, True), (1, False)])
+def test_touch_along_a_line_covers_a_third_of_it_at_most(more, suffices):
+    scene = Scene()
+    row = find_block(PATCH, 1, 1)
+    line = np.isin(np.arange(SKIN.count), WHOLE) & (SKIN.rows == SKIN.rows[row[0]])
+    number = scene.begin("double_pat")
+    members = np.flatnonzero(line)[: int(0.34 * line.sum()) + more]
+    scene.touches[number].taxels = members
+    scene.wait(0.3)
+    assert scene.policy.evidence.suffices(number) == suffices
+
+
 def test_doubt_elsewhere_takes_nothing():
     scene = Scene()
     number = scene.begin("double_pat")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eskin.command import CommandMap, Rule, SkinMonitorConfig
+from eskin.command import CommandMap, Rule
 from eskin.command.actions import MIN_CONFIDENCE
 from helpers.commands import (
     OTHER_PATCH,
@@ -202,6 +202,7 @@ def test_stale_skin_refuses_pending_command():
     scene.touches[number].confidence = 0.99
     scene.lift(number)
     scene.wait(0.5)
+    scene.close(number)
     assert scene.arm.paused
 
 
@@ -210,7 +211,8 @@ def test_touch_before_second_stop_does_not_resume(stop):
     commands = make_map(poke="toggle_pause", grab="hold")
     scene, number = ask_to_resume(commands=commands)
     if stop == "grab":
-        scene.lift(scene.begin_detected("grab", patch=OTHER_PATCH))
+        other = scene.begin_detected("grab", patch=OTHER_PATCH)
+        scene.close(other)
     elif stop == "hold":
         scene.arm.hold("emergency stop")
     else:
@@ -218,18 +220,72 @@ def test_touch_before_second_stop_does_not_resume(stop):
         scene.arm.pause()
     scene.wait(0.2)
     scene.lift(number)
-    scene.wait(1.5)
+    scene.wait(1.2)
+    scene.close(number)
     assert scene.arm.paused and "resume" not in scene.accepted
+    assert "the touch began before the" in scene.last_reason
     assert (scene.arm.hold_reason is None) == (stop == "pause")
 
 
-@pytest.mark.parametrize("max_age", [0.1, 0.4])
-def test_touch_on_silent_patch_has_not_ended(max_age):
-    scene, number = ask_to_resume(monitor=SkinMonitorConfig(max_age=max_age))
+def test_touch_on_silent_patch_has_not_ended():
+    scene, number = ask_to_resume()
     scene.lift(number)
+    scene.wait(0.46)
     scene.silent_patches = (PATCH.id,)
-    scene.wait(0.5)
+    scene.step()
+    scene.close(number)
     assert scene.arm.paused
+    scene.silent_patches = ()
+    scene.step()
+    assert not scene.arm.paused
+
+
+def test_arm_is_not_set_in_motion_after_the_skin_was_touched_again():
+    scene, number = ask_to_resume()
+    scene.lift(number)
+    scene.wait(0.2)
+    other = scene.begin("poke", confidence=0.5)
+    scene.wait(0.2)
+    scene.lift(other)
+    scene.wait(0.1)
+    assert scene.arm.paused and "touched again" in scene.last_reason
+    scene.close(number)
+    assert scene.arm.paused
+
+
+def test_arm_is_not_set_in_motion_while_an_earlier_touch_is_undecided():
+    scene = make_paused_scene(commands=TOGGLE)
+    other = scene.begin("poke", confidence=0.5)
+    scene.wait(0.1)
+    number = scene.begin_detected(seconds=0.3)
+    scene.lift(other)
+    scene.lift(number)
+    scene.wait(0.48)
+    scene.close(number)
+    assert scene.arm.paused
+    scene.close(other)
+    assert not scene.arm.paused
+
+
+@pytest.mark.parametrize(("readings", "accepted"), [(14, []), (15, ["next_waypoint"])])
+def test_least_duration_is_met_to_the_reading(readings, accepted):
+    scene = Scene()
+    number = scene.begin_detected("double_pat", seconds=readings / 50)
+    scene.lift(number)
+    scene.wait(0.3)
+    scene.close(number)
+    assert scene.accepted == accepted
+
+
+@pytest.mark.parametrize(("seconds", "resumed"), [(1.9, True), (2.1, False)])
+def test_touch_that_starts_the_arm_may_go_on_for_two_seconds(seconds, resumed):
+    scene, number = ask_to_resume()
+    scene.wait(seconds)
+    scene.lift(number)
+    scene.wait(0.48)
+    scene.close(number)
+    assert scene.arm.paused == (not resumed)
+    assert resumed or "went on" in scene.last_reason
 
 
 def test_toggle_that_would_do_opposite_meanwhile_is_refused():
@@ -238,8 +294,9 @@ def test_toggle_that_would_do_opposite_meanwhile_is_refused():
     scene.wait(0.3)
     scene.arm.gripper = "closed"
     scene.touches[number].confidence = 0.99
+    scene.lift(number)
     scene.wait(0.3)
-    assert scene.accepted == []
+    assert scene.accepted == [] and "the arm has changed" in scene.last_reason
 
 
 def test_end_of_stream_holds_arm_and_drops_pending_commands():

@@ -85,6 +85,8 @@ class Evidence:
     """Stamp of the latest contact [ns since the epoch]."""
     seconds: float = 0.0
     """Time in contact [s]."""
+    felt: set[int] = field(default_factory=set)
+    """Taxels that it has pressed, also those that are doubtful."""
     path: dict[int, int] = field(default_factory=dict)
     """Taxels that a fingertip has slid over lately, each with the stamp of its latest
     pressure [ns since the epoch]."""
@@ -112,7 +114,7 @@ class EvidenceMonitor:
         self.rows, self.columns = np.asarray(skin.rows), np.asarray(skin.columns)
         self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
-        self.active_at = np.zeros(skin.count, np.int64)
+        self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
         self.stamp = 0
         self.touches: dict[int, Evidence] = {}
 
@@ -122,17 +124,23 @@ class EvidenceMonitor:
         stamp = state.reading.stamp
         before = self.stamp or stamp
         self.stamp = stamp
-        self.active_at[state.reading.pressure >= self.config.weak] = stamp
+        pressure = state.reading.pressure
+        self.active_at[pressure >= self.config.weak] = stamp
+        is_idle = not state.open and not self.touches
+        rows = [] if is_idle else state.rows
+        pressed = [row for row in rows if row.last == stamp and not row.closed]
+        for row in pressed:
+            evidence = self.touches.setdefault(row.id, Evidence([], row.last))
+            taxels = state.records.loads["taxel"][slice(*row.loads)]
+            felt = taxels[pressure[taxels] >= self.config.weak]
+            evidence.felt.update(felt.tolist())
         if state.doubtful is not self.doubtful:
             new = np.flatnonzero(state.doubtful & ~self.doubtful)
             self.doubtful = state.doubtful
             self.reset_doubted(new)
-        if not state.open and not self.touches:
-            return
         for touch in state.closed:
             if touch.merged_into and touch.id in self.touches:
                 self.merge(self.touches.pop(touch.id), touch.merged_into)
-        pressed = [row for row in state.rows if row.last == stamp and not row.closed]
         if pressed:
             sound = self.find_sound(state)
             interval = min((stamp - before) / NS_PER_S, self.config.max_interval)
@@ -145,6 +153,8 @@ class EvidenceMonitor:
     def merge(self, ended: Evidence, heir: int) -> None:
         """Let a touch have the evidence of one that merged into it, if that is more."""
         evidence = self.touches.setdefault(heir, ended)
+        evidence.felt |= ended.felt
+        evidence.path = evidence.path or ended.path
         evidence.readings = max(evidence.readings, ended.readings, key=len)
         evidence.seconds = max(evidence.seconds, ended.seconds)
 
@@ -185,8 +195,7 @@ class EvidenceMonitor:
                 the row and the column of it are not believed either.
             believed: taxels that can be believed.
         """
-        known = {int(i) for reading in evidence.readings for i in reading.pressed}
-        for taxel in doubted & (known | evidence.path.keys()):
+        for taxel in doubted & evidence.felt:
             for line in self.select_lines(taxel):
                 believed = believed & ~line
         evidence.path = {i: at for i, at in evidence.path.items() if believed[i]}
@@ -214,7 +223,7 @@ class EvidenceMonitor:
         """Update the evidence of a touch that is in contact."""
         loads = state.records.contacts[row.contact]["loads"]
         taxels = state.records.loads["taxel"][slice(*loads)]
-        evidence = self.touches.setdefault(row.id, Evidence([], row.last))
+        evidence = self.touches[row.id]
         evidence.last = row.last
         pressure = state.reading.pressure
         pressed = taxels[sound[taxels] & (pressure[taxels] >= self.config.weak)]

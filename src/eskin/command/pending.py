@@ -14,7 +14,7 @@ from eskin.units import NS_PER_S
 
 @dataclass
 class PendingCommand:
-    """A pending command waits until its confidence suffices or its touch has ended."""
+    """A pending command waits until its touch is sure enough and, if need be, over."""
 
     detection: Detection
     """Detection that asks for it."""

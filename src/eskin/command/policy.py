@@ -41,6 +41,7 @@ UNSOUND = (
 )
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
 GOES_ON = "touching went on for too long; let go, then ask again"
+TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
 WAIT = "wait"
 """Action of events that tell that the arm stands until a touch is recognised."""
 logger = logging.getLogger(__name__)
@@ -69,8 +70,8 @@ class PolicyConfig:
     have touched the skin before it sets the arm in motion [s]."""
 
     max_delay: float = 2.0
-    """How long after a detection it may still be executed: a touch that makes the arm
-    do more may go on so long, and a doubtful one become confident so late [s]."""
+    """How long after a detection its touch may go on before it makes the arm do more,
+    and a doubtful one may become confident [s]."""
 
     slow_speed: float = 0.3
     """Share of full speed of the action `slow`, and on a skin that is out in part."""
@@ -334,8 +335,9 @@ class Policy(Listener):
             refusal = ALREADY_COMMANDED
         required = required_confidence(action, rule.confidence)
         doubtful = detection.confidence < required
-        if refusal is None and (action not in HALTING_ACTIONS or doubtful):
+        if refusal is None:
             self.commanded.add(detection.touch, detection.onset)
+        if refusal is None and (action not in HALTING_ACTIONS or doubtful):
             pending = PendingCommand(
                 detection=detection,
                 rule=rule,
@@ -462,24 +464,43 @@ class Policy(Listener):
         """Execute a pending command once it may be, or drop it where it must not."""
         before, detection = pending.touch, pending.detection
         pending.update(recognition, self.vocabulary)
-        stamp = recognition.state.reading.stamp
-        action = pending.action
-        refusal = self.find_refusal(action, detection, pending.rule, stamp)
-        if self.commanded.merges(pending.touch, before, recognition.state.closed):
-            refusal = ALREADY_COMMANDED
-        meant = resolve_action(pending.rule.action_or_function, self.arm.state())
-        if refusal is None and action not in HALTING_ACTIONS and meant != action:
-            meant = meant.replace("_", " ")
-            refusal = f"the arm has changed: the same would {meant} now"
-        late = self.context.age(detection.stamp) > self.config.max_delay
+        refusal = self.find_pending_refusal(pending, before, recognition)
         doubt = self.find_doubt(pending)
+        late = self.context.age(detection.stamp) > self.config.max_delay
         if refusal is None and not self.has_ended(pending):
-            if late:
+            if self.goes_on(pending):
                 self.complete_pending(pending, GOES_ON)
         elif refusal is not None or doubt is None:
             self.complete_pending(pending, refusal)
         elif late or pending.closed:
             self.complete_pending(pending, doubt)
+
+    def find_pending_refusal(
+        self, pending: PendingCommand, before: int, recognition: RecognitionState
+    ) -> str | None:
+        """Return why a pending command must not be executed, or None where it may.
+
+        Args:
+            pending: the command, updated by the recognition state.
+            before: id of its touch until then.
+            recognition: the latest recognition state.
+        """
+        state, action = recognition.state, pending.action
+        if self.commanded.merges(pending.touch, before, state.closed):
+            return ALREADY_COMMANDED
+        refusal = self.find_refusal(
+            action, pending.detection, pending.rule, state.reading.stamp
+        )
+        if refusal is not None or action in HALTING_ACTIONS:
+            return refusal
+        meant = resolve_action(pending.rule.action_or_function, self.arm.state())
+        if meant != action:
+            meant = meant.replace("_", " ")
+            return f"the arm has changed: the same would {meant} now"
+        begun = self.monitor.find_latest_onset(pending.touch)
+        if action in STARTING_ACTIONS and begun is not None and begun > pending.end:
+            return TOUCHED_AGAIN
+        return None
 
     def has_ended(self, pending: PendingCommand) -> bool:
         """Return whether the skin was let go, as far as the action needs that."""
@@ -490,8 +511,15 @@ class Policy(Listener):
         if action not in STARTING_ACTIONS:
             return monitor.latest - pending.end >= release
         untouched = monitor.latest - monitor.last_contact >= release
+        alone = monitor.find_latest_onset(pending.touch) is None
         has_data = monitor.has_data(pending.detection.patch)
-        return pending.closed and untouched and has_data
+        return pending.closed and untouched and alone and has_data
+
+    def goes_on(self, pending: PendingCommand) -> bool:
+        """Return whether touching goes on for too long after a detection."""
+        detected, latest = pending.detection.stamp, self.config.max_delay * NS_PER_S
+        since = max(detected, pending.end)
+        return max(pending.end - detected, self.monitor.latest - since) > latest
 
     def find_doubt(self, pending: PendingCommand) -> str | None:
         """Return why a touch may be no command after all, or None where it is one."""
@@ -526,7 +554,6 @@ class Policy(Listener):
                 self.hold(refusal)
         if refusal is None:
             self.accepted += 1
-            self.commanded.add(detection.touch, detection.onset)
             self.last_used[rule.key] = self.context.clock.now()
         source = f"{detection.gesture} on {detection.patch}"
         reason = source if refusal is None else refusal

@@ -159,6 +159,15 @@ class SkinMonitor:
         """Return onset [ns since the epoch] and patch of a touch, None if unknown."""
         return (None, None) if touch is None else self.touches.get(touch, (None, None))
 
+    def find_latest_onset(self, touch: int) -> int | None:
+        """Return the latest onset of the other open touches [ns since the epoch].
+
+        None where no other touch is open, but for those that last.
+        """
+        ended = {touch, *self.lasting, *self.closed}
+        others = [onset for i, (onset, _) in self.touches.items() if i not in ended]
+        return max(others, default=None)
+
     def add_detection(self, detection: Detection) -> None:
         """Note that a touch was recognised as a gesture."""
         if detection.gesture not in NON_GESTURES:
