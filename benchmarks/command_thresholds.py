@@ -12,9 +12,10 @@ accident that gets it. Of unasked commands few are seen, so their upper limit co
 (95 %, of a Poisson law). The threshold of least cost is chosen; of equal ones the
 lowest for a stop, and the highest for all else. So are the probability from which a
 moving arm stands for a possible stop, and how long a touch lasts at least that makes
-the arm do more. The chosen figures belong into `MIN_CONFIDENCE` and `STAND_CONFIDENCE`
-of `eskin.command.actions`, and into `PolicyConfig.min_duration`. A last table compares
-the gestures that could let an arm go on.
+the arm do more; of equal ones the lowest. The chosen figures belong into
+`MIN_CONFIDENCE` and `STAND_CONFIDENCE` of `eskin.command.actions`, and into
+`PolicyConfig.min_duration`. A last table compares the gestures that could let an arm go
+on.
 """
 
 import json
@@ -134,6 +135,8 @@ class TouchTrace:
     """Seed of the build."""
     works: bool = True
     """Whether the arm was neither paused nor held when it began."""
+    onset: float = 0.0
+    """Onset of the tracked touch since that of the simulated one [s]."""
     seconds: list[float] = field(default_factory=list)
     """Time of each reading since the onset of the simulated touch [s]."""
     probabilities: list[dict[str, float]] = field(default_factory=list)
@@ -149,10 +152,14 @@ class TouchTrace:
 
     @property
     def duration(self) -> float:
-        """Return the time from its first to its latest contact [s]."""
+        """Return the time from its onset to its latest contact [s]."""
+        return self.end - self.onset
+
+    @property
+    def end(self) -> float:
+        """Return its latest contact since the onset of the simulated touch [s]."""
         pairs = zip(self.seconds, self.contact, strict=True)
-        times = [at for at, contact in pairs if contact]
-        return times[-1] - times[0] if times else 0.0
+        return max((at for at, contact in pairs if contact), default=self.onset)
 
     def confidence(self, gesture: str) -> float:
         """Return the highest confidence that the policy would see after detection.
@@ -167,21 +174,29 @@ class TouchTrace:
         last = self.probabilities[-1][gesture]
         return max((p[gesture] for at, p in pairs if at >= since), default=last)
 
-    def settled(self, gesture: str, release: float) -> float:
-        """Return the highest such confidence from some time after the contact on [s].
+    def settled(self, gesture: str, config: PolicyConfig) -> float:
+        """Return the highest such confidence once the touch has ended.
 
-        So does the policy wait where a touch makes the arm do more.
+        So does the policy wait where a touch makes the arm do more. It is 0 where the
+        touch goes on for too long.
         """
-        if self.detected != gesture:
+        if self.closing(gesture, config) == 0.0:
             return 0.0
         since, latest, values = self.detected_at - 1e-6, -math.inf, []
         for at, known, contact in zip(
             self.seconds, self.probabilities, self.contact, strict=True
         ):
             latest = at if contact else latest
-            if at >= since and at - latest >= release - 1e-6:
+            if at >= since and at - latest >= config.min_release - 1e-6:
                 values.append(known[gesture])
         return max(values, default=self.probabilities[-1][gesture])
+
+    def closing(self, gesture: str, config: PolicyConfig) -> float:
+        """Return the confidence as the touch closes; 0 if it goes on for too long."""
+        goes_on = self.end - self.detected_at > config.max_delay
+        if self.detected != gesture or goes_on:
+            return 0.0
+        return self.probabilities[-1][gesture]
 
     def slowing(self, gesture: str) -> float:
         """Return the confidence by which it would slow the arm.
@@ -210,9 +225,8 @@ class TouchTrace:
             return self.final_stop(gesture)
         if action == "slow":
             return self.slowing(gesture)
-        if action in STARTING_ACTIONS:
-            return self.probabilities[-1][gesture] * (self.detected == gesture)
-        return self.settled(gesture, PolicyConfig().min_release)
+        judge = self.closing if action in STARTING_ACTIONS else self.settled
+        return judge(gesture, PolicyConfig())
 
     def first_stop(self, gesture: str, threshold: float) -> float | None:
         """Return when the arm would stand for it [s]; None where it would not.
@@ -285,6 +299,7 @@ class TraceListener(Listener):
                 trace.works = attempt.works
                 onset = attempt.begin
                 trace.length = ((attempt.end or onset) - onset) / NS_PER_S
+            trace.onset = (self.onsets[number] - onset) / NS_PER_S
             trace.seconds = [(at - onset) / NS_PER_S for at in self.stamps[number]]
             detection = self.detections.get(number)
             if detection is not None:
@@ -359,7 +374,10 @@ def choose(
     least = 0.0 if action in REDUCING_ACTIONS else duration
     used = [trace for trace in traces if trace.works or not stops]
     values = np.array(
-        [trace.value(action, gesture) * (trace.duration >= least) for trace in used]
+        [
+            trace.value(action, gesture) * (trace.duration >= least - 1e-6)
+            for trace in used
+        ]
     )
     asks = np.array([trace.true == gesture for trace in used])
     choices = []
@@ -459,7 +477,8 @@ def main() -> None:
         write_traces(command.traces, traces)
     caused = [trace for trace in traces if trace.cause is not None]
     builds = {trace.build for trace in traces}
-    hours = len(builds) * command.build_seconds / 3600.0
+    build_seconds = min(command.build_seconds, 60.0 * command.minutes)
+    hours = len(builds) * build_seconds / 3600.0
     accidents = sum(trace.true == NONE for trace in caused)
     print(f"{len(caused)} touches, {accidents} of them accidents, in {hours:.2f} hours")
     duration = choose_duration(caused)

@@ -5,8 +5,8 @@
         --cap 4 --held 1 --epochs 1 --steps 4
 
 The second form shows in three minutes that all of it runs; the first takes some hours
-on one core. With `--keep` the results of each draw are kept in a file, and what is
-there is not measured again.
+on one core. With `--keep` the result of each run is kept in a file, and what is there
+is not measured again.
 The 12 groups of gestures of SocialTouch, played as by a live device. For each person
 and draw some repetitions of each group are held out; of the others 1, 2, 5 and so on of
 each group are learned from, then all. Tested on the held-out repetitions of the same
@@ -16,10 +16,10 @@ those weights, with and without their summary. Repetitions without a detected to
 wrong. Intervals are bootstrapped over people and draws.
 """
 
-import json
 import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -30,6 +30,7 @@ import torch
 import tyro
 from jaxtyping import Float, Int
 
+from benchmarks.json_lines import append_results, read_results
 from benchmarks.tables import format_head, format_row
 from benchmarks.transfer import (
     FINEST,
@@ -92,6 +93,14 @@ class Command:
     keep: Path | None = None
     """File to which results are appended, and of which they are read."""
 
+    @property
+    def settings(self) -> str:
+        """Return the settings that change the result of a method and draw."""
+        return (
+            f"{self.model}, {self.held} held out, {self.cap or 'no'} cap, "
+            f"{self.epochs} x {self.steps} steps, {self.readings} readings"
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedExamples:
@@ -131,8 +140,13 @@ class Result:
     """Number of the draw."""
     accuracy: float
     """Share of the held-out repetitions that were right."""
-    steps: int
-    """Number of steps of a training."""
+    settings: str
+    """Settings of the command that change what is measured."""
+
+    @property
+    def run(self) -> "Run":
+        """Return the run that it is a result of."""
+        return self.person, self.draw, self.examples, self.method
 
 
 def main() -> None:
@@ -146,32 +160,28 @@ def main() -> None:
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
+Run = tuple[str, int, int, Method]
+"""Person to learn from, draw, number of examples, and method."""
+
+
 def run(command: Command) -> list[Result]:
-    """Measure the draws that are not kept, and return all results."""
+    """Measure what is not kept, and return the results of all methods and draws."""
     people = sorted(set(build_examples(command).person))
-    steps = command.epochs * command.steps
-    results = [r for r in read_results(command.keep) if r.steps == steps]
-    done = {(one.person, one.draw, one.examples) for one in results}
-    runs = product(people, range(command.repeats), command.examples)
-    plans = [(replace(command, workers=1), *one) for one in runs if one not in done]
+    draws = range(command.repeats)
+    runs = set(product(people, draws, command.examples, command.methods))
+    kept = read_results(command.keep, Result)
+    results = [r for r in kept if r.settings == command.settings and r.run in runs]
+    missing = sorted(runs - {result.run for result in results})
+    plans = [(replace(command, workers=1), one) for one in missing]
     with get_context("spawn").Pool(command.workers) as pool:
         parts = pool.imap_unordered(measure, plans)
-        for found in track_progress(parts, "draws", len(plans)):
+        for found in track_progress(parts, "runs", len(plans)):
+            append_results(command.keep, found)
             results += found
-            if command.keep is not None:
-                with command.keep.open("a", encoding="utf-8") as file:
-                    file.writelines(json.dumps(vars(one)) + "\n" for one in found)
     return results
 
 
-def read_results(path: Path | None) -> list[Result]:
-    """Return the results of a file; none without one."""
-    if path is None or not path.exists():
-        return []
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return [Result(**json.loads(line)) for line in lines]
-
-
+@cache
 def build_examples(command: Command) -> RecordedExamples:
     """Write a recording for each repetition, unless it is there, and prepare all."""
     public = SETS["socialtouch-groups"]
@@ -211,32 +221,23 @@ def write_trial(
         write_all(writer, scans, labels)
 
 
-def measure(plan: tuple[Command, str, int, int]) -> list[Result]:
-    """Return the accuracies of all methods for one draw and number of examples.
-
-    Args:
-        plan: the command, the person to learn from, the number of the draw, and that of
-            examples.
-    """
-    command, person, draw, count = plan
+def measure(plan: tuple[Command, Run]) -> list[Result]:
+    """Return the accuracies of one run, on the held-out repetitions of each person."""
+    command, (person, draw, count, method) = plan
     torch.set_num_threads(1)
     examples, model = build_examples(command), load_model(command.model)
-    features = compute_features(examples.dataset, model)
     people = sorted(set(examples.person))
     rng = np.random.default_rng([draw, people.index(person)])
     pool, tests = split(examples, person, command.held, rng)
     wanted = {n for held in tests.values() for n in held}
     learned = [n for group in pool for n in group[: count or None]]
+    answers = answer(method, command, examples, model, learned, wanted, draw)
     results = []
-    for method in command.methods:
-        answers = answer(
-            method, command, examples, model, features, learned, wanted, draw
-        )
-        for tested, held in tests.items():
-            truth = [examples.vocabulary.index(examples.group[n]) for n in held]
-            right = float(np.mean(answers[held] == truth))
-            steps = command.epochs * command.steps
-            results.append(Result(method, count, person, tested, draw, right, steps))
+    for tested, held in tests.items():
+        truth = [examples.vocabulary.index(examples.group[n]) for n in held]
+        right = float(np.mean(answers[held] == truth))
+        one = Result(method, count, person, tested, draw, right, command.settings)
+        results.append(one)
     return results
 
 
@@ -264,14 +265,13 @@ def answer(
     command: Command,
     examples: RecordedExamples,
     model: Model,
-    features: dict[Method, Float[np.ndarray, "recording feature"]],
     learned: list[int],
     wanted: Collection[int],
     seed: int,
 ) -> Int[np.ndarray, "recording"]:
     """Return the classes of the wanted recordings, as learned from others."""
-    if method in features:
-        return find_nearest(features[method], examples, learned)
+    if method in ("nearest", "nearest embedding"):
+        return find_nearest(compute_features(command)[method], examples, learned)
     config = TrainConfig(
         epochs=command.epochs,
         steps=command.steps,
@@ -299,14 +299,18 @@ def classify(
     return found
 
 
+@cache
 def compute_features(
-    dataset: Dataset, model: Model
+    command: Command,
 ) -> dict[Method, Float[np.ndarray, "recording feature"]]:
     """Return the features of every recording by the weights; NaN without a touch.
 
     They are mean, spread and maximum over the labelled rows.
     """
-    network = to_network(model)
+    dataset, network = (
+        build_examples(command).dataset,
+        to_network(load_model(command.model)),
+    )
     summary = len(network.summary_mean)
     rows: dict[int, np.ndarray] = {}
     for segment in dataset.labelled:

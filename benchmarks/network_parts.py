@@ -18,10 +18,9 @@ there is not trained again. The last form also tests the views of weights that c
 eskin.
 """
 
-import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -32,6 +31,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import cross_entropy
 
+from benchmarks.json_lines import append_results, read_results
 from benchmarks.tables import format_head, format_row
 from benchmarks.weights import (
     OPTIONS,
@@ -259,7 +259,7 @@ def load_sets(command: Command) -> tuple[Dataset, Dataset, dict[str, Dataset]]:
 def run(command: Command) -> tuple[list[Result], dict[str, list[str]]]:
     """Train the rows that are not kept; return results, and the person of each clip."""
     train, validation, tests = load_sets(command)
-    results = read_results(command.keep)
+    results = read_results(command.keep, Result)
     done = {(r.row, r.seed, r.epochs, r.steps) for r in results}
     for seed in range(command.seeds):
         for row in command.only:
@@ -273,9 +273,7 @@ def run(command: Command) -> tuple[list[Result], dict[str, list[str]]]:
             for name, test in tests.items():
                 result.correct[name] = predict(test)
             results.append(result)
-            if command.keep is not None:
-                with command.keep.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(result)) + "\n")
+            append_results(command.keep, [result])
     results += [
         test_views(command, name, row, tests)
         for name in command.weights
@@ -368,14 +366,6 @@ def compute_row(
     return np.concatenate([compute_statistics(summary.T), summary[-1], length])
 
 
-def read_results(path: Path | None) -> list[Result]:
-    """Return the results of a file; none without one."""
-    if path is None or not path.exists():
-        return []
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return [Result(**json.loads(line)) for line in lines]
-
-
 def find_people(test: Dataset) -> list[str]:
     """Return the person of each clip; its recording where all are of one person."""
     numbers = [
@@ -403,10 +393,9 @@ def format_table(
         for name in people
         if any(r.row == row for r in results)
     }
+    rows = tuple(row for row in rows if (row, next(iter(people))) in means)
     for row in rows:
         mine = [r for r in results if r.row == row]
-        if not mine:
-            continue
         cells = [row, str(len(mine)), f"{np.mean([r.seconds for r in mine]):.0f}"]
         leads = []
         for name, members in people.items():

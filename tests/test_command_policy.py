@@ -538,7 +538,7 @@ def test_uncertain_touch_does_nothing_and_is_shown_as_not_understood():
 
 def test_command_names_touch_and_patch_that_gave_it():
     scene = Scene()
-    number = scene.begin_detected("double_pat", seconds=0.3)
+    number = scene.begin_detected("double_pat", seconds=0.4)
     scene.lift(number)
     scene.wait(0.2)
     (event,) = scene.events

@@ -57,7 +57,7 @@ class PolicyConfig:
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     """How much of a touch must be sound for more than a stop."""
 
-    min_duration: float = 0.28
+    min_duration: float = 0.3
     """Least time from the first to the latest contact of a touch that makes the arm do
     more than before [s]; what bumps into a skin and rebounds is briefer than most
     double pats. Chosen by `python -m benchmarks.command_thresholds`."""
