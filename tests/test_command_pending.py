@@ -179,7 +179,7 @@ def test_chain_of_merged_touches_commands_once():
     scene.arm.gripper = "closed"
     last, middle = scene.begin("none"), scene.begin("double_pat")
     first = scene.begin("grab", confidence=0.8)
-    scene.wait(0.3)
+    scene.wait(0.4)
     scene.detect(middle, patch=OTHER_PATCH)
     scene.detect(first)
     scene.lift(middle)
