@@ -60,10 +60,18 @@ def test_textbook_touches(name, floor):
     assert sum(p.right for p in points) / sum(p.count for p in points) >= floor
 
 
-@pytest.mark.parametrize(("name", "floor"), [("ur5", 0.84), ("ur5-sim", 0.75)])
-def test_real_touches(socialtouch_folder, name, floor):
-    public = SETS["socialtouch"]
-    public = replace(public, groups=get_required_groups(public))
+@pytest.mark.parametrize(
+    ("name", "chosen", "floor"),
+    [
+        ("ur5", "socialtouch", 0.84),
+        ("ur5-sim", "socialtouch", 0.75),
+        ("ur5-groups", "socialtouch-groups", 0.55),
+    ],
+)
+def test_real_touches(socialtouch_folder, name, chosen, floor):
+    public = SETS[chosen]
+    if chosen == "socialtouch":
+        public = replace(public, groups=get_required_groups(public))
     model, trials = load_model(name), read_trials(public, socialtouch_folder)
     chosen = [trial for group in public.groups for trial in draw_trials(trials, group)]
     answers = answer_trials(chosen, public, model, TransferSetting(4.0, 40.0, 50.0))

@@ -22,10 +22,11 @@ from eskin.recording.labels import NONE
 CARD = "eskin"
 SUFFIX = ".safetensors"
 
-MODELS = {"ur5": "ur5", "ur5-sim": "ur5", "ur5-blind": "ur5"}
+MODELS = {"ur5": "ur5", "ur5-sim": "ur5", "ur5-groups": "ur5", "ur5-blind": "ur5"}
 """Names that `load_model` knows, each with the preset skin that it was trained on.
 `ur5` has learned from simulated and recorded people, `ur5-sim` from simulated ones
-alone; `ur5-blind` does not use the pose."""
+alone; `ur5-groups` knows the 12 groups of gestures of SocialTouch; `ur5-blind` does not
+use the pose."""
 CARD_ADAPTER = TypeAdapter(ModelCard)
 
 MAX_MODEL_BYTES = 64 << 20
