@@ -147,7 +147,7 @@ def play(film: Film) -> str | None:
     if not demo.state["paused"]:
         return "pause"
     visit.double_click()
-    film.run(1.2, lambda: not demo.state["paused"])
+    film.run(2.0, lambda: not demo.state["paused"])
     if demo.state["paused"]:
         return "resume"
     film.run(0.3)
