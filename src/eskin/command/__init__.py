@@ -15,7 +15,8 @@ from eskin.command.command_map import (
     load_commands,
     parse_commands,
 )
-from eskin.command.policy import WAIT, Policy, PolicyConfig
+from eskin.command.policy import WAIT, Policy
+from eskin.command.policy_config import PolicyConfig
 from eskin.command.simulated_arm import (
     DynamicPlant,
     ProtectiveStopConfig,

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
@@ -19,15 +19,16 @@ from eskin.command.actions import (
 )
 from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
-from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
+from eskin.command.evidence import EvidenceMonitor
 from eskin.command.pending import (
     CommandedTouches,
     PendingCommand,
     StopTimes,
     describe_doubt,
 )
+from eskin.command.policy_config import PolicyConfig
 from eskin.command.possible_stops import PossibleStops, StopRules
-from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
+from eskin.command.skin_monitor import SkinMonitor
 from eskin.errors import ArmError, JogError
 from eskin.live import UNKNOWN, Detection
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
@@ -45,43 +46,6 @@ TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
 WAIT = "wait"
 """Action of events that tell that the arm stands until a touch is recognised."""
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class PolicyConfig:
-    """A policy configuration says how careful commands are."""
-
-    monitor: SkinMonitorConfig = field(default_factory=SkinMonitorConfig)
-    """Limits beyond which the arm is held because of its skin."""
-
-    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
-    """How much of a touch must be sound for more than a stop."""
-
-    min_duration: float = 0.3
-    """Least time from the first to the latest contact of a touch that makes the arm do
-    more than before [s]; what bumps into a skin and rebounds is briefer than most
-    double pats. Chosen by `python -m benchmarks.command_thresholds`."""
-
-    min_pause: float = 1.0
-    """Least duration of a pause [s]."""
-
-    min_release: float = 0.1
-    """How long a touch must have ended before it makes the arm do more, and nobody may
-    have touched the skin before it sets the arm in motion [s]."""
-
-    max_delay: float = 2.0
-    """How long after a detection its touch may go on before it makes the arm do more,
-    and a doubtful one may become confident [s]."""
-
-    slow_speed: float = 0.3
-    """Share of full speed of the action `slow`, and on a skin that is out in part."""
-
-    jog_step: float = 0.05
-    """Length of a jog whose rule gives none [m]."""
-
-    check_period: float | None = 0.02
-    """How often a thread checks whether the skin is stale, though no reading comes [s];
-    None starts no thread, and `check_skin` is called by others."""
 
 
 @final
@@ -497,10 +461,11 @@ class Policy(Listener):
         if meant != action:
             meant = meant.replace("_", " ")
             return f"the arm has changed: the same would {meant} now"
+        if action not in STARTING_ACTIONS:
+            return None
         begun = self.monitor.find_latest_onset(pending.touch)
-        if action in STARTING_ACTIONS and begun is not None and begun > pending.end:
-            return TOUCHED_AGAIN
-        return None
+        again = begun is not None and begun > pending.end
+        return TOUCHED_AGAIN if again else None
 
     def has_ended(self, pending: PendingCommand) -> bool:
         """Return whether the skin was let go, as far as the action needs that."""
