@@ -1,19 +1,24 @@
-"""Measure accuracy over the number of examples a gesture, on real touches.
+"""Measure accuracy over the number of examples a gesture.
 
     python -m benchmarks.few_examples --work FOLDER
+    python -m benchmarks.few_examples --work FOLDER --source shearsense --held 1
+    python -m benchmarks.few_examples --work FOLDER --source simulated
     python -m benchmarks.few_examples --work FOLDER --examples 1 --repeats 1 \
         --cap 4 --held 1 --epochs 1 --steps 4
 
-The second form shows in three minutes that all of it runs; the first takes some hours
-on one core. With `--keep` the result of each run is kept in a file, and what is there
-is not measured again.
-The 12 groups of gestures of SocialTouch, played as by a live device. For each person
-and draw some repetitions of each group are held out; of the others 1, 2, 5 and so on of
-each group are learned from, then all. Tested on the held-out repetitions of the same
-person, and on those of each other person. Four methods: starting from weights, starting
-from nothing, and the nearest example by the mean, spread and maximum of the features of
-those weights, with and without their summary. Repetitions without a detected touch are
-wrong. Intervals are bootstrapped over people and draws.
+The last form shows in three minutes that all of it runs; the others take some hours on
+one core. With `--keep` the result of each run is kept in a file, and what is there is
+not measured again.
+
+Gestures are the 12 groups of SocialTouch, the 17 of ShearSense (its pressures, contact
+by contact), or four of simulated people (of the set `test-s`), played as by a live
+device. For each person and draw some repetitions of each group are held out, on
+ShearSense those of whole recordings; of the others 1, 2, 5 and so on of each group are
+learned from, then all. Tested on the held-out repetitions of the same person, and on
+those of each other person. Four methods: starting from weights, starting from nothing,
+and the nearest example by the mean, spread and maximum of the features of those
+weights, with and without their summary. Repetitions without a detected touch are wrong.
+Intervals are bootstrapped over people and draws.
 """
 
 import time
@@ -31,29 +36,16 @@ import tyro
 from jaxtyping import Float, Int
 
 from benchmarks.json_lines import append_results, read_results
+from benchmarks.recorded_examples import RecordedExamples, Source, build_examples
 from benchmarks.tables import format_head, format_row
-from benchmarks.transfer import (
-    FINEST,
-    SETS,
-    TOUCHED,
-    TransferSetting,
-    Trial,
-    build_scans,
-    read_trials,
-)
 from eskin import load_model
 from eskin.learn.checkpoint import to_network
-from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import embed_rows, score_segments
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model
 from eskin.nn import RecogniserNetwork
 from eskin.progress import track_progress
-from eskin.recording import NONE, Label, Metadata, RecordingWriter, write_all
-from eskin.recording.socialtouch_classes import find_group
-from eskin.skin import Skin, build_grid_skin
-from eskin.touch import Calibration
-from eskin.units import NS_PER_S
+from eskin.recording import NONE
 
 METHODS = ("start", "nothing", "nearest", "nearest embedding")
 Method = Literal["start", "nothing", "nearest", "nearest embedding"]
@@ -68,6 +60,8 @@ class Command:
 
     work: Path
     """Folder of the recordings that are made, and of their prepared forms."""
+    source: Source = "socialtouch"
+    """Set of the repetitions."""
     data: Path | None = None
     """Folder of the set, as downloaded; in ../shared/data unless given."""
     model: str = "ur5"
@@ -77,7 +71,7 @@ class Command:
     repeats: int = 5
     """Number of draws of held-out repetitions and examples, for each person."""
     held: int = 8
-    """Number of held-out repetitions of each group."""
+    """Number of held-out repetitions of each group; of recordings on ShearSense."""
     cap: int | None = None
     """Greatest number of repetitions of a group and person; all unless given."""
     epochs: int = 10
@@ -97,31 +91,10 @@ class Command:
     def settings(self) -> str:
         """Return the settings that change the result of a method and draw."""
         return (
-            f"{self.model}, {self.held} held out, {self.cap or 'no'} cap, "
-            f"{self.epochs} x {self.steps} steps, {self.readings} readings"
+            f"{self.source}, {self.model}, {self.held} held out, "
+            f"{self.cap or 'no'} cap, {self.epochs} x {self.steps} steps, "
+            f"{self.readings} readings"
         )
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedExamples:
-    """Holds a data set of one recording a repetition, with what each of them is."""
-
-    dataset: Dataset
-    """Data set of all repetitions."""
-    person: tuple[str, ...]
-    """Person of each recording."""
-    group: tuple[str, ...]
-    """Group of the gesture of each recording."""
-
-    @property
-    def vocabulary(self) -> tuple[str, ...]:
-        """Return the classes: `none`, and the groups."""
-        return (NONE, *sorted(set(self.group)))
-
-    def find(self, person: str, group: str) -> list[int]:
-        """Return the recordings of a person and group."""
-        pairs = zip(self.person, self.group, strict=True)
-        return [n for n, pair in enumerate(pairs) if pair == (person, group)]
 
 
 @dataclass(frozen=True)
@@ -166,7 +139,7 @@ Run = tuple[str, int, int, Method]
 
 def run(command: Command) -> list[Result]:
     """Measure what is not kept, and return the results of all methods and draws."""
-    people = sorted(set(build_examples(command).person))
+    people = sorted(set(load_examples(command).person))
     draws = range(command.repeats)
     runs = set(product(people, draws, command.examples, command.methods))
     kept = read_results(command.keep, Result)
@@ -182,50 +155,22 @@ def run(command: Command) -> list[Result]:
 
 
 @cache
-def build_examples(command: Command) -> RecordedExamples:
-    """Write a recording for each repetition, unless it is there, and prepare all."""
-    public = SETS["socialtouch-groups"]
-    trials = read_trials(public, command.data or public.folder)
-    setting = TransferSetting(pitch_mm=4.0, full_scale_kpa=40.0, rate=50.0)
-    skin = build_grid_skin(public.rows, public.columns, 0.004, calibrated=True)
-    paths, person, group, counts = [], [], [], dict[tuple[str, str], int]()
-    for trial in trials:
-        name = find_group(trial.gesture).replace(" ", "_")
-        number = counts[trial.subject, name] = counts.get((trial.subject, name), 0) + 1
-        if command.cap is not None and number > command.cap:
-            continue
-        path = command.work / f"{trial.subject}-{name}-{number:03d}.mcap"
-        if not path.exists():
-            write_trial(path, trial, name, skin, setting)
-        paths.append(path)
-        person.append(trial.subject)
-        group.append(name)
-    dataset = prepare(paths, pack=command.work / "pack", workers=command.workers)
-    return RecordedExamples(dataset, tuple(person), tuple(group))
-
-
-def write_trial(
-    path: Path, trial: Trial, name: str, skin: Skin, setting: TransferSetting
-) -> None:
-    """Write a repetition with its label, from its first to its last touched scan."""
-    calibration = Calibration.uniform(skin.count, FINEST, setting.full_scale_kpa)
-    scans = list(build_scans(trial, setting.rate))
-    touched = [s.stamp for s in scans if s.counts.max() >= TOUCHED * FINEST]
-    labels = []
-    if touched:
-        end = touched[-1] + round(NS_PER_S / setting.rate)
-        labels = [Label(touched[0], end, name)]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    metadata = Metadata("socialtouch", trial.subject, trial.subject)
-    with RecordingWriter(path, "table", skin, calibration, metadata) as writer:
-        write_all(writer, scans, labels)
+def load_examples(command: Command) -> RecordedExamples:
+    """Return all repetitions; their recordings are written unless they are there."""
+    return build_examples(
+        command.source,
+        command.work / command.source,
+        command.data,
+        command.cap,
+        command.workers,
+    )
 
 
 def measure(plan: tuple[Command, Run]) -> list[Result]:
     """Return the accuracies of one run, on the held-out repetitions of each person."""
     command, (person, draw, count, method) = plan
     torch.set_num_threads(1)
-    examples, model = build_examples(command), load_model(command.model)
+    examples, model = load_examples(command), load_model(command.model)
     people = sorted(set(examples.person))
     rng = np.random.default_rng([draw, people.index(person)])
     pool, tests = split(examples, person, command.held, rng)
@@ -246,17 +191,19 @@ def split(
 ) -> tuple[list[list[int]], dict[str, list[int]]]:
     """Return the examples of each group of a person, and what each person is tested on.
 
-    Both are in random order. Other people are tested on as many repetitions.
+    Sources are in random order, those of one group that are held out first. Other
+    people are tested on as many.
     """
     groups, people = examples.vocabulary[1:], sorted(set(examples.person))
     pool: list[list[int]] = []
     tests: dict[str, list[int]] = {name: [] for name in people}
     for name in people:
         for group in groups:
-            order = rng.permutation(examples.find(name, group)).tolist()
-            tests[name] += order[:held]
+            parts = list(examples.find(name, group).values())
+            order = [parts[n] for n in rng.permutation(len(parts))]
+            tests[name] += [n for part in order[:held] for n in part]
             if name == person:
-                pool.append(order[held:])
+                pool.append([n for part in order[held:] for n in part])
     return pool, tests
 
 
@@ -308,7 +255,7 @@ def compute_features(
     They are mean, spread and maximum over the labelled rows.
     """
     dataset, network = (
-        build_examples(command).dataset,
+        load_examples(command).dataset,
         to_network(load_model(command.model)),
     )
     summary = len(network.summary_mean)

@@ -23,13 +23,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
 import tyro
 from jaxtyping import Float
-from torch import Tensor
-from torch.nn.functional import cross_entropy
+from torch import Tensor, nn
+from torch.nn.functional import cross_entropy, pad, silu
 
 from benchmarks.json_lines import append_results, read_results
 from benchmarks.tables import format_head, format_row
@@ -78,6 +79,8 @@ class Part:
     """Readings encoded in a window; as many as for the weights where None."""
     encoded: int | None = None
     """Windows encoded in a step; as many as for the weights where None."""
+    head: Literal["statistics", "recurrent", "dilated"] = "statistics"
+    """Head of the summary view; `statistics` is that of the recogniser."""
 
 
 VIEWS = {
@@ -95,6 +98,9 @@ PARTS = {
     "no messages": Part(layers=0),
     "all readings encoded": Part(readings=100, encoded=16),
     "twice as wide": Part(width=64, channels=96),
+    "summary alone, wide": Part(views=(SUMMARY,), channels=160),
+    "summary alone, recurrent": Part(views=(SUMMARY,), channels=96, head="recurrent"),
+    "summary alone, dilated": Part(views=(SUMMARY,), channels=64, head="dilated"),
     TREES: Part(views=()),
 }
 """Rows by their names in the table."""
@@ -151,6 +157,77 @@ class Result:
     """Whether each clip of each test is right."""
 
 
+class SequenceHead(nn.Module):
+    """A sequence head reads the slots of a window in order, and keeps no statistics.
+
+    Its logits are those of the last output and of the greatest outputs of all slots.
+    An absent slot is an input of zeros with a mark.
+    """
+
+    def __init__(self, inputs: int, channels: int, dropout: float) -> None:
+        """Create a head for inputs of a number of channels."""
+        super().__init__()
+        self.project = nn.Linear(inputs + 1, channels)
+        self.dropout = nn.Dropout(dropout)
+        self.classify = nn.Linear(2 * channels, len(VOCABULARY))
+
+    def filter(
+        self, x: Float[Tensor, "window slot channel"]
+    ) -> Float[Tensor, "window slot channel"]:
+        """Return the outputs of all slots; each depends on no later one."""
+        raise NotImplementedError
+
+    def forward(
+        self,
+        e: Float[Tensor, "window slot input"],
+        present: Float[Tensor, "window slot"],
+    ) -> Float[Tensor, "window class"]:
+        """Return the logits of windows; `present` is 1 where a slot holds a reading."""
+        marked = torch.cat([e * present[..., None], present[..., None]], dim=2)
+        out = self.filter(silu(self.project(marked)))
+        both = torch.cat([out[:, -1], out.amax(dim=1)], dim=1)
+        return self.classify(self.dropout(both))
+
+
+class RecurrentHead(SequenceHead):
+    """A recurrent head is a gated recurrent unit (Cho et al. 2014)."""
+
+    def __init__(self, inputs: int, channels: int, dropout: float) -> None:
+        """Create a head for inputs of a number of channels."""
+        super().__init__(inputs, channels, dropout)
+        self.unit = nn.GRU(channels, channels, batch_first=True)
+
+    def filter(
+        self, x: Float[Tensor, "window slot channel"]
+    ) -> Float[Tensor, "window slot channel"]:
+        """Return the state after each slot."""
+        return self.unit(x)[0]
+
+
+class DilatedHead(SequenceHead):
+    """A dilated head has six residual causal convolutions (Bai et al. 2018).
+
+    Their dilations are 1 to 32 slots, so that the last output sees 127 slots.
+    """
+
+    def __init__(self, inputs: int, channels: int, dropout: float) -> None:
+        """Create a head for inputs of a number of channels."""
+        super().__init__(inputs, channels, dropout)
+        self.layers = nn.ModuleList(
+            nn.Conv1d(channels, channels, kernel_size=3, dilation=2**n)
+            for n in range(6)
+        )
+
+    def filter(
+        self, x: Float[Tensor, "window slot channel"]
+    ) -> Float[Tensor, "window slot channel"]:
+        """Return the outputs of the last layer."""
+        x = x.transpose(1, 2)
+        for n, layer in enumerate(self.layers):
+            x = x + silu(layer(pad(x, (2 * 2**n, 0))))
+        return x.transpose(1, 2)
+
+
 class PartNetwork(RecogniserNetwork):
     """A part network is the recogniser's, with some of its views."""
 
@@ -158,6 +235,10 @@ class PartNetwork(RecogniserNetwork):
         """Create a network of a part."""
         super().__init__(config, len(VOCABULARY), shear=False)
         self.part = part
+        if part.head != "statistics":
+            kind = RecurrentHead if part.head == "recurrent" else DilatedHead
+            inputs = len(self.summary_mean)
+            self.summary_head = kind(inputs, config.channels, config.dropout)
 
     def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
         """Return summary and embedding; zeros for what the part has not."""

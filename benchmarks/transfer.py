@@ -13,14 +13,13 @@ scale, which the set does not state. Nothing is trained. There are two kinds of 
   second variant uses the mean log-probability of 2 s windows every 0.5 s.
 - live: the detections of the recogniser, of any touch.
 
-To add a set, write a function that reads its trials and add an entry to `SETS`.
+`benchmarks.public_sets` reads the sets and says which of their gestures have a class.
 """
 
 import itertools
 import json
-import math
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -29,13 +28,10 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
+from benchmarks.public_sets import SETS, TOUCHED, Group, PublicSet, Trial, read_trials
 from benchmarks.tables import format_head, format_row
 from eskin import Detection, Model, Recognizer, load_model
-from eskin.errors import RecordingError
 from eskin.recording import NONE
-from eskin.recording import socialtouch as social
-from eskin.recording.conversion import find_files
-from eskin.recording.socialtouch_classes import GROUPS, HELD
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration, Scan, TouchState
@@ -59,61 +55,12 @@ ANSWER_AFTER = round(0.1 * NS_PER_S)
 WINDOW, HOP = 2.0, 0.5
 """Length of the averaged windows, and the step between them [s]."""
 
-TOUCHED = social.TOUCHED_COUNTS / social.FULL_SCALE
-"""Share of full scale from which a reading counts as touched."""
+DataSet = Literal["socialtouch", "socialtouch-groups", "shearsense", "sleeve"]
 
 UNKNOWN, NOTHING = "unknown", "nothing"
 
 SWEEP_PITCHES = (4.0, 6.0, 10.0)
 SWEEP_SCALES = (20.0, 40.0, 100.0)
-
-
-@dataclass(frozen=True)
-class Group:
-    """Groups gestures of a set that have the same true class."""
-
-    name: str
-    """Name in the tables."""
-    gestures: tuple[str, ...]
-    """Names in the set."""
-    truth: str | None = None
-    """True class; None without one."""
-    bar: float | None = None
-    """Required accuracy of the forced choice; None without a requirement."""
-    longer: float = 0.0
-    """Shortest duration of contact of a counted trial [s]."""
-    shorter: float = math.inf
-    """Upper limit of the duration of contact [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Holds one repetition of one gesture."""
-
-    subject: str
-    """Name of the person."""
-    gesture: str
-    """Name in the set."""
-    seconds: Float[np.ndarray, "reading"]
-    """Times of the readings, increasing [s]."""
-    share: Float[np.ndarray, "reading taxel"]
-    """Pressure as a share of full scale, row by row; 0 at rest."""
-
-
-@dataclass(frozen=True)
-class PublicSet:
-    """Describes a public set and the classes of its gestures."""
-
-    folder: Path
-    """Default folder."""
-    rows: int
-    """Rows of its grid."""
-    columns: int
-    """Columns of its grid."""
-    trials: Callable[[Path], Iterator[Trial]]
-    """Function that reads the repetitions in a folder."""
-    groups: tuple[Group, ...]
-    """Groups of gestures, in the order of the tables."""
 
 
 @dataclass(frozen=True)
@@ -157,9 +104,7 @@ class TrialAnswer:
 class Command:
     """Test weights zero-shot on a public set."""
 
-    dataset: tyro.conf.Positional[Literal["socialtouch", "socialtouch-groups"]] = (
-        "socialtouch"
-    )
+    dataset: tyro.conf.Positional[DataSet] = "socialtouch"
     """Data set; `socialtouch-groups` is for weights of its 12 groups of gestures."""
     data: Path | None = None
     """Folder of the set, as downloaded; in ../shared/data unless given."""
@@ -167,18 +112,20 @@ class Command:
     """People to test on, as in P0; all unless given."""
     model: Path = Path("ur5")
     """Name of weights that come with eskin, or a model file."""
-    pitch_mm: float = 4.0
-    """Assumed distance of neighbouring taxels [mm]."""
-    full_scale_kpa: float = 40.0
-    """Assumed pressure at full scale [kPa]."""
+    pitch_mm: float | None = None
+    """Assumed distance of neighbouring taxels [mm]; by default that of the set."""
+    full_scale_kpa: float | None = None
+    """Assumed pressure at full scale [kPa]; by default that of the set."""
     rate: float = 50.0
     """Rate of the scans [Hz]."""
-    floor: float = 0.0
-    """Share of full scale below which a signal is not a touch, as in a calibration."""
+    floor: float | None = None
+    """Share of full scale below which a signal is not a touch, as in a calibration; by
+    default that of the set."""
     headline: bool = False
     """Play only the groups with a required accuracy, in a third of the time."""
     sweep: bool = False
-    """Repeat the groups with a required accuracy over pitches and full scales."""
+    """Repeat the groups with a required accuracy, or with a true class where no group
+    has a requirement, over pitches and full scales."""
     json: Path | None = None
     """Path of a JSON file with all results."""
 
@@ -189,9 +136,12 @@ def main() -> None:
     started = time.monotonic()
     public, model = SETS[command.dataset], load_model(command.model)
     if command.headline:
-        public = replace(public, groups=get_required_groups(public))
+        public = public.headline
     setting = TransferSetting(
-        command.pitch_mm, command.full_scale_kpa, command.rate, command.floor
+        get_or(command.pitch_mm, public.pitch_mm),
+        get_or(command.full_scale_kpa, public.full_scale_kpa),
+        command.rate,
+        get_or(command.floor, public.floor),
     )
     trials = read_trials(public, command.data or public.folder, command.people)
     answers = answer_trials(trials, public, model, setting)
@@ -215,36 +165,9 @@ def main() -> None:
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
-def get_required_groups(public: PublicSet) -> tuple[Group, ...]:
-    """Return the groups with a required accuracy."""
-    return tuple(group for group in public.groups if group.bar is not None)
-
-
-def read_trials(
-    public: PublicSet, folder: Path, people: Collection[str] = ()
-) -> list[Trial]:
-    """Read the trials of some people, or of all, that belong to a group.
-
-    Raises:
-        RecordingError: one of the people is not in the set.
-    """
-    wanted = {gesture for group in public.groups for gesture in group.gestures}
-    trials = [trial for trial in public.trials(folder) if trial.gesture in wanted]
-    subjects = {trial.subject for trial in trials}
-    if unknown := set(people) - subjects:
-        raise RecordingError(
-            f"no person {', '.join(sorted(unknown))} in {folder}; allowed are "
-            f"{', '.join(sorted(subjects))}; take those"
-        )
-    return [trial for trial in trials if trial.subject in (people or subjects)]
-
-
-def read_socialtouch(folder: Path) -> Iterator[Trial]:
-    """Read the repetitions of the SocialTouch set."""
-    for path in find_files(folder, "touch_*", social.SUFFIXES):
-        for found in social.read_repetitions(path):
-            share = found.counts / social.FULL_SCALE
-            yield Trial(f"P{found.person}", found.gesture, found.seconds, share)
+def get_or(value: float | None, default: float) -> float:
+    """Return a value, or the default where it is None."""
+    return default if value is None else value
 
 
 def answer_trials(
@@ -508,7 +431,7 @@ def sweep(
     trials: Sequence[Trial], public: PublicSet, model: Model, usual: TransferSetting
 ) -> list[dict[str, Any]]:
     """Compute the accuracy of groups with a requirement, by pitch and full scale."""
-    groups = get_required_groups(public)
+    groups = public.headline.groups
     wanted = {gesture for group in groups for gesture in group.gestures}
     chosen = [trial for trial in trials if trial.gesture in wanted]
     found = []
@@ -537,41 +460,6 @@ def format_sweep_table(found: Sequence[Mapping[str, Any]]) -> str:
 def format_percent(part: float | None) -> str:
     """Format a share; empty for None."""
     return "" if part is None else f"{part:.1%}"
-
-
-def group_socialtouch() -> tuple[Group, ...]:
-    """Group the 32 gestures of SocialTouch by their true class."""
-    fingers, resting = GROUPS["finger touch"], (*GROUPS["contact"], *GROUPS["arm"])
-    return (
-        Group("poke", GROUPS["poke"], "poke", bar=0.80),
-        Group("stroke", GROUPS["stroke"], "stroke", bar=0.92),
-        Group("resting hand or arm", resting, NONE, bar=0.96),
-        Group(f"finger held, {HELD:g} s or longer", fingers, NONE, longer=HELD),
-        Group("finger touch, shorter", fingers, shorter=HELD),
-        Group("pat", GROUPS["pat"], "double_pat", bar=0.75),
-        Group("tap", GROUPS["tap"]),
-        Group("slap, hit", GROUPS["hit"]),
-        Group("pinch", GROUPS["pinch"]),
-        Group("caress", GROUPS["caress"]),
-        Group("tickle", GROUPS["tickle"]),
-        Group("hug", GROUPS["hug"]),
-    )
-
-
-SOCIALTOUCH = PublicSet(
-    folder=Path("../shared/data/socialtouch"),
-    rows=social.ROWS,
-    columns=social.COLUMNS,
-    trials=read_socialtouch,
-    groups=group_socialtouch(),
-)
-SETS = {
-    "socialtouch": SOCIALTOUCH,
-    "socialtouch-groups": replace(
-        SOCIALTOUCH,
-        groups=tuple(Group(name, of_it, name) for name, of_it in GROUPS.items()),
-    ),
-}
 
 
 if __name__ == "__main__":

@@ -7,13 +7,8 @@ import pytest
 
 pytest.importorskip("torch", reason="no torch; pip install '.[train]'")
 
-from benchmarks.few_examples import (
-    RecordedExamples,
-    describe_rows,
-    find_nearest,
-    format_share,
-    split,
-)
+from benchmarks.few_examples import describe_rows, find_nearest, format_share, split
+from benchmarks.recorded_examples import RecordedExamples
 
 from eskin.learn.dataset import prepare
 from helpers.learning import record
@@ -27,7 +22,17 @@ def examples(tmp_path_factory):
     path = record(tmp_path_factory.mktemp("few") / "a.mcap")
     person = tuple("ab"[n // 20] for n in range(40))
     group = tuple(("pat", "hit")[n % 2] for n in range(40))
-    return RecordedExamples(prepare([path]), person, group)
+    source = tuple(str(n) for n in range(40))
+    return RecordedExamples(prepare([path]), person, group, source)
+
+
+def test_repetitions_of_one_recording_are_held_out_or_learned_together(examples):
+    pairs = replace(examples, source=tuple(f"{n // 4}{n % 2}" for n in range(40)))
+    pool, tests = split(pairs, "a", 2, np.random.default_rng(1))
+    learned = {pairs.source[n] for group in pool for n in group}
+    held = [pairs.source[n] for n in tests["a"]]
+    assert not learned & set(held)
+    assert all(held.count(name) == 2 for name in held) and len(set(held)) == 4
 
 
 def test_held_out_repetitions_are_of_every_group_and_never_learned(examples):

@@ -4,23 +4,15 @@ Weights, front end and simulator decide the figures; nothing was chosen on these
 Where a change is meant to move one, its floor moves with it, in the same commit.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.public_sets import SETS, Group, read_trials
 from benchmarks.recogniser import Command, evaluate_clips
 from benchmarks.simulated_sets import made_set
 from benchmarks.textbook.sweeps import run
-from benchmarks.transfer import (
-    SETS,
-    Group,
-    TransferSetting,
-    answer_trials,
-    compute_results,
-    get_required_groups,
-    read_trials,
-)
+from benchmarks.transfer import TransferSetting, answer_trials, compute_results
 
 from eskin.model import load_model
 
@@ -69,9 +61,7 @@ def test_textbook_touches(name, floor):
     ],
 )
 def test_real_touches(socialtouch_folder, name, chosen, floor):
-    public = SETS[chosen]
-    if chosen == "socialtouch":
-        public = replace(public, groups=get_required_groups(public))
+    public = SETS[chosen].headline
     model, trials = load_model(name), read_trials(public, socialtouch_folder)
     chosen = [trial for group in public.groups for trial in draw_trials(trials, group)]
     answers = answer_trials(chosen, public, model, TransferSetting(4.0, 40.0, 50.0))

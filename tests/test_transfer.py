@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks import transfer
-from benchmarks.transfer import SETS, Group, TransferSetting, Trial, TrialAnswer
+from benchmarks import public_sets, transfer
+from benchmarks.public_sets import SETS, Group, Trial
+from benchmarks.transfer import TransferSetting, TrialAnswer
 
 from eskin import load_model
 from helpers.socialtouch import pressed, text_of, write_socialtouch
@@ -98,8 +99,58 @@ def test_benchmark_prints_tables_and_writes_figures(tmp_path, monkeypatch, capsy
     out = capsys.readouterr().out
     assert "| poke | poke | 2 |" in out and "| 4 mm, 20 kPa |" in out
     found = json.loads(target.read_text())
-    required = [group.name for group in transfer.group_socialtouch() if group.bar]
+    required = [group.name for group in SETS["socialtouch"].headline.groups]
     assert list(found["groups"]) == required
     assert found["groups"]["poke"]["n"] == 2
     same = found["sweep"][1]["forced_right"]["poke"]
     assert same == found["groups"]["poke"]["forced_right"]
+
+
+def test_runs_end_at_pauses_and_after_two_seconds():
+    rows = np.array([0, 1, 2, 9, 10, 11, 60])
+    [first, second] = public_sets.cut_runs(rows, np.arange(100) * 0.1)
+    assert first.tolist() == [0, 1, 2] and second.tolist() == [9, 10, 11]
+    long = public_sets.cut_runs(np.arange(45), np.arange(100) * 0.1)
+    assert [part[0] for part in long] == [0, 20, 40]
+    assert np.concatenate(long).tolist() == list(range(45))
+
+
+def test_shearsense_is_cut_into_its_contacts(tmp_path):
+    length, folder = 100, tmp_path / "poke"
+    folder.mkdir()
+    pressure = np.zeros((length, 6, 6))
+    pressure[10:20, 1, 2] = pressure[60:75, 4, 0] = 100
+    rest = np.full((length, 6, 6), 128)
+    name = "pokeP2_Mar15th2023_FLAT 18_21_15.npz"
+    np.savez(folder / name, pressure, rest, rest)
+    one, other = public_sets.read_shearsense(tmp_path)
+    assert (one.subject, one.gesture) == ("P2", "poke")
+    assert (len(one.share), len(other.share)) == (10, 15)
+    assert one.source == other.source
+    assert one.share[:, 8].min() == pytest.approx(100 / 256)
+
+
+def test_sleeve_is_cut_at_its_labels_without_its_resting_pressure(tmp_path):
+    frames = []
+    for label in ["None"] * 6 + ["Grab"] * 4 + ["None"] * 12:
+        data = np.full((19, 27), 15.0)
+        data[3, 4] += 60.0 * (label == "Grab")
+        frames.append({"label": label, "data": data.tolist()})
+    content = json.dumps({"timestamp": "20250521150749", "frames": frames})
+    (tmp_path / "Grab_20250521150749_annotated.json").write_text(content)
+    found = {}
+    for trial in public_sets.read_sleeve(tmp_path):
+        found.setdefault(trial.gesture, []).append(trial)
+    [grab] = found["grab"]
+    assert len(grab.share) == 4 and grab.share.sum() == pytest.approx(4 * 60 / 255)
+    assert sum(len(trial.share) for trial in found["none"]) == 18
+    assert not any(trial.share.any() for trial in found["none"])
+
+
+def test_groups_of_a_headline_have_a_requirement_or_else_a_class():
+    assert all(group.bar for group in SETS["socialtouch"].headline.groups)
+    assert {group.truth for group in SETS["sleeve"].headline.groups} == {
+        "stroke",
+        "grab",
+        "none",
+    }
