@@ -2,7 +2,6 @@
 
     python -m benchmarks.network_parts --sets SETS --keep FILE
     python -m benchmarks.network_parts --sets SETS --seeds 1 --only "summary alone"
-    python -m benchmarks.network_parts --sets SETS --keep FILE --weights ur5 ur5-sim
 
 Every row is trained on the sets of `benchmarks.weights`, and on one recorded person,
 for as long and with the same augmentation, from random weights. It is tested on
@@ -14,12 +13,11 @@ set, and the epoch of least loss is chosen on the first two.
 Accuracies are of clips, by the touch of largest impulse at its last reading. Intervals
 are those of 95 % of resampled people, or of recordings of the only one. The lead over
 the first row is paired. With `--keep` each training is kept in a file, and what is
-there is not trained again. The last form also tests the views of weights that come with
-eskin.
+there is not trained again.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -46,35 +44,28 @@ from eskin.graph import compute_summary
 from eskin.learn.baselines.estimators import GradientBoosting
 from eskin.learn.baselines.hand import compute_statistics
 from eskin.learn.batches import Batch, BatchBuilder, build_sampler
-from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import find_last_rows, predict_clips
 from eskin.learn.metrics import bootstrap_mean
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.learn.windows import cut_windows
-from eskin.model import NetworkConfig, load_model
-from eskin.nn import GraphTensors, RecogniserNetwork, SlotIndex
+from eskin.model import NetworkConfig
+from eskin.nn import RecogniserNetwork, SlotIndex
 from eskin.recording import NONE, find_recordings
 
 VOCABULARY = (NONE, "double_pat", "grab", "poke", "stroke")
-SUMMARY, GRAPH = 0, 1
-"""Indices of the views."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part says which views a network has, and how large it is."""
+    """A part says what a network has, and how large it is."""
 
-    views: tuple[int, ...] = (SUMMARY, GRAPH)
-    """Views whose logits are averaged."""
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    """Sizes of the network, where they are not those of `SIZES`."""
+    graph_alone: bool = False
+    """Whether there is no summary view."""
     hides_summary: bool = False
     """Whether the graph view is not given the summary."""
-    layers: int | None = None
-    """Number of equivariant layers; that of the weights where None."""
-    width: int | None = None
-    """Channels of a node; those of the weights where None."""
-    channels: int | None = None
-    """Channels of the heads; those of the weights where None."""
     readings: int | None = None
     """Readings encoded in a window; as many as for the weights where None."""
     encoded: int | None = None
@@ -83,25 +74,25 @@ class Part:
     """Head of the summary view; `statistics` is that of the recogniser."""
 
 
-VIEWS = {
-    "both views": (SUMMARY, GRAPH),
-    "summary alone": (SUMMARY,),
-    "graph alone": (GRAPH,),
-}
-"""Views of trained weights that are tested, by their names in the table."""
+SIZES = {"width": 32, "layers": 3, "channels": 48, "groups": 1}
+"""Sizes of the network of both views."""
+
 TREES = "trees on the summary"
 PARTS = {
-    "both views (shipped)": Part(),
-    "summary alone": Part(views=(SUMMARY,)),
-    "graph alone": Part(views=(GRAPH,), hides_summary=True),
-    "graph with summary": Part(views=(GRAPH,)),
-    "no messages": Part(layers=0),
+    "both views": Part(),
+    "summary alone": Part({"width": 0}),
+    "graph alone": Part(graph_alone=True, hides_summary=True),
+    "graph with summary": Part(graph_alone=True),
+    "no messages": Part({"layers": 0}),
     "all readings encoded": Part(readings=100, encoded=16),
-    "twice as wide": Part(width=64, channels=96),
-    "summary alone, wide": Part(views=(SUMMARY,), channels=160),
-    "summary alone, recurrent": Part(views=(SUMMARY,), channels=96, head="recurrent"),
-    "summary alone, dilated": Part(views=(SUMMARY,), channels=64, head="dilated"),
-    TREES: Part(views=()),
+    "twice as wide": Part({"width": 64, "channels": 96}),
+    "both views, wide heads": Part({"channels": 160}),
+    "summary alone, 96 channels": Part({"width": 0, "channels": 96}),
+    "summary alone, four groups": Part({"width": 0, "channels": 192, "groups": 4}),
+    "summary alone, wide": Part({"width": 0, "channels": 160}),
+    "summary alone, recurrent": Part({"width": 0, "channels": 96}, head="recurrent"),
+    "summary alone, dilated": Part({"width": 0, "channels": 64}, head="dilated"),
+    TREES: Part(),
 }
 """Rows by their names in the table."""
 
@@ -129,9 +120,6 @@ class Command:
     """Number of processes that prepare, and of threads that train."""
     keep: Path | None = None
     """File to which results are appended, and of which they are read."""
-    weights: tuple[str, ...] = ()
-    """Names of weights that come with eskin, whose views are tested one by one; what
-    they were trained on may hold the other person."""
 
     def __post_init__(self) -> None:
         """Raise if a row is not known."""
@@ -229,7 +217,7 @@ class DilatedHead(SequenceHead):
 
 
 class PartNetwork(RecogniserNetwork):
-    """A part network is the recogniser's, with some of its views."""
+    """A part network is the recogniser's, without some of it."""
 
     def __init__(self, config: NetworkConfig, part: Part) -> None:
         """Create a network of a part."""
@@ -240,26 +228,20 @@ class PartNetwork(RecogniserNetwork):
             inputs = len(self.summary_mean)
             self.summary_head = kind(inputs, config.channels, config.dropout)
 
-    def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
-        """Return summary and embedding; zeros for what the part has not."""
-        summary = self.standardise(graphs.summary)
-        if GRAPH not in self.part.views:
-            nothing = torch.zeros(len(summary), self.encoder.size)
-            return torch.cat([summary, nothing], dim=1)
-        if self.part.hides_summary:
-            summary = torch.zeros_like(summary)
-        return torch.cat([summary, self.encoder(graphs)], dim=1)
+    def standardise(
+        self, summary: Float[Tensor, "reading summary"]
+    ) -> Float[Tensor, "reading summary"]:
+        """Return the standardised summary; zeros where it is hidden."""
+        found = super().standardise(summary)
+        return torch.zeros_like(found) if self.part.hides_summary else found
 
     def classify(
         self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
     ) -> Float[Tensor, "view window class"]:
         """Return the logits of the views of the part."""
-        summary = e[:, : len(self.summary_mean)]
-        views: dict[int, Callable[[], Tensor]] = {
-            SUMMARY: lambda: self.summary_view(summary, slot_index),
-            GRAPH: lambda: self.graph_view(e, slot_index),
-        }
-        return torch.stack([views[view]() for view in self.part.views])
+        if self.part.graph_alone:
+            return self.graph_view(e, slot_index)[None]
+        return super().classify(e, slot_index)
 
 
 class PartTrainer(Trainer):
@@ -268,19 +250,13 @@ class PartTrainer(Trainer):
     network: PartNetwork
 
     def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
-        """Return the loss of all views as the recogniser's, or of the only one."""
-        network = self.network
-        if len(network.part.views) > 1:
+        """Return the loss of the recogniser, or of the graph view alone."""
+        if not self.network.part.graph_alone:
             return super().compute_loss(batch)
-        if network.part.views == (SUMMARY,):
-            summary = network.standardise(batch.summary)
-            logits = network.summary_view(summary, batch.slot_index)
-        else:
-            embedded = network.embed(batch.encoded.graphs)
-            logits = network.graph_view(embedded, batch.encoded.slot_index)
-        unused = sum(parameter.sum() for parameter in network.parameters())
-        labels = batch.labels[: len(logits)]
-        smoothing = self.config.smoothing
+        graphs, slot_index = batch.encoded.graphs, batch.encoded.slot_index
+        logits = self.network.graph_view(self.network.embed(graphs), slot_index)
+        unused = sum(p.sum() for p in self.network.summary_head.parameters())
+        labels, smoothing = batch.labels[: len(logits)], self.config.smoothing
         return cross_entropy(logits, labels, label_smoothing=smoothing) + 0.0 * unused
 
 
@@ -293,13 +269,6 @@ def read_config(command: Command, part: Part) -> TrainConfig:
 
     words = OPTIONS[OPTIONS.index("--train.batch") :]
     config = tyro.cli(Options, args=words).train
-    network = config.network
-    network = replace(
-        network,
-        layers=network.layers if part.layers is None else part.layers,
-        width=part.width or network.width,
-        channels=part.channels or network.channels,
-    )
     return replace(
         config,
         epochs=command.epochs,
@@ -307,7 +276,7 @@ def read_config(command: Command, part: Part) -> TrainConfig:
         workers=command.workers,
         readings=part.readings or config.readings,
         encoded=part.encoded or config.encoded,
-        network=network,
+        network=replace(config.network, **{**SIZES, **part.sizes}),
     )
 
 
@@ -355,29 +324,9 @@ def run(command: Command) -> tuple[list[Result], dict[str, list[str]]]:
                 result.correct[name] = predict(test)
             results.append(result)
             append_results(command.keep, [result])
-    results += [
-        test_views(command, name, row, tests)
-        for name in command.weights
-        for row in VIEWS
-    ]
     people = {name: find_people(test) for name, test in tests.items()}
     wanted = command.epochs, command.steps
     return [r for r in results if (r.epochs, r.steps) == wanted], people
-
-
-def test_views(
-    command: Command, weights: str, row: str, tests: dict[str, Dataset]
-) -> Result:
-    """Test weights that come with eskin by some of their views."""
-    model = load_model(weights)
-    network = PartNetwork(model.card.network, Part(views=VIEWS[row]))
-    network.load_state_dict(to_network(model).state_dict())
-    network.eval()
-    name = f"{weights}, {row}"
-    result = Result(name, 0, command.epochs, command.steps, 0.0)
-    for test, dataset in tests.items():
-        result.correct[test] = predict_with(network, dataset)
-    return result
 
 
 def predict_with(network: RecogniserNetwork, test: Dataset) -> list[bool]:
@@ -495,8 +444,7 @@ def main() -> None:
     command = tyro.cli(Command)
     torch.set_num_threads(1)
     results, people = run(command)
-    tested = (f"{name}, {row}" for name in command.weights for row in VIEWS)
-    print(format_table(results, people, (*command.only, *tested)))
+    print(format_table(results, people, command.only))
 
 
 if __name__ == "__main__":

@@ -47,11 +47,13 @@ class Command:
     steps: int = 500
     """Number of readings timed in each row."""
     width: int = 32
-    """Channels of a node."""
+    """Channels of a node; 0 without a graph view."""
     layers: int = 3
     """Equivariant layers."""
     channels: int = 48
     """Channels of each temporal head."""
+    groups: int = 1
+    """Groups of these channels."""
 
 
 def main() -> None:
@@ -59,7 +61,12 @@ def main() -> None:
     command = tyro.cli(Command)
     torch.manual_seed(0)
     torch.set_num_threads(1)
-    config = NetworkConfig(command.width, command.layers, command.channels)
+    config = NetworkConfig(
+        width=command.width,
+        layers=command.layers,
+        channels=command.channels,
+        groups=command.groups,
+    )
     network = RecogniserNetwork(config, len(VOCABULARY), shear=False).eval()
     model = to_model(network, ModelCard(VOCABULARY, network=config))
     titles = (
@@ -123,6 +130,7 @@ def list_compiled_parts(
     graph = builder.build(*nodes).arrays
     window = SequenceWindow(network.heads, network.slots)
     weights, memory = network.weights, network.workspace
+    encoder = weights.encoder
     embedding = np.zeros(2 * network.width, np.float32)
     summary = np.zeros(len(weights.summary_mean), np.float32)
     features = compute_features(network, graph).copy()
@@ -130,7 +138,7 @@ def list_compiled_parts(
     packed = pack_touch_nodes({1: nodes})
     return [
         lambda: builder.build(*nodes),
-        lambda: encode(graph, False, weights.encoder, memory, embedding),
+        lambda: network.width and encode(graph, False, encoder, memory, embedding),
         lambda: summarise(graph, 0, False, summary),
         lambda: window.push(next(stamps), features),
         lambda: stream.push(next(readings), packed),

@@ -92,7 +92,7 @@ def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(
         model, path = load_model("ur5"), exported[0]
     session, net = open_session(path), to_network(model)
     rng, slots = np.random.default_rng(5), net.config.slots
-    size = len(net.summary_mean) + net.encoder.size
+    size = len(net.summary_mean) + 2 * net.config.width
     sizes = set()
     for nodes in np.linspace(0, 250, 100).astype(int).tolist():
         graph = random_graph(rng, nodes)

@@ -103,8 +103,9 @@ def network(kind="pressure", seed=0, vocabulary=VOCABULARY, **sizes):
     with torch.no_grad():
         for parameter in net.parameters():
             parameter += 0.1 * torch.randn_like(parameter)
-        for head in (net.summary_head, net.graph_head):
-            head.classify.weight *= 3
+        for name, parameter in net.named_parameters():
+            if name.endswith("head.classify.weight"):
+                parameter *= 3
         net.summary_mean.normal_(0.5, 0.3)
         net.summary_scale.uniform_(0.5, 2.0)
     return net

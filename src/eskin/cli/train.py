@@ -29,7 +29,7 @@ from eskin.model import (
 )
 from eskin.recording import NONE, Overrides, find_recordings
 
-SIZES = ("width", "layers", "channels")
+SIZES = ("width", "layers", "channels", "groups")
 """Sizes of a network that must be equal for weights to fit another one."""
 
 
@@ -281,7 +281,8 @@ def prepare_dataset(
 def select_graph(command: TrainCommand, dataset: Dataset) -> GraphConfig:
     """Return the graph configuration that the network takes."""
     shear = command.train.shear and dataset.has_shear
-    return command.train.graph if shear else command.train.graph.without_shear()
+    used = command.train.graph_used
+    return used if shear else used.without_shear()
 
 
 def select_classes(dataset: Dataset, asked: tuple[str, ...]) -> tuple[str, ...]:

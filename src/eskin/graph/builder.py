@@ -51,6 +51,10 @@ class GraphConfig:
         """Return the same settings for graphs to which shear adds no taxel."""
         return replace(self, shear_on=math.inf)
 
+    def without_neighbours(self) -> "GraphConfig":
+        """Return the same settings for graphs whose taxels are joined to no others."""
+        return replace(self, fixed=0, live=0)
+
 
 @final
 class GraphBuilder:

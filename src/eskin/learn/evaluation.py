@@ -89,7 +89,7 @@ def score_segments(
     reading. They hold nothing from outside the segment.
     """
     if not segments:
-        return np.zeros((0, network.graph_head.classify.out_features))
+        return np.zeros((0, network.classes))
     ends = [find_window_ends(dataset, segment) for segment in segments]
     counts = np.array([len(rows) for rows in ends])
     firsts = np.repeat([segment.first for segment in segments], counts)

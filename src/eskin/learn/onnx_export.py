@@ -102,9 +102,7 @@ class StepNetwork(nn.Module):
         features = torch.maximum(new, kept)
         e = torch.cat([one.window[:-1], features])[None]
         present = torch.cat([one.present[:-1], torch.ones_like(one.present[-1:])])[None]
-        size = len(self.network.summary_mean)
-        summary = self.network.summary_head(e[:, :, :size], present)
-        logits = (summary + self.network.graph_head(e, present)) / 2
+        logits = self.network.classify_slots(e, present).mean(dim=0)
         return features[0], logits[0], torch.softmax(logits[0] / self.temperature, 0)
 
 
@@ -203,8 +201,8 @@ def draw_step(
     """
     active = (nodes + 1) // 2
     scalars = len(NODE_SCALARS)
-    features = len(network.summary_mean)
-    size, slots = features + network.encoder.size, network.config.slots
+    features, slots = len(network.summary_mean), network.config.slots
+    size = features + 2 * network.config.width
 
     def real(*shape: int) -> Tensor:
         return torch.as_tensor(rng.normal(size=shape), dtype=torch.float32)

@@ -82,8 +82,12 @@ class TrainConfig:
 
     @property
     def graph_used(self) -> GraphConfig:
-        """Return the settings of the graphs; without shear, it adds no nodes either."""
-        return self.graph if self.shear else self.graph.without_shear()
+        """Return the settings of the graphs, with no more nodes than are used.
+
+        Shear and neighbours add none where the network does not take them.
+        """
+        graph = self.graph if self.shear else self.graph.without_shear()
+        return graph if self.network.width else graph.without_neighbours()
 
     def __post_init__(self) -> None:
         """Reject settings outside their limits."""
@@ -143,7 +147,8 @@ class Trainer:
             rngs[0],
         )
         self.shear = config.shear and dataset.has_shear
-        self.graph = config.graph if self.shear else config.graph.without_shear()
+        used = config.graph_used
+        self.graph = used if self.shear else used.without_shear()
         trained = dataset.with_copies(self.holdout.train)
         self.batches = self.build_batches(dataset, trained, config.augment)
         check_classes(self.batches.sampler, vocabulary)
@@ -250,7 +255,10 @@ class Trainer:
         )
 
     def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
-        """Return the cross entropy of both views together, plus the mean of each's."""
+        """Return the cross entropy of both views together, plus the mean of each's.
+
+        Without a graph view it is that of the summary view.
+        """
         network = self.network
 
         def loss(logits: Float[Tensor, "window class"]) -> Float[Tensor, ""]:
@@ -260,6 +268,8 @@ class Trainer:
 
         standardised = network.standardise(batch.summary)
         by_summary = network.summary_view(standardised, batch.slot_index)
+        if not network.config.width:
+            return loss(by_summary)
         embedded = network.embed(batch.encoded.graphs)
         by_graph = network.graph_view(embedded, batch.encoded.slot_index)
         both = (by_summary[: len(by_graph)] + by_graph) / 2

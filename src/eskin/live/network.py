@@ -10,8 +10,14 @@ from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace
 from eskin.live.head_kernels import SCALES, STATISTICS, HeadState, HeadWeights
 from eskin.live.kernels import BLOCK
 from eskin.live.step_kernels import FREE_ROW, NO_SLOT, FeatureWeights, SequencePool
-from eskin.model import Model
-from eskin.model.file import EDGE_SCALARS, check_weights, layer_shapes
+from eskin.model import Model, NetworkConfig
+from eskin.model.file import (
+    EDGE_SCALARS,
+    check_weights,
+    encoder_shapes,
+    layer_shapes,
+    prefix_names,
+)
 
 Weights = Mapping[str, np.ndarray]
 """Parameters by name, as in the state of the torch network."""
@@ -20,8 +26,8 @@ INITIAL_NODES, INITIAL_NEIGHBOURS = 256, 16
 """Size of the graphs that there is memory for at first."""
 
 VIEWS = ("summary", "graph")
-"""Names of the two heads, side by side in every array: the first takes the summary
-alone, the second also the embedding."""
+"""Names of the heads, side by side in every array: the first takes the summary alone,
+the second, which a network may lack, also the embedding."""
 
 
 @final
@@ -44,9 +50,9 @@ class Network:
         self.weights = FeatureWeights(
             weights["summary_mean"],
             weights["summary_scale"],
-            build_encoder_weights(weights, config.layers),
+            build_encoder_weights(weights, config),
         )
-        self.heads = build_head_weights(weights)
+        self.heads = build_head_weights(weights, config.groups)
         self.workspace = allocate_encoder(INITIAL_NODES, INITIAL_NEIGHBOURS, self.width)
         self.channels = len(self.weights.summary_mean) + 2 * self.width
         self.features = np.empty(self.channels, np.float32)
@@ -59,9 +65,15 @@ class Network:
             self.workspace = allocate_encoder(2 * nodes, neighbours, self.width)
 
 
-def build_encoder_weights(weights: Weights, layers: int) -> EncoderWeights:
-    """Lay out the parameters whose names begin with `encoder.`."""
-    width = len(weights["encoder.embed.bias"])
+def build_encoder_weights(weights: Weights, config: NetworkConfig) -> EncoderWeights:
+    """Lay out the parameters whose names begin with `encoder.`.
+
+    Those of a network without an encoder are empty.
+    """
+    width, layers = config.width, config.layers
+    if not width:
+        shapes = prefix_names("encoder", encoder_shapes(width, layers))
+        weights = {k: np.zeros(shape, np.float32) for k, shape in shapes.items()}
     parts = {
         "embed_weight": weights["encoder.embed.weight"].T,
         "embed_bias": weights["encoder.embed.bias"],
@@ -113,32 +125,41 @@ def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspac
     )
 
 
-def build_head_weights(weights: Weights) -> HeadWeights:
-    """Lay out the parameters of both heads, `summary_head.` and `graph_head.`."""
+def build_head_weights(weights: Weights, groups: int) -> HeadWeights:
+    """Lay out the parameters of the heads, `summary_head.` and `graph_head.`.
 
-    def both(name: str) -> list[np.ndarray]:
-        return [weights[f"{view}_head.{name}"] for view in VIEWS]
+    Args:
+        weights: parameters of the network, which may lack the second head.
+        groups: number of groups of the channels of a head.
+    """
+    views = [view for view in VIEWS if f"{view}_head.project.bias" in weights]
+    mean = np.float32(1.0 / len(views))
+
+    def every(name: str) -> list[np.ndarray]:
+        return [weights[f"{view}_head.{name}"] for view in views]
 
     def filters(name: str) -> np.ndarray:
-        turned = [weight.transpose(2, 1, 0) for weight in both(name)]
-        return np.stack([weight.reshape(-1, weight.shape[2]) for weight in turned])
+        blocks = [block for weight in every(name) for block in np.split(weight, groups)]
+        turned = [block.transpose(2, 1, 0) for block in blocks]
+        return np.stack([block.reshape(-1, block.shape[2]) for block in turned])
 
-    inputs, channels = both("project.weight")[-1].shape[1], len(both("project.bias")[0])
+    inputs = every("project.weight")[-1].shape[1]
+    channels = len(every("project.bias")[0])
     project = [
         np.pad(weight, [(0, 0), (0, inputs - weight.shape[1])])
-        for weight in both("project.weight")
+        for weight in every("project.weight")
     ]
-    classify = [w.reshape(len(w), -1, channels) for w in both("classify.weight")]
-    classify_weight = np.concatenate(classify, axis=2) / np.float32(2.0)
+    classify = [w.reshape(len(w), -1, channels) for w in every("classify.weight")]
+    classify_weight = np.concatenate(classify, axis=2) * mean
     return HeadWeights(
         project_weight=np.ascontiguousarray(np.concatenate(project).T),
-        project_bias=np.concatenate(both("project.bias")),
+        project_bias=np.concatenate(every("project.bias")),
         short_weight=filters("short.conv.weight"),
-        short_bias=np.concatenate(both("short.bias")),
+        short_bias=np.concatenate(every("short.bias")),
         long_weight=filters("long.conv.weight"),
-        long_bias=np.concatenate(both("long.bias")),
+        long_bias=np.concatenate(every("long.bias")),
         classify_weight=classify_weight.reshape(len(classify_weight), -1),
-        classify_bias=np.add(*both("classify.bias")) / np.float32(2.0),
+        classify_bias=np.sum(every("classify.bias"), axis=0) * mean,
     )
 
 

@@ -156,13 +156,17 @@ def compute_features(
     workspace: EncoderWorkspace,
     out: Float[np.ndarray, "channel"],
 ) -> None:
-    """Write the standardised summary and the embedding of a batch of one graph."""
+    """Write the standardised summary and the embedding of a batch of one graph.
+
+    Without room for an embedding none is computed.
+    """
     mean, scale = weights.summary_mean, weights.summary_scale
     summarise(graph, 0, shear, out)
     for k in range(len(mean)):
         centred = (out[k] - mean[k]) * scale[k]
         out[k] = min(max(centred, -CLIP), CLIP)
-    encode(graph, shear, weights.encoder, workspace, out[len(mean) :])
+    if len(out) > len(mean):
+        encode(graph, shear, weights.encoder, workspace, out[len(mean) :])
 
 
 @compiled_fastmath

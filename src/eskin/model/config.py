@@ -73,9 +73,10 @@ MAX_DEVIATIONS = 4.0
 """Standard deviations from the mean at which summary features are clipped."""
 
 LIMITS = {
-    "width": (1, np.inf),
+    "width": (0, np.inf),
     "layers": (0, np.inf),
     "channels": (1, np.inf),
+    "groups": (1, np.inf),
     "dropout": (0.0, 0.9),
     "slots": (MIN_SLOTS, np.inf),
 }
@@ -87,19 +88,26 @@ class NetworkConfig:
     """These settings determine the size of the recogniser's network."""
 
     width: int = 8
-    """Number of channels of a node."""
+    """Number of channels of a node; without any, the summary alone is classified."""
     layers: int = 2
     """Number of equivariant layers."""
     channels: int = 32
-    """Number of channels of the temporal head."""
+    """Number of channels of a temporal head."""
+    groups: int = 1
+    """Number of groups of these channels, each of which is filtered alone."""
     dropout: float = 0.3
     """Share of features dropped in training."""
     slots: int = 100
     """Number of slots of 20 ms in a window; 100 are 2 s."""
 
     def __post_init__(self) -> None:
-        """Refuse sizes outside `LIMITS`."""
+        """Refuse sizes outside `LIMITS`, and channels that groups do not divide."""
         check_limits(self, LIMITS)
+        if self.channels % self.groups:
+            raise ValueError(
+                f"channels is {self.channels} in {self.groups} groups; allowed is a "
+                "multiple of groups; change one of them"
+            )
 
 
 FORMAT = "eskin-model-1"
@@ -134,5 +142,9 @@ class ModelCard:
 
     @property
     def graph_used(self) -> GraphConfig:
-        """Settings of the graphs that the network takes; without shear for pressure."""
-        return self.graph if self.kind == "shear" else self.graph.without_shear()
+        """Settings of the graphs that the network takes.
+
+        They are without shear for pressure, and without neighbours for a summary.
+        """
+        graph = self.graph if self.kind == "shear" else self.graph.without_shear()
+        return graph if self.network.width else graph.without_neighbours()

@@ -90,9 +90,10 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "shear_on": (0.0, math.inf),  # [kPa] infinite where shear is not used
     },
     NetworkConfig: {
-        "width": (1, 256),
+        "width": (0, 256),
         "layers": (0, 16),
         "channels": (1, 256),
+        "groups": (1, 256),
         "dropout": (0.0, 0.9),
         "slots": (25, 1000),
     },

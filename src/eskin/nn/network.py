@@ -12,27 +12,27 @@ from eskin.nn.head import TemporalHead, scatter_to_slots
 
 
 class RecogniserNetwork(nn.Module):
-    """A network averages the logits of two views of a touch, each with its own head.
+    """A network averages the logits of views of a touch, each with its own head.
 
-    The *graph* view takes the summary and the learned embedding of the contact graph;
-    the *summary* view takes only the summary, and is the better one with few examples.
+    The *summary* view takes only the summary. The *graph* view takes the summary and
+    the learned embedding of the contact graph; a network of width 0 does not have it.
     """
 
     def __init__(self, config: NetworkConfig, classes: int, shear: bool) -> None:
         """Create a network for `classes` classes, with or without shear."""
         super().__init__()
         self.config = config
+        self.classes = classes
         self.shear = shear
         features = len(PRESSURE_SUMMARY) + (len(SHEAR_SUMMARY) if shear else 0)
-        self.encoder = Encoder(config)
         self.summary_mean = nn.Buffer(torch.zeros(features))
         self.summary_scale = nn.Buffer(torch.ones(features))
-        self.summary_head = TemporalHead(
-            features, config.channels, classes, config.dropout
-        )
-        self.graph_head = TemporalHead(
-            features + self.encoder.size, config.channels, classes, config.dropout
-        )
+        if config.width:
+            self.encoder = Encoder(config)
+        self.summary_head = TemporalHead(features, config, classes)
+        if config.width:
+            size = features + self.encoder.size
+            self.graph_head = TemporalHead(size, config, classes)
 
     def fit_summary(self, summary: Float[Tensor, "reading feature"]) -> None:
         """Set mean and scale of the summary from those of the training readings."""
@@ -48,18 +48,29 @@ class RecogniserNetwork(nn.Module):
         return self.classify(self.embed(batch.graphs), batch.slot_index)
 
     def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
-        """Return the standardised summary and the embedding of each reading."""
+        """Return the standardised summary, and the embedding, of each reading."""
         summary = self.standardise(graphs.summary)
+        if not self.config.width:
+            return summary
         return torch.cat([summary, self.encoder(graphs)], dim=1)
 
     def classify(
         self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
     ) -> Float[Tensor, "view window class"]:
         """Return the logits of each view of each window from its readings' features."""
-        summary = e[:, : len(self.summary_mean)]
-        return torch.stack(
-            [self.summary_view(summary, slot_index), self.graph_view(e, slot_index)]
-        )
+        return self.classify_slots(*scatter_to_slots(e, slot_index, self.config.slots))
+
+    def classify_slots(
+        self,
+        e: Float[Tensor, "window slot feature"],
+        present: Float[Tensor, "window slot"],
+    ) -> Float[Tensor, "view window class"]:
+        """Return the logits of each view of each window from its slots' features."""
+        summary = e[:, :, : len(self.summary_mean)]
+        views = [self.summary_head(summary, present)]
+        if self.config.width:
+            views.append(self.graph_head(e, present))
+        return torch.stack(views)
 
     def standardise(
         self, summary: Float[Tensor, "reading summary"]
