@@ -15,10 +15,10 @@ by contact), or four of simulated people (of the set `test-s`), played as by a l
 device. For each person and draw some repetitions of each group are held out, on
 ShearSense those of whole recordings; of the others 1, 2, 5 and so on of each group are
 learned from, then all. Tested on the held-out repetitions of the same person, and on
-those of each other person. Four methods: starting from weights, starting from nothing,
+those of each other person. Three methods: starting from weights, starting from nothing,
 and the nearest example by the mean, spread and maximum of the features of those
-weights, with and without their summary. Repetitions without a detected touch are wrong.
-Intervals are bootstrapped over people and draws.
+weights. Repetitions without a detected touch are wrong. Intervals are bootstrapped over
+people and draws.
 """
 
 import time
@@ -47,8 +47,8 @@ from eskin.nn import RecogniserNetwork
 from eskin.progress import track_progress
 from eskin.recording import NONE
 
-METHODS = ("start", "nothing", "nearest", "nearest embedding")
-Method = Literal["start", "nothing", "nearest", "nearest embedding"]
+METHODS = ("start", "nothing", "nearest")
+Method = Literal["start", "nothing", "nearest"]
 ALL = 0
 """Number of examples that stands for all that are not held out."""
 BOOTSTRAPS = 2000
@@ -217,8 +217,8 @@ def answer(
     seed: int,
 ) -> Int[np.ndarray, "recording"]:
     """Return the classes of the wanted recordings, as learned from others."""
-    if method in ("nearest", "nearest embedding"):
-        return find_nearest(compute_features(command)[method], examples, learned)
+    if method == "nearest":
+        return find_nearest(compute_features(command), examples, learned)
     config = TrainConfig(
         epochs=command.epochs,
         steps=command.steps,
@@ -247,29 +247,20 @@ def classify(
 
 
 @cache
-def compute_features(
-    command: Command,
-) -> dict[Method, Float[np.ndarray, "recording feature"]]:
+def compute_features(command: Command) -> Float[np.ndarray, "recording feature"]:
     """Return the features of every recording by the weights; NaN without a touch.
 
     They are mean, spread and maximum over the labelled rows.
     """
-    dataset, network = (
-        load_examples(command).dataset,
-        to_network(load_model(command.model)),
-    )
-    summary = len(network.summary_mean)
+    dataset = load_examples(command).dataset
+    network = to_network(load_model(command.model))
     rows: dict[int, np.ndarray] = {}
     for segment in dataset.labelled:
         features = embed_rows(network, dataset, np.arange(segment.first, segment.end))
         rows[segment.recording] = features.detach().numpy()
-    width = next(iter(rows.values())).shape[1]
-    missing = np.full((1, width), np.nan)
+    missing = np.full((1, next(iter(rows.values())).shape[1]), np.nan)
     whole = [rows.get(number, missing) for number in range(len(dataset.recordings))]
-    return {
-        "nearest": np.stack([describe_rows(each) for each in whole]),
-        "nearest embedding": np.stack([describe_rows(x[:, summary:]) for x in whole]),
-    }
+    return np.stack([describe_rows(each) for each in whole])
 
 
 def describe_rows(

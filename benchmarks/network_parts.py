@@ -74,7 +74,7 @@ class Part:
     """Head of the summary view; `statistics` is that of the recogniser."""
 
 
-SIZES = {"width": 32, "layers": 3, "channels": 48, "groups": 1}
+SIZES = {"width": 32, "layers": 3, "channels": 48}
 """Sizes of the network of both views."""
 
 TREES = "trees on the summary"
@@ -88,7 +88,6 @@ PARTS = {
     "twice as wide": Part({"width": 64, "channels": 96}),
     "both views, wide heads": Part({"channels": 160}),
     "summary alone, 96 channels": Part({"width": 0, "channels": 96}),
-    "summary alone, four groups": Part({"width": 0, "channels": 192, "groups": 4}),
     "summary alone, wide": Part({"width": 0, "channels": 160}),
     "summary alone, recurrent": Part({"width": 0, "channels": 96}, head="recurrent"),
     "summary alone, dilated": Part({"width": 0, "channels": 64}, head="dilated"),

@@ -52,8 +52,6 @@ class Command:
     """Equivariant layers."""
     channels: int = 48
     """Channels of each temporal head."""
-    groups: int = 1
-    """Groups of these channels."""
 
 
 def main() -> None:
@@ -65,7 +63,6 @@ def main() -> None:
         width=command.width,
         layers=command.layers,
         channels=command.channels,
-        groups=command.groups,
     )
     network = RecogniserNetwork(config, len(VOCABULARY), shear=False).eval()
     model = to_model(network, ModelCard(VOCABULARY, network=config))

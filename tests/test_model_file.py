@@ -94,9 +94,9 @@ def test_metric_may_be_nan(path):
 
 
 @pytest.mark.parametrize("kind", ["pressure", "shear"])
-@pytest.mark.parametrize(("width", "groups"), [(8, 1), (0, 1), (0, 4)])
-def test_network_read_from_a_file_gives_the_same_logits(path, kind, width, groups):
-    net = network(kind, width=width, channels=8, groups=groups)
+@pytest.mark.parametrize("width", [8, 0])
+def test_network_read_from_a_file_gives_the_same_logits(path, kind, width):
+    net = network(kind, width=width, channels=8)
     save_model(
         path, to_model(net, ModelCard(VOCABULARY, kind=kind, network=net.config))
     )
@@ -236,7 +236,6 @@ def test_invalid_card_is_refused(path, text):
     ("entry", "value"),
     [
         ("width", -1),
-        ("groups", 0),
         ("layers", -1),
         ("channels", 0),
         ("dropout", -0.1),
@@ -247,11 +246,6 @@ def test_invalid_card_is_refused(path, text):
 def test_invalid_size_of_a_network_is_refused(entry, value):
     with pytest.raises(ValueError, match=f"{entry} is {value}"):
         NetworkConfig(**{entry: value})
-
-
-def test_channels_that_groups_do_not_divide_are_refused():
-    with pytest.raises(ValueError, match="channels is 8 in 3 groups"):
-        NetworkConfig(channels=8, groups=3)
 
 
 @pytest.mark.parametrize("value", [float("inf"), float("nan"), -0.1])

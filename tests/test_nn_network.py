@@ -189,8 +189,7 @@ SLOTS, INPUTS, CHANNELS = 100, 6, 8
 
 def make_head(classes=4) -> TemporalHead:
     torch.manual_seed(0)
-    config = NetworkConfig(channels=CHANNELS, dropout=0.5)
-    head = TemporalHead(INPUTS, config, classes).eval()
+    head = TemporalHead(INPUTS, CHANNELS, classes, dropout=0.5).eval()
     with torch.no_grad():
         for parameter in head.parameters():
             parameter += 0.1 * torch.randn_like(parameter)

@@ -29,7 +29,7 @@ from eskin.model import (
 )
 from eskin.recording import NONE, Overrides, find_recordings
 
-SIZES = ("width", "layers", "channels", "groups")
+SIZES = ("width", "layers", "channels")
 """Sizes of a network that must be equal for weights to fit another one."""
 
 

@@ -22,15 +22,14 @@ ZERO = np.float32(0.0)
 class HeadWeights(NamedTuple):
     """These are the parameters of all heads; a *track* is a channel of one of them.
 
-    A *block* of tracks is a group of channels of a head, filtered apart from others.
     Inputs that a head does not take have zeros for weights.
     """
 
     project_weight: Float[np.ndarray, "input track"]
     project_bias: Float[np.ndarray, "track"]
-    short_weight: Float[np.ndarray, "block tap*channel channel"]
+    short_weight: Float[np.ndarray, "view tap*channel channel"]
     short_bias: Float[np.ndarray, "track"]
-    long_weight: Float[np.ndarray, "block tap*channel channel"]
+    long_weight: Float[np.ndarray, "view tap*channel channel"]
     long_bias: Float[np.ndarray, "track"]
     classify_weight: Float[
         np.ndarray, "class scale*statistic*track"
@@ -136,7 +135,7 @@ def convolve_taps(
     spacing: int,
     seen: Bool[np.ndarray, "slot"],
     x: Float[np.ndarray, "slot track"],
-    weight: Float[np.ndarray, "block tap_and_channel channel"],
+    weight: Float[np.ndarray, "view tap_and_channel channel"],
     bias: Float[np.ndarray, "track"],
     out_seen: Bool[np.ndarray, "slot"],
     out: Float[np.ndarray, "slot track"],
@@ -155,22 +154,22 @@ def convolve_taps(
         out: output of the convolution.
     """
     slots, here = len(seen), slot % len(seen)
-    blocks, channels = weight.shape[0], weight.shape[2]
+    views, channels = weight.shape[0], weight.shape[2]
     count = 0
     for k in range(kernel):
         count += seen[(slot - (kernel - 1 - k) * spacing) % slots]
     out_seen[here] = count > 0
     if count == 0:
         return
-    for block in range(blocks):
-        y = out[here, block * channels : (block + 1) * channels]
+    for view in range(views):
+        y = out[here, view * channels : (view + 1) * channels]
         y[:] = ZERO
         for k in range(kernel):
             index = (slot - (kernel - 1 - k) * spacing) % slots
             if seen[index]:
                 add_vecmat(
-                    x[index, block * channels : (block + 1) * channels],
-                    weight[block, k * channels : (k + 1) * channels],
+                    x[index, view * channels : (view + 1) * channels],
+                    weight[view, k * channels : (k + 1) * channels],
                     y,
                 )
     activate_scaled(out[here], np.float32(kernel / count), bias)

@@ -52,7 +52,7 @@ class Network:
             weights["summary_scale"],
             build_encoder_weights(weights, config),
         )
-        self.heads = build_head_weights(weights, config.groups)
+        self.heads = build_head_weights(weights)
         self.workspace = allocate_encoder(INITIAL_NODES, INITIAL_NEIGHBOURS, self.width)
         self.channels = len(self.weights.summary_mean) + 2 * self.width
         self.features = np.empty(self.channels, np.float32)
@@ -125,13 +125,8 @@ def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspac
     )
 
 
-def build_head_weights(weights: Weights, groups: int) -> HeadWeights:
-    """Lay out the parameters of the heads, `summary_head.` and `graph_head.`.
-
-    Args:
-        weights: parameters of the network, which may lack the second head.
-        groups: number of groups of the channels of a head.
-    """
+def build_head_weights(weights: Weights) -> HeadWeights:
+    """Lay out the parameters of the heads, `summary_head.` and maybe `graph_head.`."""
     views = [view for view in VIEWS if f"{view}_head.project.bias" in weights]
     mean = np.float32(1.0 / len(views))
 
@@ -139,9 +134,8 @@ def build_head_weights(weights: Weights, groups: int) -> HeadWeights:
         return [weights[f"{view}_head.{name}"] for view in views]
 
     def filters(name: str) -> np.ndarray:
-        blocks = [block for weight in every(name) for block in np.split(weight, groups)]
-        turned = [block.transpose(2, 1, 0) for block in blocks]
-        return np.stack([block.reshape(-1, block.shape[2]) for block in turned])
+        turned = [weight.transpose(2, 1, 0) for weight in every(name)]
+        return np.stack([weight.reshape(-1, weight.shape[2]) for weight in turned])
 
     inputs = every("project.weight")[-1].shape[1]
     channels = len(every("project.bias")[0])

@@ -76,7 +76,6 @@ LIMITS = {
     "width": (0, np.inf),
     "layers": (0, np.inf),
     "channels": (1, np.inf),
-    "groups": (1, np.inf),
     "dropout": (0.0, 0.9),
     "slots": (MIN_SLOTS, np.inf),
 }
@@ -93,21 +92,14 @@ class NetworkConfig:
     """Number of equivariant layers."""
     channels: int = 32
     """Number of channels of a temporal head."""
-    groups: int = 1
-    """Number of groups of these channels, each of which is filtered alone."""
     dropout: float = 0.3
     """Share of features dropped in training."""
     slots: int = 100
     """Number of slots of 20 ms in a window; 100 are 2 s."""
 
     def __post_init__(self) -> None:
-        """Refuse sizes outside `LIMITS`, and channels that groups do not divide."""
+        """Refuse sizes outside `LIMITS`."""
         check_limits(self, LIMITS)
-        if self.channels % self.groups:
-            raise ValueError(
-                f"channels is {self.channels} in {self.groups} groups; allowed is a "
-                "multiple of groups; change one of them"
-            )
 
 
 FORMAT = "eskin-model-1"

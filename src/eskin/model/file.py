@@ -15,7 +15,7 @@ from safetensors.numpy import save_file
 from eskin.errors import ModelError
 from eskin.files import atomic_path, open_file
 from eskin.graph import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
-from eskin.model.config import ModelCard, NetworkConfig
+from eskin.model.config import ModelCard
 from eskin.model.limits import find_limit_problem
 from eskin.recording.labels import NONE
 
@@ -168,12 +168,15 @@ def network_shapes(card: ModelCard) -> Shapes:
     if card.kind == "shear":
         features += len(SHEAR_SUMMARY)
     shapes: Shapes = {"summary_mean": (features,), "summary_scale": (features,)}
-    shapes |= prefix_names("summary_head", head_shapes(features, config, classes))
+    shapes |= prefix_names(
+        "summary_head", head_shapes(features, config.channels, classes)
+    )
     if config.width:
         both = features + 2 * config.width
         encoder = encoder_shapes(config.width, config.layers)
         shapes |= prefix_names("encoder", encoder)
-        shapes |= prefix_names("graph_head", head_shapes(both, config, classes))
+        head = head_shapes(both, config.channels, classes)
+        shapes |= prefix_names("graph_head", head)
     return shapes
 
 
@@ -202,14 +205,13 @@ def layer_shapes(width: int, last: bool) -> Shapes:
     }
 
 
-def head_shapes(inputs: int, config: NetworkConfig, classes: int) -> Shapes:
+def head_shapes(inputs: int, channels: int, classes: int) -> Shapes:
     """Return the shapes of `eskin.nn.TemporalHead`."""
-    channels, part = config.channels, config.channels // config.groups
     return {
         **linear_shapes("project", inputs, channels),
-        "short.conv.weight": (channels, part, SHORT_TAPS),
+        "short.conv.weight": (channels, channels, SHORT_TAPS),
         "short.bias": (channels,),
-        "long.conv.weight": (channels, part, LONG_TAPS),
+        "long.conv.weight": (channels, channels, LONG_TAPS),
         "long.bias": (channels,),
         **linear_shapes("classify", 12 * channels, classes),
     }

@@ -93,7 +93,6 @@ CARD_LIMITS: dict[type, dict[str, Range]] = {
         "width": (0, 256),
         "layers": (0, 16),
         "channels": (1, 256),
-        "groups": (1, 256),
         "dropout": (0.0, 0.9),
         "slots": (25, 1000),
     },

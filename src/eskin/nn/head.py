@@ -5,7 +5,6 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import conv1d, silu
 
-from eskin.model import NetworkConfig
 from eskin.model.file import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
 from eskin.nn.batch import SlotIndex
 
@@ -21,18 +20,11 @@ class PartialConvolution(nn.Module):
     eq. 1), so readings may come at any rate.
     """
 
-    def __init__(self, config: NetworkConfig, kernel: int, stride: int) -> None:
+    def __init__(self, channels: int, kernel: int, stride: int) -> None:
         """Create a layer with `kernel` taps and a stride of `stride` slots."""
         super().__init__()
-        self.conv = nn.Conv1d(
-            config.channels,
-            config.channels,
-            kernel,
-            stride=stride,
-            groups=config.groups,
-            bias=False,
-        )
-        self.bias = nn.Parameter(torch.zeros(config.channels))
+        self.conv = nn.Conv1d(channels, channels, kernel, stride=stride, bias=False)
+        self.bias = nn.Parameter(torch.zeros(channels))
         self.ones = nn.Buffer(torch.ones(1, 1, kernel), persistent=False)
 
     def forward(self, x: Sequence, present: Mask) -> Shorter:
@@ -57,14 +49,16 @@ class TemporalHead(nn.Module):
     0.5 s); one linear layer follows.
     """
 
-    def __init__(self, inputs: int, config: NetworkConfig, classes: int) -> None:
+    def __init__(
+        self, inputs: int, channels: int, classes: int, dropout: float
+    ) -> None:
         """Create a head for embeddings of `inputs` channels."""
         super().__init__()
-        self.project = nn.Linear(inputs, config.channels)
-        self.short = PartialConvolution(config, SHORT_TAPS, SHORT_STRIDE)
-        self.long = PartialConvolution(config, LONG_TAPS, LONG_STRIDE)
-        self.dropout = nn.Dropout(config.dropout)
-        self.classify = nn.Linear(12 * config.channels, classes)
+        self.project = nn.Linear(inputs, channels)
+        self.short = PartialConvolution(channels, SHORT_TAPS, SHORT_STRIDE)
+        self.long = PartialConvolution(channels, LONG_TAPS, LONG_STRIDE)
+        self.dropout = nn.Dropout(dropout)
+        self.classify = nn.Linear(12 * channels, classes)
 
     def forward(
         self,

@@ -29,10 +29,14 @@ class RecogniserNetwork(nn.Module):
         self.summary_scale = nn.Buffer(torch.ones(features))
         if config.width:
             self.encoder = Encoder(config)
-        self.summary_head = TemporalHead(features, config, classes)
+        self.summary_head = TemporalHead(
+            features, config.channels, classes, config.dropout
+        )
         if config.width:
             size = features + self.encoder.size
-            self.graph_head = TemporalHead(size, config, classes)
+            self.graph_head = TemporalHead(
+                size, config.channels, classes, config.dropout
+            )
 
     def fit_summary(self, summary: Float[Tensor, "reading feature"]) -> None:
         """Set mean and scale of the summary from those of the training readings."""
