@@ -139,7 +139,7 @@ Run = tuple[str, int, int, Method]
 
 def run(command: Command) -> list[Result]:
     """Measure what is not kept, and return the results of all methods and draws."""
-    people = sorted(set(load_examples(command).person))
+    people = find_people(load_examples(command), command.held)
     draws = range(command.repeats)
     runs = set(product(people, draws, command.examples, command.methods))
     kept = read_results(command.keep, Result)
@@ -152,6 +152,15 @@ def run(command: Command) -> list[Result]:
             append_results(command.keep, found)
             results += found
     return results
+
+
+def find_people(examples: RecordedExamples, held: int) -> list[str]:
+    """Return the people of whom some of every group are left when some are held out."""
+    return [
+        name
+        for name in sorted(set(examples.person))
+        if all(len(examples.find(name, x)) > held for x in examples.vocabulary[1:])
+    ]
 
 
 @cache

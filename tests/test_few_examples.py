@@ -7,7 +7,13 @@ import pytest
 
 pytest.importorskip("torch", reason="no torch; pip install '.[train]'")
 
-from benchmarks.few_examples import describe_rows, find_nearest, format_share, split
+from benchmarks.few_examples import (
+    describe_rows,
+    find_nearest,
+    find_people,
+    format_share,
+    split,
+)
 from benchmarks.recorded_examples import RecordedExamples
 
 from eskin.learn.dataset import prepare
@@ -43,6 +49,12 @@ def test_held_out_repetitions_are_of_every_group_and_never_learned(examples):
     for person, held in tests.items():
         assert {examples.person[n] for n in held} == {person}
         assert sorted(examples.group[n] for n in held) == ["hit"] * 3 + ["pat"] * 3
+
+
+def test_people_with_too_few_of_a_group_are_not_learned_from(examples):
+    assert find_people(examples, 9) == ["a", "b"] and find_people(examples, 10) == []
+    fewer = replace(examples, group=("pat", *["hit"] * 19, *examples.group[20:]))
+    assert find_people(fewer, 1) == ["b"]
 
 
 def test_nearest_example_gives_its_class_and_a_lost_touch_none(examples):
