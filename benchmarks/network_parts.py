@@ -2,13 +2,14 @@
 
     python -m benchmarks.network_parts --sets SETS --keep FILE
     python -m benchmarks.network_parts --sets SETS --seeds 1 --only "summary alone"
+    python -m benchmarks.network_parts --sets SETS --zero-shot --keep OTHER
 
-Every row is trained on the sets of `benchmarks.weights`, and on one recorded person,
-for as long and with the same augmentation, from random weights. It is tested on
-simulated people with sensors as in training (`val`) and of all families
+Every row is trained on the sets of `benchmarks.weights`, and on one recorded person or,
+zero-shot, on none, for as long and with the same augmentation, from random weights. It
+is tested on simulated people with sensors as in training (`val`) and of all families
 (`val-families`), on pairs of clips with the same counts and another label, and on the
-other recorded person, whose touches are placed on a robot. None of these is a final
-set, and the epoch of least loss is chosen on the first two.
+recorded people who are left, whose touches are placed on a robot. None of these is a
+final set, and the epoch of least loss is chosen on the first two.
 
 Accuracies are of clips, by the touch of largest impulse at its last reading. Intervals
 are those of 95 % of resampled people, or of recordings of the only one. The lead over
@@ -117,6 +118,8 @@ class Command:
     """Steps of an epoch."""
     workers: int = 1
     """Number of processes that prepare, and of threads that train."""
+    zero_shot: bool = False
+    """Whether no recorded person is trained on, and both are tested on."""
     keep: Path | None = None
     """File to which results are appended, and of which they are read."""
 
@@ -295,14 +298,19 @@ def load_sets(command: Command) -> tuple[Dataset, Dataset, dict[str, Dataset]]:
         for person in (0, 1)
     )
     tests = {
-        "val": load({"tuneval": VALIDATION["tuneval"]}),
-        "val-families": load({"tunefam": VALIDATION["tunefam"]}),
-        "pairs": load({"tunepairs": "--set pairs --seed 5 --clips 60"}),
-        "the other person": load(
-            {name: other[name] for name in other if name == "rec1"}
-        ),
+        "val": {"tuneval": VALIDATION["tuneval"]},
+        "val-families": {"tunefam": VALIDATION["tunefam"]},
+        "pairs": {"tunepairs": "--set pairs --seed 5 --clips 60"},
+        "the other person": {"rec1": other["rec1"]},
     }
-    return load(SIMULATED | first), load(VALIDATION), tests
+    if command.zero_shot:
+        tests["person 0"] = {"rec0": first["rec0"]}
+    train = SIMULATED | ({} if command.zero_shot else first)
+    return (
+        load(train),
+        load(VALIDATION),
+        {name: load(sets) for name, sets in tests.items()},
+    )
 
 
 def run(command: Command) -> tuple[list[Result], dict[str, list[str]]]:
