@@ -127,6 +127,8 @@ class Command:
 class TouchTrace:
     """Holds what the recogniser said of one tracked touch, and what it was."""
 
+    onset: float
+    """Onset of the tracked touch since that of the simulated one [s]."""
     true: str = "none"
     """Gesture that was made; `none` for an accident or a touch that nobody made."""
     cause: int | None = None
@@ -135,8 +137,6 @@ class TouchTrace:
     """Seed of the build."""
     works: bool = True
     """Whether the arm was neither paused nor held when it began."""
-    onset: float = 0.0
-    """Onset of the tracked touch since that of the simulated one [s]."""
     seconds: list[float] = field(default_factory=list)
     """Time of each reading since the onset of the simulated touch [s]."""
     probabilities: list[dict[str, float]] = field(default_factory=list)
@@ -271,7 +271,9 @@ class TraceListener(Listener):
             self.detections.setdefault(item.touch, item)
         elif isinstance(item, RecognitionState):
             for touch in item.state.open:
-                trace = self.traces.setdefault(touch.id, TouchTrace(build=self.build))
+                trace = self.traces.setdefault(
+                    touch.id, TouchTrace(0.0, build=self.build)
+                )
                 self.onsets.setdefault(touch.id, touch.onset)
                 stamp = item.state.reading.stamp
                 self.stamps.setdefault(touch.id, []).append(stamp)

@@ -35,6 +35,7 @@ def trace(true, confidence, detected="grab", **changes):
     known = {"grab": confidence, "poke": confidence, "none": 1.0 - confidence}
     known["double_pat"] = confidence
     values = {"true": true, "cause": 1, "detected": detected, "seconds": [0.1]}
+    values["onset"] = 0.0
     values |= {"detected_at": 0.1} | changes
     count = len(values["seconds"])
     return TouchTrace(probabilities=[known] * count, contact=[True] * count, **values)
