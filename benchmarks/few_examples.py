@@ -155,11 +155,11 @@ def run(command: Command) -> list[Result]:
 
 
 def find_people(examples: RecordedExamples, held: int) -> list[str]:
-    """Return the people of whom some of every group are left when some are held out."""
+    """Return the people of whom some repetitions are left when some are held out."""
     return [
         name
         for name in sorted(set(examples.person))
-        if all(len(examples.find(name, x)) > held for x in examples.vocabulary[1:])
+        if any(len(examples.find(name, x)) > held for x in examples.vocabulary[1:])
     ]
 
 
@@ -236,7 +236,9 @@ def answer(
     )
     start = model if method == "start" else None
     if start is not None:
-        config = replace(config, network=start.card.network)
+        config = replace(
+            config, network=start.card.network, kept_rate=command.kept_rate
+        )
     trainer = Trainer(
         examples.dataset, examples.vocabulary, config, learned, seed, start=start
     )

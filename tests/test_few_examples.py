@@ -53,7 +53,7 @@ def test_held_out_repetitions_are_of_every_group_and_never_learned(examples):
 
 def test_people_with_too_few_of_a_group_are_not_learned_from(examples):
     assert find_people(examples, 9) == ["a", "b"] and find_people(examples, 10) == []
-    fewer = replace(examples, group=("pat", *["hit"] * 19, *examples.group[20:]))
+    fewer = replace(examples, source=("0",) * 20 + examples.source[20:])
     assert find_people(fewer, 1) == ["b"]
 
 
