@@ -236,9 +236,7 @@ def answer(
     )
     start = model if method == "start" else None
     if start is not None:
-        config = replace(
-            config, network=start.card.network, kept_rate=command.kept_rate
-        )
+        config = replace(config, network=start.card.network)
     trainer = Trainer(
         examples.dataset, examples.vocabulary, config, learned, seed, start=start
     )

@@ -39,10 +39,14 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("scene", SCENES)
-def test_stream_gives_the_logits_of_the_offline_windows(scene, tmp_path):
+ALONE = [("ur5, arm moving", 0), ("shear", 0)]
+"""Scenes for a network of the summary alone, whose live graphs have no neighbours."""
+
+
+@pytest.mark.parametrize(("scene", "width"), [*((name, 8) for name in SCENES), *ALONE])
+def test_stream_gives_the_logits_of_the_offline_windows(scene, width, tmp_path):
     skin, kind, rate, lost = SCENES[scene]
-    on, net = mounted(*skin), network(kind)
+    on, net = mounted(*skin), network(kind, width=width)
     model = model_of(net)
     stream = scans(on, two_hands(on), rate, 4.6, lost)
     path = record(tmp_path / "two.mcap", on, stream, [label(2.3, 3.2, "stroke")])

@@ -31,9 +31,7 @@ class HeadWeights(NamedTuple):
     short_bias: Float[np.ndarray, "track"]
     long_weight: Float[np.ndarray, "view tap*channel channel"]
     long_bias: Float[np.ndarray, "track"]
-    classify_weight: Float[
-        np.ndarray, "class scale*statistic*track"
-    ]  # of a mean over the heads
+    classify_weight: Float[np.ndarray, "class scale*statistic*track"]  # for the mean
     classify_bias: Float[np.ndarray, "class"]
 
 
