@@ -52,20 +52,22 @@ class Command:
 class ChosenExamples(Examples):
     """Chosen examples are some of the clips of recordings."""
 
-    chosen: frozenset[tuple[int, int]] = frozenset()
+    chosen: frozenset[tuple[Path, int]] = frozenset()
     """Recording and start [ns since the epoch] of each."""
 
     @cached_property
     def clips(self) -> tuple[tuple[int, Clip], ...]:
         """Return the chosen clips, each with the index of its recording."""
         found = find_all_clips(self)
-        return tuple(c for c in found if (c[0], c[1].start) in self.chosen)
+        return tuple(
+            (n, c) for n, c in found if (self.paths[n], c.start) in self.chosen
+        )
 
     @cached_property
     def windows(self) -> SkinWindows:
         """Return pressures of all taxels and joint positions in each clip."""
         whole = as_whole(self)
-        kept = [(n, clip.start) in self.chosen for n, clip in whole.clips]
+        kept = [(self.paths[n], clip.start) in self.chosen for n, clip in whole.clips]
         rows = np.flatnonzero(kept)
         return SkinWindows(whole.windows.pressure[rows], whole.windows.q[rows])
 
@@ -78,7 +80,7 @@ class ChosenExamples(Examples):
         def is_chosen(recording: int, stamp: int) -> bool:
             row = int(np.searchsorted(starts[recording], stamp, "right")) - 1
             first = int(starts[recording][max(row, 0)])
-            return (recording % count, first) in self.chosen
+            return (self.paths[recording % count], first) in self.chosen
 
         segments = tuple(
             segment
@@ -86,7 +88,7 @@ class ChosenExamples(Examples):
             if is_chosen(segment.recording, int(dataset.stamps[segment.first]))
         )
         clips = tuple(
-            tuple(clip for clip in each if (n % count, clip.start) in self.chosen)
+            tuple(c for c in each if (self.paths[n % count], c.start) in self.chosen)
             for n, each in enumerate(dataset.clips)
         )
         return replace(dataset, segments=segments, clips=clips)
@@ -105,8 +107,10 @@ def find_all_clips(examples: Examples) -> tuple[tuple[int, Clip], ...]:
 def choose(examples: Examples, kept: Bool[np.ndarray, "clip"]) -> ChosenExamples:
     """Return some clips of examples."""
     pairs = zip(examples.clips, kept, strict=True)
-    chosen = frozenset((n, clip.start) for (n, clip), keep in pairs if keep)
-    return ChosenExamples(examples.paths, examples.pack, examples.workers, None, chosen)
+    chosen = frozenset(
+        (examples.paths[n], clip.start) for (n, clip), keep in pairs if keep
+    )
+    return ChosenExamples(**vars(as_whole(examples)), chosen=chosen)
 
 
 def split_clips(examples: Examples) -> tuple[Examples, Examples]:

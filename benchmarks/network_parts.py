@@ -2,7 +2,7 @@
 
     python -m benchmarks.network_parts --sets SETS --keep FILE
     python -m benchmarks.network_parts --sets SETS --seeds 1 --only "summary alone"
-    python -m benchmarks.network_parts --sets SETS --zero-shot --keep OTHER
+    python -m benchmarks.network_parts --sets SETS --keep FILE --zero-shot
 
 Every row is trained on the sets of `benchmarks.weights`, and on one recorded person or,
 zero-shot, on none, for as long and with the same augmentation, from random weights. It
@@ -87,9 +87,9 @@ PARTS = {
     "no messages": Part({"layers": 0}),
     "all readings encoded": Part(readings=100, encoded=16),
     "twice as wide": Part({"width": 64, "channels": 96}),
-    "both views, wide heads": Part({"channels": 160}),
+    "both views, 160 channels": Part({"channels": 160}),
     "summary alone, 96 channels": Part({"width": 0, "channels": 96}),
-    "summary alone, wide": Part({"width": 0, "channels": 160}),
+    "summary alone, 160 channels": Part({"width": 0, "channels": 160}),
     "summary alone, recurrent": Part({"width": 0, "channels": 96}, head="recurrent"),
     "summary alone, dilated": Part({"width": 0, "channels": 64}, head="dilated"),
     TREES: Part(),
@@ -143,6 +143,8 @@ class Result:
     steps: int
     seconds: float
     """Duration of the training [s]."""
+    zero_shot: bool = False
+    """Whether no recorded person was trained on."""
     correct: dict[str, list[bool]] = field(default_factory=dict)
     """Whether each clip of each test is right."""
 
@@ -317,23 +319,27 @@ def run(command: Command) -> tuple[list[Result], dict[str, list[str]]]:
     """Train the rows that are not kept; return results, and the person of each clip."""
     train, validation, tests = load_sets(command)
     results = read_results(command.keep, Result)
-    done = {(r.row, r.seed, r.epochs, r.steps) for r in results}
+    zero_shot = command.zero_shot
+    done = {(r.row, r.seed, r.epochs, r.steps, r.zero_shot) for r in results}
     for seed in range(command.seeds):
         for row in command.only:
-            if (row, seed, command.epochs, command.steps) in done:
+            if (row, seed, command.epochs, command.steps, zero_shot) in done:
                 continue
             fit = fit_trees if row == TREES else fit_network
             start = time.perf_counter()
             predict = fit(command, PARTS[row], train, validation, seed)
             seconds = time.perf_counter() - start
-            result = Result(row, seed, command.epochs, command.steps, seconds)
+            result = Result(
+                row, seed, command.epochs, command.steps, seconds, zero_shot
+            )
             for name, test in tests.items():
                 result.correct[name] = predict(test)
             results.append(result)
             append_results(command.keep, [result])
     people = {name: find_people(test) for name, test in tests.items()}
-    wanted = command.epochs, command.steps
-    return [r for r in results if (r.epochs, r.steps) == wanted], people
+    wanted = command.epochs, command.steps, zero_shot
+    chosen = [r for r in results if (r.epochs, r.steps, r.zero_shot) == wanted]
+    return chosen, people
 
 
 def predict_with(network: RecogniserNetwork, test: Dataset) -> list[bool]:

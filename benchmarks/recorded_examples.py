@@ -3,14 +3,15 @@
 The repetitions are those of public sets, or of simulated people.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from benchmarks.public_sets import SETS, TOUCHED, PublicSet, Trial, read_trials
 from benchmarks.simulated_sets import made_set
-from benchmarks.transfer import FINEST, REST_AFTER, REST_BEFORE, build_scans
+from benchmarks.transfer import FINEST, build_scans
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Clip, read_clips
 from eskin.recording import (
@@ -69,9 +70,17 @@ class Example:
     """An example is the recording of a repetition."""
 
     path: Path
+    """Path of the recording."""
     person: str
+    """Person."""
     group: str
+    """Group of the gesture."""
     source: str
+    """Longer recording of which it is a part."""
+
+
+Found = tuple[Example, Callable[[], None]]
+"""Example, and a function that writes its recording."""
 
 
 def build_examples(
@@ -88,16 +97,18 @@ def build_examples(
     """
     work.mkdir(parents=True, exist_ok=True)
     if kind == "simulated":
-        found = list(write_simulated(work, workers))
+        found = find_simulated(work, workers)
     else:
         name = "socialtouch-groups" if kind == "socialtouch" else kind
-        found = list(write_public(SETS[name], data, work))
+        found = find_public(SETS[name], data, work)
     counts: dict[tuple[str, str], int] = {}
     kept = []
-    for example in found:
+    for example, write in found:
         key = example.person, example.group
         counts[key] = counts.get(key, 0) + 1
         if cap is None or counts[key] <= cap:
+            if not example.path.exists():
+                write()
             kept.append(example)
     paths = [example.path for example in kept]
     return RecordedExamples(
@@ -108,8 +119,8 @@ def build_examples(
     )
 
 
-def write_public(public: PublicSet, data: Path | None, work: Path) -> Iterator[Example]:
-    """Write the trials of a public set, without those of no touch."""
+def find_public(public: PublicSet, data: Path | None, work: Path) -> Iterator[Found]:
+    """Yield the trials of a public set, without those of no touch."""
     pitch = public.pitch_mm / 1000
     skin = build_grid_skin(public.rows, public.columns, pitch, calibrated=True)
     calibration = Calibration.uniform(skin.count, FINEST, public.full_scale_kpa)
@@ -122,9 +133,8 @@ def write_public(public: PublicSet, data: Path | None, work: Path) -> Iterator[E
         key = trial.subject, group
         counts[key] = counts.get(key, 0) + 1
         path = work / f"{trial.subject}-{group}-{counts[key]:03d}.mcap"
-        if not path.exists():
-            write_trial(path, trial, group, skin, calibration)
-        yield Example(path, trial.subject, group, trial.source or path.name)
+        example = Example(path, trial.subject, group, trial.source or path.name)
+        yield example, partial(write_trial, path, trial, group, skin, calibration)
 
 
 def write_trial(
@@ -142,8 +152,8 @@ def write_trial(
         write_all(writer, scans, labels)
 
 
-def write_simulated(work: Path, workers: int) -> Iterator[Example]:
-    """Write the clips of simulated people, without those of no gesture."""
+def find_simulated(work: Path, workers: int) -> Iterator[Found]:
+    """Yield the clips of simulated people, without those of no gesture."""
     folder = made_set(
         work,
         "test-s",
@@ -159,17 +169,24 @@ def write_simulated(work: Path, workers: int) -> Iterator[Example]:
             if clip.gesture == NONE:
                 continue
             target = work / f"{path.stem}-{clip.gesture}-{number:03d}.mcap"
-            if not target.exists():
-                write_clip(target, recording, scans, clip)
-            yield Example(target, person, clip.gesture, target.name)
+            example = Example(target, person, clip.gesture, target.name)
+            yield example, partial(write_clip, target, recording, scans, clip)
 
 
 def write_clip(
     path: Path, recording: Recording, scans: Sequence[Scan], clip: Clip
 ) -> None:
-    """Write a clip with its label, and the rest before and after it."""
-    start = clip.start - round(REST_BEFORE * NS_PER_S)
-    end = clip.end + round(REST_AFTER * NS_PER_S)
+    """Write a clip with its label, after the rest at the start of its recording.
+
+    There are no scans between clips, and a device is tared at rest. The rest is moved
+    in time, and to the pose of the clip, so that it ends where the clip begins.
+    """
+    first = read_clips(recording.path)[0].start
+    inside = [s for s in scans if clip.start <= s.stamp < clip.end]
+    rest = [s for s in scans if s.stamp < first]
+    period = rest[1].stamp - rest[0].stamp
+    moved = clip.start - period - rest[-1].stamp
+    rest = [replace(s, stamp=s.stamp + moved, q=inside[0].q) for s in rest]
     labels = [
         label
         for label in recording.labels
@@ -184,4 +201,4 @@ def write_clip(
         recording.joint_names,
         recording.urdf,
     ) as writer:
-        write_all(writer, [s for s in scans if start <= s.stamp < end], labels)
+        write_all(writer, rest + inside, labels)

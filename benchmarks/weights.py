@@ -88,8 +88,7 @@ WEIGHTS = {
 
 OPTIONS = """
 --skins 0 --train.batch 96 --train.encoded 32 --train.readings 10 --train.decay 0.1
---train.smoothing 0.05 --train.patience 99 --train.network.width 32
---train.network.layers 3 --train.network.channels 48 --train.network.dropout 0.1
+--train.smoothing 0.05 --train.patience 99 --train.network.dropout 0.1
 --train.augment.gain 0.9 --train.augment.taxel-gain 0.05 --train.augment.dead 0.03
 --train.augment.offset 0.25 --train.augment.crop 0 --train.augment.stretch 0.1
 --train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05
@@ -110,6 +109,10 @@ class Command:
     """Folder of the SocialTouch set, as published."""
     weights: tuple[str, ...] = ("ur5-sim", "ur5")
     """Names of the weights to make, those to start from first."""
+    width: int = 32
+    """Channels of a node of the network; 0 for the summary alone."""
+    channels: int = 48
+    """Channels of each of its heads."""
     workers: int = 2
     """Number of processes that generate and prepare, and of threads that train."""
 
@@ -153,6 +156,8 @@ def train(name: str, command: Command) -> None:
         *("--out", str(command.out / f"{name}.safetensors")),
         *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
         *("--train.workers", str(command.workers)),
+        *("--train.network.width", str(command.width), "--train.network.layers", "3"),
+        *("--train.network.channels", str(command.channels)),
         *OPTIONS,
         *(["--start", str(start)] if recipe.start else []),
         *chosen,

@@ -14,9 +14,12 @@ from benchmarks.few_examples import (
     format_share,
     split,
 )
-from benchmarks.recorded_examples import RecordedExamples
+from benchmarks.recorded_examples import RecordedExamples, write_clip
 
 from eskin.learn.dataset import prepare
+from eskin.learn.ground_truth import read_clips
+from eskin.recording import read_recording
+from helpers.clips import generated
 from helpers.learning import record
 
 pytestmark = pytest.mark.slow
@@ -74,3 +77,21 @@ def test_share_has_its_interval_and_rows_their_mean_spread_and_maximum():
     assert format_share(np.array([]), rng) == "-"
     rows = np.array([[0.0, 2.0], [4.0, 2.0]])
     assert describe_rows(rows).tolist() == [2.0, 2.0, 2.0, 0.0, 4.0, 2.0]
+
+
+def test_a_clip_is_cut_with_rest_before_it(tmp_path):
+    [path, *_] = generated(tmp_path / "set")
+    recording = read_recording(path)
+    scans, clips = list(recording.scans()), read_clips(path)
+    for number, clip in enumerate(clips):
+        write_clip(tmp_path / f"{number}.mcap", recording, scans, clip)
+        cut = read_recording(tmp_path / f"{number}.mcap")
+        found = list(cut.scans())
+        stamps = np.array([scan.stamp for scan in found])
+        rest = int((stamps < clip.start).sum())
+        assert rest == sum(scan.stamp < clips[0].start for scan in scans) > 50
+        assert np.ptp(np.diff(stamps)) == 0 and stamps[-1] < clip.end
+        assert all(np.array_equal(scan.q, found[rest].q) for scan in found[:rest])
+        begins = [label.start for label in recording.labels if label.source == "true"]
+        inside = [begin for begin in begins if clip.start <= begin < clip.end]
+        assert [label.start for label in cut.labels] == inside

@@ -137,7 +137,8 @@ class RecogniserMethod(Method):
         factor = max(1.0, len(examples.clips) / SMALL)
         config = replace(self.config, steps=round(factor * self.config.steps))
         trainer = Trainer(dataset, vocabulary, config, seed=seed)
-        trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
+        if self.config.network.width:
+            trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
         network = trainer.run(quiet=True)
         columns = [vocabulary.index(gesture) for gesture in examples.gestures]
         truth = examples.truth(examples.gestures)
