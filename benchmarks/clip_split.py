@@ -12,7 +12,7 @@ points.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -58,17 +58,18 @@ class ChosenExamples(Examples):
     @cached_property
     def clips(self) -> tuple[tuple[int, Clip], ...]:
         """Return the chosen clips, each with the index of its recording."""
-        found = find_all_clips(self)
-        return tuple(
-            (n, c) for n, c in found if (self.paths[n], c.start) in self.chosen
-        )
+        whole = as_whole(self).clips
+        return tuple((n, clip) for n, clip in whole if self.has(n, clip.start))
+
+    def has(self, recording: int, start: int) -> bool:
+        """Return whether the clip of a recording that starts at a stamp is chosen."""
+        return (self.paths[recording], start) in self.chosen
 
     @cached_property
     def windows(self) -> SkinWindows:
         """Return pressures of all taxels and joint positions in each clip."""
         whole = as_whole(self)
-        kept = [(self.paths[n], clip.start) in self.chosen for n, clip in whole.clips]
-        rows = np.flatnonzero(kept)
+        rows = np.flatnonzero([self.has(n, clip.start) for n, clip in whole.clips])
         return SkinWindows(whole.windows.pressure[rows], whole.windows.q[rows])
 
     def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
@@ -79,8 +80,7 @@ class ChosenExamples(Examples):
 
         def is_chosen(recording: int, stamp: int) -> bool:
             row = int(np.searchsorted(starts[recording], stamp, "right")) - 1
-            first = int(starts[recording][max(row, 0)])
-            return (self.paths[recording % count], first) in self.chosen
+            return self.has(recording % count, int(starts[recording][max(row, 0)]))
 
         segments = tuple(
             segment
@@ -88,7 +88,7 @@ class ChosenExamples(Examples):
             if is_chosen(segment.recording, int(dataset.stamps[segment.first]))
         )
         clips = tuple(
-            tuple(c for c in each if (self.paths[n % count], c.start) in self.chosen)
+            tuple(clip for clip in each if self.has(n % count, clip.start))
             for n, each in enumerate(dataset.clips)
         )
         return replace(dataset, segments=segments, clips=clips)
@@ -97,11 +97,6 @@ class ChosenExamples(Examples):
 def as_whole(examples: Examples) -> Examples:
     """Return examples of all clips of the same recordings."""
     return Examples(examples.paths, examples.pack, examples.workers, examples.transform)
-
-
-def find_all_clips(examples: Examples) -> tuple[tuple[int, Clip], ...]:
-    """Return all clips of the recordings, chosen or not."""
-    return as_whole(examples).clips
 
 
 def choose(examples: Examples, kept: Bool[np.ndarray, "clip"]) -> ChosenExamples:
@@ -121,12 +116,7 @@ def split_clips(examples: Examples) -> tuple[Examples, Examples]:
     return choose(examples, ~held), choose(examples, held)
 
 
-def split_people(examples: Examples) -> tuple[Examples, Examples]:
-    """Divide clips by people, as the comparison of methods does."""
-    return split_examples(examples, SHARE)
-
-
-SPLITS = {"clips": split_clips, "people": split_people}
+SPLITS = {"clips": split_clips, "people": partial(split_examples, share=SHARE)}
 """Ways of dividing examples, by what is held out."""
 
 

@@ -4,7 +4,7 @@ To add a set, write a function that reads its trials and add an entry to `SETS`.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -180,18 +180,22 @@ def read_sleeve(folder: Path) -> Iterator[Trial]:
         clip = sleeve.read_sleeve_file(path, time, session)
         seconds, share = read_shares(clip, sleeve.FULL_SCALE)
         stamps = np.array([scan.stamp for scan in clip.scans])
-        spans = [(label.gesture, label.start, label.end) for label in clip.labels]
-        idle = np.ones(len(stamps), dtype=np.bool_)
-        for gesture, start, end in spans:
-            if gesture != NONE:
-                idle &= (stamps < start) | (stamps >= end)
+        runs = [
+            (
+                label.gesture,
+                np.arange(*np.searchsorted(stamps, [label.start, label.end])),
+            )
+            for label in clip.labels
+            if label.gesture != NONE
+        ]
+        idle = np.arange(len(stamps))
+        for _, run in runs:
+            idle = np.setdiff1d(idle, run)
         share = np.maximum(share - np.median(share[idle], axis=0), 0.0)
-        for gesture, start, end in spans:
-            inside = np.flatnonzero((stamps >= start) & (stamps < end))
-            if gesture != NONE and len(inside) > 1:
-                yield Trial(session, gesture, seconds[inside], share[inside], clip.name)
-        for run in cut_runs(np.flatnonzero(idle), seconds):
-            yield Trial(session, NONE, seconds[run], share[run], clip.name)
+        runs += [(NONE, run) for run in cut_runs(idle, seconds)]
+        for gesture, run in runs:
+            if len(run) > 1:
+                yield Trial(session, gesture, seconds[run], share[run], clip.name)
 
 
 def read_shares(
@@ -214,15 +218,19 @@ def group_shearsense() -> tuple[Group, ...]:
         "constant": NONE,
         NONE: NONE,
     }
-    others = ("pinch", "press", "tap", "karate", "fist", "knead", "massage", "rub")
-    names = (*truths, *others, "scratch", "twist", "type")
-    return tuple(Group(name, (name,), truths.get(name)) for name in names)
+    others = "pinch press tap karate fist knead massage rub scratch twist type"
+    return group_single(truths, others.split())
 
 
 def group_sleeve() -> tuple[Group, ...]:
     """Group the gestures of the sleeve by their true class."""
     truths = {"stroke": "stroke", "grab": "grab", "squeeze": "grab", NONE: NONE}
-    names = (*truths, "tap", "punch", "hug", "tickle")
+    return group_single(truths, ["tap", "punch", "hug", "tickle"])
+
+
+def group_single(truths: Mapping[str, str], others: Sequence[str]) -> tuple[Group, ...]:
+    """Return a group of each gesture alone, with its true class or without one."""
+    names = (*truths, *others)
     return tuple(Group(name, (name,), truths.get(name)) for name in names)
 
 
