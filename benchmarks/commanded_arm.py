@@ -24,6 +24,7 @@ import tyro
 from benchmarks.tables import format_head, format_row
 from eskin.demo import DemoConfig, DemoResult, SimulatedUserConfig, StormConfig
 from eskin.demo.headless import merge_results, run_build
+from eskin.demo.score import count_going_on
 from eskin.errors import ArmError
 from eskin.sim.sensor import FAMILIES
 
@@ -60,7 +61,8 @@ RESAMPLES = 2000
 HEAD = [
     *("condition", "touches", "obeyed", "wrong", "accidents", "stops by accidents"),
     *("unasked to go on an hour", "command after the end p50 / p95 [s]"),
-    *("stop after the onset p50 / p95 [s]", "arm available", "commands of faults"),
+    *("stop after the onset p50 / p95 [s]", "arm not held"),
+    *("commands of faults", "to go on"),
 ]
 
 
@@ -105,7 +107,7 @@ def count_stops(part: DemoResult) -> tuple[float, float]:
     return part.score.count_unasked()["unasked_stops"], len(part.score.accidents)
 
 
-def count_going_on(part: DemoResult) -> tuple[float, float]:
+def rate_going_on(part: DemoResult) -> tuple[float, float]:
     """Return how many unasked commands went on, and the simulated hours."""
     return part.score.count_unasked()["unasked_going_on"], part.seconds / 3600.0
 
@@ -136,11 +138,12 @@ def format_times(times: tuple[float, float] | None) -> str:
 def format_result(name: str, parts: list[DemoResult]) -> str:
     """Format the builds of a condition as a row of the table."""
     result = merge_results(parts)
+    by_faults = result.score.by_faults
     shares = [
         "{:.1%} ({:.0%} to {:.0%})".format(*compute_interval(parts, count))
         for count in (count_obeyed, count_wrong, count_stops)
     ]
-    rate = "{:.1f} ({:.1f} to {:.1f})".format(*compute_interval(parts, count_going_on))
+    rate = "{:.1f} ({:.1f} to {:.1f})".format(*compute_interval(parts, rate_going_on))
     return format_row(
         [
             name,
@@ -153,7 +156,8 @@ def format_result(name: str, parts: list[DemoResult]) -> str:
             format_times(result.delay),
             format_times(result.stop_delay),
             f"{result.availability:.1%}",
-            str(result.score.faults),
+            str(len(by_faults)),
+            str(count_going_on(by_faults)),
         ]
     )
 

@@ -118,7 +118,7 @@ def shearsense(paths: tuple[Path, ...], command: Command) -> Answers:
 
 def socialtouch(paths: tuple[Path, ...], command: Command) -> Answers:
     """Classify repetitions as gestures, then as groups, with a person held out."""
-    dataset = prepare(paths, graph=command.train.graph_used)
+    dataset = prepare(paths, graph=command.train.select_graph())
     gestures = cross_validate(dataset, "subject", command, command.train)
     print(table("Repetitions, all gestures", gestures))
     grouped = rename_gestures(dataset, find_group)
@@ -150,7 +150,7 @@ def classify_held_out_people(
     Without shear no shear information is used, not even which taxels it touches.
     """
     config = replace(command.train, shear=shear)
-    dataset = prepare(paths, graph=config.graph_used)
+    dataset = prepare(paths, graph=config.select_graph())
     return cross_validate(dataset, "subject", command, config)
 
 

@@ -116,14 +116,19 @@ def test_taxels_of_a_faulty_row_are_no_evidence():
     assert command(scene, "double_pat", taxels=wide) == []
 
 
-def test_touch_whose_taxel_becomes_doubtful_starts_anew():
+@pytest.mark.parametrize(
+    ("doubted", "suffices"), [([0], True), ([0, 1], False), ([0, 3], False)]
+)
+def test_sound_taxels_do_not_both_lie_in_the_lines_of_doubtful_ones(doubted, suffices):
+    """A fingertip presses a block: a row of it may be a fault, and so may a column."""
     scene = Scene()
     number = scene.begin("double_pat")
     scene.wait(0.3)
     assert scene.policy.evidence.suffices(number)
-    scene.doubtful = np.isin(np.arange(SKIN.count), FINGERTIP[:1])
-    scene.step()
-    assert not scene.policy.evidence.suffices(number)
+    scene.doubtful = np.isin(np.arange(SKIN.count), np.asarray(FINGERTIP)[doubted])
+    for _ in range(4):
+        scene.step()
+        assert scene.policy.evidence.suffices(number) == suffices
 
 
 def test_taxel_that_becomes_doubtful_takes_no_more_than_its_row_and_column():

@@ -15,6 +15,7 @@ from numba.core.event import install_listener
 from eskin import code_digest, compiled
 from eskin.cli.main import main
 from eskin.files import atomic_path
+from eskin.touch.contact_kernels import box_gap
 
 KERNEL_MODULES = {
     "caller_kernels": """
@@ -71,6 +72,22 @@ def call_kernel(tmp_path, monkeypatch):
 
     yield call_kernel
     forget()
+
+
+def test_processes_that_compile_at_once_do_not_mix_their_code(tmp_path, monkeypatch):
+    """Both have read the index while it was empty, and the first writes code last."""
+    file = box_gap._cache._cache_file
+    monkeypatch.setattr(file, "_cache_path", str(tmp_path))
+    monkeypatch.setattr(file, "_index_path", str(tmp_path / "index.nbi"))
+    delayed = []
+    with monkeypatch.context() as empty:
+        empty.setattr(file, "_load_index", dict)
+        with monkeypatch.context() as slow:
+            slow.setattr(file, "_save_data", lambda *saved: delayed.append(saved))
+            file.save("float", "code for float")
+        file.save("int", "code for int")
+        file._save_data(*delayed[0])
+    assert file.load("int") == "code for int"
 
 
 def test_compiled_function_is_kept_until_a_callee_or_constant_changes(call_kernel):

@@ -19,6 +19,7 @@ from eskin.demo import (
     SimulatedUserConfig,
     TouchCauses,
     run_headless,
+    summarise_score,
 )
 from eskin.demo.browser import PageOrderHandler
 from eskin.demo.headless import SynchronousStream
@@ -68,6 +69,15 @@ def test_command_too_late_or_of_another_touch_is_false_alarm(seconds, touch):
     score = score_commands(command(seconds, touch=touch))
     assert (score.count("missed"), len(score.false_alarms)) == (1, 1)
     assert score.count_unasked()["unasked_stops"] == 1
+    assert len(score.by_faults) == (touch == 3)
+
+
+def test_commands_that_go_on_are_counted_apart():
+    actions = ["pause", "resume", "slow", "next_waypoint"]
+    score = score_commands(*(command(1.5, action, touch=3) for action in actions))
+    counts = summarise_score(score)
+    assert (counts["commands_of_faults"], counts["going_on_by_faults"]) == (4, 2)
+    assert (counts["unasked_stops"], counts["unasked_slow"]) == (1, 1)
 
 
 def test_stop_is_timed_from_first_contact_to_first_wait():

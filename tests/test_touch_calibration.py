@@ -161,6 +161,17 @@ def test_zeros_at_the_start_or_once_do_not_move_the_baseline(zeros):
     assert pressure[times > max(end, 2.0)].max() == 0.0
 
 
+def test_corrupt_zeros_in_noise_do_not_lower_the_baseline():
+    rng, calibrator = np.random.default_rng(3), Calibrator(SKIN, LINEAR)
+
+    def signal(t):
+        counts = rest(t) + np.round(4.0 * rng.standard_normal(SKIN.count))
+        return np.where(rng.random(SKIN.count) < 0.03, 0, counts)
+
+    push_signal(signal, 40.0, 50, calibrator)
+    assert np.median(calibrator.state.baseline) == pytest.approx(REST, abs=0.5)
+
+
 def test_patch_silent_for_long_is_tared_again():
     calibrator = Calibrator(SKIN, LINEAR)
     push_signal(rest, 3.0, calibrator=calibrator)
@@ -192,6 +203,15 @@ def test_missing_and_faulty_taxels_are_not_valid_and_not_learned_from():
     assert np.flatnonzero(~reading.valid).tolist() == [3, 4]
     reading = calibrator.push(scan_at(5.0, rest(5.0)))
     assert reading.valid.all() and not reading.pressure.any()
+
+
+def test_offset_is_learned_beside_a_faulty_taxel_that_was_touched():
+    calibrator, taxel = Calibrator(SKIN, LINEAR), np.arange(SKIN.count)
+    for t in np.arange(10 * 50) / 50:
+        counts = rest(t) + 60 * (taxel == 14) * (t >= 5.0) + 60 * (taxel == 15)
+        counts -= 60 * (taxel == 15) * (t < 4.5)
+        reading = calibrator.push(scan_at(t, counts), (taxel == 15) & (t >= 4.8))
+    assert reading.pressure[14] < 0.5
 
 
 def test_shear_is_measured_from_rest_and_not_learned_during_a_touch():

@@ -76,6 +76,48 @@ def test_touch_has_the_onset_of_its_first_pressed_scan(shape):
     assert 0 <= touch.onset - (START + 5 * SECOND) <= 0.04 * SECOND
 
 
+def wander(sigma, seconds=0.5, seed=11):
+    """Return counts of taxels that wander about rest, each by itself."""
+    rng, counts = np.random.default_rng(seed), np.zeros(SKIN.count)
+    kept = np.exp(-1.0 / (RATE * seconds))
+
+    def added(t):
+        counts[:] = kept * counts + sigma * np.sqrt(1 - kept**2) * (
+            rng.standard_normal(SKIN.count)
+        )
+        return counts.copy()
+
+    return added
+
+
+def test_skin_that_wanders_about_rest_feels_presses_and_nothing_else():
+    slow, pad = wander(7.0), press(PAD, 30.0, 30.4, 200.0)
+    seen, _ = push_counts(lambda t: slow(t) + pad(t), 34.0)
+    [touch] = [one for one in seen.values() if one.last > START + 15 * SECOND]
+    assert abs(touch.onset - (START + 30 * SECOND)) <= 0.1 * SECOND
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        lambda t: 60 + 20 * np.sin(20 * t),
+        lambda t: 10 * (t - 5.0),
+        lambda t: 100 * (t % 1.0 < 0.3),
+    ],
+    ids=["a hand that trembles", "a press that grows slowly", "pats"],
+)
+def test_hand_is_not_taken_for_noise(force):
+    floors = []
+    for share in (0.0, 1.0):
+        pipeline, rng = build_pipeline(MOUNTED), np.random.default_rng(5)
+        for t in np.arange(20 * RATE) / RATE:
+            counts = 200 + rng.standard_normal(SKIN.count)
+            counts += share * force(t) * PAD * (t >= 5.0)
+            pipeline.push(scan_at(t, np.round(counts)))
+        floors.append(pipeline.faults.floor)
+    np.testing.assert_allclose(floors[1], floors[0], rtol=0.5)
+
+
 def test_press_beside_a_noisy_taxel_has_its_own_onset():
     seen, _ = push_counts(press(PAD, 6.0, 6.4, 200.0), 8.0, noisy=5.0)
     [touch] = seen.values()
@@ -191,6 +233,20 @@ def test_contacts_of_noise_neither_prolong_a_touch_nor_take_part_in_it():
     assert 0 <= touch.onset - (START + 2 * SECOND) <= 0.04 * SECOND
     assert abs(touch.last - (START + round(2.4 * SECOND))) <= 0.04 * SECOND
     assert len(touch.tracks) == 1
+
+
+def test_taxel_that_stays_displaced_neither_is_a_touch_for_long_nor_takes_later_ones():
+    taxel = one_taxel(int(PAD.argmax()))
+
+    def pressure(n):
+        t = n / RATE
+        pads = press(PAD, 2.0, 2.4, 20.0)(t) + press(PAD, 12.0, 12.4, 20.0)(t)
+        return np.maximum(pads, 8.0 * taxel * (t >= 2.2))
+
+    seen, _ = push_noisy(pressure, 14.0)
+    first, second = seen.values()
+    assert first.closed and first.last < START + 11 * SECOND
+    assert 0 <= second.onset - (START + 12 * SECOND) <= 0.04 * SECOND
 
 
 def test_corrupt_value_beside_noisy_taxels_does_not_hide_a_later_press():

@@ -12,6 +12,7 @@ import re
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, final
+from uuid import uuid4
 
 from numba import njit
 from numba.core.event import Event, Listener, register
@@ -72,7 +73,10 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     digest = digest_sources(Path(function.__code__.co_filename))[:16]
     index = Path(file._index_path)
     file._index_path = str(index.with_name(f"{index.stem}.{digest}.nbi"))
-    file._data_name_pattern = f"{index.stem}.{digest}.{{number:d}}.nbc"
+    # Numba counts its files of code from 1. Where two processes compile at once, each
+    # would write its own code to the same file, and calls of the one run that of the
+    # other: of other types, which ends in wrong results or a crash.
+    file._data_name = lambda number: f"{index.stem}.{digest}.{uuid4().hex}.nbc"
     return dispatcher
 
 

@@ -115,8 +115,8 @@ def train(command: TrainCommand, processes: Processes) -> dict[str, object]:
     command = take_sizes(command, start)
     skins = tuple(Aging(command.wear, number) for number in range(command.skins))
     with processes.first_alone():
-        dataset = prepare_dataset(command, paths, command.train.graph_used, skins)
-        graph = select_graph(command, dataset)
+        dataset = prepare_dataset(command, paths, command.train.select_graph(), skins)
+        graph = command.train.select_graph(dataset.has_shear)
         validation, test = (
             prepare_dataset(command, find_recordings(data), graph) if data else None
             for data in (command.val, command.test)
@@ -276,13 +276,6 @@ def prepare_dataset(
         transforms=transforms,
         overrides=command.load_overrides(),
     )
-
-
-def select_graph(command: TrainCommand, dataset: Dataset) -> GraphConfig:
-    """Return the graph configuration that the network takes."""
-    shear = command.train.shear and dataset.has_shear
-    used = command.train.graph_used
-    return used if shear else used.without_shear()
 
 
 def select_classes(dataset: Dataset, asked: tuple[str, ...]) -> tuple[str, ...]:

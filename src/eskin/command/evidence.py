@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
@@ -87,6 +87,8 @@ class Evidence:
     """Time in contact [s]."""
     felt: set[int] = field(default_factory=set)
     """Taxels that it has pressed, also those that are doubtful."""
+    doubted: set[int] = field(default_factory=set)
+    """Those that are or were doubtful."""
     path: dict[int, int] = field(default_factory=dict)
     """Taxels that a fingertip has slid over lately, each with the stamp of its latest
     pressure [ns since the epoch]."""
@@ -101,9 +103,9 @@ class EvidenceMonitor:
     touch lies in one row or column, it covers a small part of it, and the rest is not
     pressed. Taxels that are doubtful, as faulty ones are, or of a patch that is active
     as a whole, do not count. When a taxel becomes doubtful, it no longer counts in the
-    readings before. Nor do the taxels of its row and its column if the touch presses
-    it, or if several taxels of that line are doubtful and active: a line that is not
-    connected shows itself taxel by taxel.
+    readings before. If the touch presses it, the two taxels must not both lie in its
+    row or its column, and if several taxels of that line are doubtful and active, none
+    of the line counts: a line that is not connected shows itself taxel by taxel.
     """
 
     def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
@@ -112,6 +114,12 @@ class EvidenceMonitor:
         self.adjacency = Adjacency.build(skin)
         self.patch_index = np.asarray(skin.patch_index)
         self.rows, self.columns = np.asarray(skin.rows), np.asarray(skin.columns)
+        rows, columns, patches = (
+            values.tolist() for values in (self.rows, self.columns, self.patch_index)
+        )
+        self.lines_of = tuple(
+            list(zip(patches, numbers, strict=True)) for numbers in (rows, columns)
+        )
         self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
@@ -134,6 +142,7 @@ class EvidenceMonitor:
             taxels = state.records.loads["taxel"][slice(*row.loads)]
             felt = taxels[pressure[taxels] >= self.config.weak]
             evidence.felt.update(felt.tolist())
+            evidence.doubted.update(felt[state.doubtful[felt]].tolist())
         if state.doubtful is not self.doubtful:
             new = np.flatnonzero(state.doubtful & ~self.doubtful)
             self.doubtful = state.doubtful
@@ -142,10 +151,10 @@ class EvidenceMonitor:
             if touch.merged_into and touch.id in self.touches:
                 self.merge(self.touches.pop(touch.id), touch.merged_into)
         if pressed:
-            sound = self.find_sound(state)
+            sound, active = self.find_sound(state), self.find_active(state)
             interval = min((stamp - before) / NS_PER_S, self.config.max_interval)
             for row in pressed:
-                self.update_touch(row, state, sound)
+                self.update_touch(row, state, sound, active)
                 self.touches[row.id].seconds += interval
         limit = stamp - self.config.keep_seconds * NS_PER_S
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
@@ -154,6 +163,7 @@ class EvidenceMonitor:
         """Let a touch have the evidence of one that merged into it, if that is more."""
         evidence = self.touches.setdefault(heir, ended)
         evidence.felt |= ended.felt
+        evidence.doubted |= ended.doubted
         evidence.path = evidence.path or ended.path
         evidence.readings = max(evidence.readings, ended.readings, key=len)
         evidence.seconds = max(evidence.seconds, ended.seconds)
@@ -191,44 +201,58 @@ class EvidenceMonitor:
 
         Args:
             evidence: evidence of the touch.
-            doubted: taxels that became doubtful; if the touch has pressed one of them,
-                the row and the column of it are not believed either.
+            doubted: taxels that became doubtful.
             believed: taxels that can be believed.
         """
-        for taxel in doubted & evidence.felt:
-            for line in self.select_lines(taxel):
-                believed = believed & ~line
+        evidence.doubted |= doubted & evidence.felt
         evidence.path = {i: at for i, at in evidence.path.items() if believed[i]}
         evidence.readings = [
             left
             for reading in evidence.readings
-            if (left := self.reduce_reading(reading, believed)) is not None
+            if (left := self.reduce_reading(reading, believed, evidence.doubted))
         ]
 
     def reduce_reading(
-        self, reading: SoundReading, believed: Bool[np.ndarray, "taxel"]
+        self,
+        reading: SoundReading,
+        believed: Bool[np.ndarray, "taxel"],
+        doubted: Set[int],
     ) -> SoundReading | None:
         """Return what can be believed of a reading; None if that is not sound."""
-        if believed[reading.pressed].all():
-            return reading
         pressed = reading.pressed[believed[reading.pressed]]
         strong = reading.strong[believed[reading.strong]]
-        if not self.has_support(strong, pressed) or self.find_lines(pressed):
+        if not self.has_support(strong, pressed, doubted):
             return None
-        return SoundReading(pressed, strong)
+        if len(pressed) == len(reading.pressed):
+            return reading
+        return None if self.find_lines(pressed) else SoundReading(pressed, strong)
 
     def update_touch(
-        self, row: TouchRecord, state: TouchState, sound: Bool[np.ndarray, "taxel"]
+        self,
+        row: TouchRecord,
+        state: TouchState,
+        sound: Bool[np.ndarray, "taxel"],
+        active: Bool[np.ndarray, "taxel"],
     ) -> None:
-        """Update the evidence of a touch that is in contact."""
+        """Update the evidence of a touch that is in contact.
+
+        Args:
+            row: record of the touch.
+            state: contacts and touches of the reading.
+            sound: which taxels can be believed.
+            active: which taxels are pressed, by any touch.
+        """
         loads = state.records.contacts[row.contact]["loads"]
         taxels = state.records.loads["taxel"][slice(*loads)]
         evidence = self.touches[row.id]
         evidence.last = row.last
         pressure = state.reading.pressure
-        pressed = taxels[sound[taxels] & (pressure[taxels] >= self.config.weak)]
+        pressed = taxels[sound[taxels] & active[taxels]]
         path = self.update_path(evidence, pressed)
-        reading = self.find_sound_reading(pressed, path, pressure)
+        strong = pressed[pressure[pressed] >= self.config.strong]
+        reading = self.find_sound_reading(
+            pressed, strong, path, active, evidence.doubted
+        )
         if reading is not None:
             kept = evidence.readings[1 - self.config.keep_readings :]
             evidence.readings = [*kept, reading]
@@ -258,41 +282,62 @@ class EvidenceMonitor:
     def find_sound_reading(
         self,
         pressed: Int[np.ndarray, "pressed"],
+        strong: Int[np.ndarray, "strong"],
         support: Int[np.ndarray, "support"],
-        pressure: Float[np.ndarray, "taxel"],
+        active: Bool[np.ndarray, "taxel"],
+        doubted: Set[int],
     ) -> SoundReading | None:
         """Return what is pressed as a sound reading; None if a fault can explain it.
 
         Args:
             pressed: taxels of the touch that are pressed now.
+            strong: those that are strongly pressed.
             support: taxels that count as beside them.
-            pressure: pressure of all taxels [kPa].
+            active: which taxels are pressed, by any touch.
+            doubted: doubtful taxels that the touch has pressed.
         """
-        strong = pressed[pressure[pressed] >= self.config.strong]
-        if not self.has_support(strong, support):
+        if not self.has_support(strong, support, doubted):
             return None
         lines = self.find_lines(pressed)
         if support is not pressed:
             lines += self.find_lines(support)
         for line in lines:
             most = self.config.line_share * np.count_nonzero(line)
-            active = np.count_nonzero(pressure[line] >= self.config.weak)
-            if active > len(pressed) or active > most:
+            count = np.count_nonzero(active[line])
+            if count > len(pressed) or count > most:
                 return None
         return SoundReading(support, strong)
 
     def has_support(
-        self, strong: Int[np.ndarray, "strong"], pressed: Int[np.ndarray, "pressed"]
+        self,
+        strong: Int[np.ndarray, "strong"],
+        pressed: Int[np.ndarray, "pressed"],
+        doubted: Set[int],
     ) -> bool:
-        """Return whether a pressed taxel lies beside a strongly pressed one."""
+        """Return whether a pressed taxel lies beside a strongly pressed one.
+
+        Two that both lie in the rows, or both in the columns, of doubtful taxels do not
+        count.
+        """
         support = set(pressed.tolist())
-        return any(self.has_neighbour(taxel, support) for taxel in strong.tolist())
+        suspects = [{lines[i] for i in doubted} for lines in self.lines_of]
+        for taxel in strong.tolist():
+            for other in support.intersection(self.list_neighbours(taxel)):
+                if not any(
+                    lines[taxel] in suspect and lines[other] in suspect
+                    for lines, suspect in zip(self.lines_of, suspects, strict=True)
+                ):
+                    return True
+        return False
 
     def has_neighbour(self, taxel: int, others: set[int]) -> bool:
         """Return whether a taxel lies beside one of some others."""
+        return not others.isdisjoint(self.list_neighbours(taxel))
+
+    def list_neighbours(self, taxel: int) -> list[int]:
+        """Return the taxels beside one."""
         starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
-        beside = neighbours[starts[taxel] : starts[taxel + 1]].tolist()
-        return not others.isdisjoint(beside)
+        return neighbours[starts[taxel] : starts[taxel + 1]].tolist()
 
     def find_lines(
         self, pressed: Int[np.ndarray, "pressed"]
@@ -307,6 +352,15 @@ class EvidenceMonitor:
         patch = self.patch_index == self.patch_index[taxel]
         for numbers in (self.rows, self.columns):
             yield patch & (numbers == numbers[taxel])
+
+    def find_active(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
+        """Find the taxels in contact, and not within their noise."""
+        active = np.zeros(len(self.rows), bool)
+        contacts = state.records.contacts
+        now = contacts["stamp"] == state.reading.stamp
+        for span in contacts["loads"][now]:
+            active[state.records.loads["taxel"][slice(*span)]] = True
+        return active & (state.reading.pressure >= self.config.weak)
 
     def find_sound(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
         """Find the taxels whose pressure can be believed."""

@@ -239,7 +239,7 @@ def merge_results(parts: list[DemoResult]) -> DemoResult:
         false_alarms=[command for each in scores for command in each.false_alarms],
         commands=sum(each.commands for each in scores),
         holds=sum(each.holds for each in scores),
-        faults=sum(each.faults for each in scores),
+        by_faults=[command for each in scores for command in each.by_faults],
     )
     return DemoResult(
         score=score,

@@ -160,8 +160,8 @@ class CommandScore:
     """Number of commands that were executed."""
     holds: int = 0
     """Number of times that the policy held the arm by itself."""
-    faults: int = 0
-    """Number of commands that no simulated touch caused: only a fault can have."""
+    by_faults: list[CommandEvent] = field(default_factory=list)
+    """Executed commands that no simulated touch caused: only a fault can have."""
     causes: TouchCauses = field(default_factory=TouchCauses)
     """Simulated touch of each tracked touch."""
 
@@ -183,7 +183,8 @@ class CommandScore:
             self.holds += command.action == "hold"
             return
         self.commands += 1
-        self.faults += self.causes.find(command.touch) is None
+        if self.causes.find(command.touch) is None:
+            self.by_faults.append(command)
         fits = attempt is not None and attempt.command is None
         if attempt is not None and fits:
             attempt.command = command
@@ -210,13 +211,12 @@ class CommandScore:
 
     def count_unasked(self) -> Mapping[str, int]:
         """Return the numbers of false alarms that stop, slow and go on."""
-        actions = [command.action for command in self.false_alarms]
-        stops = sum(action in HALTING_ACTIONS for action in actions)
-        reductions = sum(action in REDUCING_ACTIONS for action in actions)
+        stops = sum(one.action in HALTING_ACTIONS for one in self.false_alarms)
+        going_on = count_going_on(self.false_alarms)
         return {
             "unasked_stops": stops,
-            "unasked_slow": reductions - stops,
-            "unasked_going_on": len(actions) - reductions,
+            "unasked_slow": len(self.false_alarms) - stops - going_on,
+            "unasked_going_on": going_on,
         }
 
     def count_failures(self) -> dict[str, int]:
@@ -245,6 +245,11 @@ class CommandScore:
             and attempt.stopped is not None
             and attempt.expected in HALTING_ACTIONS
         ]
+
+
+def count_going_on(commands: Sequence[CommandEvent]) -> int:
+    """Return how many commands made the arm do more than before."""
+    return sum(command.action not in REDUCING_ACTIONS for command in commands)
 
 
 @final
@@ -294,7 +299,8 @@ def summarise_score(score: CommandScore) -> Mapping[str, int]:
         "accidents": len(score.accidents),
         "false_alarms": len(score.false_alarms),
         **score.count_unasked(),
-        "commands_of_faults": score.faults,
+        "commands_of_faults": len(score.by_faults),
+        "going_on_by_faults": count_going_on(score.by_faults),
         "commands": score.commands,
         "holds": score.holds,
     }

@@ -51,9 +51,15 @@ class GraphConfig:
         """Return the same settings for graphs to which shear adds no taxel."""
         return replace(self, shear_on=math.inf)
 
-    def without_neighbours(self) -> "GraphConfig":
-        """Return the same settings for graphs whose taxels are joined to no others."""
-        return replace(self, fixed=0, live=0)
+    def restrict(self, shear: bool, neighbours: bool) -> "GraphConfig":
+        """Return the same settings for graphs with no more than a network takes.
+
+        Args:
+            shear: whether taxels that only shear adds are kept.
+            neighbours: whether taxels are joined to others.
+        """
+        kept = self if shear else self.without_shear()
+        return kept if neighbours else replace(kept, fixed=0, live=0)
 
 
 @final

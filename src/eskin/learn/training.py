@@ -80,14 +80,13 @@ class TrainConfig:
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Sizes of the network."""
 
-    @property
-    def graph_used(self) -> GraphConfig:
-        """Return the settings of the graphs, with no more nodes than are used.
+    def select_graph(self, has_shear: bool = True) -> GraphConfig:
+        """Return the settings of the graphs that the network takes.
 
-        Shear and neighbours add none where the network does not take them.
+        Args:
+            has_shear: whether every skin measures shear.
         """
-        graph = self.graph if self.shear else self.graph.without_shear()
-        return graph if self.network.width else graph.without_neighbours()
+        return self.graph.restrict(self.shear and has_shear, self.network.width > 0)
 
     def __post_init__(self) -> None:
         """Reject settings outside their limits."""
@@ -147,8 +146,7 @@ class Trainer:
             rngs[0],
         )
         self.shear = config.shear and dataset.has_shear
-        used = config.graph_used
-        self.graph = used if self.shear else used.without_shear()
+        self.graph = config.select_graph(dataset.has_shear)
         trained = dataset.with_copies(self.holdout.train)
         self.batches = self.build_batches(dataset, trained, config.augment)
         check_classes(self.batches.sampler, vocabulary)

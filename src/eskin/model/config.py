@@ -138,5 +138,4 @@ class ModelCard:
 
         They are without shear for pressure, and without neighbours for a summary.
         """
-        graph = self.graph if self.kind == "shear" else self.graph.without_shear()
-        return graph if self.network.width else graph.without_neighbours()
+        return self.graph.restrict(self.kind == "shear", self.network.width > 0)

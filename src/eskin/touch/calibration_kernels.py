@@ -43,7 +43,6 @@ class BaselineParameters(NamedTuple):
     alone_seconds: float
     dip_seconds: float
     dip_share: float
-    still: float
     kept: float
     settle_seconds: float
     relearn_seconds: float
@@ -62,6 +61,8 @@ class BaselineState(NamedTuple):
     decays."""
     low: np.ndarray
     """Counts of the last scan where they were below the baseline, else infinite."""
+    low_since: np.ndarray
+    """Time from which they are below the baseline; infinite while they are not."""
     last_received: np.ndarray
     """Time at which the taxel was last received."""
     touched_since: np.ndarray
@@ -82,8 +83,13 @@ class BaselineState(NamedTuple):
 
 PRESSED_SHARE = 0.5
 """Smallest part of its recent peak at which a neighbour is still pressed."""
+STALE_SECONDS = 0.5
+"""Time without data, as of a faulty taxel, after which a neighbour tells nothing."""
 MIN_TARE_SAMPLES = 4
 """Number of samples from which one above the margin no longer raises the tare."""
+LOW_SECONDS = 0.06
+"""Time below the baseline after which it is lowered [s]: a corrupt value is of one
+scan."""
 MAX_SCALE_SHARE = 0.999
 """Fraction of a divider's full scale above which pressures are indistinguishable."""
 
@@ -114,6 +120,7 @@ def calibrate(
     gain: Float[np.ndarray, "taxel"],
     curve: PressureCurve,
     margin: Float[np.ndarray, "taxel"],
+    still: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     held: Int[np.ndarray, "held"],
@@ -124,8 +131,8 @@ def calibrate(
     """Update the baselines with one scan and write the pressures [kPa] to `out`.
 
     `starts` and `neighbours` are those of `Adjacency`; taxels with `use` False are not
-    received or faulty; `margin` is in counts; `held` are those that were in contact at
-    the last reading.
+    received or faulty; `margin` and `still` are in counts; `held` are those that were
+    in contact at the last reading.
     """
     # Local references to the arrays make the compiled loops faster.
     baseline, peak = state.baseline, state.peak
@@ -147,16 +154,20 @@ def calibrate(
             if touched_since[i] == np.inf:
                 touched_since[i] = now
             near = neighbours[starts[i] : starts[i + 1]]
-            if not is_residual(i, above, now, near, margin, state, parameters):
+            if not is_residual(i, above, now, near, margin, still, state, parameters):
                 mark_touched(i, above, now, near, state)
         else:
             touched_since[i] = np.inf
     for i in held:
         above = counts[i] - baseline[i]
         near = neighbours[starts[i] : starts[i + 1]]
-        if use[i] and not is_residual(i, above, now, near, margin, state, parameters):
+        if use[i] and not is_residual(
+            i, above, now, near, margin, still, state, parameters
+        ):
             mark_touched(i, above, now, near, state)
-    update_baselines(counts, use, now, margin, starts, neighbours, state, parameters)
+    update_baselines(
+        counts, use, now, margin, still, starts, neighbours, state, parameters
+    )
 
 
 @compiled
@@ -191,7 +202,7 @@ def update_tare(
         state.next_sample[i] = now
         state.peak[i] = 0.0
         state.touched_since[i] = np.inf
-        state.low[i] = np.inf
+        state.low[i] = state.low_since[i] = np.inf
     size = state.sample_count[i]
     if now < state.next_sample[i]:
         return
@@ -217,6 +228,7 @@ def is_residual(
     now: float,
     near: Int[np.ndarray, "neighbour"],
     margin: Float[np.ndarray, "taxel"],
+    still: Float[np.ndarray, "taxel"],
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> bool:
@@ -228,10 +240,12 @@ def is_residual(
     steady = now - state.steady_since[i]
     if steady <= parameters.steady_seconds:
         return False
-    if above <= parameters.still * margin[i]:
+    if above <= still[i]:
         return False
     is_alone, is_pressed = True, False
     for j in near:
+        if now - state.last_received[j] > STALE_SECONDS:
+            continue
         is_alone &= state.touched_since[j] == np.inf
         is_pressed |= state.above[j] > PRESSED_SHARE * state.peak[i]
     if is_alone and steady > parameters.alone_seconds:
@@ -247,13 +261,15 @@ def update_baselines(
     use: Bool[np.ndarray, "taxel"],
     now: float,
     margin: Float[np.ndarray, "taxel"],
+    still: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> None:
     """Move each baseline towards the counts while the taxel is untouched."""
-    baseline, peak, low = state.baseline, state.peak, state.low
+    baseline, peak = state.baseline, state.peak
+    low, low_since = state.low, state.low_since
     last_received, sample_count = state.last_received, state.sample_count
     touched_since, last_touched = state.touched_since, state.last_touched
     steady_level, steady_since = state.steady_level, state.steady_since
@@ -272,16 +288,16 @@ def update_baselines(
         if sample_count[i] < size:
             continue
         above = counts[i] - baseline[i]
-        if abs(counts[i] - steady_level[i]) > parameters.still * margin[i]:
+        if abs(counts[i] - steady_level[i]) > still[i]:
             steady_level[i], steady_since[i] = counts[i], now
-        was_low = low[i]
-        low[i] = np.inf
+        was_low, since = low[i], low_since[i]
+        low[i] = low_since[i] = np.inf
         step = 0.0
         lowered = now - last_touched[i] <= parameters.dip_seconds
         dip = max(margin[i], parameters.dip_share * peak[i]) if lowered else margin[i]
-        if above < -dip or (was_low < np.inf and above < 0.0):
-            low[i] = counts[i]
-            if was_low < np.inf:
+        if above < -dip or (now - dt - since >= LOW_SECONDS and above < 0.0):
+            low[i], low_since[i] = counts[i], min(since, now)
+            if now - since >= LOW_SECONDS:
                 above = max(above, was_low - baseline[i])
                 step = dt / (parameters.low_seconds + dt)
         elif last_touched[i] < now and is_residual(
@@ -290,6 +306,7 @@ def update_baselines(
             now,
             neighbours[starts[i] : starts[i + 1]],
             margin,
+            still,
             state,
             parameters,
         ):

@@ -79,7 +79,8 @@ class CalibrationConfig:
     dip_share: float = 0.15
     """Largest such dip, in units of the peak of the touch."""
     still: float = 0.25
-    """Largest difference that counts as no change, in units of `margin`."""
+    """Largest difference that counts as no change, in units of `margin`; so does one
+    that may be noise."""
     kept: float = 5.0
     """Largest residual that is expected of a sensor, in units of `margin`."""
     settle_seconds: float = 0.3
@@ -114,6 +115,7 @@ class Calibrator:
         self.curve = calibration.pressure_curve
         self.least_margin = calibration.compute_counts(self.config.margin)
         self.margin = self.least_margin
+        self.least_still = self.still = self.config.still * self.least_margin
         self.noise: np.ndarray | None = None
         self.known_rest = (
             None if calibration.rest is None else KnownRest(skin, calibration)
@@ -132,6 +134,7 @@ class Calibrator:
         if counts is not self.noise:
             self.noise = counts
             self.margin = np.maximum(self.least_margin, CLEAR_FACTOR * counts)
+            self.still = np.maximum(self.least_still, counts)
 
     def push(
         self,
@@ -165,6 +168,7 @@ class Calibrator:
             self.gain,
             self.curve,
             self.margin,
+            self.still,
             self.adjacency.starts,
             self.adjacency.neighbours,
             NO_TAXELS if held is None else held,
@@ -198,7 +202,8 @@ class Calibrator:
         state.baseline[found] = rest[found]
         state.sample_count[found] = self.config.tare_samples
         state.peak[found] = 0.0
-        state.touched_since[found] = state.low[found] = np.inf
+        state.touched_since[found] = np.inf
+        state.low[found] = state.low_since[found] = np.inf
         # They have been received, so the kernel does not tare them for their silence.
         state.last_received[found] = seconds
 
@@ -226,6 +231,7 @@ def build_baseline_state(count: int, samples: int) -> BaselineState:
         above=np.zeros(count),
         peak=np.zeros(count),
         low=np.full(count, np.inf),
+        low_since=np.full(count, np.inf),
         last_received=np.full(count, -np.inf),
         touched_since=np.full(count, np.inf),
         last_touched=np.full(count, -np.inf),

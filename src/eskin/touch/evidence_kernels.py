@@ -12,6 +12,9 @@ from eskin.units import NS_PER_S
 
 SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
 """Time between two readings from which a touch may last for one of them [ns]."""
+FADE_SECONDS = 2.0
+"""Time constant with which the evidence of a track fades [s]: what has given none for
+some seconds is a single taxel that does not return to its rest."""
 MIN_NOISE = 0.1
 """Smallest pressure that is taken for noise [kPa]."""
 

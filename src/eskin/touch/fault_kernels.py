@@ -27,6 +27,14 @@ MEDIAN_SHARE = 0.85
 """Median of the deviations of white noise, in units of their mean."""
 CLEAR_FACTOR = 2.0
 """Smallest signal that is clearly no noise, in units of what may be noise."""
+WANDER_SPEED = 0.1
+"""Largest change of the running median of the depth below rest [1/s], in units of
+itself or of the counts at which contact begins, whichever is larger."""
+WANDER_START_FACTOR, WANDER_START_SECONDS = 20.0, 5.0
+"""Factor of that change after the first data, and the time from it on [s]."""
+WANDER_SECONDS, WANDER_DEPTH = 2.0, 4.0
+"""Time since a taxel was above rest [s], and depth in units of the counts at which
+contact begins, from which it does not wander: its rest is another one."""
 START_SECONDS = 1.0
 """Time in which noise that is not calibrated is learned at first [s]."""
 MAX_GAP = 0.15
@@ -95,6 +103,11 @@ class CountHistory(NamedTuple):
     start_noise: np.ndarray
     """Noise at the first data and after a long silence, as calibrated; 0 where it is
     learned from the first second."""
+    wander: np.ndarray
+    """Running median of the depth below rest of a taxel that wanders about it: slow
+    noise is as large above rest, while a hand presses above it alone."""
+    last_above: np.ndarray
+    """Time at which the counts were last above rest."""
     level: np.ndarray
     """Mean counts above rest of the latest scans."""
     under_hand: np.ndarray
@@ -181,6 +194,8 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.recent[:, i] = np.nan
     history.deviation[i] = 0.0
     history.noise[i] = history.start_noise[i]
+    history.wander[i] = 0.0
+    history.last_above[i] = NEVER
     history.level[i] = 0.0
     history.under_hand[i] = False
     history.last_straight[i] = now
@@ -251,9 +266,11 @@ def update_noise(
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
+    wander, last_above = history.wander, history.last_above
     under_hand = history.under_hand
     contacts, noisy, cut = limits.contact, limits.deviation, limits.cut
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
+    wander_speed = WANDER_SPEED * elapsed
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
     forget = np.exp(-elapsed / limits.step_seconds)
     if elapsed > MAX_GAP:
@@ -292,6 +309,14 @@ def update_noise(
             noise[i] = max(noise[i] - fall, bend)
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
+        is_near = above > -WANDER_DEPTH * contact
+        if above >= 0.0:
+            last_above[i] = now
+        elif is_near and now - last_above[i] < WANDER_SECONDS:
+            most = wander_speed * max(contact, wander[i])
+            if now - first_received[i] < WANDER_START_SECONDS:
+                most *= WANDER_START_FACTOR
+            wander[i] += min(max(-above - wander[i], -most), most)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
         if under_hand[i]:
             if level[i] < contact:

@@ -36,6 +36,8 @@ MAX_ELAPSED = 0.2
 MIN_DEVIATION = 4.0
 """Smallest deviation from a straight course that is noisy [counts]: converters have a
 noise of one or two."""
+MIN_NOISE = 2.0
+"""Smallest difference from rest that may be noise [counts]: converters round."""
 NOISIER = 2.0
 """Ratio of a taxel's deviation to the median of its neighbours, and to that of its
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
@@ -45,12 +47,21 @@ deviation: that of the second difference is the square root of 6, and its median
 0.674 of that."""
 FLOOR_SIGMAS = 6.0
 """Signal that may be noise, in units of the standard deviation."""
+WANDER_SIGMAS = 4.0
+"""The same of the slow noise of a taxel that wanders about its rest."""
+WANDER_MEDIAN = 0.6745
+"""Median depth of such noise below rest, in units of its standard deviation."""
 MAX_CUT, CUT_CONTACTS = 8.0, 3.0
 """Largest counts that a converter which cuts small values may swing by about zero: in
 counts, and in units of those at which contact begins."""
+WANDER_SHARE = 0.7
+"""Smallest slow noise of a taxel, in units of the median of the skin's taxels: where
+rest was learned too low, no noise is seen below it."""
 MAX_AWAY = 4.0
 """Largest distance from rest that is left to noise, in units of the counts at which
 contact begins: a patch that swings further feels no touch."""
+MAX_WANDER = 1.5
+"""The same of slow noise: swings beyond it, as of mains hum, remain a fault."""
 MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 SAME_SECONDS = 0.5
@@ -394,14 +405,19 @@ class FaultDetector:
         Args:
             deviation: deviation from a straight course, as `CountHistory.noise`.
         """
-        return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, MIN_DEVIATION)
+        return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, MIN_NOISE)
 
     def update_floor(self, now: float) -> None:
         """Update what may be noise, as pressure, and as counts above or below rest."""
-        self.noise_counts = self.measure_noise(self.history.noise)
+        fast = self.measure_noise(self.history.noise)
+        wander = self.history.wander
+        usual = WANDER_SHARE * float(np.median(wander))
+        slow = WANDER_SIGMAS / WANDER_MEDIAN * np.maximum(wander, usual)
+        self.noise_counts = np.maximum(fast, slow)
         floor = self.calibration.compute_pressure(self.noise_counts)
         contact = self.limits.contact
-        self.away = np.clip(self.noise_counts, contact / 2.0, MAX_AWAY * contact)
+        away = np.maximum(fast, np.minimum(slow, MAX_WANDER * contact))
+        self.away = np.clip(away, contact / 2.0, MAX_AWAY * contact)
         starts = now - self.history.first_received < START_SECONDS
         learns = starts & (self.history.start_noise == 0.0)
         least = np.maximum(floor, self.config.start_floor)
@@ -583,7 +599,7 @@ def build_count_history(count: int) -> CountHistory:
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
     history["under_hand"] = np.zeros(count, np.bool_)
-    zeros = ("deviation", "noise", "start_noise", "level", "steps")
+    zeros = ("deviation", "noise", "start_noise", "wander", "level", "steps")
     for name in (*zeros, "lone_level", "lone_step"):
         history[name] = np.zeros(count)
     return CountHistory(**history)

@@ -19,7 +19,7 @@ from eskin.touch.contact_kernels import (
     point_gap,
     transform_to_link,
 )
-from eskin.touch.evidence_kernels import SLOW_NS, weigh_contact
+from eskin.touch.evidence_kernels import FADE_SECONDS, SLOW_NS, weigh_contact
 from eskin.touch.records import (
     NEXT_TOUCH,
     NO_INDEX,
@@ -231,20 +231,27 @@ def weigh_tracks(
     context: TrackerContext,
     buffer: RecordBuffer,
 ) -> tuple[Float[np.ndarray, "track"], Bool[np.ndarray, "track"]]:
-    """Add the evidence of this reading to that of the tracks.
+    """Add the evidence of this reading to that of the tracks, which fades.
+
+    A track has no more than confirms a touch, so that all fade in the same time.
 
     Returns:
         The evidence added, and which tracks have enough of it only now to be of one
         touch with others.
     """
-    least = context.parameters.least_evidence
+    parameters = context.parameters
+    least, elapsed = (
+        parameters.least_evidence,
+        min(reading.elapsed, parameters.pause_ns),
+    )
+    kept = np.exp(-elapsed / (FADE_SECONDS * NS_PER_S))
     gained, became_sure = np.zeros(len(tracks)), np.zeros(len(tracks), np.bool_)
     for track in range(len(tracks)):
         if tracks[track].last == reading.stamp:
             contact = buffer.contacts[tracks[track].contact]
-            before = tracks[track].evidence
+            before = kept * tracks[track].evidence
             gained[track] = weigh_contact(contact, reading, context, buffer)
-            tracks[track].evidence += gained[track]
+            tracks[track].evidence = min(before + gained[track], parameters.enough)
             became_sure[track] = before < least <= tracks[track].evidence
     return gained, became_sure
 
@@ -416,7 +423,10 @@ def update_open_touches(
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
-    """Update every open touch with the contacts of ongoing tracks."""
+    """Update every open touch with the contacts of ongoing tracks.
+
+    A track whose evidence has faded does not keep a confirmed touch open.
+    """
     parameters = context.parameters
     count = update.counts[ALL]
     force, centre = np.zeros(count), np.zeros((count, 3))
@@ -425,9 +435,12 @@ def update_open_touches(
     if reading.elapsed <= parameters.pause_ns:
         seconds = reading.elapsed / NS_PER_S
     strongest = np.full(count, NO_INDEX)
+    is_sure = np.zeros(count, np.bool_)
     for track in range(len(tracks)):
         if tracks[track].last == reading.stamp:
             n = find_survivor(update.owners[track], update)
+            if tracks[track].evidence >= parameters.least_evidence:
+                is_sure[n] = True
             touch, contact = update.touches[n], buffer.contacts[tracks[track].contact]
             force[n] += contact.force
             for r in range(3):
@@ -445,7 +458,8 @@ def update_open_touches(
         touch.force = force[n]
         if strongest[n] != NO_INDEX:
             touch.contact, update.renewed[n] = strongest[n], True
-            touch.last = reading.stamp
+            if is_sure[n] or not touch.confirmed:
+                touch.last = reading.stamp
             touch.peak_force = max(touch.peak_force, force[n])
             centre[n] /= force[n]
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)

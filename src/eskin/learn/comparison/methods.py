@@ -131,7 +131,7 @@ class RecogniserMethod(Method):
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
-        graph = self.config.graph_used
+        graph = self.config.select_graph()
         dataset = examples.dataset(graph, self.skins)
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
         factor = max(1.0, len(examples.clips) / SMALL)
