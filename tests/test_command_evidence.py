@@ -131,6 +131,29 @@ def test_sound_taxels_do_not_both_lie_in_the_lines_of_doubtful_ones(doubted, suf
         assert scene.policy.evidence.suffices(number) == suffices
 
 
+def test_doubtful_taxel_that_is_pressed_later_counts_for_the_readings_before():
+    scene, row = Scene(), find_block(PATCH, 1, 8)
+    scene.doubtful = np.isin(np.arange(SKIN.count), row[2])
+    number = scene.begin("double_pat")
+    scene.touches[number].taxels = row[:2]
+    scene.wait(0.2)
+    assert scene.policy.evidence.suffices(number)
+    scene.touches[number].taxels = row[:3]
+    scene.step()
+    assert not scene.policy.evidence.suffices(number)
+
+
+def test_row_that_noise_floors_hide_is_a_row_all_the_same():
+    """All of a row is pressed, while only two taxels of it are in contact."""
+    scene, row = Scene(), find_block(PATCH, 1, 8)
+    number, others = scene.begin("double_pat"), scene.begin("none")
+    scene.touches[number].taxels = row[:2]
+    scene.touches[others].taxels = row[3:]
+    scene.touches[others].pressure = 1.0
+    scene.wait(0.3)
+    assert not scene.policy.evidence.suffices(number)
+
+
 def test_taxel_that_becomes_doubtful_takes_no_more_than_its_row_and_column():
     scene, wide = Scene(), find_block(PATCH, 4, 4)
     number = scene.begin("double_pat")

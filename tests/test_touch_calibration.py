@@ -214,6 +214,14 @@ def test_offset_is_learned_beside_a_faulty_taxel_that_was_touched():
     assert reading.pressure[14] < 0.5
 
 
+@pytest.mark.parametrize("gap", [0.4, 0.6, 2.0, 8.0])
+def test_hand_is_not_learned_where_data_are_missing_for_a_while(gap):
+    calibrator, signal = Calibrator(SKIN, LINEAR), touch(5.0, 60.0, 200)
+    push_signal(signal, 8.0, calibrator=calibrator)
+    _, pressure = push_signal(signal, 3.0, calibrator=calibrator, start=8.0 + gap)
+    np.testing.assert_allclose(pressure[:, TOUCHED], 20.0, atol=0.1)
+
+
 def test_shear_is_measured_from_rest_and_not_learned_during_a_touch():
     calibration = Calibration(np.full(SKIN.count, 0.1), 1000, 0.5, 128)
     calibrator = Calibrator(SKIN, calibration)

@@ -90,21 +90,28 @@ def wander(sigma, seconds=0.5, seed=11):
     return added
 
 
-def test_skin_that_wanders_about_rest_feels_presses_and_nothing_else():
+def test_skin_that_wanders_about_rest_soon_feels_presses_and_nothing_else():
     slow, pad = wander(7.0), press(PAD, 30.0, 30.4, 200.0)
     seen, _ = push_counts(lambda t: slow(t) + pad(t), 34.0)
     [touch] = [one for one in seen.values() if one.last > START + 15 * SECOND]
     assert abs(touch.onset - (START + 30 * SECOND)) <= 0.1 * SECOND
 
 
+def pats_with_dips(t):
+    """Return the counts of pats of a sensor that is below rest after each."""
+    since = t % 2.2 - 0.3
+    return 100.0 if since < 0.0 else -10.0 * np.exp(-since / 5.0)
+
+
 @pytest.mark.parametrize(
     "force",
     [
         lambda t: 60 + 20 * np.sin(20 * t),
-        lambda t: 10 * (t - 5.0),
+        lambda t: 10 * (t - 6.6),
         lambda t: 100 * (t % 1.0 < 0.3),
+        pats_with_dips,
     ],
-    ids=["a hand that trembles", "a press that grows slowly", "pats"],
+    ids=["a hand that trembles", "a press that grows slowly", "pats", "dips"],
 )
 def test_hand_is_not_taken_for_noise(force):
     floors = []
@@ -112,10 +119,10 @@ def test_hand_is_not_taken_for_noise(force):
         pipeline, rng = build_pipeline(MOUNTED), np.random.default_rng(5)
         for t in np.arange(20 * RATE) / RATE:
             counts = 200 + rng.standard_normal(SKIN.count)
-            counts += share * force(t) * PAD * (t >= 5.0)
+            counts += share * force(t) * PAD * (t >= 6.6)
             pipeline.push(scan_at(t, np.round(counts)))
         floors.append(pipeline.faults.floor)
-    np.testing.assert_allclose(floors[1], floors[0], rtol=0.5)
+    assert (floors[1] <= 1.5 * floors[0]).all()
 
 
 def test_press_beside_a_noisy_taxel_has_its_own_onset():
@@ -235,18 +242,31 @@ def test_contacts_of_noise_neither_prolong_a_touch_nor_take_part_in_it():
     assert len(touch.tracks) == 1
 
 
-def test_taxel_that_stays_displaced_neither_is_a_touch_for_long_nor_takes_later_ones():
-    taxel = one_taxel(int(PAD.argmax()))
+@pytest.mark.parametrize("kpa", [5.0, 8.5, 20.0])
+def test_taxel_that_stays_displaced_takes_no_later_touch_into_its_own(kpa):
+    displaced = one_taxel(int(PAD.argmax()))
+    beside = press_pad(SKIN, (0.045, 0.045), kpa=1.0, radius=0.012)
 
     def pressure(n):
         t = n / RATE
-        pads = press(PAD, 2.0, 2.4, 20.0)(t) + press(PAD, 12.0, 12.4, 20.0)(t)
-        return np.maximum(pads, 8.0 * taxel * (t >= 2.2))
+        first, second = press(PAD, 2.0, 2.4, 20.0), press(beside, 12.0, 12.4, kpa)
+        return np.maximum(first(t), 8.0 * displaced * (t >= 2.2)) + second(t)
 
     seen, _ = push_noisy(pressure, 14.0)
-    first, second = seen.values()
-    assert first.closed and first.last < START + 11 * SECOND
-    assert 0 <= second.onset - (START + 12 * SECOND) <= 0.04 * SECOND
+    _, touch = seen.values()
+    assert 0 <= touch.onset - (START + 12 * SECOND) <= 0.04 * SECOND
+    assert touch.closed and touch.last <= START + 12.4 * SECOND
+
+
+@pytest.mark.parametrize("tremor", [5.0, 20.0])
+def test_finger_that_rests_on_one_taxel_stays_a_touch(tremor):
+    def added(t):
+        finger = press(one_taxel(), 5.0, 20.0, 150.0)(t)
+        return finger + tremor * np.sin(2 * np.pi * t) * (finger > 100.0)
+
+    seen, _ = push_counts(added, 21.0)
+    [touch] = seen.values()
+    assert touch.last >= START + 19.9 * SECOND
 
 
 def test_corrupt_value_beside_noisy_taxels_does_not_hide_a_later_press():

@@ -1,6 +1,6 @@
 """This module judges whether a touch can be a fault of the skin."""
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass, field
 from typing import final
 
@@ -121,6 +121,7 @@ class EvidenceMonitor:
             list(zip(patches, numbers, strict=True)) for numbers in (rows, columns)
         )
         self.patch_count = len(skin.patches)
+        self.indices = np.arange(skin.count)
         self.doubtful = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
         self.stamp = 0
@@ -142,7 +143,7 @@ class EvidenceMonitor:
             taxels = state.records.loads["taxel"][slice(*row.loads)]
             felt = taxels[pressure[taxels] >= self.config.weak]
             evidence.felt.update(felt.tolist())
-            evidence.doubted.update(felt[state.doubtful[felt]].tolist())
+            self.doubt(evidence, felt[state.doubtful[felt]].tolist())
         if state.doubtful is not self.doubtful:
             new = np.flatnonzero(state.doubtful & ~self.doubtful)
             self.doubtful = state.doubtful
@@ -151,10 +152,10 @@ class EvidenceMonitor:
             if touch.merged_into and touch.id in self.touches:
                 self.merge(self.touches.pop(touch.id), touch.merged_into)
         if pressed:
-            sound, active = self.find_sound(state), self.find_active(state)
+            sound = self.find_sound(state)
             interval = min((stamp - before) / NS_PER_S, self.config.max_interval)
             for row in pressed:
-                self.update_touch(row, state, sound, active)
+                self.update_touch(row, state, sound)
                 self.touches[row.id].seconds += interval
         limit = stamp - self.config.keep_seconds * NS_PER_S
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
@@ -163,10 +164,13 @@ class EvidenceMonitor:
         """Let a touch have the evidence of one that merged into it, if that is more."""
         evidence = self.touches.setdefault(heir, ended)
         evidence.felt |= ended.felt
-        evidence.doubted |= ended.doubted
         evidence.path = evidence.path or ended.path
         evidence.readings = max(evidence.readings, ended.readings, key=len)
         evidence.seconds = max(evidence.seconds, ended.seconds)
+        if evidence is not ended:
+            doubted = evidence.doubted | ended.doubted
+            evidence.doubted = set()
+            self.doubt(evidence, doubted)
 
     def suffices(self, touch: int) -> bool:
         """Return whether a touch is no fault."""
@@ -176,7 +180,10 @@ class EvidenceMonitor:
         return len(evidence.readings) >= self.config.readings
 
     def reset_doubted(self, taxels: Int[np.ndarray, "doubted"]) -> None:
-        """Take taxels that became doubtful, and their lines, out of readings before."""
+        """Take taxels that became doubtful out of the readings before.
+
+        So are the lines of which a share is doubtful and active.
+        """
         if not self.touches:
             return
         believed = np.ones(len(self.rows), bool)
@@ -189,22 +196,20 @@ class EvidenceMonitor:
                     believed &= ~line
         doubted = set(taxels.tolist())
         for evidence in self.touches.values():
-            self.reduce_evidence(evidence, doubted, believed)
+            evidence.doubted |= doubted & evidence.felt
+            self.reduce_evidence(evidence, believed)
+
+    def doubt(self, evidence: Evidence, taxels: Iterable[int]) -> None:
+        """Doubt what a touch has pressed, also in the readings before."""
+        new = set(taxels) - evidence.doubted
+        if new:
+            evidence.doubted |= new
+            self.reduce_evidence(evidence, ~np.isin(self.indices, list(new)))
 
     def reduce_evidence(
-        self,
-        evidence: Evidence,
-        doubted: Set[int],
-        believed: Bool[np.ndarray, "taxel"],
+        self, evidence: Evidence, believed: Bool[np.ndarray, "taxel"]
     ) -> None:
-        """Keep what can be believed of the readings of a touch.
-
-        Args:
-            evidence: evidence of the touch.
-            doubted: taxels that became doubtful.
-            believed: taxels that can be believed.
-        """
-        evidence.doubted |= doubted & evidence.felt
+        """Keep what can be believed of the readings of a touch."""
         evidence.path = {i: at for i, at in evidence.path.items() if believed[i]}
         evidence.readings = [
             left
@@ -228,25 +233,15 @@ class EvidenceMonitor:
         return None if self.find_lines(pressed) else SoundReading(pressed, strong)
 
     def update_touch(
-        self,
-        row: TouchRecord,
-        state: TouchState,
-        sound: Bool[np.ndarray, "taxel"],
-        active: Bool[np.ndarray, "taxel"],
+        self, row: TouchRecord, state: TouchState, sound: Bool[np.ndarray, "taxel"]
     ) -> None:
-        """Update the evidence of a touch that is in contact.
-
-        Args:
-            row: record of the touch.
-            state: contacts and touches of the reading.
-            sound: which taxels can be believed.
-            active: which taxels are pressed, by any touch.
-        """
+        """Update the evidence of a touch that is in contact."""
         loads = state.records.contacts[row.contact]["loads"]
         taxels = state.records.loads["taxel"][slice(*loads)]
         evidence = self.touches[row.id]
         evidence.last = row.last
         pressure = state.reading.pressure
+        active = pressure >= self.config.weak
         pressed = taxels[sound[taxels] & active[taxels]]
         path = self.update_path(evidence, pressed)
         strong = pressed[pressure[pressed] >= self.config.strong]
@@ -293,7 +288,7 @@ class EvidenceMonitor:
             pressed: taxels of the touch that are pressed now.
             strong: those that are strongly pressed.
             support: taxels that count as beside them.
-            active: which taxels are pressed, by any touch.
+            active: which taxels of the skin are pressed.
             doubted: doubtful taxels that the touch has pressed.
         """
         if not self.has_support(strong, support, doubted):
@@ -352,15 +347,6 @@ class EvidenceMonitor:
         patch = self.patch_index == self.patch_index[taxel]
         for numbers in (self.rows, self.columns):
             yield patch & (numbers == numbers[taxel])
-
-    def find_active(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
-        """Find the taxels in contact, and not within their noise."""
-        active = np.zeros(len(self.rows), bool)
-        contacts = state.records.contacts
-        now = contacts["stamp"] == state.reading.stamp
-        for span in contacts["loads"][now]:
-            active[state.records.loads["taxel"][slice(*span)]] = True
-        return active & (state.reading.pressure >= self.config.weak)
 
     def find_sound(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
         """Find the taxels whose pressure can be believed."""

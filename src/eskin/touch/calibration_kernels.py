@@ -43,6 +43,7 @@ class BaselineParameters(NamedTuple):
     alone_seconds: float
     dip_seconds: float
     dip_share: float
+    still: float
     kept: float
     settle_seconds: float
     relearn_seconds: float
@@ -84,7 +85,7 @@ class BaselineState(NamedTuple):
 PRESSED_SHARE = 0.5
 """Smallest part of its recent peak at which a neighbour is still pressed."""
 STALE_SECONDS = 0.5
-"""Time without data, as of a faulty taxel, after which a neighbour tells nothing."""
+"""Time without data, as of a faulty taxel, after which it is no longer touched."""
 MIN_TARE_SAMPLES = 4
 """Number of samples from which one above the margin no longer raises the tare."""
 LOW_SECONDS = 0.06
@@ -120,7 +121,6 @@ def calibrate(
     gain: Float[np.ndarray, "taxel"],
     curve: PressureCurve,
     margin: Float[np.ndarray, "taxel"],
-    still: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     held: Int[np.ndarray, "held"],
@@ -131,8 +131,8 @@ def calibrate(
     """Update the baselines with one scan and write the pressures [kPa] to `out`.
 
     `starts` and `neighbours` are those of `Adjacency`; taxels with `use` False are not
-    received or faulty; `margin` and `still` are in counts; `held` are those that were
-    in contact at the last reading.
+    received or faulty; `margin` is in counts; `held` are those that were in contact at
+    the last reading.
     """
     # Local references to the arrays make the compiled loops faster.
     baseline, peak = state.baseline, state.peak
@@ -143,6 +143,8 @@ def calibrate(
     for i in range(len(counts)):
         if not use[i]:
             out[i] = 0.0
+            if now - last_received[i] > STALE_SECONDS:
+                state.above[i], touched_since[i] = 0.0, np.inf
             continue
         if sample_count[i] < size or now - last_received[i] > silence:
             update_tare(i, counts[i], now, margin[i], state, parameters)
@@ -154,20 +156,16 @@ def calibrate(
             if touched_since[i] == np.inf:
                 touched_since[i] = now
             near = neighbours[starts[i] : starts[i + 1]]
-            if not is_residual(i, above, now, near, margin, still, state, parameters):
+            if not is_residual(i, above, now, near, margin, state, parameters):
                 mark_touched(i, above, now, near, state)
         else:
             touched_since[i] = np.inf
     for i in held:
         above = counts[i] - baseline[i]
         near = neighbours[starts[i] : starts[i + 1]]
-        if use[i] and not is_residual(
-            i, above, now, near, margin, still, state, parameters
-        ):
+        if use[i] and not is_residual(i, above, now, near, margin, state, parameters):
             mark_touched(i, above, now, near, state)
-    update_baselines(
-        counts, use, now, margin, still, starts, neighbours, state, parameters
-    )
+    update_baselines(counts, use, now, margin, starts, neighbours, state, parameters)
 
 
 @compiled
@@ -228,7 +226,6 @@ def is_residual(
     now: float,
     near: Int[np.ndarray, "neighbour"],
     margin: Float[np.ndarray, "taxel"],
-    still: Float[np.ndarray, "taxel"],
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> bool:
@@ -240,12 +237,10 @@ def is_residual(
     steady = now - state.steady_since[i]
     if steady <= parameters.steady_seconds:
         return False
-    if above <= still[i]:
+    if above <= parameters.still * margin[i]:
         return False
     is_alone, is_pressed = True, False
     for j in near:
-        if now - state.last_received[j] > STALE_SECONDS:
-            continue
         is_alone &= state.touched_since[j] == np.inf
         is_pressed |= state.above[j] > PRESSED_SHARE * state.peak[i]
     if is_alone and steady > parameters.alone_seconds:
@@ -261,7 +256,6 @@ def update_baselines(
     use: Bool[np.ndarray, "taxel"],
     now: float,
     margin: Float[np.ndarray, "taxel"],
-    still: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     state: BaselineState,
@@ -288,7 +282,7 @@ def update_baselines(
         if sample_count[i] < size:
             continue
         above = counts[i] - baseline[i]
-        if abs(counts[i] - steady_level[i]) > still[i]:
+        if abs(counts[i] - steady_level[i]) > parameters.still * margin[i]:
             steady_level[i], steady_since[i] = counts[i], now
         was_low, since = low[i], low_since[i]
         low[i] = low_since[i] = np.inf
@@ -306,7 +300,6 @@ def update_baselines(
             now,
             neighbours[starts[i] : starts[i + 1]],
             margin,
-            still,
             state,
             parameters,
         ):

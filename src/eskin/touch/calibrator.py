@@ -79,8 +79,7 @@ class CalibrationConfig:
     dip_share: float = 0.15
     """Largest such dip, in units of the peak of the touch."""
     still: float = 0.25
-    """Largest difference that counts as no change, in units of `margin`; so does one
-    that may be noise."""
+    """Largest difference that counts as no change, in units of `margin`."""
     kept: float = 5.0
     """Largest residual that is expected of a sensor, in units of `margin`."""
     settle_seconds: float = 0.3
@@ -115,7 +114,6 @@ class Calibrator:
         self.curve = calibration.pressure_curve
         self.least_margin = calibration.compute_counts(self.config.margin)
         self.margin = self.least_margin
-        self.least_still = self.still = self.config.still * self.least_margin
         self.noise: np.ndarray | None = None
         self.known_rest = (
             None if calibration.rest is None else KnownRest(skin, calibration)
@@ -134,7 +132,6 @@ class Calibrator:
         if counts is not self.noise:
             self.noise = counts
             self.margin = np.maximum(self.least_margin, CLEAR_FACTOR * counts)
-            self.still = np.maximum(self.least_still, counts)
 
     def push(
         self,
@@ -168,7 +165,6 @@ class Calibrator:
             self.gain,
             self.curve,
             self.margin,
-            self.still,
             self.adjacency.starts,
             self.adjacency.neighbours,
             NO_TAXELS if held is None else held,

@@ -14,7 +14,7 @@ SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
 """Time between two readings from which a touch may last for one of them [ns]."""
 FADE_SECONDS = 2.0
 """Time constant with which the evidence of a track fades [s]: what has given none for
-some seconds is a single taxel that does not return to its rest."""
+some seconds may be a taxel that does not return to its rest, and joins no other."""
 MIN_NOISE = 0.1
 """Smallest pressure that is taken for noise [kPa]."""
 

@@ -27,14 +27,22 @@ MEDIAN_SHARE = 0.85
 """Median of the deviations of white noise, in units of their mean."""
 CLEAR_FACTOR = 2.0
 """Smallest signal that is clearly no noise, in units of what may be noise."""
-WANDER_SPEED = 0.1
-"""Largest change of the running median of the depth below rest [1/s], in units of
-itself or of the counts at which contact begins, whichever is larger."""
+WANDER_SPEED, WANDER_STEP = 0.1, 0.002
+"""Largest change of the running median of the depth below rest, in a second and in a
+scan, in units of itself or of the counts at which contact begins, whichever is
+larger."""
 WANDER_START_FACTOR, WANDER_START_SECONDS = 20.0, 5.0
 """Factor of that change after the first data, and the time from it on [s]."""
-WANDER_SECONDS, WANDER_DEPTH = 2.0, 4.0
-"""Time since a taxel was above rest [s], and depth in units of the counts at which
-contact begins, from which it does not wander: its rest is another one."""
+WANDER_SECONDS = 2.0
+"""Longest time below rest that is slow noise, and not another rest [s]."""
+WANDER_DEPTH = 4.0
+"""Greatest depth that is, in units of the counts at which contact begins."""
+PRESS_CONTACTS, PRESS_WANDERS = 4.0, 6.0
+"""Smallest mean counts above rest of a press, in units of those at which contact begins
+and of the running median of the depth below rest, whichever is larger."""
+DIP_SECONDS = 20.0
+"""Time after a press in which counts below rest may be a dip of the sensor [s]; not in
+the first seconds, when noise may be as large as a press."""
 START_SECONDS = 1.0
 """Time in which noise that is not calibrated is learned at first [s]."""
 MAX_GAP = 0.15
@@ -108,6 +116,8 @@ class CountHistory(NamedTuple):
     noise is as large above rest, while a hand presses above it alone."""
     last_above: np.ndarray
     """Time at which the counts were last above rest."""
+    last_pressed: np.ndarray
+    """Time of the latest press."""
     level: np.ndarray
     """Mean counts above rest of the latest scans."""
     under_hand: np.ndarray
@@ -195,7 +205,7 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.deviation[i] = 0.0
     history.noise[i] = history.start_noise[i]
     history.wander[i] = 0.0
-    history.last_above[i] = NEVER
+    history.last_above[i] = history.last_pressed[i] = NEVER
     history.level[i] = 0.0
     history.under_hand[i] = False
     history.last_straight[i] = now
@@ -267,10 +277,11 @@ def update_noise(
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
     wander, last_above = history.wander, history.last_above
+    last_pressed = history.last_pressed
     under_hand = history.under_hand
     contacts, noisy, cut = limits.contact, limits.deviation, limits.cut
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
-    wander_speed = WANDER_SPEED * elapsed
+    wander_speed = min(WANDER_SPEED * elapsed, WANDER_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
     forget = np.exp(-elapsed / limits.step_seconds)
     if elapsed > MAX_GAP:
@@ -310,14 +321,18 @@ def update_noise(
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
         is_near = above > -WANDER_DEPTH * contact
+        is_new = now - first_received[i] < WANDER_START_SECONDS
+        dips = now - last_pressed[i] < DIP_SECONDS and not is_new
         if above >= 0.0:
             last_above[i] = now
-        elif is_near and now - last_above[i] < WANDER_SECONDS:
+        elif is_near and not dips and now - last_above[i] < WANDER_SECONDS:
             most = wander_speed * max(contact, wander[i])
-            if now - first_received[i] < WANDER_START_SECONDS:
+            if is_new:
                 most *= WANDER_START_FACTOR
             wander[i] += min(max(-above - wander[i], -most), most)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
+        if level[i] > max(PRESS_CONTACTS * contact, PRESS_WANDERS * wander[i]):
+            last_pressed[i] = now
         if under_hand[i]:
             if level[i] < contact:
                 under_hand[i] = False

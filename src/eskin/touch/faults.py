@@ -55,8 +55,8 @@ MAX_CUT, CUT_CONTACTS = 8.0, 3.0
 """Largest counts that a converter which cuts small values may swing by about zero: in
 counts, and in units of those at which contact begins."""
 WANDER_SHARE = 0.7
-"""Smallest slow noise of a taxel, in units of the median of the skin's taxels: where
-rest was learned too low, no noise is seen below it."""
+"""Smallest slow noise of a taxel, in units of the median of its patch: where rest was
+learned too low, no noise is seen below it."""
 MAX_AWAY = 4.0
 """Largest distance from rest that is left to noise, in units of the counts at which
 contact begins: a patch that swings further feels no touch."""
@@ -407,12 +407,25 @@ class FaultDetector:
         """
         return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, MIN_NOISE)
 
+    def measure_wander(self) -> Float[np.ndarray, "taxel"]:
+        """Return the median depth below rest of each taxel [counts].
+
+        It is at least a part of that of its patch, in units of the counts at which
+        contact begins.
+        """
+        wander, contact = self.history.wander, self.limits.contact
+        ratio, usual = wander / contact, np.zeros(self.skin.count)
+        for members in self.members:
+            used = members[~self.mask[members]]
+            if len(used):
+                middle = len(used) // 2
+                usual[members] = np.partition(ratio[used], middle)[middle]
+        return np.maximum(wander, WANDER_SHARE * usual * contact)
+
     def update_floor(self, now: float) -> None:
         """Update what may be noise, as pressure, and as counts above or below rest."""
         fast = self.measure_noise(self.history.noise)
-        wander = self.history.wander
-        usual = WANDER_SHARE * float(np.median(wander))
-        slow = WANDER_SIGMAS / WANDER_MEDIAN * np.maximum(wander, usual)
+        slow = WANDER_SIGMAS / WANDER_MEDIAN * self.measure_wander()
         self.noise_counts = np.maximum(fast, slow)
         floor = self.calibration.compute_pressure(self.noise_counts)
         contact = self.limits.contact

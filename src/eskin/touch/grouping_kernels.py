@@ -233,7 +233,8 @@ def weigh_tracks(
 ) -> tuple[Float[np.ndarray, "track"], Bool[np.ndarray, "track"]]:
     """Add the evidence of this reading to that of the tracks, which fades.
 
-    A track has no more than confirms a touch, so that all fade in the same time.
+    A track has no more than confirms a touch, so that all fade in the same time. What
+    has faded takes no later track into its touch.
 
     Returns:
         The evidence added, and which tracks have enough of it only now to be of one
@@ -423,10 +424,7 @@ def update_open_touches(
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
-    """Update every open touch with the contacts of ongoing tracks.
-
-    A track whose evidence has faded does not keep a confirmed touch open.
-    """
+    """Update every open touch with the contacts of ongoing tracks."""
     parameters = context.parameters
     count = update.counts[ALL]
     force, centre = np.zeros(count), np.zeros((count, 3))
@@ -435,12 +433,9 @@ def update_open_touches(
     if reading.elapsed <= parameters.pause_ns:
         seconds = reading.elapsed / NS_PER_S
     strongest = np.full(count, NO_INDEX)
-    is_sure = np.zeros(count, np.bool_)
     for track in range(len(tracks)):
         if tracks[track].last == reading.stamp:
             n = find_survivor(update.owners[track], update)
-            if tracks[track].evidence >= parameters.least_evidence:
-                is_sure[n] = True
             touch, contact = update.touches[n], buffer.contacts[tracks[track].contact]
             force[n] += contact.force
             for r in range(3):
@@ -458,8 +453,7 @@ def update_open_touches(
         touch.force = force[n]
         if strongest[n] != NO_INDEX:
             touch.contact, update.renewed[n] = strongest[n], True
-            if is_sure[n] or not touch.confirmed:
-                touch.last = reading.stamp
+            touch.last = reading.stamp
             touch.peak_force = max(touch.peak_force, force[n])
             centre[n] /= force[n]
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
