@@ -36,8 +36,10 @@ MAX_ELAPSED = 0.2
 MIN_DEVIATION = 4.0
 """Smallest deviation from a straight course that is noisy [counts]: converters have a
 noise of one or two."""
-MIN_NOISE = 2.0
-"""Smallest difference from rest that may be noise [counts]: converters round."""
+MIN_NOISE, MIN_NOISE_CONTACTS = (2.0, 4.0), 2.0
+"""Limits of the smallest difference from rest that may be noise [counts], and what it
+is between them, in units of the counts at which contact begins: converters round, and
+coarse ones would feel no light touch."""
 NOISIER = 2.0
 """Ratio of a taxel's deviation to the median of its neighbours, and to that of its
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
@@ -405,7 +407,8 @@ class FaultDetector:
         Args:
             deviation: deviation from a straight course, as `CountHistory.noise`.
         """
-        return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, MIN_NOISE)
+        least = np.clip(MIN_NOISE_CONTACTS * self.limits.contact, *MIN_NOISE)
+        return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, least)
 
     def measure_wander(self) -> Float[np.ndarray, "taxel"]:
         """Return the median depth below rest of each taxel [counts].
