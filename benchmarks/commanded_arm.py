@@ -107,7 +107,7 @@ def count_stops(part: DemoResult) -> tuple[float, float]:
     return part.score.count_unasked()["unasked_stops"], len(part.score.accidents)
 
 
-def rate_going_on(part: DemoResult) -> tuple[float, float]:
+def count_unasked_going_on(part: DemoResult) -> tuple[float, float]:
     """Return how many unasked commands went on, and the simulated hours."""
     return part.score.count_unasked()["unasked_going_on"], part.seconds / 3600.0
 
@@ -143,7 +143,9 @@ def format_result(name: str, parts: list[DemoResult]) -> str:
         "{:.1%} ({:.0%} to {:.0%})".format(*compute_interval(parts, count))
         for count in (count_obeyed, count_wrong, count_stops)
     ]
-    rate = "{:.1f} ({:.1f} to {:.1f})".format(*compute_interval(parts, rate_going_on))
+    rate = "{:.1f} ({:.1f} to {:.1f})".format(
+        *compute_interval(parts, count_unasked_going_on)
+    )
     return format_row(
         [
             name,

@@ -1,6 +1,6 @@
 """This module judges whether a touch can be a fault of the skin."""
 
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterator, Set
 from dataclasses import dataclass, field
 from typing import final
 
@@ -121,7 +121,6 @@ class EvidenceMonitor:
             list(zip(patches, numbers, strict=True)) for numbers in (rows, columns)
         )
         self.patch_count = len(skin.patches)
-        self.indices = np.arange(skin.count)
         self.doubtful = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
         self.stamp = 0
@@ -134,16 +133,19 @@ class EvidenceMonitor:
         before = self.stamp or stamp
         self.stamp = stamp
         pressure = state.reading.pressure
-        self.active_at[pressure >= self.config.weak] = stamp
+        active = pressure >= self.config.weak
+        self.active_at[active] = stamp
         is_idle = not state.open and not self.touches
         rows = [] if is_idle else state.rows
         pressed = [row for row in rows if row.last == stamp and not row.closed]
         for row in pressed:
             evidence = self.touches.setdefault(row.id, Evidence([], row.last))
             taxels = state.records.loads["taxel"][slice(*row.loads)]
-            felt = taxels[pressure[taxels] >= self.config.weak]
+            felt = taxels[active[taxels]]
             evidence.felt.update(felt.tolist())
-            self.doubt(evidence, felt[state.doubtful[felt]].tolist())
+            doubted = set(felt[state.doubtful[felt]].tolist())
+            if not doubted <= evidence.doubted:
+                self.doubt(evidence, doubted)
         if state.doubtful is not self.doubtful:
             new = np.flatnonzero(state.doubtful & ~self.doubtful)
             self.doubtful = state.doubtful
@@ -152,25 +154,25 @@ class EvidenceMonitor:
             if touch.merged_into and touch.id in self.touches:
                 self.merge(self.touches.pop(touch.id), touch.merged_into)
         if pressed:
-            sound = self.find_sound(state)
+            sound = self.find_sound(state, active)
             interval = min((stamp - before) / NS_PER_S, self.config.max_interval)
             for row in pressed:
-                self.update_touch(row, state, sound)
+                self.update_touch(row, state, sound, active)
                 self.touches[row.id].seconds += interval
         limit = stamp - self.config.keep_seconds * NS_PER_S
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
 
     def merge(self, ended: Evidence, heir: int) -> None:
         """Let a touch have the evidence of one that merged into it, if that is more."""
-        evidence = self.touches.setdefault(heir, ended)
+        evidence = self.touches.get(heir)
+        if evidence is None:
+            self.touches[heir] = ended
+            return
         evidence.felt |= ended.felt
         evidence.path = evidence.path or ended.path
         evidence.readings = max(evidence.readings, ended.readings, key=len)
         evidence.seconds = max(evidence.seconds, ended.seconds)
-        if evidence is not ended:
-            doubted = evidence.doubted | ended.doubted
-            evidence.doubted = set()
-            self.doubt(evidence, doubted)
+        self.doubt(evidence, ended.doubted)
 
     def suffices(self, touch: int) -> bool:
         """Return whether a touch is no fault."""
@@ -199,12 +201,12 @@ class EvidenceMonitor:
             evidence.doubted |= doubted & evidence.felt
             self.reduce_evidence(evidence, believed)
 
-    def doubt(self, evidence: Evidence, taxels: Iterable[int]) -> None:
+    def doubt(self, evidence: Evidence, taxels: Set[int]) -> None:
         """Doubt what a touch has pressed, also in the readings before."""
-        new = set(taxels) - evidence.doubted
-        if new:
-            evidence.doubted |= new
-            self.reduce_evidence(evidence, ~np.isin(self.indices, list(new)))
+        evidence.doubted |= taxels
+        believed = np.ones(len(self.rows), bool)
+        believed[list(evidence.doubted)] = False
+        self.reduce_evidence(evidence, believed)
 
     def reduce_evidence(
         self, evidence: Evidence, believed: Bool[np.ndarray, "taxel"]
@@ -233,15 +235,25 @@ class EvidenceMonitor:
         return None if self.find_lines(pressed) else SoundReading(pressed, strong)
 
     def update_touch(
-        self, row: TouchRecord, state: TouchState, sound: Bool[np.ndarray, "taxel"]
+        self,
+        row: TouchRecord,
+        state: TouchState,
+        sound: Bool[np.ndarray, "taxel"],
+        active: Bool[np.ndarray, "taxel"],
     ) -> None:
-        """Update the evidence of a touch that is in contact."""
+        """Update the evidence of a touch that is in contact.
+
+        Args:
+            row: record of the touch.
+            state: contacts and touches of the reading.
+            sound: which taxels can be believed.
+            active: which taxels are pressed.
+        """
         loads = state.records.contacts[row.contact]["loads"]
         taxels = state.records.loads["taxel"][slice(*loads)]
         evidence = self.touches[row.id]
         evidence.last = row.last
         pressure = state.reading.pressure
-        active = pressure >= self.config.weak
         pressed = taxels[sound[taxels] & active[taxels]]
         path = self.update_path(evidence, pressed)
         strong = pressed[pressure[pressed] >= self.config.strong]
@@ -348,11 +360,12 @@ class EvidenceMonitor:
         for numbers in (self.rows, self.columns):
             yield patch & (numbers == numbers[taxel])
 
-    def find_sound(self, state: TouchState) -> Bool[np.ndarray, "taxel"]:
+    def find_sound(
+        self, state: TouchState, active: Bool[np.ndarray, "taxel"]
+    ) -> Bool[np.ndarray, "taxel"]:
         """Find the taxels whose pressure can be believed."""
         reading, config = state.reading, self.config
         count = self.patch_count
-        active = reading.pressure >= config.weak
         sizes = np.bincount(self.patch_index[reading.valid], minlength=count)
         shares = np.bincount(self.patch_index[active], minlength=count)
         whole = (sizes >= config.min_patch) & (shares >= config.patch_share * sizes)

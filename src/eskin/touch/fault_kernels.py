@@ -320,15 +320,14 @@ def update_noise(
             noise[i] = max(noise[i] - fall, bend)
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
-        is_near = above > -WANDER_DEPTH * contact
-        is_new = now - first_received[i] < WANDER_START_SECONDS
-        dips = now - last_pressed[i] < DIP_SECONDS and not is_new
         if above >= 0.0:
             last_above[i] = now
-        elif is_near and not dips and now - last_above[i] < WANDER_SECONDS:
+        elif now - last_above[i] < WANDER_SECONDS and above > -WANDER_DEPTH * contact:
             most = wander_speed * max(contact, wander[i])
-            if is_new:
+            if now - first_received[i] < WANDER_START_SECONDS:
                 most *= WANDER_START_FACTOR
+            elif now - last_pressed[i] < DIP_SECONDS:
+                most = 0.0
             wander[i] += min(max(-above - wander[i], -most), most)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
         if level[i] > max(PRESS_CONTACTS * contact, PRESS_WANDERS * wander[i]):

@@ -12,7 +12,6 @@ from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
     NEVER,
     RECENT,
-    START_SECONDS,
     CountHistory,
     NoiseLimits,
     find_noisier,
@@ -20,6 +19,7 @@ from eskin.touch.fault_kernels import (
     update_noise,
     update_unanswered,
 )
+from eskin.touch.noise import NoiseFloor
 from eskin.touch.reading import Scan, check_order
 from eskin.units import NS_PER_S
 
@@ -36,34 +36,12 @@ MAX_ELAPSED = 0.2
 MIN_DEVIATION = 4.0
 """Smallest deviation from a straight course that is noisy [counts]: converters have a
 noise of one or two."""
-MIN_NOISE, MIN_NOISE_CONTACTS = (2.0, 4.0), 2.0
-"""Limits of the smallest difference from rest that may be noise [counts], and what it
-is between them, in units of the counts at which contact begins: converters round, and
-coarse ones would feel no light touch."""
 NOISIER = 2.0
 """Ratio of a taxel's deviation to the median of its neighbours, and to that of its
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
-SIGMA_DEVIATION = 1.65
-"""Median deviation of white noise from a straight course, in units of its standard
-deviation: that of the second difference is the square root of 6, and its median is
-0.674 of that."""
-FLOOR_SIGMAS = 6.0
-"""Signal that may be noise, in units of the standard deviation."""
-WANDER_SIGMAS = 4.0
-"""The same of the slow noise of a taxel that wanders about its rest."""
-WANDER_MEDIAN = 0.6745
-"""Median depth of such noise below rest, in units of its standard deviation."""
 MAX_CUT, CUT_CONTACTS = 8.0, 3.0
 """Largest counts that a converter which cuts small values may swing by about zero: in
 counts, and in units of those at which contact begins."""
-WANDER_SHARE = 0.7
-"""Smallest slow noise of a taxel, in units of the median of its patch: where rest was
-learned too low, no noise is seen below it."""
-MAX_AWAY = 4.0
-"""Largest distance from rest that is left to noise, in units of the counts at which
-contact begins: a patch that swings further feels no touch."""
-MAX_WANDER = 1.5
-"""The same of slow noise: swings beyond it, as of mains hum, remain a fault."""
 MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 SAME_SECONDS = 0.5
@@ -292,17 +270,14 @@ class FaultDetector:
         self.swings = SwingDetector(self.grouper.patches, self.config)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.history = build_count_history(skin.count)
-        if calibration.noise is not None:
-            self.history.start_noise[:] = SIGMA_DEVIATION * calibration.noise
+        self.noise = NoiseFloor(
+            calibration, counts, self.members, self.history, self.config.start_floor
+        )
         self.code = np.full(skin.count, -1)
         self.since = np.zeros(skin.count)
         self.last_found = np.full(skin.count, NEVER)
         self.last_doubted = np.full(skin.count, NEVER)
         self.doubtful = np.zeros(skin.count, bool)
-        self.calibration = calibration
-        self.noise_counts = self.measure_noise(self.history.start_noise)
-        self.away = counts / 2.0
-        self.floor = np.full(skin.count, self.config.start_floor)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
         self.first: int | None = None
@@ -349,14 +324,17 @@ class FaultDetector:
             elapsed,
             self.turn,
             self.limits,
-            self.away,
+            self.noise.away,
             self.adjacency.starts,
             self.adjacency.neighbours,
             self.history,
         )
         if now >= MIN_LEARNED and (low_count or self.swings.going):
             above, received = scan.counts - rest, scan.received
-            high, low = received & (above > self.away), received & (above < -self.away)
+            high, low = (
+                received & (above > self.noise.away),
+                received & (above < -self.noise.away),
+            )
             self.swings.update(high, low, now)
             self.doubt_mixed_lines(high, low, now)
         if now - self.last_check >= self.config.check_seconds - 1e-6:
@@ -386,7 +364,7 @@ class FaultDetector:
         )
         self.doubt_even_lines(scan.counts - rest, scan.received, now)
         self.update_codes(rest, now)
-        self.update_floor(now)
+        self.noise.update(self.mask, now)
         self.last_check = now
         self.mask = self.code >= 0
         received = np.maximum(self.history.last_received, 0.0)
@@ -398,46 +376,6 @@ class FaultDetector:
                 np.round(begun).astype(np.int64) + (self.first or 0),
             )
         )
-
-    def measure_noise(
-        self, deviation: Float[np.ndarray, "taxel"]
-    ) -> Float[np.ndarray, "taxel"]:
-        """Return the counts above rest up to which they are noise.
-
-        Args:
-            deviation: deviation from a straight course, as `CountHistory.noise`.
-        """
-        least = np.clip(MIN_NOISE_CONTACTS * self.limits.contact, *MIN_NOISE)
-        return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, least)
-
-    def measure_wander(self) -> Float[np.ndarray, "taxel"]:
-        """Return the median depth below rest of each taxel [counts].
-
-        It is at least a part of that of its patch, in units of the counts at which
-        contact begins.
-        """
-        wander, contact = self.history.wander, self.limits.contact
-        ratio, usual = wander / contact, np.zeros(self.skin.count)
-        for members in self.members:
-            used = members[~self.mask[members]]
-            if len(used):
-                middle = len(used) // 2
-                usual[members] = np.partition(ratio[used], middle)[middle]
-        return np.maximum(wander, WANDER_SHARE * usual * contact)
-
-    def update_floor(self, now: float) -> None:
-        """Update what may be noise, as pressure, and as counts above or below rest."""
-        fast = self.measure_noise(self.history.noise)
-        slow = WANDER_SIGMAS / WANDER_MEDIAN * self.measure_wander()
-        self.noise_counts = np.maximum(fast, slow)
-        floor = self.calibration.compute_pressure(self.noise_counts)
-        contact = self.limits.contact
-        away = np.maximum(fast, np.minimum(slow, MAX_WANDER * contact))
-        self.away = np.clip(away, contact / 2.0, MAX_AWAY * contact)
-        starts = now - self.history.first_received < START_SECONDS
-        learns = starts & (self.history.start_noise == 0.0)
-        least = np.maximum(floor, self.config.start_floor)
-        self.floor = np.where(learns, least, floor)
 
     def update_codes(self, rest: Float[np.ndarray, "taxel"], now: float) -> None:
         """Update the code of each taxel's fault, -1 for none."""
@@ -477,7 +415,7 @@ class FaultDetector:
         found = np.zeros(self.skin.count, bool)
         masked = np.flatnonzero((self.code == NOISY) | (self.code == SATURATED))
         highest = self.history.recent[:, masked].max(axis=0)
-        found[masked] = highest < rest[masked] - self.away[masked]
+        found[masked] = highest < rest[masked] - self.noise.away[masked]
         return found
 
     def doubt_mixed_lines(
@@ -507,7 +445,7 @@ class FaultDetector:
     ) -> None:
         """Doubt rows and columns that are pressed evenly from end to end."""
         config = self.config
-        high = received & (above > self.away)
+        high = received & (above > self.noise.away)
         if np.count_nonzero(high) < config.line_size:
             return
         for groups in (self.grouper.rows, self.grouper.columns):

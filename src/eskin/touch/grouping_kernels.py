@@ -241,10 +241,8 @@ def weigh_tracks(
         touch with others.
     """
     parameters = context.parameters
-    least, elapsed = (
-        parameters.least_evidence,
-        min(reading.elapsed, parameters.pause_ns),
-    )
+    least = parameters.least_evidence
+    elapsed = min(reading.elapsed, parameters.pause_ns)
     kept = np.exp(-elapsed / (FADE_SECONDS * NS_PER_S))
     gained, became_sure = np.zeros(len(tracks)), np.zeros(len(tracks), np.bool_)
     for track in range(len(tracks)):

@@ -246,7 +246,7 @@ class TouchPipeline:
             mounted.skin, calibration, FaultConfig(), contacts.on
         )
         if calibration.noise is not None:
-            self.calibrator.set_noise(self.faults.noise_counts)
+            self.calibrator.set_noise(self.faults.noise.counts)
         self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
         self.tracker = TouchTracker(
             mounted,
@@ -264,7 +264,7 @@ class TouchPipeline:
             ReadingError: The scan is of another skin or robot, or not later than the
                 last one. The state is then unchanged.
         """
-        return self.push_reading(*self.calibrate(scan), self.faults.floor)
+        return self.push_reading(*self.calibrate(scan), self.faults.noise.floor)
 
     def calibrate(self, scan: Scan) -> tuple[Reading, tuple[Fault, ...]]:
         """Calibrate the next scan, and mark data that cannot be trusted as not valid.
@@ -280,7 +280,7 @@ class TouchPipeline:
         reading = self.calibrator.push(scan, invalid, self.find_held())
         rest = self.calibrator.state.baseline
         mask, faults = self.faults.push(scan, reading.pressure, rest)
-        self.calibrator.set_noise(self.faults.noise_counts)
+        self.calibrator.set_noise(self.faults.noise.counts)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
         return self.crosstalk.compensate(reading), faults
@@ -290,7 +290,7 @@ class TouchPipeline:
         held = self.tracker.held
         if self.reading is None or not len(held):
             return held
-        pressure, floor = self.reading.pressure[held], self.faults.floor[held]
+        pressure, floor = self.reading.pressure[held], self.faults.noise.floor[held]
         return held[pressure >= CLEAR_FACTOR * floor]
 
     def push_reading(

@@ -1,0 +1,121 @@
+"""This module measures what may be noise of each taxel, fast and slow."""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.touch.calibration import Calibration
+from eskin.touch.fault_kernels import START_SECONDS, CountHistory
+
+MIN_NOISE, MIN_NOISE_CONTACTS = (2.0, 4.0), 2.0
+"""Limits of the smallest difference from rest that may be noise [counts], and what it
+is between them, in units of the counts at which contact begins: converters round, and
+coarse ones would feel no light touch."""
+SIGMA_DEVIATION = 1.65
+"""Median deviation of white noise from a straight course, in units of its standard
+deviation: that of the second difference is the square root of 6, and its median is
+0.674 of that."""
+FLOOR_SIGMAS = 6.0
+"""Signal that may be noise, in units of the standard deviation."""
+WANDER_SIGMAS = 4.0
+"""The same of the slow noise of a taxel that wanders about its rest."""
+WANDER_MEDIAN = 0.6745
+"""Median depth of such noise below rest, in units of its standard deviation."""
+WANDER_SHARE = 0.7
+"""Smallest slow noise of a taxel, in units of the median of its patch: where rest was
+learned too low, no noise is seen below it."""
+MAX_AWAY = 4.0
+"""Largest distance from rest that is left to noise, in units of the counts at which
+contact begins: a patch that swings further feels no touch."""
+MAX_WANDER = 1.5
+"""The same of slow noise: swings beyond it, as of mains hum, remain a fault."""
+
+
+@final
+class NoiseFloor:
+    """A noise floor holds how far each taxel may be from its rest by noise alone.
+
+    Attributes:
+        counts: (taxel) counts above rest up to which they are noise.
+        floor: (taxel) the same as pressure, larger while it is learned [kPa].
+        away: (taxel) counts from which a taxel is away from rest, for faults.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        contact: Float[np.ndarray, "taxel"],
+        members: list[Int[np.ndarray, "_"]],
+        history: CountHistory,
+        start_floor: float,
+    ) -> None:
+        """Start with the calibrated noise, or with what is assumed without one.
+
+        Args:
+            calibration: constants of the electronics.
+            contact: counts above rest at which contact begins.
+            members: indices of the taxels of each patch.
+            history: history of the counts, whose noise starts as calibrated.
+            start_floor: pressure that may be noise until it is known [kPa].
+        """
+        self.calibration = calibration
+        self.contact = contact
+        self.members = members
+        self.history = history
+        self.start_floor = start_floor
+        if calibration.noise is not None:
+            history.start_noise[:] = SIGMA_DEVIATION * calibration.noise
+        self.counts = self.measure_noise(history.start_noise)
+        self.away = contact / 2.0
+        self.floor = np.full(len(contact), start_floor)
+
+    def measure_noise(
+        self, deviation: Float[np.ndarray, "taxel"]
+    ) -> Float[np.ndarray, "taxel"]:
+        """Return the counts above rest up to which they are noise.
+
+        Args:
+            deviation: deviation from a straight course, as `CountHistory.noise`.
+        """
+        least = np.clip(MIN_NOISE_CONTACTS * self.contact, *MIN_NOISE)
+        return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, least)
+
+    def measure_wander(
+        self, mask: Bool[np.ndarray, "taxel"]
+    ) -> Float[np.ndarray, "taxel"]:
+        """Return the median depth below rest of each taxel [counts].
+
+        It is at least a part of that of its patch, in units of the counts at which
+        contact begins.
+
+        Args:
+            mask: faulty taxels, which do not count for their patch.
+        """
+        wander, contact = self.history.wander, self.contact
+        ratio, usual = wander / contact, np.zeros(len(self.contact))
+        for members in self.members:
+            used = members[~mask[members]]
+            if len(used):
+                middle = len(used) // 2
+                usual[members] = np.partition(ratio[used], middle)[middle]
+        return np.maximum(wander, WANDER_SHARE * usual * contact)
+
+    def update(self, mask: Bool[np.ndarray, "taxel"], now: float) -> None:
+        """Update what may be noise by the history at a time [s].
+
+        Args:
+            mask: faulty taxels.
+            now: time since the first scan [s].
+        """
+        fast = self.measure_noise(self.history.noise)
+        slow = WANDER_SIGMAS / WANDER_MEDIAN * self.measure_wander(mask)
+        self.counts = np.maximum(fast, slow)
+        floor = self.calibration.compute_pressure(self.counts)
+        contact = self.contact
+        away = np.maximum(fast, np.minimum(slow, MAX_WANDER * contact))
+        self.away = np.clip(away, contact / 2.0, MAX_AWAY * contact)
+        starts = now - self.history.first_received < START_SECONDS
+        learns = starts & (self.history.start_noise == 0.0)
+        least = np.maximum(floor, self.start_floor)
+        self.floor = np.where(learns, least, floor)
