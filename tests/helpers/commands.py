@@ -217,6 +217,7 @@ class Scene:
         self.count = 0
         self.faulty_patches = self.silent_patches = ()
         self.doubtful = np.zeros(SKIN.count, bool)
+        self.hidden = np.zeros(SKIN.count, np.float32)  # [kPa] of no contact
         self.valid_share = 1.0
 
     def note(self, event):
@@ -243,7 +244,7 @@ class Scene:
         rows = np.zeros(len(self.touches), TOUCH)
         rows["confirmed"] = 1
         contacts = np.zeros(len(self.touches), NO_TOUCHES.contacts.dtype)
-        pressure = np.zeros(SKIN.count, np.float32)
+        pressure = self.hidden.copy()
         loads = []
         for k, (number, touch) in enumerate(self.touches.items()):
             row, begin = rows[k], len(loads)
