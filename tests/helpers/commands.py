@@ -255,7 +255,6 @@ class Scene:
                 pressure[touch.taxels] = touch.pressure
             loads += [(taxel, touch.pressure, touch.onset) for taxel in touch.taxels]
             contacts[k]["loads"] = row["loads"] = begin, len(loads)
-            contacts[k]["stamp"] = touch.last
             contacts[k]["patch"] = SKIN.patch_index[touch.taxels[0]]
         going = tuple(self.status(number) for number in self.touches)
         faults = tuple(
