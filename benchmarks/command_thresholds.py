@@ -37,6 +37,7 @@ from eskin.command import (
     STARTING_ACTIONS,
     PolicyConfig,
 )
+from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
 from eskin.demo import CommandScore, DemoConfig, SimulatedUserConfig
 from eskin.demo.headless import run_build
 from eskin.errors import ArmError
@@ -149,6 +150,9 @@ class TouchTrace:
     """Time of the detection since the onset of the simulated touch [s]."""
     length: float = 0.0
     """Duration of the simulated touch [s]."""
+    sound: bool = True
+    """Whether it was no fault of the skin, as far as the policy can tell, when it was
+    last open."""
 
     @property
     def duration(self) -> float:
@@ -223,6 +227,8 @@ class TouchTrace:
         """Return the confidence by which it would command an action."""
         if action in HALTING_ACTIONS:
             return self.final_stop(gesture)
+        if not self.sound:
+            return 0.0
         if action == "slow":
             return self.slowing(gesture)
         judge = self.closing if action in STARTING_ACTIONS else self.settled
@@ -263,13 +269,15 @@ class TraceListener(Listener):
         self.detections: dict[int, Detection] = {}
 
     def start(self, context: Context) -> None:
-        """Do nothing."""
+        """Start without evidence."""
+        self.evidence = EvidenceMonitor(context.info.skin, EvidenceConfig())
 
     def on_message(self, item: Message) -> None:
         """Keep the probabilities of a reading, or a detection."""
         if isinstance(item, Detection):
             self.detections.setdefault(item.touch, item)
         elif isinstance(item, RecognitionState):
+            self.evidence.update(item)
             for touch in item.state.open:
                 trace = self.traces.setdefault(
                     touch.id, TouchTrace(0.0, build=self.build)
@@ -282,6 +290,7 @@ class TraceListener(Listener):
                     dict(zip(self.vocabulary, values, strict=True))
                 )
                 trace.contact.append(touch.last == stamp)
+                trace.sound = self.evidence.suffices(touch.id)
 
     def close(self) -> None:
         """Do nothing."""

@@ -62,6 +62,43 @@ def test_fingertip_commands(taxels):
     assert command(Scene(), "double_pat", taxels=taxels) == ["next_waypoint"]
 
 
+BLOCK = find_block(PATCH, 4, 8).reshape(4, 8)
+TWO_FINGERS = BLOCK[[0, 3], [1, 5]]
+
+
+@pytest.mark.parametrize(
+    ("taxels", "changes", "suffices"),
+    [
+        (TWO_FINGERS, {}, True),
+        (TWO_FINGERS, {"later": {int(TWO_FINGERS[1]): 0.15}}, False),
+        (TWO_FINGERS, {"pressure": 1.0}, False),
+        (BLOCK[0, [1, 5]], {}, False),
+        (BLOCK[[0, 3], 1], {}, False),
+        (TWO_FINGERS[:1], {}, False),
+    ],
+    ids=["together", "in turn", "weak", "in one row", "in one column", "one alone"],
+)
+def test_fingertips_on_taxels_apart_are_no_fault_if_they_land_together(
+    taxels, changes, suffices
+):
+    actions = command(Scene(), "double_pat", taxels=taxels, **changes)
+    assert actions == ["next_waypoint"] * suffices
+
+
+@pytest.mark.parametrize(("doubted", "suffices"), [([0], True), ([0, 3], False)])
+def test_fingertips_apart_do_not_both_lie_in_lines_of_doubtful_taxels(
+    doubted, suffices
+):
+    scene = Scene()
+    number = scene.begin("double_pat")
+    scene.touches[number].taxels = np.append(BLOCK[doubted, 7], TWO_FINGERS)
+    scene.wait(0.3)
+    assert scene.policy.evidence.suffices(number)
+    scene.doubtful = np.isin(np.arange(SKIN.count), BLOCK[doubted, 7])
+    scene.step()
+    assert scene.policy.evidence.suffices(number) == suffices
+
+
 @pytest.mark.parametrize(
     ("path", "suffices"),
     [

@@ -24,6 +24,10 @@ class EvidenceConfig:
     weak: float = 0.7
     """Pressure on a taxel beside it that it needs too [kPa]."""
 
+    together: float = 0.1
+    """Longest time between the onsets of two strongly pressed taxels that do not lie
+    beside each other, as of two fingers, for one to count as beside the other [s]."""
+
     line_share: float = 0.34
     """Share of a row or column that a touch may cover that lies in it alone."""
 
@@ -73,6 +77,8 @@ class SoundReading:
     """Taxels that were pressed and not doubtful, with those of the path to them."""
     strong: Int[np.ndarray, "strong"]
     """Those that were strongly pressed."""
+    onsets: Int[np.ndarray, "strong"]
+    """Stamps from which these were pressed [ns since the epoch]."""
 
 
 @dataclass
@@ -94,12 +100,26 @@ class Evidence:
     pressure [ns since the epoch]."""
 
 
+def number_lines(skin: Skin) -> Int[np.ndarray, "2 taxel"]:
+    """Return the number of the row of each taxel, and that of its column.
+
+    No row, of any patch, has the number of another one or of a column.
+    """
+    patches = np.asarray(skin.patch_index)
+    rows, columns = (
+        np.unique((patches, np.asarray(numbers)), axis=1, return_inverse=True)[1]
+        for numbers in (skin.rows, skin.columns)
+    )
+    return np.stack([rows, columns + rows.max(initial=0) + 1])
+
+
 @final
 class EvidenceMonitor:
     """A monitor collects the evidence of every touch from its readings.
 
     In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
-    too, or was lately by a fingertip that slides from taxel to taxel. If all of the
+    too, or was lately by a fingertip that slides from taxel to taxel; or another one,
+    of another row and column, has become strongly pressed with it. If all of the
     touch lies in one row or column, it covers a small part of it, and the rest is not
     pressed. Taxels that are doubtful, as faulty ones are, or of a patch that is active
     as a whole, do not count. When a taxel becomes doubtful, it no longer counts in the
@@ -113,13 +133,7 @@ class EvidenceMonitor:
         self.config = config
         self.adjacency = Adjacency.build(skin)
         self.patch_index = np.asarray(skin.patch_index)
-        self.rows, self.columns = np.asarray(skin.rows), np.asarray(skin.columns)
-        rows, columns, patches = (
-            values.tolist() for values in (self.rows, self.columns, self.patch_index)
-        )
-        self.lines_of = tuple(
-            list(zip(patches, numbers, strict=True)) for numbers in (rows, columns)
-        )
+        self.lines = number_lines(skin)
         self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
@@ -188,7 +202,7 @@ class EvidenceMonitor:
         """
         if not self.touches:
             return
-        believed = np.ones(len(self.rows), bool)
+        believed = np.ones(len(self.patch_index), bool)
         believed[taxels] = False
         limit = self.stamp - self.config.keep_seconds * NS_PER_S
         active = self.doubtful & (self.active_at >= limit)
@@ -204,7 +218,7 @@ class EvidenceMonitor:
     def doubt(self, evidence: Evidence, taxels: Set[int]) -> None:
         """Doubt what a touch has pressed, also in the readings before."""
         evidence.doubted |= taxels
-        believed = np.ones(len(self.rows), bool)
+        believed = np.ones(len(self.patch_index), bool)
         believed[list(evidence.doubted)] = False
         self.reduce_evidence(evidence, believed)
 
@@ -227,12 +241,13 @@ class EvidenceMonitor:
     ) -> SoundReading | None:
         """Return what can be believed of a reading; None if that is not sound."""
         pressed = reading.pressed[believed[reading.pressed]]
-        strong = reading.strong[believed[reading.strong]]
-        if not self.has_support(strong, pressed, doubted):
+        kept = believed[reading.strong]
+        left = SoundReading(pressed, reading.strong[kept], reading.onsets[kept])
+        if not self.has_support(left, doubted):
             return None
         if len(pressed) == len(reading.pressed):
             return reading
-        return None if self.find_lines(pressed) else SoundReading(pressed, strong)
+        return None if self.find_lines(pressed) else left
 
     def update_touch(
         self,
@@ -249,24 +264,20 @@ class EvidenceMonitor:
             sound: which taxels can be believed.
             active: which taxels are pressed.
         """
-        loads = state.records.contacts[row.contact]["loads"]
-        taxels = state.records.loads["taxel"][slice(*loads)]
         evidence = self.touches[row.id]
         evidence.last = row.last
-        pressure = state.reading.pressure
-        pressed = taxels[sound[taxels] & active[taxels]]
-        path = self.update_path(evidence, pressed)
-        strong = pressed[pressure[pressed] >= self.config.strong]
-        reading = self.find_sound_reading(
-            pressed, strong, path, active, evidence.doubted
-        )
-        if reading is not None:
+        loads = state.records.loads[slice(*row.loads)]
+        loads = loads[sound[loads["taxel"]] & active[loads["taxel"]]]
+        path = self.update_path(evidence, loads["taxel"])
+        strong = loads[state.reading.pressure[loads["taxel"]] >= self.config.strong]
+        reading = SoundReading(path, strong["taxel"], strong["onset"])
+        if self.is_sound(reading, loads["taxel"], active, evidence.doubted):
             kept = evidence.readings[1 - self.config.keep_readings :]
             evidence.readings = [*kept, reading]
 
     def update_path(
         self, evidence: Evidence, pressed: Int[np.ndarray, "pressed"]
-    ) -> Int[np.ndarray, "support"]:
+    ) -> Int[np.ndarray, "path"]:
         """Return pressed taxels, and those of the path that led to them if it counts.
 
         Args:
@@ -286,56 +297,55 @@ class EvidenceMonitor:
             return pressed
         return np.array(list(evidence.path), dtype=np.int64)
 
-    def find_sound_reading(
+    def is_sound(
         self,
-        pressed: Int[np.ndarray, "pressed"],
-        strong: Int[np.ndarray, "strong"],
-        support: Int[np.ndarray, "support"],
+        reading: SoundReading,
+        touched: Int[np.ndarray, "touched"],
         active: Bool[np.ndarray, "taxel"],
         doubted: Set[int],
-    ) -> SoundReading | None:
-        """Return what is pressed as a sound reading; None if a fault can explain it.
+    ) -> bool:
+        """Return whether no fault explains a reading.
 
         Args:
-            pressed: taxels of the touch that are pressed now.
-            strong: those that are strongly pressed.
-            support: taxels that count as beside them.
+            reading: what can be believed of it.
+            touched: taxels of the touch that are pressed now and not doubtful.
             active: which taxels of the skin are pressed.
             doubted: doubtful taxels that the touch has pressed.
         """
-        if not self.has_support(strong, support, doubted):
-            return None
-        lines = self.find_lines(pressed)
-        if support is not pressed:
-            lines += self.find_lines(support)
-        for line in lines:
+        if not self.has_support(reading, doubted):
+            return False
+        for line in self.find_lines(touched) + self.find_lines(reading.pressed):
             most = self.config.line_share * np.count_nonzero(line)
             count = np.count_nonzero(active[line])
-            if count > len(pressed) or count > most:
-                return None
-        return SoundReading(support, strong)
+            if count > np.count_nonzero(line[reading.pressed]) or count > most:
+                return False
+        return True
 
-    def has_support(
-        self,
-        strong: Int[np.ndarray, "strong"],
-        pressed: Int[np.ndarray, "pressed"],
-        doubted: Set[int],
-    ) -> bool:
-        """Return whether a pressed taxel lies beside a strongly pressed one.
+    def has_support(self, reading: SoundReading, doubted: Set[int]) -> bool:
+        """Return whether a pressed taxel supports a strongly pressed one.
 
-        Two that both lie in the rows, or both in the columns, of doubtful taxels do not
-        count.
+        It lies beside it, or is strongly pressed too, since the same time and in
+        another row and column. Two that both lie in the rows, or both in the columns,
+        of doubtful taxels do not count.
         """
-        support = set(pressed.tolist())
-        suspects = [{lines[i] for i in doubted} for lines in self.lines_of]
+        strong = reading.strong
+        suspect = np.isin(self.lines, self.lines[:, list(doubted)])
+        pressed = set(reading.pressed.tolist())
         for taxel in strong.tolist():
-            for other in support.intersection(self.list_neighbours(taxel)):
-                if not any(
-                    lines[taxel] in suspect and lines[other] in suspect
-                    for lines, suspect in zip(self.lines_of, suspects, strict=True)
-                ):
-                    return True
-        return False
+            beside = list(pressed.intersection(self.list_neighbours(taxel)))
+            both = suspect[:, [taxel]] & suspect[:, beside]
+            if not both.any(axis=0).all():
+                return True
+        lines, onsets, suspect = (
+            self.lines[:, strong],
+            reading.onsets,
+            suspect[:, strong],
+        )
+        shared = (lines[:, :, None] == lines[:, None]) | (
+            suspect[:, :, None] & suspect[:, None]
+        )
+        apart = np.abs(onsets[:, None] - onsets) <= self.config.together * NS_PER_S
+        return bool((apart & ~shared.any(axis=0)).any())
 
     def has_neighbour(self, taxel: int, others: set[int]) -> bool:
         """Return whether a taxel lies beside one of some others."""
@@ -356,9 +366,8 @@ class EvidenceMonitor:
 
     def select_lines(self, taxel: int) -> Iterator[Bool[np.ndarray, "taxel"]]:
         """Yield the taxels of the row of a taxel, then those of its column."""
-        patch = self.patch_index == self.patch_index[taxel]
-        for numbers in (self.rows, self.columns):
-            yield patch & (numbers == numbers[taxel])
+        for numbers in self.lines:
+            yield numbers == numbers[taxel]
 
     def find_sound(
         self, state: TouchState, active: Bool[np.ndarray, "taxel"]
