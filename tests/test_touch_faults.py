@@ -253,13 +253,13 @@ def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
     assert all(d >= m for d, m in zip(doubted, masked, strict=True))
 
 
-def find_doubtful(change):
-    """Push constant counts, changed from 2.5 s on; return which taxels are doubtful."""
-    calibration = calibration_of(SKIN)
-    calibrator = Calibrator(SKIN, calibration)
-    detector = FaultDetector(SKIN, calibration)
-    for t in np.arange(150) / 50:
-        counts = np.full(SKIN.count, 200)
+def find_doubtful(change, skin=SKIN, seconds=3.0):
+    """Push counts at rest, changed from 2.5 s on; return which taxels are doubtful."""
+    calibration = calibration_of(skin)
+    calibrator = Calibrator(skin, calibration)
+    detector = FaultDetector(skin, calibration)
+    for t in np.arange(round(50 * seconds)) / 50:
+        counts = np.full(skin.count, 200)
         if t > 2.5:
             change(counts)
         scan = scan_at(t, counts)
@@ -282,6 +282,30 @@ def test_row_that_no_hand_presses_so_is_doubtful_at_once(counts, doubted):
         all_counts[ROW] += counts
 
     np.testing.assert_array_equal(find_doubtful(change), ROW & doubted)
+
+
+@pytest.mark.parametrize(("below", "doubted"), [([-20, 0], False), ([-20, -20], True)])
+def test_pressed_taxel_and_a_released_one_do_not_make_a_short_row_doubtful(
+    below, doubted
+):
+    skin = build_grid_skin(columns=5)
+    row = skin.rows == 2
+
+    def change(counts):
+        counts[row] += [60, *below, 0, 0]
+
+    np.testing.assert_array_equal(find_doubtful(change, skin), row & doubted)
+
+
+@pytest.mark.parametrize("sigma", [0.5, 1.0, 2.0])
+def test_noise_of_all_taxels_makes_none_doubtful_by_chance(sigma):
+    """The running medians of many taxels scatter about each other."""
+    rng = np.random.default_rng(8)
+
+    def change(counts):
+        counts += np.round(sigma * rng.standard_normal(len(counts))).astype(int)
+
+    assert not find_doubtful(change, seconds=25.0).any()
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,13 @@ noise of one or two."""
 NOISIER = 2.0
 """Ratio of a taxel's deviation to the median of its neighbours, and to that of its
 patch, from which it is the taxel that is noisy, and not all of them under a hand."""
+DOUBTFUL_NOISIER = 3.0
+"""The same from which a taxel is doubtful: the running median of each of thousands of
+taxels, over a second, comes to twice that of its patch by chance."""
+MIN_MIXED = 3
+"""Number of taxels of a row or column that are away from rest, where some are above and
+some below it, from which it is doubtful: beside a pressed taxel, one that was released
+may be below rest for a while."""
 MAX_CUT, CUT_CONTACTS = 8.0, 3.0
 """Largest counts that a converter which cuts small values may swing by about zero: in
 counts, and in units of those at which contact begins."""
@@ -158,9 +165,10 @@ class FaultConfig:
     taxel noisy. One after which it stays flat counts for two."""
     step_seconds: float = 10.0
     """Time constant with which such a step counts for less."""
-    doubtful: float = 0.28
+    doubtful: float = 0.5
     """Limit of that deviation from which a taxel is doubtful: it may stop an arm, and
-    nothing else."""
+    nothing else. Six standard deviations of such noise are 1.8 times what makes
+    contact."""
     doubtful_steps: float = 1.2
     """Number of lone steps from which it is."""
     swing_share: float = 0.25
@@ -430,8 +438,9 @@ class FaultDetector:
         rest.
         """
         share = self.config.line_share
+        away = high | low
         for groups in (self.grouper.rows, self.grouper.columns):
-            mixed = groups.sizes >= MIN_LINE
+            mixed = groups.flagged_share(away) * groups.sizes > MIN_MIXED - 0.5
             for flags in (high, low):
                 mixed &= groups.flagged_share(flags) >= share
             if mixed.any():
@@ -524,22 +533,31 @@ class FaultDetector:
         level = config.noisy_level * history.level
         deviation = history.deviation / np.maximum(self.limits.deviation, level)
         noisy = self.swings.found | (history.steps >= config.lone_steps)
+        noisy |= self.find_noisier(deviation >= 1.0, NOISIER)
         doubtful = noisy | (history.steps >= config.doubtful_steps)
-        usual = NOISIER * np.array(
-            [np.median(history.deviation[patch]) for patch in self.members]
-        )
-        candidates = deviation >= config.doubtful / config.noisy
-        candidates &= history.deviation >= usual[self.skin.patch_index]
-        noisier = find_noisier(
-            np.flatnonzero(candidates),
-            NOISIER,
-            self.adjacency.starts,
-            self.adjacency.neighbours,
-            history,
-        )
-        doubtful[noisier] = True
-        noisy[noisier] |= deviation[noisier] >= 1.0
-        return noisy, doubtful
+        deviates = deviation >= config.doubtful / config.noisy
+        return noisy, doubtful | self.find_noisier(deviates, DOUBTFUL_NOISIER)
+
+    def find_noisier(
+        self, deviates: Bool[np.ndarray, "taxel"], factor: float
+    ) -> Bool[np.ndarray, "taxel"]:
+        """Find those of some taxels that deviate more than those around them.
+
+        Args:
+            deviates: the taxels.
+            factor: least ratio of the deviation of one to the median of its patch, and
+                to that of its neighbours.
+        """
+        found = np.zeros(self.skin.count, bool)
+        if not deviates.any():
+            return found
+        history = self.history
+        usual = np.array([np.median(history.deviation[each]) for each in self.members])
+        deviates &= history.deviation >= factor * usual[self.skin.patch_index]
+        starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
+        candidates = np.flatnonzero(deviates)
+        found[find_noisier(candidates, factor, starts, neighbours, history)] = True
+        return found
 
 
 def build_count_history(count: int) -> CountHistory:
