@@ -30,6 +30,8 @@ TELEGRAPH = 100.0
 """Step of telegraph noise [counts]."""
 TELEGRAPH_SECONDS = 2.0
 """Mean time between two steps of telegraph noise [s]."""
+PALM = 0.06
+"""Distance within which a hand could press all of some taxels at once [m]."""
 SPIKE_CHANCE = 1e-4
 """Probability that a value is a spike."""
 
@@ -101,9 +103,17 @@ def float_row(target: FaultTarget) -> Disturbance:
     return add_white(target, choose_row(target), FLOATING)
 
 
-def float_row_slowly(target: FaultTarget) -> Disturbance:
-    """Return a row that is not connected and wanders."""
-    taxels, rng = choose_row(target), target.rng
+def choose_rows(target: FaultTarget) -> Int[np.ndarray, "chosen"]:
+    """Choose the taxels of a row of at least five taxels, and of the row after it."""
+    skin, row = target.skin, choose_row(target)
+    patch, number = skin.patch_index[row[0]], skin.rows[row[0]]
+    both = (skin.rows == number) | (skin.rows == number + 1)
+    return np.flatnonzero(both & (skin.patch_index == patch))
+
+
+def wander(target: FaultTarget, taxels: Int[np.ndarray, "chosen"]) -> Disturbance:
+    """Return taxels that are not connected and wander."""
+    rng = target.rng
     state = rng.normal(0.0, FLOATING, len(taxels))
     noise = np.zeros(target.skin.count)
     last = 0.0
@@ -158,10 +168,22 @@ def add_spikes(target: FaultTarget) -> Disturbance:
     return disturb
 
 
-def add_telegraph_noise(target: FaultTarget) -> Disturbance:
-    """Return taxels that step up and down at random times."""
-    taxels, rng = choose(target, 0.002), target.rng
-    high = rng.random(len(taxels)) < 0.5
+def choose_within_palm(target: FaultTarget) -> Int[np.ndarray, "chosen"]:
+    """Choose four taxels that a hand could press at once."""
+    skin = target.skin
+    middle = int(target.rng.integers(skin.count))
+    distances = np.linalg.norm(skin.positions - skin.positions[middle], axis=1)
+    near = (distances < PALM) & (skin.patch_index == skin.patch_index[middle])
+    return target.rng.choice(np.flatnonzero(near), 4, replace=False)
+
+
+def step(
+    target: FaultTarget, taxels: Int[np.ndarray, "chosen"], in_step: bool = False
+) -> Disturbance:
+    """Return taxels that step up and down at random times, or all at the same times."""
+    rng = target.rng
+    count = 1 if in_step else len(taxels)
+    high = rng.random(count) < 0.5
     noise = np.zeros(target.skin.count)
     last = 0.0
 
@@ -169,7 +191,7 @@ def add_telegraph_noise(target: FaultTarget) -> Disturbance:
         nonlocal high, last
         chance = 1.0 - np.exp(-(seconds - last) / TELEGRAPH_SECONDS)
         last = seconds
-        high = high ^ (rng.random(len(taxels)) < chance)
+        high = high ^ (rng.random(count) < chance)
         noise[taxels] = TELEGRAPH * high
         return noise
 
@@ -182,11 +204,15 @@ FAULTS: dict[str, Callable[[FaultTarget], Disturbance]] = {
     "0.2 % noisy, sigma 9": lambda target: add_noise(target, 0.002, 9.0),
     "1 % noisy, sigma 9": lambda target: add_noise(target, 0.01, 9.0),
     "floating row": float_row,
-    "floating row, slow": float_row_slowly,
+    "floating row, slow": lambda target: wander(target, choose_row(target)),
+    "two floating rows, slow": lambda target: wander(target, choose_rows(target)),
     "hum of a patch": hum_of_patch,
     "hum of a patch, row by row": hum_by_rows,
     "spikes, 1e-4 a value": add_spikes,
-    "telegraph, 0.2 %": add_telegraph_noise,
+    "telegraph, 0.2 %": lambda target: step(target, choose(target, 0.002)),
+    "telegraph in step, four taxels": lambda target: step(
+        target, choose_within_palm(target), in_step=True
+    ),
 }
 """The faults that are simulated, by their names in tables."""
 
