@@ -63,40 +63,78 @@ def test_fingertip_commands(taxels):
 
 
 BLOCK = find_block(PATCH, 4, 8).reshape(4, 8)
-TWO_FINGERS = BLOCK[[0, 3], [1, 5]]
+FINGERS = BLOCK[[0, 3], [1, 5]]
+"""Taxels of two fingertips, in two rows and columns."""
+ROOT = BLOCK[0, 2]
+"""A taxel beside the first of them."""
+
+
+def is_no_fault(*steps, scene=None, **changes):
+    """Return whether a touch that presses some taxels after others is no fault.
+
+    Args:
+        steps: taxels, and the time for which they are pressed [s].
+        scene: scene of the touch; a new one unless given.
+        changes: attributes of the touch.
+    """
+    scene = scene or Scene()
+    number = scene.begin("double_pat")
+    for name, value in changes.items():
+        setattr(scene.touches[number], name, value)
+    for taxels, seconds in steps:
+        scene.touches[number].taxels = np.atleast_1d(taxels)
+        scene.wait(seconds)
+    return scene.policy.evidence.suffices(number)
 
 
 @pytest.mark.parametrize(
-    ("taxels", "changes", "suffices"),
+    ("steps", "enough"),
     [
-        (TWO_FINGERS, {}, True),
-        (TWO_FINGERS, {"later": {int(TWO_FINGERS[1]): 0.15}}, False),
-        (TWO_FINGERS, {"pressure": 1.0}, False),
-        (BLOCK[0, [1, 5]], {}, False),
-        (BLOCK[[0, 3], 1], {}, False),
-        (TWO_FINGERS[:1], {}, False),
+        ([(ROOT, 0.02), (FINGERS, 0.3)], True),
+        ([(ROOT, 0.02), (FINGERS[0], 0.16), (FINGERS, 0.3)], False),
+        ([(FINGERS, 0.3)], False),
+        ([(ROOT, 0.02), (BLOCK[0, [1, 5]], 0.3)], False),
+        ([(ROOT, 0.02), (BLOCK[[0, 3], 1], 0.3)], False),
+        ([(ROOT, 0.02), (FINGERS[0], 0.3)], False),
     ],
-    ids=["together", "in turn", "weak", "in one row", "in one column", "one alone"],
+    ids=["together", "in turn", "nothing beside", "a row", "a column", "one alone"],
 )
-def test_fingertips_on_taxels_apart_are_no_fault_if_they_land_together(
-    taxels, changes, suffices
-):
-    actions = command(Scene(), "double_pat", taxels=taxels, **changes)
-    assert actions == ["next_waypoint"] * suffices
+def test_fingertips_apart_are_no_fault_if_they_land_together(steps, enough):
+    """Taxels with bad contacts are felt alone, and a finger that rolls is not."""
+    assert is_no_fault(*steps) == enough
+    assert not is_no_fault(*steps, pressure=1.0)
 
 
-@pytest.mark.parametrize(("doubted", "suffices"), [([0], True), ([0, 3], False)])
-def test_fingertips_apart_do_not_both_lie_in_lines_of_doubtful_taxels(
-    doubted, suffices
-):
+def test_reading_without_data_does_not_let_fingertips_land_together():
     scene = Scene()
-    number = scene.begin("double_pat")
-    scene.touches[number].taxels = np.append(BLOCK[doubted, 7], TWO_FINGERS)
-    scene.wait(0.3)
-    assert scene.policy.evidence.suffices(number)
-    scene.doubtful = np.isin(np.arange(SKIN.count), BLOCK[doubted, 7])
+    steps = [(ROOT, 0.02), (FINGERS[0], 0.16), (FINGERS, 0.04)]
+    assert not is_no_fault(*steps, scene=scene)
+    scene.silent_patches = (PATCH.id,)
     scene.step()
-    assert scene.policy.evidence.suffices(number) == suffices
+    scene.silent_patches = ()
+    scene.wait(0.2)
+    assert not scene.policy.evidence.suffices(scene.count)
+
+
+@pytest.mark.parametrize(("doubted", "enough"), [([0], True), ([0, 3], False)])
+def test_fingertips_apart_do_not_both_lie_in_lines_of_doubtful_taxels(doubted, enough):
+    scene, bad = Scene(), BLOCK[doubted, 7]
+    assert is_no_fault((ROOT, 0.02), (np.append(bad, FINGERS), 0.3), scene=scene)
+    scene.doubtful = np.isin(np.arange(SKIN.count), bad)
+    scene.step()
+    assert scene.policy.evidence.suffices(scene.count) == enough
+
+
+@pytest.mark.parametrize("others", [BLOCK[3, [5]], BLOCK[2, [5]], BLOCK[3, [4, 6]]])
+def test_faulty_row_and_taxels_elsewhere_do_not_support_each_other(others):
+    """A row is pressed unevenly, and what else the touch feels is single taxels."""
+    assert not is_no_fault((BLOCK[0], 0.2), (np.append(BLOCK[0], others), 0.3))
+
+
+def test_path_along_a_row_of_which_more_is_pressed_is_a_fault():
+    scene = Scene()
+    scene.hidden[BLOCK[0, 7]] = 3.0
+    assert not is_no_fault(*((taxel, 0.1) for taxel in BLOCK[0, :4]), scene=scene)
 
 
 @pytest.mark.parametrize(

@@ -297,13 +297,29 @@ def test_pressed_taxel_and_a_released_one_do_not_make_a_short_row_doubtful(
     np.testing.assert_array_equal(find_doubtful(change, skin), row & doubted)
 
 
-@pytest.mark.parametrize("sigma", [0.5, 1.0, 2.0])
-def test_noise_of_all_taxels_makes_none_doubtful_by_chance(sigma):
-    """The running medians of many taxels scatter about each other."""
+@pytest.mark.parametrize(
+    ("sigma", "others", "doubted"),
+    [(1.6, 0.0, False), (3.0, 0.0, True), (3.5, 2.1, False), (5.5, 1.0, True)],
+    ids=["little noise", "much", "little more than the patch", "five times that"],
+)
+def test_noise_makes_a_taxel_doubtful_if_it_is_much_and_its_own(sigma, others, doubted):
+    """Contact begins at 7 counts; noise of 2.1 counts deviates by half of that."""
     rng = np.random.default_rng(8)
 
     def change(counts):
-        counts += np.round(sigma * rng.standard_normal(len(counts))).astype(int)
+        noise = rng.standard_normal(len(counts)) * others
+        noise[TAXEL] = sigma * rng.standard_normal()
+        counts += np.round(noise).astype(int)
+
+    assert find_doubtful(change, seconds=8.0)[TAXEL] == doubted
+
+
+def test_noise_of_half_a_count_makes_no_taxel_doubtful_by_chance():
+    """Many taxels do not change, and the running medians of others scatter."""
+    rng = np.random.default_rng(8)
+
+    def change(counts):
+        counts += np.round(0.5 * rng.standard_normal(len(counts))).astype(int)
 
     assert not find_doubtful(change, seconds=25.0).any()
 

@@ -32,6 +32,8 @@ TELEGRAPH_SECONDS = 2.0
 """Mean time between two steps of telegraph noise [s]."""
 PALM = 0.06
 """Distance within which a hand could press all of some taxels at once [m]."""
+RISE = 0.06
+"""Time in which taxels that step together rise or fall [s]."""
 SPIKE_CHANCE = 1e-4
 """Probability that a value is a spike."""
 
@@ -104,11 +106,14 @@ def float_row(target: FaultTarget) -> Disturbance:
 
 
 def choose_rows(target: FaultTarget) -> Int[np.ndarray, "chosen"]:
-    """Choose the taxels of a row of at least five taxels, and of the row after it."""
-    skin, row = target.skin, choose_row(target)
-    patch, number = skin.patch_index[row[0]], skin.rows[row[0]]
-    both = (skin.rows == number) | (skin.rows == number + 1)
-    return np.flatnonzero(both & (skin.patch_index == patch))
+    """Choose the taxels of two rows of at least five taxels, one after the other."""
+    skin = target.skin
+    while True:
+        row = choose_row(target)
+        patch = skin.patch_index == skin.patch_index[row[0]]
+        after = np.flatnonzero(patch & (skin.rows == skin.rows[row[0]] + 1))
+        if len(after) >= 5:
+            return np.concatenate([row, after])
 
 
 def wander(target: FaultTarget, taxels: Int[np.ndarray, "chosen"]) -> Disturbance:
@@ -180,8 +185,14 @@ def choose_within_palm(target: FaultTarget) -> Int[np.ndarray, "chosen"]:
 def step(
     target: FaultTarget, taxels: Int[np.ndarray, "chosen"], in_step: bool = False
 ) -> Disturbance:
-    """Return taxels that step up and down at random times, or all at the same times."""
-    rng = target.rng
+    """Return taxels that step up and down at random times.
+
+    Args:
+        target: skin that is attacked.
+        taxels: the taxels.
+        in_step: whether all step at the same times, and take `RISE` to do so.
+    """
+    rng, rise = target.rng, RISE if in_step else 0.0
     count = 1 if in_step else len(taxels)
     high = rng.random(count) < 0.5
     noise = np.zeros(target.skin.count)
@@ -189,10 +200,12 @@ def step(
 
     def disturb(seconds: float) -> Float[np.ndarray, "taxel"]:
         nonlocal high, last
-        chance = 1.0 - np.exp(-(seconds - last) / TELEGRAPH_SECONDS)
+        elapsed = seconds - last
+        chance = 1.0 - np.exp(-elapsed / TELEGRAPH_SECONDS)
         last = seconds
         high = high ^ (rng.random(count) < chance)
-        noise[taxels] = TELEGRAPH * high
+        change = TELEGRAPH * min(elapsed / rise, 1.0) if rise else TELEGRAPH
+        noise[taxels] += np.clip(TELEGRAPH * high - noise[taxels], -change, change)
         return noise
 
     return disturb
@@ -202,6 +215,7 @@ FAULTS: dict[str, Callable[[FaultTarget], Disturbance]] = {
     "none": lambda target: lambda seconds: np.zeros(target.skin.count),
     "0.2 % noisy, sigma 7": lambda target: add_noise(target, 0.002, 7.0),
     "0.2 % noisy, sigma 9": lambda target: add_noise(target, 0.002, 9.0),
+    "1 % noisy, sigma 5": lambda target: add_noise(target, 0.01, 5.0),
     "1 % noisy, sigma 9": lambda target: add_noise(target, 0.01, 9.0),
     "floating row": float_row,
     "floating row, slow": lambda target: wander(target, choose_row(target)),

@@ -185,7 +185,6 @@ class SceneTouch:
     taxels: np.ndarray = field(default_factory=lambda: FINGERTIP)
     pressure: float = 20.0
     direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    later: dict[int, float] = field(default_factory=dict)  # onset of a taxel [s]
 
     def probabilities(self):
         rest = (1 - self.confidence) / (len(VOCABULARY) - 1)
@@ -254,11 +253,8 @@ class Scene:
             row["force"], row["contact"] = touch.force, k
             if touch.pressed:
                 pressure[touch.taxels] = touch.pressure
-            loads += [
-                (i, touch.pressure, touch.onset + round(touch.later.get(i, 0) * SECOND))
-                for i in touch.taxels.tolist()
-            ]
-            contacts[k]["loads"] = row["loads"] = begin, len(loads)
+            loads += [(taxel, touch.pressure, touch.onset) for taxel in touch.taxels]
+            row["loads"], contacts[k]["loads"] = (begin, len(loads)), (begin, begin + 1)
             contacts[k]["patch"] = SKIN.patch_index[touch.taxels[0]]
         going = tuple(self.status(number) for number in self.touches)
         faults = tuple(

@@ -22,14 +22,17 @@ class EvidenceConfig:
     contact begins."""
 
     weak: float = 0.7
-    """Pressure on a taxel beside it that it needs too [kPa]."""
+    """Pressure on a taxel beside it that supports it [kPa]."""
 
     together: float = 0.1
-    """Longest time between the onsets of two strongly pressed taxels that do not lie
-    beside each other, as of two fingers, for one to count as beside the other [s]."""
+    """Longest time from which one to which other taxel is strongly pressed, for two
+    that do not lie beside each other, as of two fingers, to count so [s]."""
+
+    fingers: int = 20
+    """Largest number of strongly pressed taxels that may be of separate fingers."""
 
     line_share: float = 0.34
-    """Share of a row or column that a touch may cover that lies in it alone."""
+    """Share of a row or column that may be pressed for two of its taxels to count."""
 
     doubted_share: float = 0.2
     """Share of a row or column that must be doubtful, and active lately, so that none
@@ -43,7 +46,7 @@ class EvidenceConfig:
     within `path_seconds`, so that one of them counts as beside the next."""
 
     path_width: int = 2
-    """Greatest number of taxels that such a fingertip presses at once."""
+    """Greatest number of taxels that the touch of such a fingertip presses at once."""
 
     path_seconds: float = 0.5
     """Time for which a pressed taxel belongs to that path [s]."""
@@ -77,8 +80,10 @@ class SoundReading:
     """Taxels that were pressed and not doubtful, with those of the path to them."""
     strong: Int[np.ndarray, "strong"]
     """Those that were strongly pressed."""
-    onsets: Int[np.ndarray, "strong"]
-    """Stamps from which these were pressed [ns since the epoch]."""
+    since: Int[np.ndarray, "strong"]
+    """Stamps since when these were [ns since the epoch]."""
+    full: Bool[np.ndarray, "line"]
+    """Rows and columns of which two taxels do not support each other."""
 
 
 @dataclass
@@ -95,6 +100,9 @@ class Evidence:
     """Taxels that it has pressed, also those that are doubtful."""
     doubted: set[int] = field(default_factory=set)
     """Those that are or were doubtful."""
+    strong: dict[int, int] = field(default_factory=dict)
+    """Taxels that it presses strongly, each with the stamp since when it does [ns since
+    the epoch]."""
     path: dict[int, int] = field(default_factory=dict)
     """Taxels that a fingertip has slid over lately, each with the stamp of its latest
     pressure [ns since the epoch]."""
@@ -107,10 +115,10 @@ def number_lines(skin: Skin) -> Int[np.ndarray, "2 taxel"]:
     """
     patches = np.asarray(skin.patch_index)
     rows, columns = (
-        np.unique((patches, np.asarray(numbers)), axis=1, return_inverse=True)[1]
-        for numbers in (skin.rows, skin.columns)
+        np.unique(patches * (numbers.max(initial=0) + 1) + numbers, return_inverse=True)
+        for numbers in (np.asarray(skin.rows), np.asarray(skin.columns))
     )
-    return np.stack([rows, columns + rows.max(initial=0) + 1])
+    return np.stack([rows[1], columns[1] + len(rows[0])])
 
 
 @final
@@ -119,9 +127,10 @@ class EvidenceMonitor:
 
     In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
     too, or was lately by a fingertip that slides from taxel to taxel; or another one,
-    of another row and column, has become strongly pressed with it. If all of the
-    touch lies in one row or column, it covers a small part of it, and the rest is not
-    pressed. Taxels that are doubtful, as faulty ones are, or of a patch that is active
+    of another row and column, became strongly pressed at the same time, and the touch
+    has felt a taxel beside one of the two. Two of one row or column support each other
+    if a small part of it is pressed, all of it by the touch. Taxels that are doubtful,
+    as faulty ones are, or of a patch that is active
     as a whole, do not count. When a taxel becomes doubtful, it no longer counts in the
     readings before. If the touch presses it, the two taxels must not both lie in its
     row or its column, and if several taxels of that line are doubtful and active, none
@@ -134,6 +143,7 @@ class EvidenceMonitor:
         self.adjacency = Adjacency.build(skin)
         self.patch_index = np.asarray(skin.patch_index)
         self.lines = number_lines(skin)
+        self.line_sizes = np.bincount(self.lines.ravel())
         self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
@@ -230,24 +240,27 @@ class EvidenceMonitor:
         evidence.readings = [
             left
             for reading in evidence.readings
-            if (left := self.reduce_reading(reading, believed, evidence.doubted))
+            if (left := self.reduce_reading(reading, believed, evidence))
         ]
 
     def reduce_reading(
         self,
         reading: SoundReading,
         believed: Bool[np.ndarray, "taxel"],
-        doubted: Set[int],
+        evidence: Evidence,
     ) -> SoundReading | None:
-        """Return what can be believed of a reading; None if that is not sound."""
-        pressed = reading.pressed[believed[reading.pressed]]
+        """Return what can be believed of a reading; None if that is not sound.
+
+        Where less is believed, two taxels of one row or column are no support.
+        """
         kept = believed[reading.strong]
-        left = SoundReading(pressed, reading.strong[kept], reading.onsets[kept])
-        if not self.has_support(left, doubted):
-            return None
-        if len(pressed) == len(reading.pressed):
-            return reading
-        return None if self.find_lines(pressed) else left
+        left = SoundReading(
+            reading.pressed[believed[reading.pressed]],
+            reading.strong[kept],
+            reading.since[kept],
+            reading.full | (not believed[reading.pressed].all()),
+        )
+        return left if self.is_sound(left, evidence) else None
 
     def update_touch(
         self,
@@ -266,14 +279,48 @@ class EvidenceMonitor:
         """
         evidence = self.touches[row.id]
         evidence.last = row.last
-        loads = state.records.loads[slice(*row.loads)]
-        loads = loads[sound[loads["taxel"]] & active[loads["taxel"]]]
-        path = self.update_path(evidence, loads["taxel"])
-        strong = loads[state.reading.pressure[loads["taxel"]] >= self.config.strong]
-        reading = SoundReading(path, strong["taxel"], strong["onset"])
-        if self.is_sound(reading, loads["taxel"], active, evidence.doubted):
+        taxels = state.records.loads["taxel"][slice(*row.loads)]
+        pressed = taxels[sound[taxels] & active[taxels]]
+        path = self.update_path(evidence, pressed)
+        strong = pressed[state.reading.pressure[pressed] >= self.config.strong]
+        self.update_strong(evidence, strong, state.reading.valid)
+        since = np.array([evidence.strong[i] for i in strong.tolist()], dtype=np.int64)
+        full = self.find_full_lines(pressed, active)
+        reading = SoundReading(path, strong, since, full)
+        if self.is_sound(reading, evidence):
             kept = evidence.readings[1 - self.config.keep_readings :]
             evidence.readings = [*kept, reading]
+
+    def update_strong(
+        self,
+        evidence: Evidence,
+        strong: Int[np.ndarray, "strong"],
+        valid: Bool[np.ndarray, "taxel"],
+    ) -> None:
+        """Update since when a touch presses taxels strongly.
+
+        One without valid data goes on as it was.
+        """
+        now = set(strong.tolist())
+        since = {i: at for i, at in evidence.strong.items() if i in now or not valid[i]}
+        evidence.strong = dict.fromkeys(now, self.stamp) | since
+
+    def find_full_lines(
+        self, pressed: Int[np.ndarray, "pressed"], active: Bool[np.ndarray, "taxel"]
+    ) -> Bool[np.ndarray, "line"]:
+        """Find rows and columns of which too much is pressed, or not by the touch.
+
+        Args:
+            pressed: taxels that the touch presses and that are not doubtful.
+            active: which taxels of the skin are pressed.
+        """
+        count = len(self.line_sizes)
+        touched, all_active = (
+            np.bincount(self.lines[:, taxels].ravel(), minlength=count)
+            for taxels in (pressed, np.flatnonzero(active))
+        )
+        most = self.config.line_share * self.line_sizes
+        return (all_active > touched) | (all_active > most)
 
     def update_path(
         self, evidence: Evidence, pressed: Int[np.ndarray, "pressed"]
@@ -297,55 +344,39 @@ class EvidenceMonitor:
             return pressed
         return np.array(list(evidence.path), dtype=np.int64)
 
-    def is_sound(
-        self,
-        reading: SoundReading,
-        touched: Int[np.ndarray, "touched"],
-        active: Bool[np.ndarray, "taxel"],
-        doubted: Set[int],
-    ) -> bool:
-        """Return whether no fault explains a reading.
-
-        Args:
-            reading: what can be believed of it.
-            touched: taxels of the touch that are pressed now and not doubtful.
-            active: which taxels of the skin are pressed.
-            doubted: doubtful taxels that the touch has pressed.
-        """
-        if not self.has_support(reading, doubted):
-            return False
-        for line in self.find_lines(touched) + self.find_lines(reading.pressed):
-            most = self.config.line_share * np.count_nonzero(line)
-            count = np.count_nonzero(active[line])
-            if count > np.count_nonzero(line[reading.pressed]) or count > most:
-                return False
-        return True
-
-    def has_support(self, reading: SoundReading, doubted: Set[int]) -> bool:
+    def is_sound(self, reading: SoundReading, evidence: Evidence) -> bool:
         """Return whether a pressed taxel supports a strongly pressed one.
 
-        It lies beside it, or is strongly pressed too, since the same time and in
-        another row and column. Two that both lie in the rows, or both in the columns,
-        of doubtful taxels do not count.
+        Two that both lie in the rows, or both in the columns, of doubtful taxels that
+        the touch has pressed are no support.
         """
-        strong = reading.strong
-        suspect = np.isin(self.lines, self.lines[:, list(doubted)])
-        pressed = set(reading.pressed.tolist())
-        for taxel in strong.tolist():
-            beside = list(pressed.intersection(self.list_neighbours(taxel)))
-            both = suspect[:, [taxel]] & suspect[:, beside]
-            if not both.any(axis=0).all():
-                return True
-        lines, onsets, suspect = (
-            self.lines[:, strong],
-            reading.onsets,
-            suspect[:, strong],
-        )
-        shared = (lines[:, :, None] == lines[:, None]) | (
-            suspect[:, :, None] & suspect[:, None]
-        )
-        apart = np.abs(onsets[:, None] - onsets) <= self.config.together * NS_PER_S
-        return bool((apart & ~shared.any(axis=0)).any())
+        suspect = np.zeros(len(self.line_sizes), bool)
+        suspect[self.lines[:, list(evidence.doubted)]] = True
+        strong, others = self.list_pairs(reading.strong)
+        pairs = np.isin(others, reading.pressed)
+        lines, other_lines = self.lines[:, strong[pairs]], self.lines[:, others[pairs]]
+        hidden = (lines == other_lines) & reading.full[lines]
+        hidden |= suspect[lines] & suspect[other_lines]
+        if not hidden.any(axis=0).all():
+            return True
+        if len(reading.strong) > self.config.fingers:
+            return False
+        felt = np.isin(others, list(evidence.felt - evidence.doubted))
+        rooted = np.isin(reading.strong, strong[felt])
+        lines, since = self.lines[:, reading.strong], reading.since
+        hidden = lines[:, :, None] == lines[:, None]
+        hidden |= suspect[lines][:, :, None] & suspect[lines][:, None]
+        together = np.abs(since[:, None] - since) <= self.config.together * NS_PER_S
+        apart = together & ~hidden.any(axis=0)
+        return bool(apart[rooted].any())
+
+    def list_pairs(
+        self, taxels: Int[np.ndarray, "some"]
+    ) -> tuple[Int[np.ndarray, "pair"], Int[np.ndarray, "pair"]]:
+        """Return each of some taxels as often as taxels lie beside it, and those."""
+        lists = [self.list_neighbours(taxel) for taxel in taxels.tolist()]
+        others = np.array([i for each in lists for i in each], dtype=np.int64)
+        return np.repeat(taxels, [len(each) for each in lists]), others
 
     def has_neighbour(self, taxel: int, others: set[int]) -> bool:
         """Return whether a taxel lies beside one of some others."""
@@ -355,14 +386,6 @@ class EvidenceMonitor:
         """Return the taxels beside one."""
         starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
         return neighbours[starts[taxel] : starts[taxel + 1]].tolist()
-
-    def find_lines(
-        self, pressed: Int[np.ndarray, "pressed"]
-    ) -> list[Bool[np.ndarray, "taxel"]]:
-        """Return the taxels of each row or column that all of a touch lies in."""
-        return [
-            line for line in self.select_lines(int(pressed[0])) if line[pressed].all()
-        ]
 
     def select_lines(self, taxel: int) -> Iterator[Bool[np.ndarray, "taxel"]]:
         """Yield the taxels of the row of a taxel, then those of its column."""

@@ -117,5 +117,10 @@ class TaxelGroups:
         self, flags: Bool[np.ndarray, "taxel"]
     ) -> Float[np.ndarray, "group"]:
         """Return the share of each group's taxels that are flagged."""
-        flagged = np.bincount(self.group_index, flags, minlength=len(self.sizes))
-        return flagged / self.sizes
+        return self.flagged_count(flags) / self.sizes
+
+    def flagged_count(
+        self, flags: Bool[np.ndarray, "taxel"]
+    ) -> Int[np.ndarray, "group"]:
+        """Return the number of each group's taxels that are flagged."""
+        return np.bincount(self.group_index[flags], minlength=len(self.sizes))

@@ -434,13 +434,13 @@ class FaultDetector:
     ) -> None:
         """Doubt rows and columns that are partly above rest and partly below it.
 
-        So does a line that is not connected; a hand presses, and presses nothing below
-        rest.
+        So does a line that is not connected, of which at least `MIN_MIXED` taxels are
+        away from rest; a hand presses, and presses nothing below rest.
         """
         share = self.config.line_share
         away = high | low
         for groups in (self.grouper.rows, self.grouper.columns):
-            mixed = groups.flagged_share(away) * groups.sizes > MIN_MIXED - 0.5
+            mixed = groups.flagged_count(away) >= MIN_MIXED
             for flags in (high, low):
                 mixed &= groups.flagged_share(flags) >= share
             if mixed.any():
@@ -548,15 +548,19 @@ class FaultDetector:
             factor: least ratio of the deviation of one to the median of its patch, and
                 to that of its neighbours.
         """
-        found = np.zeros(self.skin.count, bool)
-        if not deviates.any():
-            return found
-        history = self.history
-        usual = np.array([np.median(history.deviation[each]) for each in self.members])
-        deviates &= history.deviation >= factor * usual[self.skin.patch_index]
-        starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
-        candidates = np.flatnonzero(deviates)
-        found[find_noisier(candidates, factor, starts, neighbours, history)] = True
+        history, found = self.history, np.zeros(self.skin.count, bool)
+        if deviates.any():
+            usual = [np.median(history.deviation[each]) for each in self.members]
+            least = factor * np.array(usual)[self.skin.patch_index]
+            found[
+                find_noisier(
+                    np.flatnonzero(deviates & (history.deviation >= least)),
+                    factor,
+                    self.adjacency.starts,
+                    self.adjacency.neighbours,
+                    history,
+                )
+            ] = True
         return found
 
 
