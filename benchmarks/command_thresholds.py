@@ -5,11 +5,12 @@
 
 Simulated people touch an arm at work, as in `eskin demo --headless`, on builds and with
 people of no set. Of every tracked touch the probabilities at each reading are kept, the
-detection, and the simulated touch that caused it. For each action of the default map
-the command adds up, for every threshold, what it would have cost: `COSTS` states the
-cost of a touch that asks for the action and does not get it, and of another touch or an
-accident that gets it. Of unasked commands few are seen, so their upper limit counts
-(95 %, of a Poisson law). The threshold of least cost is chosen; of equal ones the
+detection, the simulated touch that caused it, and whether it is evidence enough; one
+that is not is obeyed by a stop alone. For each action of the default map the command
+adds up, for every threshold, what it would have cost: `COSTS` states the cost of a
+touch that asks for the action and does not get it, and of another touch or an accident
+that gets it. Of unasked commands few are seen, so their upper limit counts (95 %, of a
+Poisson law). The threshold of least cost is chosen; of equal ones the
 lowest for a stop, and the highest for all else. So are the probability from which a
 moving arm stands for a possible stop, and how long a touch lasts at least that makes
 the arm do more; of equal ones the lowest. The chosen figures belong into

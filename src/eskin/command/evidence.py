@@ -25,8 +25,8 @@ class EvidenceConfig:
     """Pressure on a taxel beside it that supports it [kPa]."""
 
     together: float = 0.1
-    """Longest time from which one to which other taxel is strongly pressed, for two
-    that do not lie beside each other, as of two fingers, to count so [s]."""
+    """Longest time between the moments from which two taxels that do not lie beside
+    each other, as of two fingers, are strongly pressed [s]."""
 
     fingers: int = 20
     """Largest number of strongly pressed taxels that may be of separate fingers."""
@@ -129,9 +129,10 @@ class EvidenceMonitor:
     too, or was lately by a fingertip that slides from taxel to taxel; or another one,
     of another row and column, became strongly pressed at the same time, and the touch
     has felt a taxel beside one of the two. Two of one row or column support each other
-    if a small part of it is pressed, all of it by the touch. Taxels that are doubtful,
-    as faulty ones are, or of a patch that is active
-    as a whole, do not count. When a taxel becomes doubtful, it no longer counts in the
+    if a small part of it is pressed, all of it by the touch.
+
+    Taxels that are doubtful, as faulty ones are, or of a patch that is active as a
+    whole, do not count. When a taxel becomes doubtful, it no longer counts in the
     readings before. If the touch presses it, the two taxels must not both lie in its
     row or its column, and if several taxels of that line are doubtful and active, none
     of the line counts: a line that is not connected shows itself taxel by taxel.
