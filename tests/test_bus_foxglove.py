@@ -5,6 +5,7 @@ import struct
 import sys
 from dataclasses import replace
 from threading import Thread
+from time import monotonic, sleep
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -75,6 +76,14 @@ class Client:
             number, status, length = struct.unpack_from("<IBI", data, 1)
             self.assets.append((number, status, data[10 + length :]))
 
+    def wait_for(self, stamp):
+        """Wait until the messages of the reading of a stamp have come."""
+        deadline = monotonic() + 30
+        for topic in (PRESSURE, JOINTS):
+            while stamp not in dict(self.messages[topic][-1:]):
+                assert monotonic() < deadline, f"{topic} has no message of {stamp}"
+                sleep(0.01)
+
     def close(self):
         self.thread.join(10)
         self.socket.close()
@@ -92,7 +101,7 @@ def shown():
     recognition = Recognition(recognizer, drop="never")
     bus = FoxgloveBus(0)
     publisher = Publisher(bus, on, VOCABULARY, drop="never")
-    start, clients = publisher.start, []
+    start, close, clients = publisher.start, bus.close, []
     subscribed = [topic for topic in PUBLISHED if topic.name in TOPICS]
 
     def start_and_wait(context):
@@ -102,7 +111,11 @@ def shown():
         while not all(bus.wants(topic) for topic in subscribed):
             context.clock.sleep(0.01)
 
-    publisher.start = start_and_wait
+    def wait_and_close():
+        clients[0].wait_for(stream[-1].stamp)
+        close()
+
+    publisher.start, bus.close = start_and_wait, wait_and_close
     with Stream(source, [recognition, publisher]) as running:
         running.wait()
     clients[0].close()
