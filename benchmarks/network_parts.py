@@ -271,7 +271,8 @@ def read_config(command: Command, part: Part) -> TrainConfig:
     class Options:
         train: TrainConfig = field(default_factory=TrainConfig)
 
-    words = OPTIONS[OPTIONS.index("--train.batch") :]
+    words = [*OPTIONS[OPTIONS.index("--train.batch") :], "--train.shares"]
+    words += Recipe.shares.split()
     config = tyro.cli(Options, args=words).train
     return replace(
         config,

@@ -9,8 +9,9 @@ resampled, between rest before and after, with assumed values of the pitch and t
 scale, which the set does not state. Nothing is trained. There are two kinds of answer:
 
 - forced choice, the main result: the most probable class of the touch of largest
-  impulse, 0.1 s after its last contact, from the 2 s before; `none` without a touch. A
-  second variant uses the mean log-probability of 2 s windows every 0.5 s.
+  impulse, 0.1 s after its last contact, from the 2 s before; `none` without a touch. By
+  then one pat may still become two; a second choice is taken as the touch closes, when
+  no second pat can follow.
 - live: the detections of the recogniser, of any touch.
 
 `benchmarks.public_sets` reads the sets and says which of their gestures have a class.
@@ -52,9 +53,6 @@ FINEST = 4080
 ANSWER_AFTER = round(0.1 * NS_PER_S)
 """Time from the last contact to the forced choice [ns]."""
 
-WINDOW, HOP = 2.0, 0.5
-"""Length of the averaged windows, and the step between them [s]."""
-
 DataSet = Literal["socialtouch", "socialtouch-groups", "shearsense", "sleeve"]
 
 UNKNOWN, NOTHING = "unknown", "nothing"
@@ -87,8 +85,8 @@ class TrialAnswer:
     """Name in the set."""
     forced: str
     """Forced choice."""
-    averaged: str
-    """Forced choice by the mean log-probability of windows."""
+    closed: str
+    """Forced choice as the touch closes."""
     detected: tuple[str, ...]
     """Live detections, with `unknown`, without `none`."""
     seconds: float
@@ -204,8 +202,8 @@ def answer(trial: Trial, recognizer: Recognizer, rate: float) -> TrialAnswer:
     names = recognizer.model.card.vocabulary
     return replace(
         found,
-        forced=names[touch.forced().argmax()],
-        averaged=names[touch.averaged().argmax()],
+        forced=names[touch.forced.argmax()],
+        closed=names[touch.probabilities[-1].argmax()],
     )
 
 
@@ -241,8 +239,6 @@ def build_scans(trial: Trial, rate: float) -> Iterator[Scan]:
 class TouchTrace:
     """Holds the probabilities of one touch at each reading while it is open."""
 
-    onset: int
-    """Stamp of its first contact [ns]."""
     last: int
     """Stamp of its last contact so far [ns]."""
     stamps: list[int]
@@ -253,21 +249,10 @@ class TouchTrace:
     """Force integrated over time [N s]."""
 
     @property
-    def end(self) -> int:
-        """Index of the reading of the forced choice; at most the last."""
-        due = np.searchsorted(self.stamps, self.last + ANSWER_AFTER)
-        return min(int(due), len(self.stamps) - 1)
-
     def forced(self) -> Float[np.ndarray, "class"]:
-        """Return the probabilities just after the last contact."""
-        return self.probabilities[self.end]
-
-    def averaged(self) -> Float[np.ndarray, "class"]:
-        """Return the mean log-probability of windows that end at that of `forced`."""
-        seconds = (self.stamps[self.end] - self.onset) / NS_PER_S
-        times = self.onset + np.arange(WINDOW, seconds, HOP) * NS_PER_S
-        rows = np.unique([*np.searchsorted(self.stamps, times), self.end])
-        return np.log([self.probabilities[row] + 1e-12 for row in rows]).mean(axis=0)
+        """Probabilities just after the last contact, at the latest as it closes."""
+        due = np.searchsorted(self.stamps, self.last + ANSWER_AFTER)
+        return self.probabilities[min(int(due), len(self.stamps) - 1)]
 
 
 class TouchTraces:
@@ -286,7 +271,7 @@ class TouchTraces:
         state = self.recognizer.state
         assert state is not None
         for touch in state.open:
-            trace = self.traces.setdefault(touch.id, TouchTrace(touch.onset, 0, [], []))
+            trace = self.traces.setdefault(touch.id, TouchTrace(0, [], []))
             trace.last = touch.last
             trace.stamps.append(scan.stamp)
             trace.probabilities.append(self.recognizer.probabilities[touch.id])
@@ -369,13 +354,13 @@ def compute_shares(
     found: dict[str, object] = {
         "n": len(answers),
         "forced": {n: share(a.forced == n for a in answers) for n in names},
-        "averaged": {n: share(a.averaged == n for a in answers) for n in names},
+        "closed": {n: share(a.closed == n for a in answers) for n in names},
         "live": {n: share(n in a.detected for a in answers) for n in live}
         | {NOTHING: share(not a.gestures for a in answers)},
     }
     if truth is not None:
         found["forced_right"] = share(a.forced == truth for a in answers)
-        found["averaged_right"] = share(a.averaged == truth for a in answers)
+        found["closed_right"] = share(a.closed == truth for a in answers)
         found["live_right"] = share(
             truth in a.detected if truth != NONE else not a.gestures for a in answers
         )
@@ -393,13 +378,13 @@ def format_forced_table(found: Mapping[str, Mapping[str, Any]], model: Model) ->
     """Format a table of the forced choices, by group and person."""
     names = model.card.vocabulary
     heads = ("forced choice of", "truth", "n", *names, "accuracy", "required")
-    heads += ("accuracy, averaged windows",)
+    heads += ("accuracy as it closes",)
     rows = ["\n" + format_head(heads)]
     for name, truth, bar, part in iterate_rows(found):
         cells = [name, truth, str(part["n"])]
         cells += [format_percent(part["forced"][n]) for n in names]
         cells += [format_percent(part.get("forced_right")), format_percent(bar)]
-        rows.append(format_row([*cells, format_percent(part.get("averaged_right"))]))
+        rows.append(format_row([*cells, format_percent(part.get("closed_right"))]))
     return "\n".join(rows)
 
 

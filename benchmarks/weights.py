@@ -37,6 +37,12 @@ SIMULATED = {
 """Sets of simulated people to train on, by their folder, with the options of `eskin
 generate`."""
 
+MORE = {
+    "train-pairs-more": "--set pairs --seed 7 --clips 1000",
+    "train-sparse-more": "--set train-families --seed 6 --skin ur5-sparse --clips 2400",
+}
+"""Sets of what simulated weights know least: pairs, and skins of few taxels."""
+
 VALIDATION = {
     "tuneval": "--set val --clips 400",
     "tunefam": "--set val-families --clips 600",
@@ -62,6 +68,10 @@ class Recipe:
     epochs: int
     steps: int
     """Steps of an epoch."""
+    shares: str = "recorded 0.5"
+    """Names of sets, each with its share of the windows of a class, as in training."""
+    more: bool = False
+    """Whether the sets of `MORE` are trained on as well."""
     decides: bool = False
     """Whether the decision is chosen on streams."""
     grouped: bool = False
@@ -72,7 +82,15 @@ class Recipe:
 
 WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
-    "ur5": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
+    "ur5": Recipe(
+        start="ur5-sim",
+        people=(0, 1),
+        epochs=10,
+        steps=250,
+        shares="recorded 0.45 pairs 0.08",
+        more=True,
+        decides=True,
+    ),
     "p0": Recipe("ur5-sim", (0,), 8, 200),
     "p1": Recipe("ur5-sim", (1,), 8, 200),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
@@ -92,9 +110,9 @@ OPTIONS = """
 --train.augment.gain 0.9 --train.augment.taxel-gain 0.05 --train.augment.dead 0.03
 --train.augment.offset 0.25 --train.augment.crop 0 --train.augment.stretch 0.1
 --train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05
---train.augment.noise 0.02 --train.shares recorded 0.5
+--train.augment.noise 0.02
 """.split()
-"""Options of every training; half of the windows are of recorded people, if any."""
+"""Options of every training."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +156,8 @@ def train(name: str, command: Command) -> None:
     """Train weights on their sets."""
     recipe = WEIGHTS[name]
     recorded = build_recorded_sets(recipe, command.socialtouch)
-    trained = recorded if recipe.grouped else SIMULATED | recorded
+    simulated = SIMULATED | MORE if recipe.more else SIMULATED
+    trained = recorded if recipe.grouped else simulated | recorded
     validation = {} if recipe.grouped else VALIDATION
     streams = STREAMS if recipe.decides else {}
     for sets in (trained, validation, streams):
@@ -159,6 +178,7 @@ def train(name: str, command: Command) -> None:
         *("--train.network.width", str(command.width), "--train.network.layers", "3"),
         *("--train.network.channels", str(command.channels)),
         *OPTIONS,
+        *("--train.shares", *recipe.shares.split()),
         *(["--start", str(start)] if recipe.start else []),
         *chosen,
     )

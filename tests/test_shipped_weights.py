@@ -21,8 +21,8 @@ pytestmark = pytest.mark.slow
 SEED = 41
 CLIPS = 75
 """Clips of each simulated set."""
-EACH = 15
-"""Touches of each group of SocialTouch."""
+TOUCHES = 60
+"""Touches of SocialTouch, as many of each group."""
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +63,15 @@ def test_textbook_touches(name, floor):
 def test_real_touches(socialtouch_folder, name, chosen, floor):
     public = SETS[chosen].headline
     model, trials = load_model(name), read_trials(public, socialtouch_folder)
-    chosen = [trial for group in public.groups for trial in draw_trials(trials, group)]
+    count = TOUCHES // len(public.groups)
+    chosen = [t for group in public.groups for t in draw_trials(trials, group, count)]
     answers = answer_trials(chosen, public, model, TransferSetting(4.0, 40.0, 50.0))
     right = [compute_results(answers, g, model)["forced_right"] for g in public.groups]
     assert np.mean(right) >= floor
 
 
-def draw_trials(trials, group: Group):
+def draw_trials(trials, group: Group, count: int):
     """Draw the same few trials of a group every time."""
     inside = [trial for trial in trials if trial.gesture in group.gestures]
-    order = np.random.default_rng(SEED).permutation(len(inside))[:EACH]
+    order = np.random.default_rng(SEED).permutation(len(inside))[:count]
     return [inside[n] for n in order]

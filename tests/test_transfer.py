@@ -42,7 +42,7 @@ def test_trial_is_interpolated_between_rest():
 def test_trial_without_contact_is_answered_none(model):
     trial = make_trial(np.zeros((5, 456)))
     [answer] = transfer.answer_trials([trial], SOCIAL, model, SETTING)
-    assert (answer.forced, answer.averaged, answer.detected) == ("none", "none", ())
+    assert (answer.forced, answer.closed, answer.detected) == ("none", "none", ())
     assert answer.seconds == 0
 
 
@@ -59,10 +59,11 @@ def test_largest_touch_is_answered_after_its_last_contact(model):
     touch = touches.largest()
     assert touch is not None
     assert touch.impulse == max(trace.impulse for trace in touches.traces.values())
-    late = (touch.stamps[touch.end] - touch.last) / 1e9
-    assert 0.1 <= late < 0.12
-    np.testing.assert_allclose(touch.forced().sum(), 1, atol=1e-5)
-    assert touch.averaged().argmax() == touch.forced().argmax(), "there is one window"
+    due = [stamp >= touch.last + 100_000_000 for stamp in touch.stamps]
+    expected = touch.probabilities[due.index(True)]
+    np.testing.assert_array_equal(touch.forced, expected)
+    np.testing.assert_allclose(expected.sum(), 1, atol=1e-5)
+    assert touch.stamps[-1] > touch.last + 300_000_000, "it stays open for a second pat"
 
 
 def test_figures_are_shares_of_the_answers_of_a_group(model):
@@ -76,7 +77,7 @@ def test_figures_are_shares_of_the_answers_of_a_group(model):
     group = Group("pokes", ("a",), "poke", bar=0.6, longer=0.5)
     found = transfer.compute_results(answers, group, model)
     assert (found["n"], found["truth"], found["bar"]) == (3, "poke", 0.6)
-    names = ("forced_right", "averaged_right", "live_right", "live_wrong")
+    names = ("forced_right", "closed_right", "live_right", "live_wrong")
     shares = [found[name] for name in names] + [found["live"]["nothing"]]
     assert shares == pytest.approx([1 / 3, 2 / 3, 2 / 3, 1 / 3, 1 / 3])
     assert set(found["people"]) == {"P0", "P1"}
