@@ -35,6 +35,7 @@ from benchmarks.json_lines import append_results, read_results
 from benchmarks.tables import format_head, format_row
 from benchmarks.weights import (
     OPTIONS,
+    SHARES,
     SIMULATED,
     VALIDATION,
     Recipe,
@@ -271,9 +272,8 @@ def read_config(command: Command, part: Part) -> TrainConfig:
     class Options:
         train: TrainConfig = field(default_factory=TrainConfig)
 
-    words = [*OPTIONS[OPTIONS.index("--train.batch") :], "--train.shares"]
-    words += Recipe.shares.split()
-    config = tyro.cli(Options, args=words).train
+    words = OPTIONS[OPTIONS.index("--train.batch") :]
+    config = tyro.cli(Options, args=[*words, "--train.shares", *SHARES]).train
     return replace(
         config,
         epochs=command.epochs,

@@ -68,10 +68,8 @@ class Recipe:
     epochs: int
     steps: int
     """Steps of an epoch."""
-    shares: str = "recorded 0.5"
-    """Names of sets, each with its share of the windows of a class, as in training."""
     more: bool = False
-    """Whether the sets of `MORE` are trained on as well."""
+    """Whether the sets of `MORE` are trained on as well, with `MORE_SHARES`."""
     decides: bool = False
     """Whether the decision is chosen on streams."""
     grouped: bool = False
@@ -82,17 +80,9 @@ class Recipe:
 
 WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
-    "ur5": Recipe(
-        start="ur5-sim",
-        people=(0, 1),
-        epochs=10,
-        steps=250,
-        shares="recorded 0.45 pairs 0.08",
-        more=True,
-        decides=True,
-    ),
-    "p0": Recipe("ur5-sim", (0,), 8, 200),
-    "p1": Recipe("ur5-sim", (1,), 8, 200),
+    "ur5": Recipe("ur5-sim", (0, 1), 10, 250, more=True, decides=True),
+    "p0": Recipe("ur5-sim", (0,), 8, 200, more=True),
+    "p1": Recipe("ur5-sim", (1,), 8, 200, more=True),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
     "groups-p0": Recipe("ur5-sim", (0,), 8, 250, grouped=True),
     "groups-p1": Recipe("ur5-sim", (1,), 8, 250, grouped=True),
@@ -113,6 +103,12 @@ OPTIONS = """
 --train.augment.noise 0.02
 """.split()
 """Options of every training."""
+
+SHARES = ["recorded", "0.5"]
+"""Sets, each followed by its share of the windows of a class."""
+
+MORE_SHARES = ["recorded", "0.45", "pairs", "0.08"]
+"""The same where the sets of `MORE` are trained on."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +174,7 @@ def train(name: str, command: Command) -> None:
         *("--train.network.width", str(command.width), "--train.network.layers", "3"),
         *("--train.network.channels", str(command.channels)),
         *OPTIONS,
-        *("--train.shares", *recipe.shares.split()),
+        *("--train.shares", *(MORE_SHARES if recipe.more else SHARES)),
         *(["--start", str(start)] if recipe.start else []),
         *chosen,
     )
