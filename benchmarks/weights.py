@@ -107,7 +107,7 @@ OPTIONS = """
 SHARES = ["recorded", "0.5"]
 """Sets, each followed by its share of the windows of a class."""
 
-MORE_SHARES = ["recorded", "0.45", "pairs", "0.08"]
+MORE_SHARES = ["recorded", "0.4", "pairs", "0.2"]
 """The same where the sets of `MORE` are trained on."""
 
 
