@@ -6,12 +6,14 @@
 `ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
 touches of the people of SocialTouch beside the same sets. `p0` and `p1` are trained on
 with one person each, so that `python -m benchmarks.transfer --people P1 --model
-FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows the 12 groups of
-gestures of SocialTouch instead of the classes of the paper, and starts from `ur5-sim`;
-`groups-p0` and `groups-p1` are trained on one person each (`benchmarks.transfer
+FOLDER/p0.safetensors` tests on the other one. `ur5-pairs`, which does not come with
+eskin, learns from more pairs. `ur5-groups` knows the 12 groups of gestures of
+SocialTouch instead of the classes of the paper, and starts from `ur5-sim`; `groups-p0`
+and `groups-p1` are trained on one person each (`benchmarks.transfer
 socialtouch-groups`). `without-FAMILY` is trained without a family of sensors, and
-`all-families` for as long with all. The decision of `ur5` is chosen on streams, that of
-the others is the default. Sets and prepared recordings that exist are used as they are.
+`all-families` for as long with all. The decisions of `ur5` and `ur5-pairs` are chosen
+on streams, those of the others are the default. Sets and prepared recordings that exist
+are used as they are.
 """
 
 import subprocess
@@ -80,9 +82,10 @@ class Recipe:
 
 WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
-    "ur5": Recipe("ur5-sim", (0, 1), 10, 250, more=True, decides=True),
-    "p0": Recipe("ur5-sim", (0,), 8, 200, more=True),
-    "p1": Recipe("ur5-sim", (1,), 8, 200, more=True),
+    "ur5": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
+    "ur5-pairs": Recipe("ur5-sim", (0, 1), 10, 250, more=True, decides=True),
+    "p0": Recipe("ur5-sim", (0,), 8, 200),
+    "p1": Recipe("ur5-sim", (1,), 8, 200),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
     "groups-p0": Recipe("ur5-sim", (0,), 8, 250, grouped=True),
     "groups-p1": Recipe("ur5-sim", (1,), 8, 250, grouped=True),
