@@ -14,7 +14,9 @@ from benchmarks.simulated_sets import made_set
 from benchmarks.textbook.sweeps import run
 from benchmarks.transfer import TransferSetting, answer_trials, compute_results
 
+from eskin.live import Recognizer
 from eskin.model import load_model
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
 
 pytestmark = pytest.mark.slow
 
@@ -23,6 +25,9 @@ CLIPS = 75
 """Clips of each simulated set."""
 TOUCHES = 60
 """Touches of SocialTouch, as many of each group."""
+
+PATCHES = ("forearm_back", "upper_arm_front", "forearm_front", "upper_arm_back")
+"""Patches that are poked, each on a skin of its own."""
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +55,28 @@ def test_simulated_clips(sets, name, chosen, floor):
 def test_textbook_touches(name, floor):
     points = list(run(name, 3, 3, SEED, ("force", "duration"), middle_only=True))
     assert sum(p.right for p in points) / sum(p.count for p in points) >= floor
+
+
+def test_pokes_in_the_page():
+    """The page's usual poke is surely one; final sets do not show whether it is."""
+    model = load_model("ur5")
+    column = model.card.vocabulary.index("poke")
+    sure = []
+    for seed, patch in enumerate(PATCHES):
+        live, rng = InteractiveSkin(seed=seed), np.random.default_rng(seed)
+        skin = live.mounted.skin
+        taxels, link = skin.find_taxels(patch), f"{patch.rsplit('_', 1)[0]}_link"
+        recognizer, last = Recognizer(model, live.mounted, live.calibration), {}
+        for number in range(340):
+            if number in (120, 190, 260):
+                place = skin.positions[rng.choice(taxels)].astype(float)
+                live.hand.poke(LinkPoint(link, place), 12.0, 0.3)
+            recognizer.push(live.scan((50 + number) * 20_000_000, np.zeros(6)))
+            for touch in recognizer.state.open:
+                last[touch.id] = recognizer.probabilities[touch.id][column]
+        sure += last.values()
+    assert len(sure) == 12
+    assert np.mean(sure) >= 0.85
 
 
 @pytest.mark.parametrize(
