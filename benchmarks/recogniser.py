@@ -10,6 +10,7 @@ tables of docs/results.md.
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -21,10 +22,15 @@ from benchmarks.tables import format_head, format_row
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
-from eskin.learn.events import EventScore, score_events, trace_recordings
+from eskin.learn.events import (
+    EventScore,
+    ScoredStream,
+    score_events,
+    trace_recordings,
+)
 from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
-from eskin.recording import find_recordings
+from eskin.recording import find_recordings, read_recording
 from eskin.sim.dataset.plan import PAIR_SIDES
 from eskin.sim.dataset.sets import FINAL_SETS
 
@@ -131,8 +137,15 @@ def evaluate_stream_sets(command: Command, names: Sequence[str]) -> str:
     heads += ("unknown gestures detected as others",)
     rows = [format_head(heads)]
     for name in choose_names(command, names):
-        score = evaluate_streams(command, find_set(command, name))
+        by_family = replay_streams(command, find_set(command, name))
+        vocabulary = load_model(command.model).card.vocabulary
+        score = score_events([*chain(*by_family.values())], vocabulary)
         rows.append(format_stream_row(name, score))
+        if len(by_family) > 1:
+            rows += [
+                format_stream_row(f"{name}, {family}", score_events(some, vocabulary))
+                for family, some in sorted(by_family.items())
+            ]
         if command.pictures is not None and score.total.matched:
             target = command.pictures / f"events_{name}.png"
             title = f"{name}: F1 {score.total.f1:.3f}"
@@ -170,12 +183,15 @@ def evaluate_clips(command: Command, folder: Path) -> Evaluation:
     return evaluate(to_network(model), model.card, dataset)
 
 
-def evaluate_streams(command: Command, folder: Path) -> EventScore:
-    """Evaluate the model on a set of streams."""
+def replay_streams(command: Command, folder: Path) -> dict[str, list[ScoredStream]]:
+    """Return the detections of a set of streams, by the family of their sensors."""
     model = load_model(command.model)
     paths = find_recordings([folder])[: command.first]
-    traces = trace_recordings(paths, model, command.workers)
-    return score_events([stream.decide() for stream in traces], model.card.vocabulary)
+    by_family: dict[str, list[ScoredStream]] = {}
+    for stream in trace_recordings(paths, model, command.workers):
+        family = read_recording(stream.path).metadata.notes.get("family", "")
+        by_family.setdefault(family, []).append(stream.decide())
+    return by_family
 
 
 def format_clip_head(first: str, model: Model) -> str:
