@@ -16,9 +16,7 @@ from cyclonedds.core import DDSException
 
 from eskin.bus import Publisher
 from eskin.bus.ros2 import Ros2Bus, Ros2Node
-from eskin.learn.onnx_export import export_onnx
 from eskin.live import Recognizer
-from eskin.model import load_model
 from eskin.recording.messages import DETECTION
 from eskin.stream import Recognition, Stream
 from helpers.learning import FLAGS
@@ -31,6 +29,7 @@ pytestmark = pytest.mark.slow
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REAL_TOUCHES = "01_real_touches.py"
 ROS2_SUBSCRIBER = "06_ros2_subscriber.py"
+ONNX_STEP = "07_onnx_step.py"  # run by `test_cli_export.py`, which exports a network
 
 
 @pytest.fixture
@@ -72,13 +71,6 @@ def prepare_sleeve(folder):
     return "--data", folder, *FLAGS, "--train.validation", 0
 
 
-def prepare_network(folder):
-    """Export the network; return the arguments that name it."""
-    path = folder / "ur5.onnx"
-    export_onnx(load_model("ur5"), path)
-    return "--model", path
-
-
 RUNS = {
     REAL_TOUCHES: (prepare_sleeve, r"Session 20250528-1500.*: 4 touches, \d+ det"),
     "02_simulated_touches.py": (
@@ -97,14 +89,13 @@ RUNS = {
         lambda _: ("--seconds", 6),
         r"grab +\d+%(?s:.*)function +(not )?done",  # in real time: busy cores refuse
     ),
-    "07_onnx_step.py": (prepare_network, r"touch 1  poke \d+%\Z"),
 }
 """Arguments of each example on a tiny budget, and a pattern in what it prints."""
 
 
 def test_examples_are_seven_short_numbered_and_say_how_they_are_run():
     paths = sorted(EXAMPLES.glob("*.py"))
-    assert [path.name for path in paths] == sorted([*RUNS, ROS2_SUBSCRIBER])
+    assert [path.name for path in paths] == sorted([*RUNS, ROS2_SUBSCRIBER, ONNX_STEP])
     for number, path in enumerate(paths, 1):
         title, *lines = path.read_text().splitlines()
         assert path.name.startswith(f"{number:02}_") and len(lines) < 100, path
