@@ -136,9 +136,9 @@ def evaluate_stream_sets(command: Command, names: Sequence[str]) -> str:
     heads += ("accidental contacts detected as gestures",)
     heads += ("unknown gestures detected as others",)
     rows = [format_head(heads)]
+    vocabulary = load_model(command.model).card.vocabulary
     for name in choose_names(command, names):
         by_family = replay_streams(command, find_set(command, name))
-        vocabulary = load_model(command.model).card.vocabulary
         score = score_events([*chain(*by_family.values())], vocabulary)
         rows.append(format_stream_row(name, score))
         if len(by_family) > 1:

@@ -3,6 +3,8 @@
 import gc
 import os
 import re
+import runpy
+import sys
 from pathlib import Path
 
 # Before numpy and torch: tests share the cores, one thread each is fastest.
@@ -12,6 +14,7 @@ import jaxtyping
 import pytest
 
 from helpers.checking import calls, check_some
+from helpers.examples import EXAMPLES
 from helpers.source import MODULES, name_module
 
 # Modules that name no shape are left to pyright.
@@ -77,6 +80,22 @@ def shearsense_folder() -> Path:
 def socialtouch_folder() -> Path:
     """The public SocialTouch recordings, or a skip that says where they were sought."""
     return folder_or_skip("socialtouch")
+
+
+@pytest.fixture
+def run_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Run an example as a program; return its exit code, text and error."""
+
+    def run(name: str, *words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", [name, *map(str, words)])
+        code = 0
+        try:
+            runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        return code, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture

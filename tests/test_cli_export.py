@@ -4,9 +4,7 @@ import contextlib
 import io
 import json
 import re
-import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -40,7 +38,6 @@ from helpers.live import (
 
 pytestmark = pytest.mark.slow
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
 SECOND = 1_000_000_000
 PRESSES = [Press(2.3, 2.7, 65, 65), Press(3.6, 4.2, 100, 103)]
 
@@ -242,8 +239,6 @@ def test_package_that_is_missing_is_named(
     assert not list(tmp_path.iterdir())
 
 
-def test_example_runs_the_exported_network(exported, monkeypatch, capsys):
-    path, _ = exported
-    monkeypatch.setattr(sys, "argv", ["07_onnx_step.py", "--model", str(path)])
-    runpy.run_path(str(EXAMPLES / "07_onnx_step.py"), run_name="__main__")
-    assert re.search(r"touch 1  poke \d+%\Z", capsys.readouterr().out.strip())
+def test_example_runs_the_exported_network(exported, run_example):
+    code, out, _ = run_example("07_onnx_step.py", "--model", exported[0])
+    assert code == 0 and re.search(r"touch 1  poke \d+%\Z", out.strip()), out

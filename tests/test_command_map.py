@@ -1,17 +1,15 @@
 """Tests of command maps: which rule applies, and which files are refused."""
 
-from pathlib import Path
-
 import pytest
 
 from eskin.command import load_commands, parse_commands
 from eskin.command.actions import COMMAND_FUNCTIONS, MIN_CONFIDENCE
 from eskin.errors import CommandError
 from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, TOGGLE, VOCABULARY
+from helpers.examples import EXAMPLES
 
 HEAD = "commands:\n"
 POKE = "  - {gesture: poke, action: pause}\n"
-EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture

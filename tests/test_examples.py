@@ -2,12 +2,10 @@
 
 import json
 import re
-import runpy
 import subprocess
 import sys
 from dataclasses import replace
 from importlib.machinery import SourceFileLoader
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -19,6 +17,7 @@ from eskin.bus.ros2 import Ros2Bus, Ros2Node
 from eskin.live import Recognizer
 from eskin.recording.messages import DETECTION
 from eskin.stream import Recognition, Stream
+from helpers.examples import EXAMPLES
 from helpers.learning import FLAGS
 from helpers.live import VOCABULARY, Press, calibration_of, mounted, say_always, scans
 from helpers.ros2 import PATIENCE, start_when_heard
@@ -26,26 +25,9 @@ from helpers.streams import INFO, played
 
 pytestmark = pytest.mark.slow
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
 REAL_TOUCHES = "01_real_touches.py"
 ROS2_SUBSCRIBER = "06_ros2_subscriber.py"
 ONNX_STEP = "07_onnx_step.py"  # run by `test_cli_export.py`, which exports a network
-
-
-@pytest.fixture
-def run_example(monkeypatch, capsys):
-    """Run an example as a program; return its exit code, text and error."""
-
-    def run(name, *words):
-        monkeypatch.setattr(sys, "argv", [name, *map(str, words)])
-        code = 0
-        try:
-            runpy.run_path(str(EXAMPLES / name), run_name="__main__")
-        except SystemExit as stop:
-            code = stop.code or 0
-        return code, *capsys.readouterr()
-
-    return run
 
 
 def write_sleeve(folder, gesture, stamp):
