@@ -18,7 +18,7 @@ from eskin.learn.comparison import (
     run_tasks,
 )
 from eskin.learn.comparison.encoders import ENCODERS
-from eskin.learn.comparison.examples import cut_clip_windows
+from eskin.learn.comparison.examples import LARGEST_PRESSURE, cut_clip_windows
 from eskin.learn.ground_truth import read_clips
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import build_graph_tensors
@@ -75,7 +75,8 @@ def test_windows_hold_the_calibrated_pressures_of_their_clip(a):
     assert a.windows.pressure.shape[:2] == (len(a.clips), READINGS)
     for scan in recording.scans():
         reading, _ = pipeline.calibrate(scan)
-        pressure = np.where(reading.valid, reading.pressure, 0)
+        above = reading.pressure >= pipeline.faults.noise.floor
+        pressure = np.where(reading.valid & above, reading.pressure, 0)
         for n, clip in enumerate(clips):
             if clip.start <= scan.stamp < clip.end:
                 slot = (scan.stamp - clip.start) * READINGS // (clip.end - clip.start)
@@ -110,17 +111,32 @@ def test_slots_without_reading_repeat_the_previous_one(a, monkeypatch):
 
 def test_invalid_taxels_are_zero_in_windows(a, monkeypatch):
     before = a.windows.pressure
+    hardest = before.max(axis=(0, 1)).argmax()
     calibrate = TouchPipeline.calibrate
 
-    def half_valid(pipeline, scan):
+    def all_but_one_valid(pipeline, scan):
         reading, faults = calibrate(pipeline, scan)
-        return replace(reading, valid=np.arange(len(reading.valid)) % 2 == 1), faults
+        return replace(reading, valid=np.arange(len(reading.valid)) != hardest), faults
 
-    monkeypatch.setattr(TouchPipeline, "calibrate", half_valid)
+    monkeypatch.setattr(TouchPipeline, "calibrate", all_but_one_valid)
     pressure, _ = cut_clip_windows(a.paths[0])
-    assert before[..., ::2].max() > 1
-    np.testing.assert_array_equal(pressure[..., ::2], 0)
-    assert pressure[..., 1::2].any()
+    assert before[..., hardest].max() > 1
+    np.testing.assert_array_equal(pressure[..., hardest], 0)
+
+
+def test_noise_is_zero_in_windows_and_saturation_is_bounded(a, monkeypatch):
+    calibrate = TouchPipeline.calibrate
+
+    def noisy(pipeline, scan):
+        reading, faults = calibrate(pipeline, scan)
+        pressure = 0.9 * pipeline.faults.noise.floor.astype(np.float32)
+        pressure[::2] = 1e6
+        return replace(reading, pressure=pressure), faults
+
+    monkeypatch.setattr(TouchPipeline, "calibrate", noisy)
+    pressure, _ = cut_clip_windows(a.paths[0])
+    np.testing.assert_array_equal(np.unique(pressure[..., 1::2]), 0)
+    assert pressure[..., ::2].max() == LARGEST_PRESSURE
 
 
 def test_windows_read_from_the_pack_equal_those_written(a):

@@ -24,6 +24,10 @@ from eskin.recording import Recording, find_recordings, read_recording
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
 
+LARGEST_PRESSURE = 300.0
+"""Pressure to which windows are clipped [kPa], three times the largest of social touch
+(98 kPa, Silvera-Tawil et al.). A saturated voltage divider reads without bound."""
+
 
 @dataclass(frozen=True, eq=False)
 class Examples:
@@ -162,7 +166,8 @@ def cut_clip_windows(
     """Return pressure [kPa] (float16) and joint positions [rad] of clips.
 
     Counts go through the same calibration, fault detection and crosstalk removal as
-    live. Invalid taxels read zero; a missing reading repeats the one before.
+    live. Taxels that are invalid, or whose pressure may be noise alone, read zero, and
+    none reads more than `LARGEST_PRESSURE`; a missing reading repeats the one before.
     """
     recording, clips = read_recording(path), read_clips(path)
     taxels, joints = recording.skin.count, len(recording.joint_names)
@@ -191,5 +196,7 @@ def read_pressures(
     scans = transform.transform_scans(recording) if transform else recording.scans()
     for scan in scans:
         reading, _ = pipeline.calibrate(scan)
-        felt = np.where(reading.valid, reading.pressure, 0.0)
+        above = reading.pressure >= pipeline.faults.noise.floor
+        felt = np.where(reading.valid & above, reading.pressure, 0.0)
+        felt = np.minimum(felt, LARGEST_PRESSURE)
         yield reading.stamp, felt, reading.q
