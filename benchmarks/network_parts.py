@@ -85,6 +85,7 @@ PARTS = {
     "summary alone": Part({"width": 0}),
     "graph alone": Part(graph_alone=True, hides_summary=True),
     "graph with summary": Part(graph_alone=True),
+    "one layer": Part({"layers": 1}),
     "no messages": Part({"layers": 0}),
     "all readings encoded": Part(readings=100, encoded=16),
     "twice as wide": Part({"width": 64, "channels": 96}),

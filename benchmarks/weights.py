@@ -126,8 +126,12 @@ class Command:
     """Folder of the SocialTouch set, as published."""
     weights: tuple[str, ...] = ("ur5-sim", "ur5")
     """Names of the weights to make, those to start from first."""
+    seed: int = 0
+    """Seed of the training."""
     width: int = 32
     """Channels of a node of the network; 0 for the summary alone."""
+    layers: int = 3
+    """Equivariant layers; 0 without messages between taxels."""
     channels: int = 48
     """Channels of each of its heads."""
     workers: int = 2
@@ -174,7 +178,9 @@ def train(name: str, command: Command) -> None:
         *("--out", str(command.out / f"{name}.safetensors")),
         *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
         *("--train.workers", str(command.workers)),
-        *("--train.network.width", str(command.width), "--train.network.layers", "3"),
+        *("--seed", str(command.seed)),
+        *("--train.network.width", str(command.width)),
+        *("--train.network.layers", str(command.layers)),
         *("--train.network.channels", str(command.channels)),
         *OPTIONS,
         *("--train.shares", *(MORE_SHARES if recipe.more else SHARES)),
