@@ -345,8 +345,6 @@ def test_every_corruption_has_its_own_digest(examples):
         for each in tests
     }
     assert len(digests) == len(corruptions)
-    pressures = [each.windows.pressure.tobytes() for each in tests[:3]]
-    assert len(set(pressures)) == 3
     assert tests[1].select([0]).transform == corruptions[1]
 
 
