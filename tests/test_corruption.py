@@ -348,6 +348,14 @@ def test_every_corruption_has_its_own_digest(examples):
     assert tests[1].select([0]).transform == corruptions[1]
 
 
+def test_every_corruption_has_its_own_windows(examples):
+    """One taxel is pressed; noise changes its pressure, and those at rest read zero."""
+    corruptions = [None, Corruption("noise", 0.01), Corruption("noise", 0.02)]
+    tests = [replace(examples, transform=each) for each in corruptions]
+    pressures = [each.windows.pressure.tobytes() for each in tests]
+    assert len(set(pressures)) == 3
+
+
 @pytest.mark.parametrize(
     ("kind", "amount", "message"),
     [

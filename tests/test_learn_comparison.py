@@ -110,7 +110,7 @@ def test_slots_without_reading_repeat_the_previous_one(a, monkeypatch):
 
 
 def test_invalid_taxels_are_zero_in_windows(a, monkeypatch):
-    before = a.windows.pressure
+    before = a.windows.pressure.copy()
     hardest = before.max(axis=(0, 1)).argmax()
     calibrate = TouchPipeline.calibrate
 
@@ -121,7 +121,8 @@ def test_invalid_taxels_are_zero_in_windows(a, monkeypatch):
     monkeypatch.setattr(TouchPipeline, "calibrate", all_but_one_valid)
     pressure, _ = cut_clip_windows(a.paths[0])
     assert before[..., hardest].max() > 1
-    np.testing.assert_array_equal(pressure[..., hardest], 0)
+    before[..., hardest] = 0
+    np.testing.assert_array_equal(pressure, before[: len(pressure)])
 
 
 def test_noise_is_zero_in_windows_and_saturation_is_bounded(a, monkeypatch):

@@ -197,6 +197,6 @@ def read_pressures(
     for scan in scans:
         reading, _ = pipeline.calibrate(scan)
         above = reading.pressure >= pipeline.faults.noise.floor
-        felt = np.where(reading.valid & above, reading.pressure, 0.0)
-        felt = np.minimum(felt, LARGEST_PRESSURE)
+        bounded = np.minimum(reading.pressure, LARGEST_PRESSURE)
+        felt = np.where(reading.valid & above, bounded, 0.0)
         yield reading.stamp, felt, reading.q
