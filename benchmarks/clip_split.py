@@ -22,12 +22,12 @@ from jaxtyping import Bool
 
 from benchmarks.simulated_sets import made_set
 from benchmarks.tables import format_head, format_row
-from eskin.graph import GraphConfig
 from eskin.learn.baselines import SkinWindows
 from eskin.learn.comparison import METHODS, Examples, find_examples
 from eskin.learn.comparison.results import split_examples
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
+from eskin.live import GraphConfig
 from eskin.progress import track_progress
 
 SHARE = 0.2

@@ -42,8 +42,7 @@ from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
 from eskin.demo import CommandScore, DemoConfig, SimulatedUserConfig
 from eskin.demo.headless import run_build
 from eskin.errors import ArmError
-from eskin.live import UNKNOWN, Detection
-from eskin.model import load_model
+from eskin.live import UNKNOWN, Detection, load_model
 from eskin.recording import NONE
 from eskin.sim.sensor import FAMILIES
 from eskin.sim.sensor.build import BuildKind

@@ -12,7 +12,7 @@ from eskin.learn.recording_transforms import (
     estimate_rest_counts,
     replace_counts,
 )
-from eskin.model import check_limits
+from eskin.live import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin
 from eskin.touch import Scan

@@ -26,7 +26,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import find_window_ends, score_instants, score_segments
 from eskin.learn.ground_truth import Segment
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.model import Model
+from eskin.live import Model
 from eskin.nn import RecogniserNetwork
 from eskin.skin import MountedSkin
 

@@ -26,7 +26,7 @@ from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import classify_clips, find_person
 from eskin.learn.metrics import bootstrap_accuracy, resample_clusters
-from eskin.model import load_model
+from eskin.live import load_model
 from eskin.recording import find_recordings
 
 

@@ -20,8 +20,7 @@ from eskin.cli.generate import SKINS, GenerateCommand, run
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
-from eskin.live import Recognizer
-from eskin.model import Model, load_model
+from eskin.live import Model, Recognizer, load_model
 from eskin.nn import RecogniserNetwork
 from eskin.recording import (
     Recording,

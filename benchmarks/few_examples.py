@@ -42,7 +42,7 @@ from eskin import load_model
 from eskin.learn.checkpoint import to_network
 from eskin.learn.evaluation import embed_rows, score_segments
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.model import Model
+from eskin.live import Model
 from eskin.nn import RecogniserNetwork
 from eskin.progress import track_progress
 from eskin.recording import NONE

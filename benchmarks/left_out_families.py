@@ -21,7 +21,7 @@ from benchmarks.tables import format_head, format_row
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import predict_clips
-from eskin.model import load_model
+from eskin.live import load_model
 from eskin.recording import find_recordings
 from eskin.sim.sensor import FAMILIES
 

@@ -17,8 +17,14 @@ import tyro
 
 from eskin.bench.latency import TimedEngine, pin_to_one_core
 from eskin.bench.scene import BenchScene, find_forearm_taxels, large_skin
-from eskin.graph import NODE_SCALARS, FixedNeighbours, GraphConfig, find_live_neighbours
-from eskin.model import Model, load_model
+from eskin.live import (
+    NODE_SCALARS,
+    FixedNeighbours,
+    GraphConfig,
+    Model,
+    find_live_neighbours,
+    load_model,
+)
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 

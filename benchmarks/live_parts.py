@@ -5,14 +5,12 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph import GraphBatch
-from eskin.graph.builder_kernels import GraphArrays
-from eskin.live import Network
+from eskin.live import SLOT_NS, GraphBatch, Network
+from eskin.live.graph_kernels import GraphArrays
 from eskin.live.head_kernels import HeadWeights, classify
 from eskin.live.network import create_head_state
 from eskin.live.step_kernels import NO_SLOT
 from eskin.live.step_kernels import compute_features as compiled_features
-from eskin.model import SLOT_NS
 
 
 def compute_features(

@@ -20,8 +20,7 @@ from jaxtyping import Float
 
 from eskin.learn.events.event_scoring import EventScore, score_events
 from eskin.learn.events.matching import ScoredStream, build_events
-from eskin.live import Detection, Recognizer
-from eskin.model import Model, load_model
+from eskin.live import Detection, Model, Recognizer, load_model
 from eskin.recording import NONE, TruthRecord
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.sim.people.gesture_sample import build_minimum_jerk

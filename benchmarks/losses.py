@@ -19,10 +19,10 @@ import tyro
 from jaxtyping import Float
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from eskin.graph import GraphConfig, compute_summary
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import find_last_rows
 from eskin.learn.ground_truth import find_runs
+from eskin.live import GraphConfig, compute_summary
 from eskin.recording import NONE, find_recordings
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import GenerationSettings, Simulator, generate

@@ -42,7 +42,6 @@ from benchmarks.weights import (
     build_recorded_sets,
     generate,
 )
-from eskin.graph import compute_summary
 from eskin.learn.baselines.estimators import GradientBoosting
 from eskin.learn.baselines.hand import compute_statistics
 from eskin.learn.batches import Batch, BatchBuilder, build_sampler
@@ -51,7 +50,7 @@ from eskin.learn.evaluation import find_last_rows, predict_clips
 from eskin.learn.metrics import bootstrap_mean
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.learn.windows import cut_windows
-from eskin.model import NetworkConfig
+from eskin.live import NetworkConfig, compute_summary
 from eskin.nn import RecogniserNetwork, SlotIndex
 from eskin.recording import NONE, find_recordings
 

@@ -18,20 +18,23 @@ import tyro
 
 import eskin
 from benchmarks.live_parts import SequenceWindow, compute_features
-from eskin.graph import (
+from eskin.learn.checkpoint import to_model
+from eskin.live import (
     NO_HISTORY,
+    SLOT_NS,
     GraphBatch,
     GraphBuilder,
     GraphConfig,
+    Model,
+    ModelCard,
+    NetworkConfig,
     TouchNodes,
     pack_touch_nodes,
 )
-from eskin.graph.summary_kernels import summarise
-from eskin.learn.checkpoint import to_model
 from eskin.live.encoder_kernels import encode
 from eskin.live.logits import LogitStream
 from eskin.live.network import Network
-from eskin.model import SLOT_NS, Model, ModelCard, NetworkConfig
+from eskin.live.summary_kernels import summarise
 from eskin.nn import RecogniserNetwork, SlotIndex, build_graph_tensors
 
 VOCABULARY = ("none", "poke", "double_pat", "grab", "stroke")

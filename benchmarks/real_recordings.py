@@ -38,7 +38,7 @@ from eskin.learn.metrics import (
 )
 from eskin.learn.plots import draw_confusion
 from eskin.learn.training import TrainConfig
-from eskin.model import load_model
+from eskin.live import load_model
 from eskin.recording import (
     NONE,
     convert_shearsense,

@@ -29,7 +29,7 @@ from eskin.learn.events import (
     trace_recordings,
 )
 from eskin.learn.plots import draw_confusion, draw_reliability
-from eskin.model import Model, load_model
+from eskin.live import Model, load_model
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.dataset.plan import PAIR_SIDES
 from eskin.sim.dataset.sets import FINAL_SETS

@@ -23,8 +23,7 @@ from eskin.bus import Publisher
 from eskin.bus.messages import CONTACTS, DIAGNOSTICS, MARKERS, PRESSURE
 from eskin.bus.ros2 import Ros2Bus, Ros2Node
 from eskin.drivers import HostClock, PlayedSource, SourceInfo
-from eskin.live import Recognizer, warm_up
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model, warm_up
 from eskin.recording.messages import DETECTION, JOINT_STATES, READING, Topic
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin

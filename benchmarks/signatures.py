@@ -20,7 +20,7 @@ import tyro
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import predict_clips
-from eskin.model import Model, load_model
+from eskin.live import Model, load_model
 from eskin.recording import find_recordings
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import GenerationSettings, Simulator, generate

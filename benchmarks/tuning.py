@@ -44,7 +44,7 @@ from eskin.learn.comparison.methods import (
     TouchTrees,
     build_network_method,
 )
-from eskin.model import NetworkConfig
+from eskin.live import NetworkConfig
 
 SEEDS = (100, 101)
 RESULTS = Path("benchmarks/kept/tuning.jsonl")

@@ -21,7 +21,7 @@ from eskin.errors import EskinError
 from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import prepare
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.model import Model, ModelCard
+from eskin.live import Model, ModelCard
 from eskin.recording import Recording, convert_sleeve, find_recordings, label_instants
 from eskin.robot import load_robot
 

@@ -17,7 +17,7 @@ import tyro
 
 import eskin
 from eskin.learn import TrainConfig, Trainer, prepare, to_model
-from eskin.model import ModelCard
+from eskin.live import ModelCard
 from eskin.recording import Label, Metadata, write_all
 from eskin.skin import build_grid_skin
 

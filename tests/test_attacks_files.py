@@ -23,7 +23,7 @@ from eskin.errors import (
     RobotError,
     SkinError,
 )
-from eskin.model import check_weights, load_model
+from eskin.live import check_weights, load_model
 from eskin.recording import convert_sleeve, load_ranges, read_recording
 from eskin.recording.reader import parse_shared_skin
 from eskin.robot import load_robot, load_urdf

@@ -17,8 +17,7 @@ from eskin.bench.latency import (
     time_in_turn,
 )
 from eskin.bench.scene import find_forearm_band, find_forearm_taxels
-from eskin.live import Recognizer
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, check_skin
 from helpers.baselines import UR5

@@ -12,7 +12,7 @@ from eskin.cli.evaluate import (
     describe_interval,
     summarise_people,
 )
-from eskin.model import save_model
+from eskin.live import save_model
 from eskin.recording import RecordingWriter, read_recording, write_all
 from helpers.cli import assert_refused, call_json
 from helpers.learning import SECOND, START, record, record_people

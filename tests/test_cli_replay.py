@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.model import save_model
+from eskin.live import save_model
 from eskin.recording import read_recording
 from helpers.cli import call, call_json
 from helpers.live import (

@@ -12,7 +12,7 @@ from eskin.learn import training
 from eskin.learn.dataset import hash_recordings
 from eskin.learn.recording_transforms import AgingConfig
 from eskin.learn.training import Trainer
-from eskin.model import load_model, save_model
+from eskin.live import load_model, save_model
 from helpers.cli import assert_refused, call, call_json, fail_to_write
 from helpers.learning import FLAGS, label, record, record_people
 

@@ -7,8 +7,8 @@ pytest.importorskip("torch", reason="no torch; pip install '.[train]'")
 
 from benchmarks.clip_split import choose, split_clips
 
-from eskin.graph import GraphConfig
 from eskin.learn.comparison import find_examples
+from eskin.live import GraphConfig
 from helpers.clips import generated
 
 pytestmark = pytest.mark.slow

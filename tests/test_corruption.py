@@ -8,7 +8,6 @@ import pytest
 from benchmarks import robustness
 from benchmarks.corruption import DRIFT_SECONDS, DRIFT_START, KINDS, Corruption
 
-from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.baselines import BASELINES, FitConfig, build_baseline
 from eskin.learn.baselines.estimators import RandomForest
 from eskin.learn.baselines.flat import FlatBaseline
@@ -20,6 +19,7 @@ from eskin.learn.comparison import (
     TrainingTask,
     find_examples,
 )
+from eskin.live import GraphBatch, GraphConfig
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan

@@ -24,8 +24,7 @@ from eskin.demo import (
 from eskin.demo.browser import PageOrderHandler
 from eskin.demo.headless import SynchronousStream
 from eskin.drivers import ManualClock
-from eskin.live import Recognizer
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
 from eskin.recording import TruthRecord
 from eskin.sim.interactive import InteractiveSkin

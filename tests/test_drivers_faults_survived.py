@@ -26,8 +26,7 @@ from eskin.drivers import (
     UdpTransport,
 )
 from eskin.drivers.virtual import PtyPort, UdpPort, VirtualSkin, parse_fault
-from eskin.live import Detection, Recognizer, warm_up
-from eskin.model import load_model
+from eskin.live import Detection, Recognizer, load_model, warm_up
 from eskin.stream import Recognition, Stream
 from eskin.touch import Scan
 from helpers.devices import (

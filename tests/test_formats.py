@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.learn import to_network
-from eskin.model import load_model
+from eskin.live import load_model
 from eskin.recording import EventRecord, Label, Metadata, TruthRecord, read_recording
 
 FORMATS = Path(__file__).parent / "data" / "formats"

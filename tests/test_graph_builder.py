@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.graph import (
+from eskin.live import (
     NODE_SCALARS,
     GraphBuilder,
     GraphConfig,

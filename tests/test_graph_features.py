@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.graph import (
+from eskin.live import (
     PRESSURE_SUMMARY,
     SHEAR_SUMMARY,
     compress_shear,
@@ -14,7 +14,12 @@ from eskin.graph import (
     create_empty_batch,
     join_graphs,
 )
-from eskin.graph.summary_kernels import AREA, FORCE, RATE, SPEED
+from eskin.live.summary_kernels import (
+    AREA,
+    FORCE,
+    RATE,
+    SPEED,
+)
 from helpers.graphs import (
     SCENES,
     assert_same,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.graph import FixedNeighbours, find_live_neighbours
+from eskin.live import FixedNeighbours, find_live_neighbours
 from helpers.graphs import (
     FOLDED,
     Scene,

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from eskin.graph import HISTORY, WHOLE_SKIN, GraphConfig, GraphStream, join_graphs
+from eskin.live import (
+    HISTORY,
+    WHOLE_SKIN,
+    GraphConfig,
+    GraphStream,
+    join_graphs,
+)
 from eskin.touch import Calibration, TouchPipeline
 from helpers.graphs import (
     SCENES,

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.graph import GraphConfig
 from eskin.learn.dataset import prepare
 from eskin.learn.prepared_recording import compute_pack_key
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import Trainer
+from eskin.live import GraphConfig
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
 from helpers.clips import generated

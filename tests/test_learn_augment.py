@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from eskin.graph import HISTORY, join_graphs
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import prepare
+from eskin.live import HISTORY, join_graphs
 from helpers.graphs import random_graph
 from helpers.learning import AS_RECORDED, record
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.graph import find_live_neighbours
 from eskin.learn.baselines.paper import LAYERS, NodeSelector, PaperNetwork
+from eskin.live import find_live_neighbours
 from helpers.baselines import UR5
 from helpers.graphs import FOLDED
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.graph import compute_summary
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.batches import BatchBuilder, build_sampler
 from eskin.learn.dataset import prepare
+from eskin.live import compute_summary
 from helpers.learning import record, record_people
 
 SLOTS = 100

@@ -20,7 +20,7 @@ from eskin.learn.comparison import (
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.examples import LARGEST_PRESSURE, cut_clip_windows
 from eskin.learn.ground_truth import read_clips
-from eskin.model import LENGTH_CM, NetworkConfig
+from eskin.live import LENGTH_CM, NetworkConfig
 from eskin.nn import build_graph_tensors
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from benchmarks.crossvalidation import Standardised
 
-from eskin.graph import GraphConfig
 from eskin.learn.baselines import PaperBaseline
 from eskin.learn.baselines.estimators import (
     GradientBoosting,
@@ -33,6 +32,7 @@ from eskin.learn.comparison.methods import build_touch_rows
 from eskin.learn.comparison.study import Variant
 from eskin.learn.evaluation import ClipPredictions
 from eskin.learn.training import Trainer
+from eskin.live import GraphConfig
 from eskin.nn import build_graph_tensors
 from helpers.clips import generated
 from helpers.graphs import random_graph

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from eskin.errors import RecordingError
-from eskin.graph import GraphConfig
 from eskin.learn.dataset import hash_recordings, prepare
 from eskin.learn.holdout import hold_out
+from eskin.live import GraphConfig
 from eskin.recording import PARTLY_LABELLED
 from eskin.touch import ContactConfig, PipelineConfig
 from helpers.clips import Elsewhere, Placed, generated

@@ -19,7 +19,7 @@ from eskin.learn.evaluation import (
 )
 from eskin.learn.ground_truth import MissedGesture
 from eskin.learn.windows import build_network_input, cut_windows
-from eskin.model import ModelCard
+from eskin.live import ModelCard
 from helpers.clips import clip_at, generated, loaded
 from helpers.learning import NETWORK, record_people
 from helpers.live import network

@@ -16,8 +16,7 @@ from eskin.learn.events import (
     trace_recording,
     trace_recordings,
 )
-from eskin.live import Recognizer
-from eskin.model import DecisionConfig
+from eskin.live import DecisionConfig, Recognizer
 from eskin.recording import read_recording
 from eskin.sim.dataset import GenerationSettings, generate
 from helpers.live import (

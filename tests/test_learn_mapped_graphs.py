@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.graph import create_empty_batch, join_graphs
 from eskin.learn.mapped_graphs import map_graphs
+from eskin.live import create_empty_batch, join_graphs
 from helpers.graphs import assert_same, random_graph, random_graphs
 
 

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from eskin.graph import GraphBatch, GraphConfig, GraphStream, join_graphs
 from eskin.learn import prepared_recording
 from eskin.learn.dataset import prepare
 from eskin.learn.ground_truth import TouchLabel, read_clips
@@ -15,6 +14,12 @@ from eskin.learn.prepared_recording import (
     pack_recording,
     prepare_recording,
     save_prepared,
+)
+from eskin.live import (
+    GraphBatch,
+    GraphConfig,
+    GraphStream,
+    join_graphs,
 )
 from eskin.recording import read_recording
 from eskin.robot import load_robot

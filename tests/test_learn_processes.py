@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from eskin.model import load_model
+from eskin.live import load_model
 from eskin.page.link import free_port
 from helpers.cli import call
 from helpers.learning import FLAGS, record_people

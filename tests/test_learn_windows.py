@@ -5,7 +5,6 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from eskin.graph import HISTORY, compute_node_scalars, join_graphs
 from eskin.learn.windows import (
     TIME_COLUMNS,
     Windows,
@@ -14,7 +13,12 @@ from eskin.learn.windows import (
     stretch_time,
     subsample_readings,
 )
-from eskin.model import SLOT_NS
+from eskin.live import (
+    HISTORY,
+    SLOT_NS,
+    compute_node_scalars,
+    join_graphs,
+)
 from helpers.graphs import assert_same, pressure_summary, random_graph
 from helpers.learning import START, bare
 

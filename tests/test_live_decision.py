@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.live import UNKNOWN, DecisionFilter
-from eskin.model import DecisionConfig
+from eskin.live import UNKNOWN, DecisionConfig, DecisionFilter
 from eskin.touch import Contact, Touch
 
 VOCABULARY = ("none", "poke", "stroke")

@@ -7,10 +7,17 @@ from benchmarks.live_parts import SequenceWindow, compute_features
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 from numba.core.runtime.nrt import rtsys
 
-from eskin.graph import NO_HISTORY, GraphBuilder, TouchNodes, pack_touch_nodes
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
-from eskin.live import Network, Recognizer, compute_probabilities
+from eskin.live import (
+    NO_HISTORY,
+    GraphBuilder,
+    Network,
+    Recognizer,
+    TouchNodes,
+    compute_probabilities,
+    pack_touch_nodes,
+)
 from eskin.live.logits import INITIAL_SEQUENCES, LogitStream
 from eskin.live.step_kernels import step
 from eskin.touch import Reading

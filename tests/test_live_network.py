@@ -10,9 +10,8 @@ from benchmarks.live_parts import SequenceWindow, compute_features
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.live import Network
+from eskin.live import SLOT_NS, Network
 from eskin.live.kernels import activate
-from eskin.model import SLOT_NS
 from eskin.nn import SlotIndex, build_graph_tensors
 from helpers.graphs import (
     LOADS,

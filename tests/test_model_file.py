@@ -12,20 +12,21 @@ from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_torch
 
 from eskin.errors import ModelError
-from eskin.graph import PRESSURE_SUMMARY, GraphConfig
 from eskin.learn.checkpoint import to_model, to_network
-from eskin.live import Network
-from eskin.model import (
+from eskin.live import (
     MIN_SLOTS,
+    PRESSURE_SUMMARY,
     DecisionConfig,
+    GraphConfig,
     Model,
     ModelCard,
+    Network,
     NetworkConfig,
     check_limits,
     load_model,
     save_model,
 )
-from eskin.model.limits import CARD_LIMITS
+from eskin.live.model_limits import CARD_LIMITS
 from eskin.touch import ContactConfig, PipelineConfig
 from helpers.graphs import logits, press_on_seam
 from helpers.live import VOCABULARY, model_of, network
@@ -260,7 +261,7 @@ def test_interrupted_save_keeps_the_old_model(saved, monkeypatch):
         raise KeyboardInterrupt
 
     before = saved.read_bytes()
-    monkeypatch.setattr("eskin.model.file.save_file", write_half)
+    monkeypatch.setattr("eskin.live.model_file.save_file", write_half)
     with pytest.raises(KeyboardInterrupt):
         save_model(saved, replace(MODEL, card=replace(CARD, temperature=2.0)))
     assert saved.read_bytes() == before

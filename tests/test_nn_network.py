@@ -7,8 +7,7 @@ import pytest
 import torch
 from torch.nn.functional import cross_entropy
 
-from eskin.graph import join_graphs
-from eskin.model import MIN_SLOTS, NetworkConfig
+from eskin.live import MIN_SLOTS, NetworkConfig, join_graphs
 from eskin.nn import RecogniserNetwork, SlotIndex, TemporalHead
 from helpers.graphs import (
     embed,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.graph import compute_summary, join_graphs
+from eskin.live import compute_summary, join_graphs
 from helpers.graphs import (
     SCENES,
     add_nodes_at_rest,

@@ -14,8 +14,7 @@ from benchmarks.simulated_sets import made_set
 from benchmarks.textbook.sweeps import run
 from benchmarks.transfer import TransferSetting, answer_trials, compute_results
 
-from eskin.live import Recognizer
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 
 pytestmark = pytest.mark.slow

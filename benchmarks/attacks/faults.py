@@ -26,8 +26,7 @@ from eskin.demo.headless import SynchronousStream
 from eskin.demo.live_source import LiveSource
 from eskin.drivers import ManualClock
 from eskin.learn.events.event_scoring import score_events
-from eskin.live import Detection, Recognizer
-from eskin.model import Model, load_model
+from eskin.live import Detection, Model, Recognizer, load_model
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.stream import (

@@ -35,8 +35,7 @@ from eskin.command import CommandMap, Policy, Rule
 from eskin.drivers import DeviceSource, FixedJoints, HostClock, UdpTransport
 from eskin.drivers.packet import DATA
 from eskin.drivers.virtual import UdpPort, VirtualPort, VirtualSkin
-from eskin.live import Recognizer, warm_up
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model, warm_up
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.stream import Recognition, Stream

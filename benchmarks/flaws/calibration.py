@@ -46,7 +46,7 @@ from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import evaluate
 from eskin.learn.metrics import bootstrap_mean
-from eskin.model import load_model
+from eskin.live import load_model
 from eskin.sim.dataset import GenerationSettings, Simulator
 from eskin.sim.dataset.plan import BuildOrigin
 from eskin.sim.dataset.session_file import write_session

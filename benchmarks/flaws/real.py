@@ -25,8 +25,7 @@ from jaxtyping import Bool, Int
 
 from benchmarks.flaws.watch import RestCount, Watcher
 from benchmarks.tables import format_head, format_row
-from eskin.live import Recognizer, mount_skin
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model, mount_skin
 from eskin.recording import (
     NONE,
     Recording,

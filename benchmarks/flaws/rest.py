@@ -38,7 +38,7 @@ from benchmarks.flaws.hands import (
 from benchmarks.flaws.report import format_share
 from benchmarks.flaws.rows import ALL, FLAWED, INTACT
 from benchmarks.tables import format_head, format_row
-from eskin.model import load_model
+from eskin.live import load_model
 from eskin.sim.interactive.skin import round_period
 from eskin.sim.scene.environment import SimEnvironment, load_environment
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose

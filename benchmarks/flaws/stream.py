@@ -8,8 +8,7 @@ import numpy as np
 from benchmarks.flaws.rows import draw_row_build
 from benchmarks.flaws.scoring import TouchScore, TrueContact, score_touch
 from benchmarks.flaws.watch import RestCount, Watcher
-from eskin.live import Recognizer
-from eskin.model import Model, load_model
+from eskin.live import Model, Recognizer, load_model
 from eskin.recording import NONE, TruthRecord
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.scene.environment import load_environment

@@ -14,9 +14,13 @@ from benchmarks.fuzz.mutation import mutate
 from benchmarks.fuzz.skin_files import small_skin
 from benchmarks.fuzz.target import Target, check_refusal
 from eskin.errors import ModelError
-from eskin.live import Recognizer
-from eskin.model import ModelCard, NetworkConfig, load_model
-from eskin.model.file import CARD, network_shapes
+from eskin.live import (
+    ModelCard,
+    NetworkConfig,
+    Recognizer,
+    load_model,
+)
+from eskin.live.model_file import CARD, network_shapes
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan

@@ -25,8 +25,7 @@ from eskin.drivers import (
     Transport,
 )
 from eskin.drivers.virtual import PtyPort, VirtualSkin
-from eskin.live import Recognizer, warm_up
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model, warm_up
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Recognition, Stream

@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 from benchmarks.textbook.draws import CLIP
 from benchmarks.textbook.skins import GAIN, NOISE, REST, Site
 from benchmarks.textbook.touches import TextbookTouch
-from eskin.live import UNKNOWN, Recognizer
-from eskin.model import Model
+from eskin.live import UNKNOWN, Model, Recognizer
 from eskin.recording import NONE
 from eskin.touch import Scan
 from eskin.units import NS_PER_S

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.textbook.clips import answer, build_clip
 from benchmarks.textbook.draws import TOUCHES, TouchSetting, draw_touch, name_true_class
 from benchmarks.textbook.skins import SurfaceName, build_site
-from eskin.model import Model, load_model
+from eskin.live import Model, load_model
 
 WANTED = 0.9
 """Required accuracy in the middle half."""

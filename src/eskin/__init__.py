@@ -10,8 +10,14 @@ if TYPE_CHECKING:
     from eskin.app import SourceConfig, open_source
     from eskin.drivers import Source
     from eskin.errors import EskinError
-    from eskin.live import Detection, Recognizer
-    from eskin.model import DecisionConfig, Model, ModelCard, load_model
+    from eskin.live import (
+        DecisionConfig,
+        Detection,
+        Model,
+        ModelCard,
+        Recognizer,
+        load_model,
+    )
     from eskin.recording import Recording, RecordingWriter, read_recording
     from eskin.robot import Robot, load_robot
     from eskin.skin import MountedSkin, Skin, load_skin
@@ -22,8 +28,7 @@ EXPORTS = {
     "app": "SourceConfig open_source",
     "drivers": "Source",
     "errors": "EskinError",
-    "live": "Detection Recognizer",
-    "model": "DecisionConfig Model ModelCard load_model",
+    "live": "DecisionConfig Detection Model ModelCard Recognizer load_model",
     "recording": "Recording RecordingWriter read_recording",
     "robot": "Robot load_robot",
     "skin": "MountedSkin Skin load_skin",

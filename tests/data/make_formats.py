@@ -12,9 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.graph import GraphConfig
 from eskin.learn import to_model
-from eskin.model import DecisionConfig, ModelCard, NetworkConfig, save_model
+from eskin.live import (
+    DecisionConfig,
+    GraphConfig,
+    ModelCard,
+    NetworkConfig,
+    save_model,
+)
 from eskin.nn import RecogniserNetwork
 from eskin.recording import (
     DetectionRecord,

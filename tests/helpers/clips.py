@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.graph import HISTORY, GraphBatch
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
+from eskin.live import HISTORY, GraphBatch
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.skin import MountedSkin
 from helpers.simulation import StandIn

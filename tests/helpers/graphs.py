@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import torch
 
-from eskin.graph import (
+from eskin.live import (
     HISTORY,
     NODE_FIELDS,
     PRESSURE_SUMMARY,

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.graph import HISTORY, create_empty_batch
 from eskin.learn.augment import NO_AUGMENTATION
 from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig
-from eskin.model import NetworkConfig
+from eskin.live import HISTORY, NetworkConfig, create_empty_batch
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan

@@ -6,7 +6,11 @@ from functools import cache
 import numpy as np
 import torch
 
-from eskin.model import Model, ModelCard, NetworkConfig
+from eskin.live import (
+    Model,
+    ModelCard,
+    NetworkConfig,
+)
 from eskin.nn import RecogniserNetwork
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
 from eskin.robot import load_robot

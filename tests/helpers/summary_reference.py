@@ -3,9 +3,15 @@
 import numpy as np
 from numpy.linalg import norm
 
-from eskin.graph import GraphBatch
-from eskin.graph import summary_kernels as kernels
-from eskin.graph.summary_kernels import AREA, FLAT, FORCE, N_PER_KPA_CM2, RATE, SPEED
+from eskin.live import GraphBatch
+from eskin.live.summary_kernels import (
+    AREA,
+    FLAT,
+    FORCE,
+    N_PER_KPA_CM2,
+    RATE,
+    SPEED,
+)
 
 
 def reference_summary(graph: GraphBatch, shear: bool) -> np.ndarray:

@@ -31,8 +31,7 @@ from eskin.learn.baselines import (
     build_baseline,
     use_one_thread,
 )
-from eskin.live import Recognizer
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 

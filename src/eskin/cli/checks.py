@@ -47,7 +47,7 @@ def check_files(words: Sequence[str]) -> None:
             check_recording(path)
     for path in named:
         if path.suffix == ".safetensors":
-            from eskin.model import check_weights, load_model
+            from eskin.live import check_weights, load_model
 
             check_weights(load_model(path))
         elif path.suffix in (".yaml", ".yml"):

@@ -33,7 +33,7 @@ from eskin.learn.comparison.study import (
     draw_study,
     format_study,
 )
-from eskin.model import check_limits
+from eskin.live import check_limits
 from eskin.units import format_count
 
 

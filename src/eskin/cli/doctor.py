@@ -20,8 +20,7 @@ from eskin.drivers import (
     read_key,
 )
 from eskin.errors import DeviceError, EskinError
-from eskin.live import Recognizer, warm_up
-from eskin.model import MODELS
+from eskin.live import MODELS, Recognizer, warm_up
 
 RUNTIME_PACKAGES = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
 TRAINING_PACKAGES = ("torch", "scikit-learn")

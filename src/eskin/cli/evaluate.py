@@ -27,7 +27,7 @@ from eskin.learn.events import (
 )
 from eskin.learn.events.event_scoring import Delays
 from eskin.learn.plots import draw_confusion, draw_reliability
-from eskin.model import Model, load_model
+from eskin.live import Model, load_model
 from eskin.progress import track_progress
 from eskin.recording import find_recordings, read_recording
 from eskin.units import format_count

@@ -60,7 +60,7 @@ def export_model(sources: tuple[str, ...], path: Path) -> dict[str, object]:
     [source] = sources
     check_writable(path)
     from eskin.learn.onnx_export import export_onnx
-    from eskin.model import load_model
+    from eskin.live import load_model
 
     error = export_onnx(load_model(source), path)
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB, greatest error {error:.1e}")

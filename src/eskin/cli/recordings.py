@@ -245,8 +245,7 @@ class ReplayCommand:
 
 def run_replay(command: ReplayCommand) -> dict[str, object]:
     """Replay the recording, print and return the detections."""
-    from eskin.live import Recognizer
-    from eskin.model import load_model
+    from eskin.live import Recognizer, load_model
     from eskin.recording import read_recording, rewrite_recording, select_labels
     from eskin.skin import MountedSkin
 
@@ -372,8 +371,7 @@ class ViewCommand:
 
 def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
-    from eskin.live import Recognizer
-    from eskin.model import load_model
+    from eskin.live import Recognizer, load_model
     from eskin.page.link import format_link, free_port, make_token
     from eskin.recording import read_recording
     from eskin.robot import load_robot

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from eskin.command import Arm, Policy
     from eskin.drivers import Clock, JointSource, Source
     from eskin.drivers.joints import JointFunction
-    from eskin.model import Model
+    from eskin.live import Model
     from eskin.stream import Listener, Recognition, Stream
     from eskin.stream.listener import Drop
     from eskin.touch import Calibration
@@ -142,8 +142,7 @@ def run(command: RunCommand) -> dict[str, object]:
     """Stream until the end; print detections and events as they come."""
     from eskin.app import SourceConfig, open_joints, open_source
     from eskin.drivers import HostClock, read_key
-    from eskin.live import Recognizer, mount_skin, warm_up
-    from eskin.model import load_model
+    from eskin.live import Recognizer, load_model, mount_skin, warm_up
     from eskin.skin import MountedSkin
     from eskin.stream import (
         Recognition,

@@ -11,7 +11,6 @@ import tyro
 
 from eskin.cli.checks import check_writable, load_overrides, report_truncated
 from eskin.errors import ModelError, RecordingError
-from eskin.graph import GraphConfig
 from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, hash_recordings, prepare
 from eskin.learn.evaluation import check_fits, evaluate
@@ -19,7 +18,8 @@ from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.processes import Processes, join_processes
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.model import (
+from eskin.live import (
+    GraphConfig,
     Model,
     ModelCard,
     NetworkConfig,

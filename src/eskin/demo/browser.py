@@ -25,8 +25,7 @@ from eskin.demo.headless import DemoConfig, build_arm, is_on_arm
 from eskin.demo.live_source import LiveSource
 from eskin.drivers import Clock, Event, FixedJoints, HostClock
 from eskin.errors import DeviceError, EskinError
-from eskin.live import Detection, Recognizer, warm_up
-from eskin.model import load_model
+from eskin.live import Detection, Recognizer, load_model, warm_up
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.link import free_port, make_token
 from eskin.recording import PARTLY_LABELLED, Metadata

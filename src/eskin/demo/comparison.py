@@ -15,8 +15,7 @@ from eskin.demo.same_touch import (
     load_both_models,
 )
 from eskin.drivers import PlayedSource, SourceInfo
-from eskin.live import Recognizer, warm_up
-from eskin.model import Model
+from eskin.live import Model, Recognizer, warm_up
 from eskin.page import Answer, ComparisonBoard
 from eskin.page.link import free_port
 from eskin.stream import (

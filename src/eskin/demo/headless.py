@@ -22,8 +22,7 @@ from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.demo.storm import FaultStorm, StormConfig
 from eskin.drivers import Clock, ManualClock
 from eskin.errors import DeviceError
-from eskin.live import Recognizer
-from eskin.model import load_model
+from eskin.live import Recognizer, load_model
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.scene import Wearer
 from eskin.sim.sensor.build import BuildKind

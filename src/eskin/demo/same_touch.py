@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.command import NON_GESTURES
 from eskin.demo.headless import DemoConfig
-from eskin.live import Detection, Recognizer
-from eskin.model import Model, load_model
+from eskin.live import Detection, Model, Recognizer, load_model
 from eskin.page.scene import CAMERA_DIRECTION
 from eskin.sim.dataset import (
     ClipPlan,

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph import HISTORY, GraphBatch
-from eskin.model import check_limits
+from eskin.live import HISTORY, GraphBatch, check_limits
 
 LIMITS = {
     "gain": (0.0, np.inf),

@@ -11,7 +11,6 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from eskin.errors import RecordingError
-from eskin.graph import compute_summary
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
@@ -23,7 +22,7 @@ from eskin.learn.windows import (
     stretch_time,
     subsample_readings,
 )
-from eskin.model import SLOT_NS
+from eskin.live import SLOT_NS, compute_summary
 from eskin.nn import NetworkInput, SlotIndex
 
 WHOLE_SHARE = 0.5

@@ -11,7 +11,11 @@ from torch import Tensor, nn
 from eskin.errors import ModelError
 from eskin.files import atomic_path
 from eskin.learn.processes import ALONE, Processes
-from eskin.model import Model, ModelCard, check_weights
+from eskin.live import (
+    Model,
+    ModelCard,
+    check_weights,
+)
 from eskin.nn import RecogniserNetwork
 
 

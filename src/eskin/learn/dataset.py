@@ -12,7 +12,6 @@ from jaxtyping import Int
 from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
-from eskin.graph import GraphBatch, GraphConfig, create_empty_batch, join_graphs
 from eskin.learn.ground_truth import (
     Clip,
     MissedGesture,
@@ -32,6 +31,12 @@ from eskin.learn.prepared_recording import (
     prepare_recording,
 )
 from eskin.learn.recording_transforms import RecordingTransform
+from eskin.live import (
+    GraphBatch,
+    GraphConfig,
+    create_empty_batch,
+    join_graphs,
+)
 from eskin.progress import track_progress
 from eskin.recording import (
     NO_OVERRIDES,

@@ -11,7 +11,6 @@ from torch import Tensor
 from torch.nn.functional import log_softmax
 
 from eskin.errors import RecordingError, SkinMismatchError
-from eskin.graph.summary_kernels import N_PER_KPA_CM2
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
 from eskin.learn.metrics import (
@@ -23,7 +22,8 @@ from eskin.learn.metrics import (
     score_predictions,
 )
 from eskin.learn.windows import cut_windows
-from eskin.model import ModelCard
+from eskin.live import ModelCard
+from eskin.live.summary_kernels import N_PER_KPA_CM2
 from eskin.nn import RecogniserNetwork, SlotIndex, build_graph_tensors
 from eskin.recording import NONE
 

@@ -8,7 +8,7 @@ from typing import IO
 
 import numpy as np
 
-from eskin.graph import NODE_FIELDS, GraphBatch
+from eskin.live import NODE_FIELDS, GraphBatch
 
 FIELDS = (*NODE_FIELDS, "seconds", "history")
 """Fields that are laid end to end as they are."""

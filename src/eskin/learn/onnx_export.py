@@ -17,9 +17,14 @@ from torch import Tensor, nn
 from eskin.errors import ModelError
 from eskin.extras import find_package
 from eskin.files import atomic_path
-from eskin.graph import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
 from eskin.learn.checkpoint import to_network
-from eskin.model import SLOT_NS, Model
+from eskin.live import (
+    NODE_SCALARS,
+    PRESSURE_SUMMARY,
+    SHEAR_SUMMARY,
+    SLOT_NS,
+    Model,
+)
 from eskin.nn import GraphTensors, RecogniserNetwork
 
 OPSET = 20
@@ -40,7 +45,7 @@ class StepInput:
     """
 
     scalars: Float[Tensor, "node scalar"]
-    """Columns `eskin.graph.NODE_SCALARS` of the taxels of the touch and of their
+    """Columns `eskin.live.NODE_SCALARS` of the taxels of the touch and of their
     neighbours."""
     positions: Float[Tensor, "node 3"]
     """Positions relative to any point [cm]."""

@@ -14,7 +14,9 @@ from jaxtyping import Float, Int
 
 from eskin.code_digest import digest_code
 from eskin.files import atomic_path
-from eskin.graph import (
+from eskin.learn.ground_truth import TouchLabel, read_true_touches
+from eskin.learn.recording_transforms import RecordingTransform
+from eskin.live import (
     SHEAR_FIELDS,
     GraphBatch,
     GraphConfig,
@@ -22,8 +24,6 @@ from eskin.graph import (
     create_empty_batch,
     join_graphs,
 )
-from eskin.learn.ground_truth import TouchLabel, read_true_touches
-from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import NO_OVERRIDES, Overrides, Recording, read_recording
 from eskin.skin import MountedSkin
 from eskin.touch import (

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.code_digest import digest_code
-from eskin.model import check_limits
+from eskin.live import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan

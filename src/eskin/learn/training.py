@@ -11,7 +11,6 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from eskin.graph import GraphConfig
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.batches import Batch, BatchBuilder, build_sampler, check_classes
 from eskin.learn.checkpoint import EarlyStopping, TrainingState
@@ -19,7 +18,12 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import predict_clips
 from eskin.learn.holdout import find_gestures, find_sessions, hold_out
 from eskin.learn.processes import ALONE, Processes
-from eskin.model import Model, NetworkConfig, check_limits
+from eskin.live import (
+    GraphConfig,
+    Model,
+    NetworkConfig,
+    check_limits,
+)
 from eskin.nn import RecogniserNetwork
 from eskin.progress import show_progress
 

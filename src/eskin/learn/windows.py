@@ -6,9 +6,8 @@ import numpy as np
 import torch
 from jaxtyping import Int
 
-from eskin.graph import HISTORY, GraphBatch
 from eskin.learn.dataset import Dataset
-from eskin.model import SLOT_NS
+from eskin.live import HISTORY, SLOT_NS, GraphBatch
 from eskin.nn import NetworkInput, SlotIndex, build_graph_tensors
 
 TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]

@@ -11,7 +11,7 @@ from typing import Protocol, final, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from eskin.model import DecisionConfig
+from eskin.live.model_config import DecisionConfig
 from eskin.recording.labels import NONE
 from eskin.units import NS_PER_S
 

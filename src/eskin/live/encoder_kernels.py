@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled_fastmath
-from eskin.graph.builder_kernels import GraphArrays
-from eskin.graph.features import MAX_AGE
-from eskin.graph.neighbour_kernels import NO_NODE
+from eskin.live.graph_features import MAX_AGE
+from eskin.live.graph_kernels import GraphArrays
 from eskin.live.kernels import (
     BLOCK,
     activate,
@@ -23,7 +22,8 @@ from eskin.live.kernels import (
     sigmoid,
     silu,
 )
-from eskin.model.config import LENGTH_CM
+from eskin.live.model_config import LENGTH_CM
+from eskin.live.neighbour_kernels import NO_NODE
 
 PER_LENGTH = np.float32(1.0 / LENGTH_CM)
 ONE, TWO = np.float32(1.0), np.float32(2.0)
@@ -72,7 +72,7 @@ class EncoderWorkspace(NamedTuple):
     sources: Int[np.ndarray, "edge"]  # node
     source_rows: Int[np.ndarray, "edge"]  # row
     edge_weights: Float[np.ndarray, "edge"]  # share in the area of the target's sources
-    scalars: Float[np.ndarray, "row scalar"]  # columns `eskin.graph.NODE_SCALARS`
+    scalars: Float[np.ndarray, "row scalar"]  # columns `eskin.live.NODE_SCALARS`
     v: Float[np.ndarray, "row width"]  # features
     u: Float[np.ndarray, "row width"]  # normalised features
     of_source: Float[np.ndarray, "row width"]  # contribution of a source to messages

@@ -7,7 +7,12 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled_fastmath
 from eskin.live.kernels import add_vecmat, dot, silu
-from eskin.model.file import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
+from eskin.live.model_file import (
+    LONG_STRIDE,
+    LONG_TAPS,
+    SHORT_STRIDE,
+    SHORT_TAPS,
+)
 
 SCALES = 3
 """Number of time scales: a slot, and the spans of the two convolutions."""

@@ -5,19 +5,20 @@ from typing import final
 
 import numpy as np
 
-from eskin.graph import NODE_SCALARS
 from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace
+from eskin.live.graph_features import NODE_SCALARS
 from eskin.live.head_kernels import SCALES, STATISTICS, HeadState, HeadWeights
 from eskin.live.kernels import BLOCK
-from eskin.live.step_kernels import FREE_ROW, NO_SLOT, FeatureWeights, SequencePool
-from eskin.model import Model, NetworkConfig
-from eskin.model.file import (
+from eskin.live.model_config import NetworkConfig
+from eskin.live.model_file import (
     EDGE_SCALARS,
+    Model,
     check_weights,
     encoder_shapes,
     layer_shapes,
     prefix_names,
 )
+from eskin.live.step_kernels import FREE_ROW, NO_SLOT, FeatureWeights, SequencePool
 
 Weights = Mapping[str, np.ndarray]
 """Parameters by name, as in the state of the torch network."""

@@ -8,11 +8,16 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import ReadingError, SkinMismatchError
-from eskin.graph import GraphStream
 from eskin.live.decision import Decision, DecisionFilter
 from eskin.live.detection import Detection, DirectionTracker, Heading
+from eskin.live.graph_stream import GraphStream
 from eskin.live.logits import LogitStream
-from eskin.model import MODELS, DecisionConfig, Model, ModelCard, load_model
+from eskin.live.model_config import DecisionConfig, ModelCard
+from eskin.live.model_file import (
+    MODELS,
+    Model,
+    load_model,
+)
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin, load_robot_for_skin, load_skin
 from eskin.touch import (
@@ -75,7 +80,7 @@ class Recognizer:
         mounted: the skin on its robot.
         state: the latest reading with its contacts and touches; None before the first.
         logits: logits of each sequence of graphs at the latest reading, by its key (see
-            `eskin.graph.GraphStream`).
+            `eskin.live.GraphStream`).
         probabilities: calibrated probabilities of the model's vocabulary for each open
             touch at the latest reading, by its id.
     """

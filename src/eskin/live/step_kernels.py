@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled_fastmath
-from eskin.graph.builder_kernels import (
+from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
+from eskin.live.graph_kernels import (
     GraphArrays,
     GraphWorkspace,
     SkinGeometry,
@@ -19,10 +20,9 @@ from eskin.graph.builder_kernels import (
     build_graph,
     update_taxel_history,
 )
-from eskin.graph.summary_kernels import summarise
-from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
 from eskin.live.head_kernels import HeadState, HeadWeights, classify
-from eskin.model.config import MAX_DEVIATIONS
+from eskin.live.model_config import MAX_DEVIATIONS
+from eskin.live.summary_kernels import summarise
 from eskin.structref_kernels import Packed
 
 CLIP = np.float32(MAX_DEVIATIONS)

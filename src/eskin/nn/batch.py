@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from eskin.graph import (
+from eskin.live import (
     GraphBatch,
     compress_shear,
     compute_node_scalars,
@@ -20,7 +20,7 @@ class GraphTensors:
     """Graph tensors hold the features of contact graphs, one graph per reading."""
 
     scalars: Float[Tensor, "node scalar"]
-    """Columns `eskin.graph.NODE_SCALARS`."""
+    """Columns `eskin.live.NODE_SCALARS`."""
     positions: Float[Tensor, "node 3"]
     """Positions [cm]."""
     normals: Float[Tensor, "node 3"]

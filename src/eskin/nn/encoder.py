@@ -7,9 +7,8 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
-from eskin.graph import NODE_SCALARS
-from eskin.model import LENGTH_CM, NetworkConfig
-from eskin.model.file import EDGE_SCALARS
+from eskin.live import LENGTH_CM, NODE_SCALARS, NetworkConfig
+from eskin.live.model_file import EDGE_SCALARS
 from eskin.nn.batch import GraphTensors
 
 

@@ -5,7 +5,12 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import conv1d, silu
 
-from eskin.model.file import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
+from eskin.live.model_file import (
+    LONG_STRIDE,
+    LONG_TAPS,
+    SHORT_STRIDE,
+    SHORT_TAPS,
+)
 from eskin.nn.batch import SlotIndex
 
 Sequence = Float[Tensor, "window channel slot"]

@@ -4,8 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from eskin.graph import PRESSURE_SUMMARY, SHEAR_SUMMARY
-from eskin.model import MAX_DEVIATIONS, NetworkConfig
+from eskin.live import MAX_DEVIATIONS, PRESSURE_SUMMARY, SHEAR_SUMMARY, NetworkConfig
 from eskin.nn.batch import GraphTensors, NetworkInput, SlotIndex
 from eskin.nn.encoder import Encoder
 from eskin.nn.head import TemporalHead, scatter_to_slots

@@ -14,15 +14,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph import (
-    PRESSURE_SUMMARY,
-    GraphBatch,
-    GraphBuilder,
-    GraphConfig,
-    compute_load_motion,
-    compute_summary,
-    join_graphs,
-)
 from eskin.learn.baselines.estimators import Estimator
 from eskin.learn.baselines.interface import (
     READINGS,
@@ -35,6 +26,15 @@ from eskin.learn.baselines.interface import (
     SkinWindows,
 )
 from eskin.learn.dataset import Dataset
+from eskin.live import (
+    PRESSURE_SUMMARY,
+    GraphBatch,
+    GraphBuilder,
+    GraphConfig,
+    compute_load_motion,
+    compute_summary,
+    join_graphs,
+)
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
 

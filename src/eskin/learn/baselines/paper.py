@@ -24,7 +24,6 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
-from eskin.graph import FixedNeighbours, GraphConfig, find_live_neighbours
 from eskin.learn.baselines.flat import PRESSURE_UNIT
 from eskin.learn.baselines.interface import TOUCHED, BaselineStream, WindowStream
 from eskin.learn.baselines.network import (
@@ -33,7 +32,12 @@ from eskin.learn.baselines.network import (
     NetworkBaseline,
     ReadingNetwork,
 )
-from eskin.model import LENGTH_CM
+from eskin.live import (
+    LENGTH_CM,
+    FixedNeighbours,
+    GraphConfig,
+    find_live_neighbours,
+)
 from eskin.skin import MountedSkin
 
 

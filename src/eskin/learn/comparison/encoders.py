@@ -9,8 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
-from eskin.graph import NODE_SCALARS
-from eskin.model import LENGTH_CM, NetworkConfig
+from eskin.live import LENGTH_CM, NODE_SCALARS, NetworkConfig
 from eskin.nn import Encoder, GraphTensors
 from eskin.nn.encoder import Edges, build_edges, gather_rows
 

@@ -14,12 +14,12 @@ from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
 from eskin.files import atomic_path
-from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, SkinWindows
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Clip, read_clips
 from eskin.learn.prepared_recording import compute_file_key
 from eskin.learn.recording_transforms import Aging, AgingConfig, RecordingTransform
+from eskin.live import GraphConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline

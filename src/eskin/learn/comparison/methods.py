@@ -9,7 +9,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph import GraphConfig, compute_summary
 from eskin.learn.baselines import (
     BASELINES,
     NETWORKS,
@@ -25,7 +24,7 @@ from eskin.learn.comparison.examples import Examples
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import find_last_rows, predict_clips
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.model import NetworkConfig
+from eskin.live import GraphConfig, NetworkConfig, compute_summary
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
 

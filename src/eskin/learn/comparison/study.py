@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eskin.graph import GraphConfig
 from eskin.learn.baselines import Pooling
 from eskin.learn.comparison.methods import (
     FIT_CONFIGS,
@@ -31,6 +30,7 @@ from eskin.learn.comparison.table import (
     format_share,
 )
 from eskin.learn.plots import save_figure
+from eskin.live import GraphConfig
 
 StudyNetwork = Literal["eskin", "paper"]
 

@@ -15,13 +15,14 @@ from joblib import Parallel, delayed, parallel_config
 from eskin.errors import RecordingError
 from eskin.learn.events.matching import ScoredStream, TrueEvent, read_true_events
 from eskin.live import (
+    DecisionConfig,
     DecisionFilter,
     Detection,
+    Model,
     Recognizer,
     build_detection,
     compute_probabilities,
 )
-from eskin.model import DecisionConfig, Model
 from eskin.recording import NO_OVERRIDES, Overrides, Recording, read_recording
 from eskin.skin import MountedSkin
 from eskin.touch import Touch

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from eskin.learn.events.event_scoring import EventScore, score_events
 from eskin.learn.events.matching import NO_GESTURE
 from eskin.learn.events.traces import TracedStream
-from eskin.model import DecisionConfig
+from eskin.live import DecisionConfig
 
 Choice = tuple[DecisionConfig, EventScore]
 

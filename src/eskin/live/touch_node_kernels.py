@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from eskin.compiled import compiled
 from eskin.structref_kernels import Packed
 
-COLUMNS = 7  # length of `eskin.graph.HISTORY`
+COLUMNS = 7  # length of `eskin.live.HISTORY`
 CM_PER_M = 100.0
 S_PER_NS = 1e-9
 
@@ -82,7 +82,7 @@ def concatenate_spans(
 
 @compiled
 def write_history(touch: np.void, stamp: int, out: Float[np.ndarray, "column"]) -> None:
-    """Write the columns `eskin.graph.HISTORY` of an open touch."""
+    """Write the columns `eskin.live.HISTORY` of an open touch."""
     squared = 0.0
     for d in range(3):
         squared += (touch.latest[d] - touch.start[d]) ** 2

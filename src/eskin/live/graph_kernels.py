@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
-from eskin.graph.neighbour_kernels import (
+from eskin.live.neighbour_kernels import (
     NO_NODE,
     NeighbourWorkspace,
     write_live_neighbours,
@@ -64,7 +64,7 @@ class TimeStep(NamedTuple):
 
 
 class GraphArrays(NamedTuple):
-    """These are the fields of `eskin.graph.GraphBatch` for compiled code, in its order.
+    """These are the fields of `eskin.live.GraphBatch` for compiled code, in its order.
 
     Arrays of nodes may be longer than the last offset; kernels ignore the rest.
     """
@@ -148,7 +148,7 @@ def build_graph(
     Args:
         taxels: active taxels of the touch now.
         earlier: active taxels of the same touch at the previous reading.
-        touch_history: columns of `eskin.graph.HISTORY`.
+        touch_history: columns of `eskin.live.HISTORY`.
         T_world_link: pose of every link of the robot.
         time_step: number and time of the reading.
         geometry: the skin.

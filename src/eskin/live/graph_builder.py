@@ -7,8 +7,13 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.batch import NO_HISTORY, NODE_FIELDS, GraphBatch, allocate_graphs
-from eskin.graph.builder_kernels import (
+from eskin.live.graph_batch import (
+    NO_HISTORY,
+    NODE_FIELDS,
+    GraphBatch,
+    allocate_graphs,
+)
+from eskin.live.graph_kernels import (
     GraphWorkspace,
     SkinGeometry,
     TaxelHistory,
@@ -16,7 +21,7 @@ from eskin.graph.builder_kernels import (
     build_graph,
     update_taxel_history,
 )
-from eskin.graph.neighbours import FixedNeighbours, allocate_search
+from eskin.live.neighbours import FixedNeighbours, allocate_search
 from eskin.skin import MountedSkin
 from eskin.touch import LinkPoseCache, Reading
 

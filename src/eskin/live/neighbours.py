@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from eskin.graph.neighbour_kernels import (
+from eskin.live.neighbour_kernels import (
     MICROMETRES,
     NO_NODE,
     NeighbourWorkspace,

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from eskin.graph import GraphConfig
+from eskin.live.graph_builder import GraphConfig
 from eskin.plain_yaml import Name
 from eskin.touch import PipelineConfig
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.compiled import compiled_fastmath
-from eskin.graph.builder_kernels import GraphArrays
+from eskin.live.graph_kernels import GraphArrays
 
 LEVELS = (20.0, 50.0, 90.0)
 """Pressures above which the area is measured [kPa]."""
@@ -26,7 +26,7 @@ PRESSURE = 1.0  # [kPa]
 FLAT = 0.01  # [cm], so that rounding errors give a flat patch no depth
 NEAR = 0.3  # [cm] from the centre, where the outward direction is ill-defined
 HISTORY_FLOORS = (0.5, 0.2, 1.0, 1.0, 1.0, FORCE, FORCE)
-"""The same scales for the columns of `eskin.graph.HISTORY`, in their units."""
+"""The same scales for the columns of `eskin.live.HISTORY`, in their units."""
 
 N_PER_KPA_CM2 = 0.1
 MIN_WEIGHT = 1e-6

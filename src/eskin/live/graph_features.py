@@ -3,8 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph.batch import HISTORY, GraphBatch
-from eskin.graph.summary_kernels import LEVELS, summarise_all, write_load_motions
+from eskin.live.graph_batch import HISTORY, GraphBatch
+from eskin.live.summary_kernels import (
+    LEVELS,
+    summarise_all,
+    write_load_motions,
+)
 
 NODE_SCALARS = ("active", "pressure", "rate", "age", "shear")
 """Columns of `compute_node_scalars`, each of order one."""

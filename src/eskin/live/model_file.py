@@ -14,9 +14,13 @@ from safetensors.numpy import save_file
 
 from eskin.errors import ModelError
 from eskin.files import atomic_path, open_file
-from eskin.graph import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
-from eskin.model.config import ModelCard
-from eskin.model.limits import find_limit_problem
+from eskin.live.graph_features import (
+    NODE_SCALARS,
+    PRESSURE_SUMMARY,
+    SHEAR_SUMMARY,
+)
+from eskin.live.model_config import ModelCard
+from eskin.live.model_limits import find_limit_problem
 from eskin.recording.labels import NONE
 
 CARD = "eskin"
@@ -75,7 +79,7 @@ def load_model(name_or_path: str | Path) -> Model:
     """
     path = Path(name_or_path)
     if str(name_or_path) in MODELS:
-        path = Path(str(resources.files("eskin.model") / "presets" / f"{path}{SUFFIX}"))
+        path = Path(str(resources.files("eskin.live") / "presets" / f"{path}{SUFFIX}"))
     if path.is_dir():
         raise ModelError(
             f"{path} is a folder, and no model file; allowed are {', '.join(MODELS)} "

@@ -6,9 +6,13 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.batch import HISTORY, NO_HISTORY, GraphBatch
-from eskin.graph.builder import GraphBuilder, GraphConfig
-from eskin.graph.touch_node_kernels import TouchNodeArrays, collect_touch_nodes
+from eskin.live.graph_batch import (
+    HISTORY,
+    NO_HISTORY,
+    GraphBatch,
+)
+from eskin.live.graph_builder import GraphBuilder, GraphConfig
+from eskin.live.touch_node_kernels import TouchNodeArrays, collect_touch_nodes
 from eskin.skin import MountedSkin
 from eskin.structref_kernels import Packed, pack, unpack
 from eskin.touch import LinkPoseCache, TouchState

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.builder_kernels import GraphArrays
+from eskin.live.graph_kernels import GraphArrays
 
 HISTORY = ("age", "pause", "contacts", "travel", "farthest", "impulse", "peak force")
 """Columns of the history of a touch: time since onset [s], time since the last contact
