@@ -39,61 +39,61 @@ docs: $(READY)
 # What a step costs, beside everything else: about half an hour on one core.
 bench: $(READY)
 	$(BIN)/eskin bench latency
-	$(BIN)/python -m benchmarks.scaling --picture docs/pictures/latency.png
-	$(BIN)/python -m benchmarks.sustained
-	$(BIN)/python -m benchmarks.memory
-	$(BIN)/python -m benchmarks.start
-	$(BIN)/python -m benchmarks.limit
-	$(BIN)/python -m benchmarks.network_step
+	$(BIN)/python -m lab.scaling --picture docs/pictures/latency.png
+	$(BIN)/python -m lab.sustained
+	$(BIN)/python -m lab.memory
+	$(BIN)/python -m lab.start
+	$(BIN)/python -m lab.limit
+	$(BIN)/python -m lab.network_step
 
 # The tables of docs/comparison.md: simulated people, some hours on two cores; those of
 # real recordings in docs/results.md, half an hour. What was answered is kept in
-# benchmarks/kept, so that a run that was cut goes on. FORM=short shows in two minutes
+# lab/kept, so that a run that was cut goes on. FORM=short shows in two minutes
 # that all of it runs.
 FORM ?= long
 SETS ?= sets
 results: $(READY)
-	$(BIN)/python -m benchmarks.results all --form $(FORM) --sets "$(SETS)"
+	$(BIN)/python -m lab.results all --form $(FORM) --sets "$(SETS)"
 ifneq ($(FORM),short)
-	$(BIN)/python -m benchmarks.real_recordings sleeve --data "$(DATA)" \
+	$(BIN)/python -m lab.real_recordings sleeve --data "$(DATA)" \
 		--picture docs/pictures/confusion_sleeve.png
-	$(BIN)/python -m benchmarks.real_recordings shearsense --data "$(SHEARSENSE)" \
+	$(BIN)/python -m lab.real_recordings shearsense --data "$(SHEARSENSE)" \
 		--picture docs/pictures/confusion_shearsense.png
 endif
 
 # What the simulated world is held to, and the weights on touches that it did not make:
 # three quarters of an hour on two cores.
 validate: $(READY)
-	$(BIN)/python -m benchmarks.simulation all
-	$(BIN)/python -m benchmarks.signatures --sets "$(SETS)"
-	$(BIN)/python -m benchmarks.textbook --picture docs/pictures/textbook.png
-	$(BIN)/python -m benchmarks.transfer --data "$(SOCIALTOUCH)"
-	$(BIN)/python -m benchmarks.transfer --data "$(SOCIALTOUCH)" --floor 0.125
+	$(BIN)/python -m lab.simulation all
+	$(BIN)/python -m lab.signatures --sets "$(SETS)"
+	$(BIN)/python -m lab.textbook --picture docs/pictures/textbook.png
+	$(BIN)/python -m lab.transfer --data "$(SOCIALTOUCH)"
+	$(BIN)/python -m lab.transfer --data "$(SOCIALTOUCH)" --floor 0.125
 
 # Readers against mutated inputs, the short form; docs/reliability.md has the long one.
 fuzz: $(READY)
-	$(BIN)/python -m benchmarks.fuzz decoder --inputs 300000
-	$(BIN)/python -m benchmarks.fuzz skin --inputs 4000
-	$(BIN)/python -m benchmarks.fuzz recording --inputs 5000
-	$(BIN)/python -m benchmarks.fuzz commands --inputs 4000
-	$(BIN)/python -m benchmarks.fuzz model --inputs 2000
-	$(BIN)/python -m benchmarks.fuzz urdf --inputs 2000
+	$(BIN)/python -m lab.fuzz decoder --inputs 300000
+	$(BIN)/python -m lab.fuzz skin --inputs 4000
+	$(BIN)/python -m lab.fuzz recording --inputs 5000
+	$(BIN)/python -m lab.fuzz commands --inputs 4000
+	$(BIN)/python -m lab.fuzz model --inputs 2000
+	$(BIN)/python -m lab.fuzz urdf --inputs 2000
 
 # Faults, forgeries, delays and hostile files: an hour on two cores; docs/threats.md.
 attack: $(READY)
-	$(BIN)/python -m benchmarks.attacks faults
-	$(BIN)/python -m benchmarks.attacks faults --recall
-	$(BIN)/python -m benchmarks.attacks delay
-	$(BIN)/python -m benchmarks.attacks hold
-	$(BIN)/python -m benchmarks.attacks forgery
-	$(BIN)/python -m benchmarks.attacks files
+	$(BIN)/python -m lab.attacks faults
+	$(BIN)/python -m lab.attacks faults --recall
+	$(BIN)/python -m lab.attacks delay
+	$(BIN)/python -m lab.attacks hold
+	$(BIN)/python -m lab.attacks forgery
+	$(BIN)/python -m lab.attacks files
 
 # Long tests, and what docs/reliability.md says of long runs and of what breaks in them.
 soak: $(READY)
 	$(BIN)/pytest -m long
-	$(BIN)/python -m benchmarks.soak kill
-	$(BIN)/python -m benchmarks.soak stream
-	$(BIN)/python -m benchmarks.soak stream --real
+	$(BIN)/python -m lab.soak kill
+	$(BIN)/python -m lab.soak stream
+	$(BIN)/python -m lab.soak stream --real
 
 clean:
 	rm -rf .venv site build

@@ -20,9 +20,14 @@ import eskin
 from eskin.errors import EskinError
 from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import prepare
+from eskin.learn.sets import convert_sleeve
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.live import Model, ModelCard
-from eskin.recording import Recording, convert_sleeve, find_recordings, label_instants
+from eskin.recording import (
+    Recording,
+    find_recordings,
+    label_instants,
+)
 from eskin.robot import load_robot
 
 HELP = """no recordings in {data}; get the folder Annotated-dataset of \

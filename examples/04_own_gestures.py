@@ -16,7 +16,9 @@ import numpy as np
 import tyro
 
 import eskin
-from eskin.learn import TrainConfig, Trainer, prepare, to_model
+from eskin.learn.checkpoint import to_model
+from eskin.learn.dataset import prepare
+from eskin.learn.training import TrainConfig, Trainer
 from eskin.live import ModelCard
 from eskin.recording import Label, Metadata, write_all
 from eskin.skin import build_grid_skin

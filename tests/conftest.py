@@ -27,8 +27,8 @@ jaxtyping.install_import_hook(sorted(CHECKED - COMPILED), "beartype.beartype")
 
 COMPILES_ALL = "test_cli_doctor.py"
 CALLS_KERNELS = re.compile(
-    r"eskin\.(app|bench|cli|demo|graph|learn|live|stream|viewer)\b|"
-    r"from eskin import|helpers\.(devices|graphs|learning|live)|from benchmarks"
+    r"eskin\.(app|cli|learn|live|page\.viewer|sim\.(bench|demo|interactive)|stream)\b|"
+    r"from eskin import|helpers\.(devices|graphs|learning|live)|from lab"
 )
 """Imports of test files that need the recogniser, whose code compiles for minutes."""
 

@@ -9,10 +9,10 @@ import pytest
 
 from eskin.app import CALIBRATION, SourceConfig, nominal_calibration, open_source
 from eskin.drivers import DeviceSource, PlayedSource, SerialTransport, UdpTransport
-from eskin.drivers.virtual import PtyPort
 from eskin.errors import DeviceError, EskinError, RecordingError
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor
+from eskin.sim.virtual import PtyPort
 from eskin.skin import SKIN_PRESETS, load_skin, save_skin
 from eskin.touch import Calibration
 from helpers.devices import StillSimulator, small_skin

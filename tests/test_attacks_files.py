@@ -1,14 +1,6 @@
 """Tests of hostile files: every reader refuses them in one line, with its own error."""
 
 import pytest
-from benchmarks.attacks.files import FILES, NAMES
-from benchmarks.attacks.hostile_recordings import build_skin_writer, spread_rows
-from benchmarks.attacks.hostile_texts import (
-    SMALL,
-    squeeze_taxels,
-    stack_taxels,
-    write_card,
-)
 
 from eskin.app import SourceConfig, load_calibration
 from eskin.cli.checks import check_files
@@ -23,13 +15,22 @@ from eskin.errors import (
     RobotError,
     SkinError,
 )
+from eskin.learn.sets import convert_sleeve
 from eskin.live import check_weights, load_model
-from eskin.recording import convert_sleeve, load_ranges, read_recording
+from eskin.page.editing import load_replayed
+from eskin.recording import load_ranges, read_recording
 from eskin.recording.reader import parse_shared_skin
 from eskin.robot import load_robot, load_urdf
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import TouchPipeline
-from eskin.viewer.editing import load_replayed
+from lab.attacks.files import FILES, NAMES
+from lab.attacks.hostile_recordings import build_skin_writer, spread_rows
+from lab.attacks.hostile_texts import (
+    SMALL,
+    squeeze_taxels,
+    stack_taxels,
+    write_card,
+)
 
 
 def view(path):

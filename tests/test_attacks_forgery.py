@@ -1,7 +1,8 @@
-"""Tests of `benchmarks.attacks.forgery`: nothing forged is accepted."""
+"""Tests of `lab.attacks.forgery`: nothing forged is accepted."""
 
 import pytest
-from benchmarks.attacks.forgery import (
+
+from lab.attacks.forgery import (
     ATTACKS,
     BATCH,
     REQUEST_ATTACKS,

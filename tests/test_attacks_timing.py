@@ -1,8 +1,9 @@
 """Tests of the attacks on timing: the age of what is obeyed, and the time to a hold."""
 
 import pytest
-from benchmarks.attacks.delay import LIMIT, attack_timing
-from benchmarks.attacks.hold import hold_played
+
+from lab.attacks.delay import LIMIT, attack_timing
+from lab.attacks.hold import hold_played
 
 pytestmark = pytest.mark.slow
 

@@ -6,22 +6,22 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from benchmarks.scaling import time_sizes
 
-from eskin.bench import BenchScene, large_skin
-from eskin.bench.latency import (
+from eskin.live import Recognizer, load_model
+from eskin.robot import load_robot
+from eskin.sim.bench import BenchScene, large_skin
+from eskin.sim.bench.latency import (
     LatencyRow,
     TimedMethod,
     draw_random_clips,
     pin_to_one_core,
     time_in_turn,
 )
-from eskin.bench.scene import find_forearm_band, find_forearm_taxels
-from eskin.live import Recognizer, load_model
-from eskin.robot import load_robot
+from eskin.sim.bench.scene import find_forearm_band, find_forearm_taxels
 from eskin.skin import MountedSkin, check_skin
 from helpers.baselines import UR5
 from helpers.cli import call
+from lab.scaling import time_sizes
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +30,7 @@ KEYS = {"name", "p50_ms", "p99_ms", "max_ms", "taxels", "active", "steps", "rati
 
 @pytest.fixture(autouse=True)
 def short_warm_up(monkeypatch):
-    monkeypatch.setattr("eskin.bench.latency.WARM_UP", 10)
+    monkeypatch.setattr("eskin.sim.bench.latency.WARM_UP", 10)
 
 
 def test_a_row_for_every_scene_and_for_every_way_of_a_baseline(capsys):

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from eskin.learn.baselines.estimators import NearestNeighbours
-from eskin.learn.baselines.flat import FlatBaseline
-from eskin.learn.comparison import (
+from helpers.cli import call
+from helpers.clips import generated
+from lab.baselines.estimators import NearestNeighbours
+from lab.baselines.flat import FlatBaseline
+from lab.comparison import (
     AnsweredClips,
     BaselineMethod,
     MethodResult,
     read_results,
 )
-from eskin.learn.comparison.study import Variant, build_study_rows, plot_shares
-from helpers.cli import call
-from helpers.clips import generated
+from lab.comparison.study import Variant, build_study_rows, plot_shares
 
 pytestmark = pytest.mark.slow
 

@@ -8,11 +8,11 @@ import sys
 import pytest
 from serial import Serial
 
-from eskin.bench import throughput
-from eskin.cli import device
 from eskin.cli.main import run
 from eskin.drivers import Data, decode_packet
 from eskin.recording import Metadata, RecordingWriter
+from eskin.sim.bench import throughput
+from eskin.sim.commands import device
 from eskin.skin import build_grid_skin, save_skin
 from eskin.touch import Calibration
 from helpers.devices import (
@@ -139,7 +139,7 @@ def test_packets_that_leave_the_computer_are_announced(
 ):
     sent = []
     monkeypatch.setattr(
-        "eskin.drivers.virtual.UdpPort.send", lambda _, chunks: sent.append(chunks)
+        "eskin.sim.virtual.UdpPort.send", lambda _, chunks: sent.append(chunks)
     )
     words = ["device", skin, "--play", recording, "--rate", "1000"]
     assert run([*words, "--udp", "192.0.2.1:9750"]) == 0

@@ -4,8 +4,8 @@ import pytest
 
 from eskin.cli import doctor
 from eskin.drivers import HostClock, SerialPortInfo, UdpTransport
-from eskin.drivers.virtual import parse_fault
 from eskin.errors import ModelError
+from eskin.sim.virtual import parse_fault
 from eskin.skin import save_skin
 from helpers.cli import assert_refused, call, call_json
 from helpers.devices import playing, scans_of, small_skin, udp_skin

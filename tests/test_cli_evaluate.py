@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from eskin.cli.evaluate import (
+from eskin.learn.commands.evaluate import (
     CLIP_KEYS,
     describe,
     describe_delay,

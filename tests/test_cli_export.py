@@ -15,10 +15,14 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from eskin.cli.main import run
-from eskin.learn import to_network
+from eskin.learn.checkpoint import to_network
+from eskin.learn.nn import (
+    NetworkInput,
+    SlotIndex,
+    build_graph_tensors,
+)
 from eskin.learn.onnx_export import NAMES, StepInput, export_onnx
 from eskin.live import SLOT_NS, GraphStream, Recognizer, load_model
-from eskin.nn import NetworkInput, SlotIndex, build_graph_tensors
 from eskin.recording import Label, read_recording, write_bag
 from eskin.touch import TouchPipeline
 from helpers.cli import assert_refused, call_json

@@ -23,12 +23,12 @@ from eskin.command import SimulatedArm
 from eskin.drivers import HostClock, ManualClock, PlayedSource
 from eskin.errors import DeviceError
 from eskin.live import Recognizer
+from eskin.page.viewer import Viewer
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.skin import save_skin
 from eskin.stream import Recognition
 from eskin.touch import Calibration
-from eskin.viewer import Viewer
 from helpers.cli import call, call_json
 from helpers.devices import (
     PATIENCE,

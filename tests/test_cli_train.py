@@ -166,7 +166,7 @@ def test_model_is_kept_elsewhere_and_readable_if_its_disk_is_full(
             raise OSError(errno.ENOSPC, "No space left on device", str(path))
         save_model(path, model)
 
-    monkeypatch.setattr("eskin.cli.train.save_model", save)
+    monkeypatch.setattr("eskin.learn.commands.train.save_model", save)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     _, out = train(eve, "--out", tmp_path / "full" / "m", "--train.validation", "0")
     text = " ".join(out.split())

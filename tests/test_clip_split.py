@@ -5,11 +5,10 @@ import pytest
 
 pytest.importorskip("torch", reason="no torch; pip install '.[train]'")
 
-from benchmarks.clip_split import choose, split_clips
-
-from eskin.learn.comparison import find_examples
 from eskin.live import GraphConfig
 from helpers.clips import generated
+from lab.clip_split import choose, split_clips
+from lab.comparison import find_examples
 
 pytestmark = pytest.mark.slow
 

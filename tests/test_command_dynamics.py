@@ -14,19 +14,19 @@ from eskin.command import (
     SimulatedArm,
     load_commands,
 )
-from eskin.demo import (
+from eskin.drivers import ManualClock
+from eskin.errors import ArmError, ExtraError, RobotError
+from eskin.page import PageOrder
+from eskin.robot import Dynamics, Kinematics, ServoConfig, Wrench, load_robot
+from eskin.robot.presets import read_preset_urdf
+from eskin.sim.demo import (
     DemoConfig,
     LiveSource,
     SimulatedUser,
     SimulatedUserConfig,
     run_headless,
 )
-from eskin.demo.browser import PageOrderHandler
-from eskin.drivers import ManualClock
-from eskin.errors import ArmError, ExtraError, RobotError
-from eskin.page import PageOrder
-from eskin.robot import Dynamics, Kinematics, ServoConfig, Wrench, load_robot
-from eskin.robot.presets import read_preset_urdf
+from eskin.sim.demo.browser import PageOrderHandler
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.sim.interactive.skin import compute_wrenches
 from eskin.transforms import apply

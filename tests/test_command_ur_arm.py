@@ -6,14 +6,13 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from benchmarks.ur_stand_in import StandIn
 
 from eskin.app import open_arm
 from eskin.command import MotionConfig, Policy, PolicyConfig, UrArm
+from eskin.command.ur import PERIOD, UrLink
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
-from eskin.ur import PERIOD, UrLink
 from helpers.commands import (
     DEFAULT,
     INFO,
@@ -24,6 +23,7 @@ from helpers.commands import (
     make_ur_arm,
     pass_ur_time,
 )
+from lab.ur_stand_in import StandIn
 
 pytestmark = pytest.mark.slow
 
@@ -153,7 +153,7 @@ def test_failure_of_thread_holds_arm_for_good(caplog):
 
 @pytest.mark.skipif(find_spec("rtde_control") is not None, reason="ur_rtde is there")
 def test_missing_driver_is_refused():
-    with pytest.raises(ArmError, match="pip install 'eskin.ur.'"):
+    with pytest.raises(ArmError, match="pip install 'eskin.command.ur.'"):
         open_arm("ur://127.0.0.1")
 
 

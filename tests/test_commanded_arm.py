@@ -2,17 +2,8 @@
 
 import numpy as np
 import pytest
-from benchmarks.command_thresholds import (
-    TouchTrace,
-    choose,
-    choose_duration,
-    compute_wilson,
-    read_traces,
-    write_traces,
-)
-from benchmarks.commanded_arm import ROWS, compute_interval, count_obeyed, format_result
 
-from eskin.demo import (
+from eskin.sim.demo import (
     Attempt,
     CommandScore,
     DemoConfig,
@@ -24,6 +15,15 @@ from eskin.demo import (
 )
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent
+from lab.command_thresholds import (
+    TouchTrace,
+    choose,
+    choose_duration,
+    compute_wilson,
+    read_traces,
+    write_traces,
+)
+from lab.commanded_arm import ROWS, compute_interval, count_obeyed, format_result
 
 pytestmark = pytest.mark.slow
 

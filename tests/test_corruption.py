@@ -5,26 +5,26 @@ from functools import partial
 
 import numpy as np
 import pytest
-from benchmarks import robustness
-from benchmarks.corruption import DRIFT_SECONDS, DRIFT_START, KINDS, Corruption
 
-from eskin.learn.baselines import BASELINES, FitConfig, build_baseline
-from eskin.learn.baselines.estimators import RandomForest
-from eskin.learn.baselines.flat import FlatBaseline
-from eskin.learn.baselines.hand import HandBaseline
-from eskin.learn.comparison import (
-    METHODS,
-    AnsweredClips,
-    MethodResult,
-    TrainingTask,
-    find_examples,
-)
 from eskin.live import GraphBatch, GraphConfig
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from helpers.baselines import SMALL, UR5, toy
 from helpers.clips import generated
+from lab import robustness
+from lab.baselines import BASELINES, FitConfig, build_baseline
+from lab.baselines.estimators import RandomForest
+from lab.baselines.flat import FlatBaseline
+from lab.baselines.hand import HandBaseline
+from lab.comparison import (
+    METHODS,
+    AnsweredClips,
+    MethodResult,
+    TrainingTask,
+    find_examples,
+)
+from lab.corruption import DRIFT_SECONDS, DRIFT_START, KINDS, Corruption
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,11 @@ import pytest
 
 from eskin.cli.main import run
 from eskin.command import WAIT, Policy, PolicyConfig, SimulatedArm, load_commands
-from eskin.demo import (
+from eskin.drivers import ManualClock
+from eskin.live import Recognizer, load_model
+from eskin.page import PageOrder, TouchOrder
+from eskin.recording import TruthRecord
+from eskin.sim.demo import (
     Attempt,
     CommandScore,
     DemoConfig,
@@ -21,12 +25,8 @@ from eskin.demo import (
     run_headless,
     summarise_score,
 )
-from eskin.demo.browser import PageOrderHandler
-from eskin.demo.headless import SynchronousStream
-from eskin.drivers import ManualClock
-from eskin.live import Recognizer, load_model
-from eskin.page import PageOrder, TouchOrder
-from eskin.recording import TruthRecord
+from eskin.sim.demo.browser import PageOrderHandler
+from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent, Recognition
 
@@ -155,7 +155,7 @@ def test_demonstration_adds_up_repeats_and_waits_for_last_touch():
 
 def test_demo_command_prints_result(monkeypatch, capsys):
     result = DemoResult(score_commands(command(2.3)), 8.0, 0.0, 0, 2, (3.0, 4.0))
-    monkeypatch.setattr("eskin.demo.run_headless", lambda seconds, config: result)
+    monkeypatch.setattr("eskin.sim.demo.run_headless", lambda seconds, config: result)
     assert run(["demo", "--headless", "--json"]) == 0
     out = capsys.readouterr().out
     printed = json.loads(out.splitlines()[-1])

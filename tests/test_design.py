@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.cli.paint import SpecDraft
+from eskin.design.commands.paint import SpecDraft
 from eskin.errors import RobotError, SkinError
 from eskin.page import PaintOrder
 from eskin.robot import compute_surface_distance, load_robot, load_urdf

@@ -12,9 +12,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from benchmarks.fuzz.mutation import mutate
-from benchmarks.soak.cable import Cable
-from benchmarks.soak.stream import stream_simulated
 
 from eskin.drivers import (
     DeviceSource,
@@ -25,8 +22,13 @@ from eskin.drivers import (
     SerialTransport,
     UdpTransport,
 )
-from eskin.drivers.virtual import PtyPort, UdpPort, VirtualSkin, parse_fault
 from eskin.live import Detection, Recognizer, load_model, warm_up
+from eskin.sim.virtual import (
+    PtyPort,
+    UdpPort,
+    VirtualSkin,
+    parse_fault,
+)
 from eskin.stream import Recognition, Stream
 from eskin.touch import Scan
 from helpers.devices import (
@@ -41,6 +43,9 @@ from helpers.devices import (
 )
 from helpers.modules import ScriptedTransport
 from helpers.streams import Ear
+from lab.fuzz.mutation import mutate
+from lab.soak.cable import Cable
+from lab.soak.stream import stream_simulated
 
 pytestmark = pytest.mark.slow
 

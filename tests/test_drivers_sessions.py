@@ -26,8 +26,13 @@ from eskin.drivers import (
     read_key,
 )
 from eskin.drivers.sessions import CounterWindow
-from eskin.drivers.virtual import PtyPort, UdpPort, VirtualPatch, VirtualSkin
 from eskin.errors import DeviceError, PacketError
+from eskin.sim.virtual import (
+    PtyPort,
+    UdpPort,
+    VirtualPatch,
+    VirtualSkin,
+)
 from helpers.devices import (
     RATE,
     calibration_of,

@@ -17,14 +17,14 @@ from eskin.drivers import (
     Status,
     decode_packet,
 )
-from eskin.drivers.virtual import (
+from eskin.errors import DeviceError
+from eskin.sim.virtual import (
     PtyPort,
     UdpPort,
     VirtualPatch,
     VirtualSkin,
     resample_scans,
 )
-from eskin.errors import DeviceError
 from eskin.skin import build_grid_skin, load_skin
 from eskin.touch import Scan
 from helpers.devices import (

@@ -7,20 +7,19 @@ import pytest
 
 pytest.importorskip("torch", reason="no torch; pip install '.[train]'")
 
-from benchmarks.few_examples import (
+from eskin.learn.dataset import prepare
+from eskin.learn.ground_truth import read_clips
+from eskin.recording import read_recording
+from helpers.clips import generated
+from helpers.learning import record
+from lab.few_examples import (
     describe_rows,
     find_nearest,
     find_people,
     format_share,
     split,
 )
-from benchmarks.recorded_examples import RecordedExamples, write_clip
-
-from eskin.learn.dataset import prepare
-from eskin.learn.ground_truth import read_clips
-from eskin.recording import read_recording
-from helpers.clips import generated
-from helpers.learning import record
+from lab.recorded_examples import RecordedExamples, write_clip
 
 pytestmark = pytest.mark.slow
 

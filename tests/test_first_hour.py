@@ -7,7 +7,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from benchmarks.first_hour import (
+
+from eskin.cli.main import load_command, parse, split_command
+from lab.first_hour import (
     PAGE,
     Step,
     find_detections,
@@ -15,8 +17,6 @@ from benchmarks.first_hour import (
     read_steps,
     run_step,
 )
-
-from eskin.cli.main import load_command, parse, split_command
 
 STEPS = read_steps()
 

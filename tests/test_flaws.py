@@ -5,21 +5,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks.flaws.hands import Hand, set_creep
-from benchmarks.flaws.kept import append_result, read_results
-from benchmarks.flaws.real import keep_apart
-from benchmarks.flaws.report import describe_details, describe_figures, list_misses
-from benchmarks.flaws.rows import FLAWED, REFERENCES, ROWS
-from benchmarks.flaws.scoring import Sample, Trail, TrueContact, score_touch
-from benchmarks.flaws.stream import BuildPlan, BuildResult
-from benchmarks.flaws.touches import Command
-from benchmarks.flaws.watch import RestCount, Watcher
 
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor import FAMILIES, draw_flawed_build
 from eskin.skin import build_grid_skin
 from eskin.touch import TouchStatus
 from eskin.units import NS_PER_S
+from lab.flaws.hands import Hand, set_creep
+from lab.flaws.kept import append_result, read_results
+from lab.flaws.real import keep_apart
+from lab.flaws.report import describe_details, describe_figures, list_misses
+from lab.flaws.rows import FLAWED, REFERENCES, ROWS
+from lab.flaws.scoring import Sample, Trail, TrueContact, score_touch
+from lab.flaws.stream import BuildPlan, BuildResult
+from lab.flaws.touches import Command
+from lab.flaws.watch import RestCount, Watcher
 
 HERE, AWAY = np.zeros(3), np.array([0.5, 0.0, 0.0])
 FIRST, LAST = 10, 30

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.learn import to_network
+from eskin.learn.checkpoint import to_network
 from eskin.live import load_model
 from eskin.recording import EventRecord, Label, Metadata, TruthRecord, read_recording
 

@@ -4,17 +4,17 @@ import random
 
 import numpy as np
 import pytest
-from benchmarks.fuzz.command_maps import CommandsTarget
-from benchmarks.fuzz.decoder import DecoderTarget
-from benchmarks.fuzz.models import ModelTarget
-from benchmarks.fuzz.recordings import RecordingTarget
-from benchmarks.fuzz.robots import RobotTarget
-from benchmarks.fuzz.run import HangError, fuzz, where
-from benchmarks.fuzz.skin_files import BETWEEN, SkinTarget
-from benchmarks.fuzz.target import Target
 
 from eskin.errors import SkinError
 from eskin.skin import build_grid_skin, load_skin, skin_from_bytes, skin_to_bytes
+from lab.fuzz.command_maps import CommandsTarget
+from lab.fuzz.decoder import DecoderTarget
+from lab.fuzz.models import ModelTarget
+from lab.fuzz.recordings import RecordingTarget
+from lab.fuzz.robots import RobotTarget
+from lab.fuzz.run import HangError, fuzz, where
+from lab.fuzz.skin_files import BETWEEN, SkinTarget
+from lab.fuzz.target import Target
 
 
 @pytest.mark.slow

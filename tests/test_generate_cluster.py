@@ -69,7 +69,7 @@ def test_share_is_refused_where_the_code_is_another():
 
 
 def test_share_has_the_bytes_of_a_file_that_is_made_alone(tmp_path):
-    from eskin.code_digest import digest_code
+    from eskin.compiled import digest_code
 
     generate(tmp_path, SETTINGS, factory=StandIn)
     version = digest_code("eskin.sim.dataset.cluster")

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-import eskin.cli.generate as command
+import eskin.sim.commands.generate as command
 from eskin.cli.main import run
 from eskin.sim import load_constants
 from eskin.sim.dataset import generate

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from benchmarks.json_lines import append_results, read_results
+from lab.json_lines import append_results, read_results
 
 
 @dataclass

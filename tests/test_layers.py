@@ -1,6 +1,7 @@
 """Tests of dependencies: packages import one way, and nothing reads code as data."""
 
 import ast
+import re
 from graphlib import TopologicalSorter
 
 import pytest
@@ -8,62 +9,64 @@ import pytest
 from helpers.source import MODULES, SOURCE, name_module, parse_module
 
 # What each package may import, nearest first; what those may import is allowed too.
-BELOW = {
+PRODUCT = {
     "errors": (),
-    "transforms": (),
-    "code_digest": (),
-    "compiled": (),
-    "structref_kernels": ("compiled",),
-    "closing": (),
-    "extras": ("errors",),
-    "files": (),
-    "plain_yaml": (),
-    "progress": (),
     "units": (),
-    "robot": ("transforms", "errors", "extras", "files", "compiled"),
-    "skin": ("robot", "files", "plain_yaml"),
-    "touch": ("skin", "structref_kernels", "units"),
-    "calibration": ("touch",),
-    "graph": ("touch",),
+    "transforms": (),
+    "files": (),
+    "progress": (),
+    "compiled": (),
+    "registry": ("errors",),
+    "robot": ("transforms", "registry", "files", "compiled"),
+    "skin": ("robot",),
+    "touch": ("skin", "units"),
     "recording": ("touch",),
-    "model": ("graph", "recording"),
-    "nn": ("model",),
-    "learn": ("nn", "live", "code_digest", "progress"),
-    "drivers": ("recording", "closing"),
-    "design": ("drivers",),
-    "live": ("model", "recording"),
+    "live": ("recording",),
+    "calibration": ("touch",),
+    "drivers": ("recording", "progress"),
     "stream": ("live", "drivers"),
-    "sim": ("recording", "extras", "code_digest"),
-    "ur": (),
-    "command": ("stream", "ur"),
-    "page": ("transforms", "errors"),
-    "viewer": ("stream", "page"),
-    "bus": ("stream", "page", "extras", "closing"),
-    "demo": ("command", "viewer", "sim"),
-    "bench": ("learn", "stream"),
+    "command": ("stream",),
+    "page": ("stream",),
+    "bus": ("page",),
+    "app": ("command",),
+    "cli": ("app", "bus", "calibration"),
 }
+LEAVES = {
+    "learn": ("cli",),
+    "sim": ("learn",),
+    "design": ("cli",),
+}
+"""Optional packages, which nothing in the product imports."""
+BELOW = PRODUCT | LEAVES
 # What the subpackages of each package may import of it; "" is its modules at the root.
 INSIDE = {
-    "drivers": {"": (), "virtual": ("",)},
     "learn": {
-        "": (),
-        "baselines": ("",),
+        "": ("nn",),
+        "nn": (),
+        "sets": (),
         "events": ("",),
-        "comparison": ("baselines", "events"),
+        "commands": ("sets", "events"),
     },
+    "design": {"": (), "commands": ("",)},
     "sim": {
         "": (),
+        "virtual": (),
         "contact": ("",),
         "people": ("contact",),
         "scene": ("people",),
         "sensor": ("",),
         "dataset": ("scene", "sensor"),
         "interactive": ("dataset",),
+        "demo": ("interactive",),
+        "bench": ("virtual",),
+        "commands": ("demo", "bench"),
     },
 }
-TOP = {"cli", "app", "__init__", "__main__"}
+TOP = {"__init__", "__main__"}
+REGISTRY = "registry"
+"""The only module of the product that names leaves, for commands and sources."""
 HEAVY = {"torch", "sklearn", "matplotlib"}
-CORE = set(BELOW) - {"nn", "learn", "bench"}
+CORE = set(BELOW) - {"learn"}
 # Modules and calls by which bytes of others become code.
 UNSAFE_MODULES = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
 UNSAFE_CALLS = {"yaml.unsafe_load", "yaml.full_load", "joblib.load", "eval", "exec"}
@@ -132,6 +135,41 @@ def test_subpackage_imports_only_what_lies_below_it(package):
             assert set(find_subpackage_imports(package, path)) <= allowed, path
 
 
+def test_product_imports_neither_leaf_nor_laboratory():
+    for path in MODULES:
+        names = set(find_imports(path))
+        assert "lab" not in {name.split(".")[0] for name in names}, path
+        if get_package(path) not in LEAVES:
+            found = {name.split(".")[1] for name in names if name.startswith("eskin.")}
+            assert not found & set(LEAVES), path
+
+
+def test_only_the_registry_names_leaves():
+    pattern = re.compile(rf"""["'](?:eskin\.)?(?:{"|".join(LEAVES)})\.""")
+    for path in MODULES:
+        package = get_package(path)
+        if package not in LEAVES and package != REGISTRY:
+            assert not pattern.search(path.read_text()), path
+
+
+def test_packages_have_no_cycle_and_are_printed(capsys):
+    arrows, below = set(), {package: set() for package in BELOW}
+    for path in MODULES:
+        for name in find_imports(path):
+            pair = get_package(path), *name.split(".")[1:2]
+            if name.startswith("eskin.") and pair[0] in BELOW and pair[0] != pair[1]:
+                arrows.add(pair)
+                below[pair[0]].add(pair[1])
+    depth = {}
+    for package in TopologicalSorter(below).static_order():
+        depth[package] = 1 + max((depth[each] for each in below[package]), default=0)
+    with capsys.disabled():
+        print(
+            f"\n{len(below)} packages and modules of eskin, depth "
+            f"{max(depth.values())}, {len(arrows)} arrows"
+        )
+
+
 def test_modules_form_no_import_cycle():
     graph = {}
     for path in MODULES:
@@ -143,7 +181,8 @@ def test_modules_form_no_import_cycle():
 
 def test_core_imports_no_package_of_training():
     for path in MODULES:
-        if get_package(path) in CORE:
+        is_set = path.parent == SOURCE / "learn" / "sets"
+        if get_package(path) in CORE or is_set:
             names = {name.split(".")[0] for name in find_imports(path, True)}
             assert not names & HEAVY, path
 
@@ -169,5 +208,5 @@ def find_classes(paths):
 def test_no_class_name_stands_for_two_things():
     names = find_classes(MODULES)
     assert len(set(names)) == len(names)
-    benchmarks = SOURCE.parents[1] / "benchmarks"
-    assert not set(names) & set(find_classes(benchmarks.rglob("*.py")))
+    lab = SOURCE.parents[1] / "lab"
+    assert not set(names) & set(find_classes(lab.rglob("*.py")))

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from benchmarks import leaks
-from benchmarks.leaks import check_chance, onsets, windows_before_contact
 
-from eskin.learn.baselines.interface import TOUCHED, SkinWindows
-from eskin.learn.comparison import find_examples
 from eskin.learn.evaluation import ClipPredictions
 from eskin.recording import NONE
 from eskin.sim.dataset import GenerationSettings, generate
 from helpers.simulation import build_small_simulator
+from lab import leaks
+from lab.baselines.interface import TOUCHED, SkinWindows
+from lab.comparison import find_examples
+from lab.leaks import check_chance, onsets, windows_before_contact
 
 pytestmark = pytest.mark.slow
 
@@ -44,7 +44,7 @@ def test_windows_before_contact_keep_the_readings_before_it(examples):
 def test_clips_that_begin_in_contact_are_left_out(examples, monkeypatch):
     since = onsets(examples)
     since[0] = 0.0
-    monkeypatch.setattr("benchmarks.leaks.onsets", lambda examples: since)
+    monkeypatch.setattr("lab.leaks.onsets", lambda examples: since)
     assert 0 not in windows_before_contact(examples)[1]
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from eskin.errors import SkinMismatchError
-from eskin.learn.baselines import (
+from helpers.baselines import SMALL, toy
+from helpers.live import mounted
+from lab.baselines import (
     BASELINES,
     NETWORKS,
     READINGS,
@@ -15,11 +17,9 @@ from eskin.learn.baselines import (
     SkinWindows,
     build_baseline,
 )
-from eskin.learn.baselines.estimators import GradientBoosting, RandomForest
-from eskin.learn.baselines.hand import HandBaseline
-from eskin.learn.baselines.interface import RollingWindow
-from helpers.baselines import SMALL, toy
-from helpers.live import mounted
+from lab.baselines.estimators import GradientBoosting, RandomForest
+from lab.baselines.hand import HandBaseline
+from lab.baselines.interface import RollingWindow
 
 pytestmark = pytest.mark.slow
 

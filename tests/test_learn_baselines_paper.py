@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.learn.baselines.paper import LAYERS, NodeSelector, PaperNetwork
 from eskin.live import find_live_neighbours
 from helpers.baselines import UR5
 from helpers.graphs import FOLDED
+from lab.baselines.paper import LAYERS, NodeSelector, PaperNetwork
 
 pytestmark = pytest.mark.slow
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.learn.baselines.paper import PaperNetwork
 from eskin.skin import MountedSkin
 from helpers.graphs import book
+from lab.baselines.paper import PaperNetwork
 
 pytestmark = pytest.mark.slow
 

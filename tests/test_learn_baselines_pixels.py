@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.learn.baselines.convolution import (
+from eskin.skin import Patch, Plane, TaxelGrid, Tube, build_skin, load_skin
+from helpers.baselines import UR5
+from helpers.graphs import motion
+from lab.baselines.convolution import (
     PIXEL_HEIGHT,
     PIXELS_AROUND,
     Cnn3d,
@@ -14,10 +17,7 @@ from eskin.learn.baselines.convolution import (
     build_patch_image,
     build_unrolled_image,
 )
-from eskin.learn.baselines.flat import PRESSURE_UNIT, TIME_BINS, compute_bins
-from eskin.skin import Patch, Plane, TaxelGrid, Tube, build_skin, load_skin
-from helpers.baselines import UR5
-from helpers.graphs import motion
+from lab.baselines.flat import PRESSURE_UNIT, TIME_BINS, compute_bins
 
 GAP = 0.0103  # between taxels of a patch that is laid here [m]
 CAPS = "elbow_cap", "wrist_1_cap"

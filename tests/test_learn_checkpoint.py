@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from eskin.errors import ModelError
-from eskin.learn import checkpoint as module
 from eskin.learn.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 
 CHECKPOINT = Checkpoint(

@@ -8,8 +8,16 @@ import pytest
 import torch
 
 from eskin.errors import EskinError, RecordingError
-from eskin.learn.baselines import READINGS
-from eskin.learn.comparison import (
+from eskin.learn.ground_truth import read_clips
+from eskin.learn.nn import build_graph_tensors
+from eskin.live import LENGTH_CM, NetworkConfig
+from eskin.recording import read_recording
+from eskin.touch import TouchPipeline
+from helpers.clips import generated
+from helpers.graphs import orthogonal, random_graph, turned
+from helpers.learning import record_people
+from lab.baselines import READINGS
+from lab.comparison import (
     METHODS,
     Method,
     TrainingTask,
@@ -17,16 +25,8 @@ from eskin.learn.comparison import (
     find_stale,
     run_tasks,
 )
-from eskin.learn.comparison.encoders import ENCODERS
-from eskin.learn.comparison.examples import LARGEST_PRESSURE, cut_clip_windows
-from eskin.learn.ground_truth import read_clips
-from eskin.live import LENGTH_CM, NetworkConfig
-from eskin.nn import build_graph_tensors
-from eskin.recording import read_recording
-from eskin.touch import TouchPipeline
-from helpers.clips import generated
-from helpers.graphs import orthogonal, random_graph, turned
-from helpers.learning import record_people
+from lab.comparison.encoders import ENCODERS
+from lab.comparison.examples import LARGEST_PRESSURE, cut_clip_windows
 
 pytestmark = pytest.mark.slow
 
@@ -100,9 +100,7 @@ def test_slots_without_reading_repeat_the_previous_one(a, monkeypatch):
                 np.full(len(recording.joint_names), slot),
             )
 
-    monkeypatch.setattr(
-        "eskin.learn.comparison.examples.read_pressures", read_pressures
-    )
+    monkeypatch.setattr("lab.comparison.examples.read_pressures", read_pressures)
     pressure, _ = cut_clip_windows(path)
     held = np.repeat([0, 10, 60], [10, 50, 40])
     np.testing.assert_array_equal(pressure[0, :, -1], held)

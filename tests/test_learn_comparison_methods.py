@@ -6,10 +6,16 @@ from inspect import signature
 
 import numpy as np
 import pytest
-from benchmarks.crossvalidation import Standardised
 
-from eskin.learn.baselines import PaperBaseline
-from eskin.learn.baselines.estimators import (
+from eskin.learn.evaluation import ClipPredictions
+from eskin.learn.nn import build_graph_tensors
+from eskin.learn.training import Trainer
+from eskin.live import GraphConfig
+from helpers.clips import generated
+from helpers.graphs import random_graph
+from helpers.learning import TINY
+from lab.baselines import PaperBaseline
+from lab.baselines.estimators import (
     GradientBoosting,
     LinearDiscriminant,
     NearestNeighbours,
@@ -17,8 +23,8 @@ from eskin.learn.baselines.estimators import (
     RandomForest,
     SupportVectors,
 )
-from eskin.learn.baselines.flat import FlatBaseline
-from eskin.learn.comparison import (
+from lab.baselines.flat import FlatBaseline
+from lab.comparison import (
     ABLATIONS,
     METHODS,
     BaselineMethod,
@@ -27,16 +33,10 @@ from eskin.learn.comparison import (
     find_examples,
     methods,
 )
-from eskin.learn.comparison.encoders import ENCODERS
-from eskin.learn.comparison.methods import build_touch_rows
-from eskin.learn.comparison.study import Variant
-from eskin.learn.evaluation import ClipPredictions
-from eskin.learn.training import Trainer
-from eskin.live import GraphConfig
-from eskin.nn import build_graph_tensors
-from helpers.clips import generated
-from helpers.graphs import random_graph
-from helpers.learning import TINY
+from lab.comparison.encoders import ENCODERS
+from lab.comparison.methods import build_touch_rows
+from lab.comparison.study import Variant
+from lab.crossvalidation import Standardised
 
 pytestmark = pytest.mark.slow
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from eskin.cli.compare import group_results
-from eskin.learn.comparison import (
+from lab.compare import group_results
+from lab.comparison import (
     AnsweredClips,
     Lead,
     MethodResult,

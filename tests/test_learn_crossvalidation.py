@@ -5,8 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from benchmarks import crossvalidation
-from benchmarks.crossvalidation import (
+
+from eskin.errors import RecordingError
+from eskin.learn.dataset import prepare
+from eskin.learn.training import Trainer
+from helpers.learning import AS_RECORDED, TINY, record_people
+from lab import crossvalidation
+from lab.baselines.estimators import RandomForest
+from lab.baselines.hand import compute_features
+from lab.crossvalidation import (
     CNN,
     ON_FEATURES,
     classify_instants,
@@ -15,13 +22,6 @@ from benchmarks.crossvalidation import (
     train_folds,
     window_features,
 )
-
-from eskin.errors import RecordingError
-from eskin.learn.baselines.estimators import RandomForest
-from eskin.learn.baselines.hand import compute_features
-from eskin.learn.dataset import prepare
-from eskin.learn.training import Trainer
-from helpers.learning import AS_RECORDED, TINY, record_people
 
 pytestmark = pytest.mark.slow
 

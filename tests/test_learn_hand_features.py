@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from benchmarks.crossvalidation import compute_segment_features
 
-from eskin.learn.baselines.hand import BANDS, compute_band_powers, compute_features
 from eskin.learn.dataset import prepare
 from helpers.learning import record
+from lab.baselines.hand import BANDS, compute_band_powers, compute_features
+from lab.crossvalidation import compute_segment_features
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from benchmarks.simulation.ceiling import wilson_interval
 from sklearn.metrics import (
     accuracy_score,
     confusion_matrix,
@@ -17,6 +16,7 @@ from eskin.learn.metrics import (
     score_predictions,
 )
 from eskin.learn.plots import draw_confusion, draw_reliability
+from lab.simulation.ceiling import wilson_interval
 
 NAMES = ("none", "hold", "tap")
 

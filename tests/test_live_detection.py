@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from eskin.compiled import pack
 from eskin.live.detection import DirectionTracker
-from eskin.structref_kernels import pack
 from eskin.touch import (
     NO_TOUCHES,
     TOUCH,

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from benchmarks.live_parts import SequenceWindow, compute_features
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 from numba.core.runtime.nrt import rtsys
 
@@ -31,6 +30,7 @@ from helpers.live import (
     scans,
     two_hands,
 )
+from lab.live_parts import SequenceWindow, compute_features
 
 pytestmark = pytest.mark.slow
 

@@ -6,19 +6,19 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from benchmarks.live_parts import SequenceWindow, compute_features
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eskin.learn.nn import SlotIndex, build_graph_tensors
 from eskin.live import SLOT_NS, Network
 from eskin.live.kernels import activate
-from eskin.nn import SlotIndex, build_graph_tensors
 from helpers.graphs import (
     LOADS,
     add_nodes_at_rest,
     random_graph,
 )
 from helpers.live import model_of, network
+from lab.live_parts import SequenceWindow, compute_features
 
 
 @cache

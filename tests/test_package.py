@@ -115,7 +115,7 @@ def test_installed_wheel_imports_nothing_that_only_training_needs(environment):
     for name in NOT_NEEDED:
         check = f"import importlib.util as u; print(u.find_spec({name!r}))"
         assert call(environment, "-I", "-c", check).strip() == "None"
-    words = "eskin.app, eskin.live, eskin.stream, eskin.viewer, eskin.bus, eskin.sim"
+    words = "eskin.app, eskin.live, eskin.stream, eskin.page, eskin.bus, eskin.sim"
     script = f"import {words}; print(eskin.__file__)"
     where = call(environment, "-I", "-c", script)
     assert Path(where.strip()).is_relative_to(environment.parents[1])

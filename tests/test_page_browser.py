@@ -8,20 +8,23 @@ import numpy as np
 import pytest
 
 from eskin.cli.guided import build_place
+from eskin.design.paint_viewer import PaintViewer
 from eskin.page import ArmSummary, GuideBoard, LogEntry
+from eskin.page.calibration_viewer import CalibrationViewer
 from eskin.page.link import free_port
+from eskin.page.process import PageProcess
+from eskin.page.viewer import ViewerConfig
 from eskin.touch import Calibration, Scan, TouchPipeline
-from eskin.viewer import CalibrationViewer, PaintViewer, ViewerConfig
-from eskin.viewer.process import PageProcess
 from helpers.viewer import Q, make_setup, make_update, mounted
 
 pytest.importorskip("playwright.sync_api", reason="no playwright; pip install '.[dev]'")
 pytest.importorskip("PIL.Image", reason="no pillow; pip install '.[dev]'")
 
-from benchmarks.browser import CHROMIUM, EYE, PATIENCE, Canvas, chromium, new_tab, see
-from benchmarks.served_demo import ServedDemo
-from benchmarks.visit import Visit, becomes
 from PIL import Image
+
+from lab.browser import CHROMIUM, EYE, PATIENCE, Canvas, chromium, new_tab, see
+from lab.served_demo import ServedDemo
+from lab.visit import Visit, becomes
 
 if not CHROMIUM.exists():
     pytest.skip(f"no {CHROMIUM}; apt-get install chromium", allow_module_level=True)

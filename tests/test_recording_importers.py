@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from eskin.errors import ImportSourceError
-from eskin.recording import (
+from eskin.learn.sets import (
     convert_shearsense,
     convert_sleeve,
     convert_socialtouch,
-    read_recording,
 )
-from eskin.recording.shearsense import (
+from eskin.learn.sets.shearsense import (
     find_shearsense_files,
     parse_participant,
     parse_support,
 )
-from eskin.recording.socialtouch import GESTURES
+from eskin.learn.sets.socialtouch import GESTURES
+from eskin.recording import read_recording
 from eskin.skin import load_skin
 from helpers.socialtouch import HEADER, pressed, text_of, write_socialtouch
 

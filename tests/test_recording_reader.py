@@ -7,7 +7,6 @@ import zlib
 import numpy as np
 import pytest
 import zstandard
-from benchmarks.fuzz.recordings import RecordingTarget, joined
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -32,6 +31,7 @@ from helpers.recordings import (
     make_scans,
     write_recording,
 )
+from lab.fuzz.recordings import RecordingTarget, joined
 
 OPCODES = {
     Chunk: Opcode.CHUNK,

@@ -1,12 +1,12 @@
-"""`benchmarks.results`: the training of each table."""
+"""`lab.results`: the training of each table."""
 
 import pytest
-from benchmarks.results import OF_581, Command, build_task, describe_trainings
 
-from eskin.learn.comparison import METHODS, MethodResult
-from eskin.learn.comparison.results import KeptResult, keep_result
 from eskin.sim.dataset import GenerationSettings
 from helpers.clips import generated
+from lab.comparison import METHODS, MethodResult
+from lab.comparison.results import KeptResult, keep_result
+from lab.results import OF_581, Command, build_task, describe_trainings
 
 
 @pytest.mark.parametrize(("trained_on", "clips"), OF_581.items())

@@ -5,20 +5,20 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from eskin.demo import same_touch
 
 from eskin.cli.main import run
-from eskin.demo import same_touch
-from eskin.demo.comparison import ComparisonListener, play_touches
-from eskin.demo.same_touch import (
+from eskin.page import Answer, ComparisonBoard
+from eskin.page.board import render_board
+from eskin.sim.scene import are_collision_free
+from helpers.worlds import world
+from lab.same_touch.board import ComparisonListener, play_touches
+from lab.same_touch.touches import (
     RecognitionResult,
     draw_touches,
     load_both_models,
     recognise_touch,
 )
-from eskin.page import Answer, ComparisonBoard
-from eskin.page.board import render_board
-from eskin.sim.scene import are_collision_free
-from helpers.worlds import world
 
 pytestmark = pytest.mark.slow
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.public_sets import SETS, Group, read_trials
-from benchmarks.recogniser import Command, evaluate_clips
-from benchmarks.simulated_sets import made_set
-from benchmarks.textbook.sweeps import run
-from benchmarks.transfer import TransferSetting, answer_trials, compute_results
 
 from eskin.live import Recognizer, load_model
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
+from lab.public_sets import SETS, Group, read_trials
+from lab.recogniser import Command, evaluate_clips
+from lab.simulated_sets import made_set
+from lab.textbook.sweeps import run
+from lab.transfer import TransferSetting, answer_trials, compute_results
 
 pytestmark = pytest.mark.slow
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.skin_distance import surface_distances
 from scipy.spatial import KDTree
 
 from eskin.sim import load_constants
@@ -33,6 +32,7 @@ from helpers.contacts import (
     force_on,
     press,
 )
+from lab.skin_distance import surface_distances
 
 CONSTANTS = load_constants()
 ACROSS = np.pi / 2

@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
-from benchmarks.simulation.ceiling import wilson_interval
-from benchmarks.simulation.clips import as_tap, calibrate_counts, simulate_session
-from benchmarks.simulation.confusion import counted, pairs_check
-from benchmarks.simulation.features import NAMES, clip_features
-from benchmarks.simulation.forest import compute_spread
-from benchmarks.simulation.leakage import over_people
-from benchmarks.simulation.remains import EDGES, compute_histogram
-from benchmarks.simulation.true_features import true_features
 
 from eskin.sim.dataset import GenerationSettings
 from eskin.touch import Calibration
 from helpers.worlds import SMALL_POOL
+from lab.simulation.ceiling import wilson_interval
+from lab.simulation.clips import as_tap, calibrate_counts, simulate_session
+from lab.simulation.confusion import counted, pairs_check
+from lab.simulation.features import NAMES, clip_features
+from lab.simulation.forest import compute_spread
+from lab.simulation.leakage import over_people
+from lab.simulation.remains import EDGES, compute_histogram
+from lab.simulation.true_features import true_features
 
 AREAS = np.full(2, 1e-4)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-import eskin.cli.generate as command
+import eskin.sim.commands.generate as command
 from eskin.cli.main import run
 from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording

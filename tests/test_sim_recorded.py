@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from eskin.errors import GenerationError, ImportSourceError
-from eskin.recording import find_recordings, read_recording
-from eskin.recording.socialtouch import GESTURES, Repetition
-from eskin.recording.socialtouch_classes import (
+from eskin.learn.sets.socialtouch import GESTURES, Repetition
+from eskin.learn.sets.socialtouch_classes import (
     GROUP_NUMBERS,
     classify_repetition,
     count_presses,
 )
+from eskin.recording import find_recordings, read_recording
 from eskin.sim import load_constants
 from eskin.sim.contact.movie import compute_movie_field, compute_movie_force
 from eskin.sim.contact.press import ContactSite, MoviePress

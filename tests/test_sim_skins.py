@@ -6,8 +6,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eskin.cli.generate import SKINS
 from eskin.sim import load_constants
+from eskin.sim.commands.generate import SKINS
 from eskin.sim.dataset import GenerationSettings, Simulator
 from eskin.sim.dataset.sets import CLASSES
 from eskin.sim.dataset.staging import set_up_clip

@@ -7,8 +7,13 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from benchmarks.simulation import mujoco_contact
-from benchmarks.simulation.bands import (
+
+from eskin.errors import ExtraError
+from eskin.sim import load_constants
+from eskin.sim.contact.pressure import compute_pressure_field
+from helpers.contacts import CHARTS, FINGERS, FLAT, TIP, TUBE, field, press
+from lab.simulation import mujoco_contact
+from lab.simulation.bands import (
     BANDS,
     SIZES,
     build_forearm,
@@ -19,21 +24,16 @@ from benchmarks.simulation.bands import (
     spectrum_checks,
     stroke_check,
 )
-from benchmarks.simulation.check import as_table, at_most, ordered, within
-from benchmarks.simulation.element import element_checks
-from benchmarks.simulation.mujoco_contact import (
+from lab.simulation.check import as_table, at_most, ordered, within
+from lab.simulation.element import element_checks
+from lab.simulation.mujoco_contact import (
     MujocoScene,
     agreement,
     feel_in_mujoco,
     sheet_about,
 )
-from benchmarks.simulation.physics import physics_checks
-from benchmarks.simulation.rig import COST, measure, rig_checks
-
-from eskin.errors import ExtraError
-from eskin.sim import load_constants
-from eskin.sim.contact.pressure import compute_pressure_field
-from helpers.contacts import CHARTS, FINGERS, FLAT, TIP, TUBE, field, press
+from lab.simulation.physics import physics_checks
+from lab.simulation.rig import COST, measure, rig_checks
 
 CONSTANTS = load_constants()
 # Fewer points than in earnest, to be quick.

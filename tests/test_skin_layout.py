@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from benchmarks.skin_distance import surface_distances
 
 from eskin.skin import (
     Dome,
@@ -15,6 +14,7 @@ from eskin.skin import (
     fit_surface,
 )
 from eskin.transforms import apply, make_transform, random_rotation, rotate
+from lab.skin_distance import surface_distances
 
 RNG = np.random.default_rng(3)
 T_LINK_SURFACE = make_transform(random_rotation(RNG), RNG.standard_normal(3))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.soak.kill import kill_often
 
 from eskin.drivers import Event
 from eskin.errors import RecordingError, StreamError
@@ -26,6 +25,7 @@ from helpers.streams import (
     played,
     same_scans,
 )
+from lab.soak.kill import kill_often
 
 pytestmark = pytest.mark.slow
 

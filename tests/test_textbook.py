@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import textbook
-from benchmarks.textbook.__main__ import Command, main
-from benchmarks.textbook.clips import NOISE, build_clip
-from benchmarks.textbook.draws import CLIP, TOUCHES, draw_touch
-from benchmarks.textbook.report import share, table, verdicts
-from benchmarks.textbook.skins import GAIN, REST, build_site
-from benchmarks.textbook.sweeps import FACTORS, Point, draw_setting
-from benchmarks.textbook.touches import Spot, TextbookTouch, compute_semi_axes
+
+from lab import textbook
+from lab.textbook.__main__ import Command, main
+from lab.textbook.clips import NOISE, build_clip
+from lab.textbook.draws import CLIP, TOUCHES, draw_touch
+from lab.textbook.report import share, table, verdicts
+from lab.textbook.skins import GAIN, REST, build_site
+from lab.textbook.sweeps import FACTORS, Point, draw_setting
+from lab.textbook.touches import Spot, TextbookTouch, compute_semi_axes
 
 PITCH = 0.008
 

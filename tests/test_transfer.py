@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks import public_sets, transfer
-from benchmarks.public_sets import SETS, Group, Trial
-from benchmarks.transfer import TransferSetting, TrialAnswer
 
 from eskin import load_model
 from helpers.socialtouch import pressed, text_of, write_socialtouch
+from lab import public_sets, transfer
+from lab.public_sets import SETS, Group, Trial
+from lab.transfer import TransferSetting, TrialAnswer
 
 SOCIAL = SETS["socialtouch"]
 SETTING = TransferSetting(4.0, 40.0, 50.0)

@@ -19,13 +19,22 @@ from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
 from eskin.live import Detection, Recognizer
 from eskin.page import CorrectionOrder, PageOrder, TouchOrder
+from eskin.page.appearance import build_link_meshes
 from eskin.page.link import free_port
+from eskin.page.process import (
+    MAX_IN_FLIGHT,
+    MAX_ORDERS,
+    PageProcess,
+)
+from eskin.page.viewer import (
+    MAX_LOG_ENTRIES,
+    FrameEncoder,
+    Viewer,
+    ViewerConfig,
+    describe_arm,
+)
 from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
-from eskin.viewer import Viewer, ViewerConfig
-from eskin.viewer.appearance import build_link_meshes
-from eskin.viewer.process import MAX_IN_FLIGHT, MAX_ORDERS, PageProcess
-from eskin.viewer.viewer import MAX_LOG_ENTRIES, FrameEncoder, describe_arm
 from helpers.live import START, calibration_of, say_always, scans, two_hands
 from helpers.viewer import Q, make_setup, make_update, mounted
 
@@ -165,8 +174,8 @@ def make_recognition(**options):
 def test_viewer_shows_touches_and_detections_of_stream(monkeypatch):
     updates = []
     page = SimpleNamespace(give=updates.append, wants=lambda: True, close=lambda: None)
-    monkeypatch.setattr("eskin.viewer.viewer.MAX_UPDATE_RATE", 1e9)
-    monkeypatch.setattr("eskin.viewer.viewer.PageProcess", lambda *_: page)
+    monkeypatch.setattr("eskin.page.viewer.MAX_UPDATE_RATE", 1e9)
+    monkeypatch.setattr("eskin.page.viewer.PageProcess", lambda *_: page)
     recognition = make_recognition(drop="never")
     viewer = Viewer(recognition, ViewerConfig(0))
     source = make_source(scans(mounted(), two_hands(mounted()), 50, 4.0))
@@ -183,7 +192,7 @@ def test_viewer_shows_touches_and_detections_of_stream(monkeypatch):
 
 def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
     page = SimpleNamespace(give=len, wants=lambda: False, close=lambda: None)
-    monkeypatch.setattr("eskin.viewer.viewer.PageProcess", lambda *_: page)
+    monkeypatch.setattr("eskin.page.viewer.PageProcess", lambda *_: page)
     recognition, kept, states = make_recognition(drop="never"), [], [""]
     viewer = Viewer(recognition, ViewerConfig(0), recording=lambda: states[0])
     source = make_source(scans(mounted(), two_hands(mounted()), 50, 3.0))
@@ -323,7 +332,7 @@ def test_page_ends_with_killed_parent():
     code = (
         "import time\n"
         "from helpers.viewer import make_setup\n"
-        "from eskin.viewer.process import PageProcess\n"
+        "from eskin.page.process import PageProcess\n"
         "page = PageProcess(make_setup(), 0, None)\n"
         "page.wait_ready(60)\n"
         "print(page.process.pid, flush=True)\n"

@@ -5,17 +5,17 @@ import pytest
 
 from eskin.cli.main import run
 from eskin.errors import RecordingError
-from eskin.page.server import open_server
-from eskin.recording import read_recording
-from eskin.robot import load_robot
-from eskin.skin import MountedSkin
-from eskin.viewer.editing import (
+from eskin.page.editing import (
     LabelEditor,
     compute_envelope,
     load_replayed,
     match_detections,
 )
-from eskin.viewer.timeline import PlaybackClock, Timeline
+from eskin.page.server import open_server
+from eskin.page.timeline import PlaybackClock, Timeline
+from eskin.recording import read_recording
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
 from helpers.timelines import make_detection, make_label, to_stamp, write_recording
 
 LABELS = (make_label("poke", 1.0, 1.4), make_label("grab", 3.0, 4.0))
@@ -169,7 +169,7 @@ def test_each_label_gets_first_detection_left_of_its_gesture_else_of_any(seed):
 
 def test_long_recording_is_held_in_groups_that_keep_their_peaks(path, monkeypatch):
     whole = load_replayed(read_recording(path))
-    monkeypatch.setattr("eskin.viewer.editing.MAX_LOADED_BYTES", 20_000)
+    monkeypatch.setattr("eskin.page.editing.MAX_LOADED_BYTES", 20_000)
     loaded = load_replayed(read_recording(path))
     size = loaded.pressure.nbytes + loaded.valid.nbytes + loaded.q.nbytes
     assert loaded.group > 1 and size <= 20_000

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task, UrArm
+from eskin.command.ur import UrLink
 from eskin.drivers import (
     CalledJoints,
     Clock,
@@ -20,12 +21,10 @@ from eskin.drivers import (
     FixedJoints,
     HostClock,
     JointSource,
-    PlayedSource,
     SampleDevice,
     SampledSource,
     SerialTransport,
     Source,
-    SourceInfo,
     Transport,
     UdpJoints,
     UdpTransport,
@@ -35,10 +34,10 @@ from eskin.drivers.joints import JointFunction
 from eskin.errors import ArmError, DeviceError
 from eskin.live import mount_skin
 from eskin.recording import Overrides, read_calibration
+from eskin.registry import SOURCES, load_function
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration
-from eskin.ur import UrLink
 
 CALIBRATION = "calibration.json"
 """Name of the calibration file beside the `skin.yaml` of a skin."""
@@ -145,7 +144,7 @@ def open_source(
             robot = load_robot(robot)
         overrides = Overrides(calibration, robot and robot.urdf)
         return replay_source(rest, config.pace, clock, True, overrides)
-    return open_simulation(rest, config, clock)
+    return load_function(SOURCES["sim"])(rest, config, clock)
 
 
 def open_arm(
@@ -363,29 +362,3 @@ def nominal_calibration(skin: Skin) -> Calibration:
     data = (resources.files("eskin.skin") / NOMINAL_CALIBRATION).read_bytes()
     calibration = Calibration.from_bytes(data)
     return replace(calibration, gain=np.full(skin.count, calibration.gain[0]))
-
-
-def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
-    """Open a simulation of a person in no training set, who touches without end."""
-    from eskin.sim.dataset import Simulator
-    from eskin.sim.interactive import TouchPlayer
-
-    robot = config.robot
-    if isinstance(robot, Robot):
-        raise DeviceError(
-            f"source sim:{skin} is given with a robot that is loaded; allowed is its "
-            "name, or the path of its URDF; give that"
-        )
-    simulator = Simulator(skin, robot=None if robot is None else str(robot))
-    player = TouchPlayer(simulator, config.seed)
-    generator = player.generator
-    info = SourceInfo(
-        uri=f"sim:{skin}",
-        robot_name=generator.robot_name,
-        joint_names=generator.mounted.robot.joint_names,
-        skin=generator.mounted.skin,
-        calibration=generator.calibration(player.build),
-        rate=player.rate,
-        urdf=generator.urdf,
-    )
-    return PlayedSource(info, player.scans(), config.pace, clock, restamp=True)

@@ -1,10 +1,11 @@
-"""This module shows how far a long command is: a bar in a terminal, lines elsewhere."""
+"""This module shows how far a long command is, and closes what was opened."""
 
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from time import monotonic
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -77,3 +78,19 @@ def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
         for number, item in enumerate(items, 1):
             yield item
             update(number)
+
+
+class Closing(ABC):
+    """Holds files, ports or threads until it is closed."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release all resources; a second call does nothing."""
+
+    def __enter__(self) -> Self:
+        """Return the object itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the object, whether or not an error occurred."""
+        self.close()

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.learn import to_model
+from eskin.learn.checkpoint import to_model
+from eskin.learn.nn import RecogniserNetwork
 from eskin.live import (
     DecisionConfig,
     GraphConfig,
@@ -20,7 +21,6 @@ from eskin.live import (
     NetworkConfig,
     save_model,
 )
-from eskin.nn import RecogniserNetwork
 from eskin.recording import (
     DetectionRecord,
     EventRecord,

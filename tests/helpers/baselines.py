@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 
-from eskin.learn.baselines import READINGS, SkinWindows
 from eskin.skin import MountedSkin
 from helpers.live import mounted
+from lab.baselines import READINGS, SkinWindows
 
 UR5: MountedSkin = mounted("ur5")
 SMALL: MountedSkin = mounted()

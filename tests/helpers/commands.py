@@ -15,13 +15,15 @@ from eskin.command import (
     Rule,
     UrArm,
 )
+from eskin.command.ur import PERIOD as UR_PERIOD
+from eskin.command.ur import ControllerLink, UrStatus
+from eskin.compiled import pack
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.errors import ArmError
 from eskin.live import Detection
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Context, RecognitionState
-from eskin.structref_kernels import pack
 from eskin.touch import (
     NO_TOUCHES,
     TOUCH,
@@ -32,8 +34,6 @@ from eskin.touch import (
     TouchStatus,
     TrackingResult,
 )
-from eskin.ur import PERIOD as UR_PERIOD
-from eskin.ur import ControllerLink, UrStatus
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 50

@@ -9,10 +9,15 @@ import numpy as np
 import serial
 
 from eskin.drivers import Data, Deframer, ManualClock, decode_packet
-from eskin.drivers.virtual import UdpPort, VirtualPort, VirtualSkin, parse_fault
 from eskin.robot import load_robot
 from eskin.sim.dataset import ClipGenerator
 from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.virtual import (
+    UdpPort,
+    VirtualPort,
+    VirtualSkin,
+    parse_fault,
+)
 from eskin.skin import MountedSkin, Patch, Plane, TaxelGrid, build_skin
 from eskin.touch import Calibration, Scan
 

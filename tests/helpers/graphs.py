@@ -9,6 +9,11 @@ from functools import cache
 import numpy as np
 import torch
 
+from eskin.learn.nn import (
+    NetworkInput,
+    SlotIndex,
+    build_graph_tensors,
+)
 from eskin.live import (
     HISTORY,
     NODE_FIELDS,
@@ -19,7 +24,6 @@ from eskin.live import (
     compute_summary,
     join_graphs,
 )
-from eskin.nn import NetworkInput, SlotIndex, build_graph_tensors
 from eskin.robot import Joint, Link, Robot, load_robot
 from eskin.skin import (
     MountedSkin,

@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 
 from eskin.page import ContactMarker, OpenTouch, ViewUpdate
+from eskin.page.appearance import describe_scene
+from eskin.page.viewer import pack_poses
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
-from eskin.viewer.appearance import describe_scene
-from eskin.viewer.viewer import pack_poses
 
 Q = np.array([0.4, -1.1, 1.4, -0.6, 0.9, 0.0])
 GESTURES = ("none", "poke", "double_pat", "grab", "stroke")

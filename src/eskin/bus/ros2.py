@@ -27,17 +27,17 @@ from eskin.bus.messages import (
     DiagnosticStatus,
 )
 from eskin.bus.publisher import Bus
-from eskin.closing import Closing
 from eskin.drivers import Clock, JointSource
 from eskin.drivers.joints import MAX_AGE, POLL, ReceivedJoints, check_positions
 from eskin.errors import DeviceError, RecordingError
-from eskin.extras import find_package
+from eskin.progress import Closing
 from eskin.recording.messages import (
     JOINT_STATES,
     READING,
     Topic,
     unpack_joint_state,
 )
+from eskin.registry import find_package
 from eskin.robot import Robot
 from eskin.units import NS_PER_S
 

@@ -9,7 +9,6 @@ from eskin.errors import EskinError
 from eskin.files import read_file
 
 if TYPE_CHECKING:
-    from eskin.learn.dataset import Dataset
     from eskin.recording import Overrides
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -56,7 +55,7 @@ def check_files(words: Sequence[str]) -> None:
 
 def check_yaml(path: Path) -> None:
     """Raise if a file is no plain YAML; what is in it is checked by its reader."""
-    from eskin.plain_yaml import MAX_YAML_BYTES, load_plain_yaml
+    from eskin.files import MAX_YAML_BYTES, load_plain_yaml
 
     try:
         load_plain_yaml(read_file(path, MAX_YAML_BYTES).decode())
@@ -143,29 +142,3 @@ def check_picture(target: Path) -> None:
             f"{target} is no picture that can be drawn; allowed are "
             f"{', '.join(PICTURES)}; change its suffix"
         )
-
-
-def print_untouched(skin: str, robot: str | None) -> None:
-    """Print which links of a skin that does not come with eskin nobody touches."""
-    from eskin.skin import SKIN_PRESETS
-
-    if skin in SKIN_PRESETS or robot is None:
-        return
-    from eskin.sim.scene import find_untouched_links, load_environment
-
-    links = find_untouched_links(load_environment(skin, robot))
-    if links:
-        print(
-            f"not touched: {', '.join(links)}; no room for a finger, or out of reach",
-            flush=True,
-        )
-
-
-def report_truncated(*datasets: "Dataset | None") -> None:
-    """Print the paths of the recordings whose end is missing."""
-    for dataset in datasets:
-        for recording in (
-            dataset.recordings[: dataset.original_count] if dataset else ()
-        ):
-            if recording.truncated:
-                print(f"{recording.path} is cut or damaged: used up to there")

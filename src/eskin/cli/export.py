@@ -7,6 +7,7 @@ import tyro
 
 from eskin.cli.checks import check_folder, check_writable
 from eskin.errors import EskinError
+from eskin.registry import EXPORTS, load_function
 from eskin.units import format_count
 
 
@@ -59,10 +60,9 @@ def export_model(sources: tuple[str, ...], path: Path) -> dict[str, object]:
         )
     [source] = sources
     check_writable(path)
-    from eskin.learn.onnx_export import export_onnx
     from eskin.live import load_model
 
-    error = export_onnx(load_model(source), path)
+    error = load_function(EXPORTS["onnx"])(load_model(source), path)
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB, greatest error {error:.1e}")
     return {"max_error": error}
 

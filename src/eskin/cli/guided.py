@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from eskin.calibration import GuideEvent, PressGuide
     from eskin.drivers import Source
     from eskin.page import GuideBoard, PressPlace
+    from eskin.page.calibration_viewer import CalibrationViewer
     from eskin.skin import MountedSkin
     from eskin.touch import Scan
-    from eskin.viewer import CalibrationViewer
 
 PATIENCE = 10.0
 """Longest wait for the first byte of a device [s]."""
@@ -257,8 +257,9 @@ def open_page(
     """
     if not command.view:
         return None
+    from eskin.page.calibration_viewer import CalibrationViewer
     from eskin.page.link import DEFAULT_PORT, free_port
-    from eskin.viewer import CalibrationViewer, ViewerConfig
+    from eskin.page.viewer import ViewerConfig
 
     port = free_port(DEFAULT_PORT if command.port is None else command.port)
     config = ViewerConfig(port)

@@ -7,14 +7,13 @@ one line and exit code 1; nothing is left half-written.
 
 import contextlib
 import errno
-import importlib
 import inspect
 import io
 import json
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -24,48 +23,9 @@ import tyro
 from eskin.cli.checks import check_files
 from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, StreamError
+from eskin.registry import COMMANDS, MOVED, load_function
 
-
-@dataclass(frozen=True)
-class Entry:
-    """An entry describes one command."""
-
-    function: str
-    """Module and name of its function, which takes the command's dataclass."""
-    summary: str
-    """What the command does, for the overview."""
-
-
-COMMANDS = {
-    "run": Entry("run:run", "recognise live: devices, a recording, a simulation"),
-    "demo": Entry("demo:run", "touch a simulated arm at work in the browser"),
-    "record": Entry("record:run", "record and label gestures of your own"),
-    "replay": Entry("recordings:run_replay", "recognise a recording as if live"),
-    "view": Entry("recordings:run_view", "play and label a recording in the browser"),
-    "label": Entry("recordings:run_label", "label touches by their pressure"),
-    "train": Entry("train:run", "train the recogniser on recordings"),
-    "evaluate": Entry("evaluate:run", "score a model on labelled recordings"),
-    "compare": Entry("compare:run_compare", "compare methods on the same recordings"),
-    "study": Entry("compare:run_study", "compare neighbours and pooling"),
-    "generate": Entry("generate:run", "generate recordings of simulated people"),
-    "convert": Entry("recordings:run_convert", "convert a public data set"),
-    "export": Entry("export:run", "write a model as ONNX, recordings as bag or tables"),
-    "calibrate": Entry("calibrate:run", "measure rest, noise and gain of a skin"),
-    "device": Entry("device:run", "act as a skin: send simulated or recorded touches"),
-    "skin show": Entry("skin:run_show", "describe and draw a skin, or what it feels"),
-    "skin check": Entry("skin:run_check", "check a skin's files"),
-    "skin design": Entry("design:run", "lay a skin on a robot, and draw its patches"),
-    "skin convert": Entry("exchange:run", "from and to URDF, iCub, GenTact"),
-    "skin pose": Entry("pose:run", "measure where patches are mounted"),
-    "skin points": Entry("pose:run_points", "choose where to press for that"),
-    "skin paint": Entry("paint:run", "paint in the browser where skin is to lie"),
-    "bench latency": Entry("bench_latency:run", "time one step of the recogniser"),
-    "bench throughput": Entry("bench_throughput:run", "recognise at a rate"),
-    "doctor": Entry("doctor:run", "check the installation, compile all code"),
-}
-"""Entries of the commands, by name."""
-
-CHECKED_FIRST = ("compare", "demo", "evaluate", "export", "run", "study", "train")
+CHECKED_FIRST = ("demo", "evaluate", "export", "run", "train")
 """Commands that take a second or more before they read their files."""
 
 FAILED = 1
@@ -100,8 +60,11 @@ def run(argv: list[str]) -> int:
     if argv == ["--version"]:
         print(f"eskin {version('eskin')}")
         return 0
+    extra = None
     try:
+        check_moved(argv)
         name, rest = split_command(argv)
+        extra = COMMANDS[name].extra
         if name in CHECKED_FIRST:
             check_files(rest)
         function, command_type = load_command(name)
@@ -111,8 +74,9 @@ def run(argv: list[str]) -> int:
             print(json.dumps(result))
         sys.stdout.flush()
     except ModuleNotFoundError as error:
+        wanted = f".[{extra}]" if extra else "."
         return print_error(
-            f"{error.name} is missing; install it: pip install '.[train]'"
+            f"{error.name} is missing; install it: pip install '{wanted}'"
         )
     except StreamError as error:
         print_error(str(error))
@@ -144,9 +108,23 @@ def describe_os_error(error: OSError) -> str:
 
 def load_command(name: str) -> tuple[Callable[[Any], dict[str, object]], type]:
     """Import a command's module; return its function and the dataclass it takes."""
-    module, function_name = COMMANDS[name].function.split(":")
-    function = getattr(importlib.import_module(f"eskin.cli.{module}"), function_name)
+    function = load_function(COMMANDS[name].target)
     return function, inspect.signature(function).parameters["command"].annotation
+
+
+def check_moved(argv: Sequence[str]) -> None:
+    """Raise if a command or one of its options belongs to the laboratory.
+
+    Raises:
+        ValueError: it does; the message gives the command there.
+    """
+    for name, command in MOVED.items():
+        first, *options = name.split()
+        if argv[0] == first and set(options) <= set(argv):
+            raise ValueError(
+                f"eskin {name} belongs to the laboratory; allowed in a clone of eskin "
+                f"is {command}"
+            )
 
 
 def split_command(argv: list[str]) -> tuple[str, list[str]]:

@@ -1,10 +1,9 @@
-"""`eskin convert`, `label`, `replay` and `view` work on recordings."""
+"""`eskin label`, `replay` and `view` work on recordings."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import tyro
 
@@ -14,80 +13,12 @@ from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.live import Detection
-    from eskin.recording import AutoLabelResult, ConversionResult, Label, Recording
-    from eskin.viewer.timeline import Timeline
-
-
-@dataclass(frozen=True)
-class ConvertCommand:
-    """Convert a public dataset of touch gestures to recordings."""
-
-    dataset: tyro.conf.Positional[Literal["sleeve", "shearsense", "socialtouch"]]
-    """Name of the dataset."""
-
-    src: tyro.conf.Positional[Path]
-    """Folder with the dataset's own files."""
-
-    out: tyro.conf.Positional[Path]
-    """Folder for the recordings, one .mcap for each source file. It is made if it is
-    missing."""
-
-    pitch_mm: float | None = None
-    """Distance of neighbouring taxels [mm], of socialtouch alone, which states none. By
-    default it is taken as unknown, and all contacts at a time are one touch."""
-
-    full_scale_kpa: float | None = None
-    """Pressure at full scale [kPa], of socialtouch alone; 100 by default."""
-
-
-def run_convert(command: ConvertCommand) -> dict[str, object]:
-    """Convert, and return the numbers of recordings, taxels, readings and labels."""
+    from eskin.page.timeline import Timeline
     from eskin.recording import (
-        convert_shearsense,
-        convert_sleeve,
-        convert_socialtouch,
+        AutoLabelResult,
+        Label,
+        Recording,
     )
-
-    options = get_geometry_options(command)
-    convert: dict[str, Callable[..., ConversionResult]] = {
-        "sleeve": convert_sleeve,
-        "shearsense": convert_shearsense,
-        "socialtouch": convert_socialtouch,
-    }
-    result = convert[command.dataset](command.src, command.out, **options)
-    print(
-        f"{command.out}: {format_count(result.recordings, 'recording')} of "
-        f"{format_count(result.taxels, 'taxel')}, "
-        f"{format_count(result.readings, 'reading')}, "
-        f"{format_count(result.labels, 'label')}"
-    )
-    return asdict(result)
-
-
-def get_geometry_options(command: ConvertCommand) -> dict[str, float]:
-    """Return what was given of pitch [m] and full scale [kPa]; raise if it is wrong."""
-    options = {}
-    for name, unit in (("pitch_mm", 1e-3), ("full_scale_kpa", 1.0)):
-        value = getattr(command, name)
-        if value is None:
-            continue
-        option = "--" + name.replace("_", "-")
-        if command.dataset != "socialtouch":
-            raise RecordingError(
-                f"{option} is given for {command.dataset}; allowed is socialtouch; "
-                "leave it out"
-            )
-        if not 0 < value <= MAX_NOMINAL:
-            raise RecordingError(
-                f"{option} is {value:g}; allowed is above 0, at most {MAX_NOMINAL}; "
-                "correct it"
-            )
-        options[name.removesuffix("_mm")] = value * unit
-    return options
-
-
-MAX_NOMINAL = 1000
-"""Largest pitch [mm] and full scale [kPa] of a public set."""
 
 
 @dataclass(frozen=True)
@@ -395,9 +326,9 @@ def run_view(command: ViewCommand) -> dict[str, object]:
         found += recognizer.finish()
         detections = tuple(detection.record() for detection in found)
     # Only now: the page takes a while to import.
+    from eskin.page.editing import LabelEditor, load_replayed
     from eskin.page.server import open_server
-    from eskin.viewer.editing import LabelEditor, load_replayed
-    from eskin.viewer.timeline import Timeline
+    from eskin.page.timeline import Timeline
 
     replayed, editor = load_replayed(recording), LabelEditor(recording)
     token = make_token()

@@ -376,8 +376,7 @@ def build_listeners(
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
         from eskin.page.link import DEFAULT_PORT, free_port
-        from eskin.viewer import Viewer, ViewerConfig
-        from eskin.viewer.viewer import RECORDING
+        from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
         told = [line for policy in policies for line in policy.commands.describe()]

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from eskin.closing import Closing
 from eskin.drivers import JointSource
+from eskin.progress import Closing
 
 Grip = Literal["open", "closed"]
 

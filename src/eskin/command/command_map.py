@@ -18,8 +18,7 @@ from eskin.command.actions import (
 )
 from eskin.command.functions import FUNCTION_NAME, import_functions
 from eskin.errors import CommandError
-from eskin.files import read_file
-from eskin.plain_yaml import Name, format_entry_path, load_plain_yaml, shorten
+from eskin.files import Name, format_entry_path, load_plain_yaml, read_file, shorten
 from eskin.skin import Skin
 
 MAX_BYTES = 1 << 18

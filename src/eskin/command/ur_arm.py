@@ -11,10 +11,15 @@ from jaxtyping import Float
 from eskin.command.arm import ArmState
 from eskin.command.task import FRAME_TASK, Task, TaskArm, TaskExecutor
 from eskin.command.trajectory import MotionConfig
+from eskin.command.ur import (
+    PERIOD,
+    ControllerLink,
+    UrCommand,
+    UrStatus,
+)
 from eskin.drivers import Clock, HostClock, JointHistory
 from eskin.errors import ArmError
 from eskin.units import NS_PER_S
-from eskin.ur import PERIOD, ControllerLink, UrCommand, UrStatus
 
 MAX_FOLLOWING_ERROR = 0.2
 """How far the robot may be from where it is sent [rad]."""

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
 from eskin.design.surface import LinkSurface, PointLocator
-from eskin.extras import find_package
+from eskin.registry import find_package
 from eskin.skin import MountedSkin
 
 igl = find_package("igl", "libigl", "design", "skin design")

@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float
 from shapely import Polygon, box, get_coordinates, union_all
 
 from eskin.design.patches import PatchLayout
-from eskin.extras import find_package
 from eskin.files import atomic_path
+from eskin.registry import find_package
 
 ezdxf = find_package("ezdxf", "ezdxf", "design", "skin design")
 

@@ -15,8 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from eskin.design.patches import PatchLayout
 from eskin.design.unroll import UnrolledMesh
 from eskin.errors import SkinError
-from eskin.files import atomic_path, read_file
-from eskin.plain_yaml import describe_first_error
+from eskin.files import atomic_path, describe_first_error, read_file
 from eskin.skin import Plane, Surface, Tube
 
 MAX_MAP_BYTES = 64 << 20

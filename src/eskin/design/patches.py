@@ -15,7 +15,7 @@ from eskin.design.spec import DesignLimits
 from eskin.design.surface import LinkSurface
 from eskin.design.unroll import FlatRegion, turn_region, unroll_region
 from eskin.design.zones import Zone
-from eskin.extras import find_package
+from eskin.registry import find_package
 from eskin.skin import Surface, TaxelGrid, Tube
 
 igl = find_package("igl", "libigl", "design", "skin design")

@@ -16,12 +16,13 @@ from eskin.design.zones import (
     Zone,
 )
 from eskin.errors import SkinError
-from eskin.files import atomic_path, read_file
-from eskin.plain_yaml import (
+from eskin.files import (
     MAX_YAML_BYTES,
     Name,
+    atomic_path,
     describe_first_error,
     load_plain_yaml,
+    read_file,
 )
 
 PER_CM2 = 1e4

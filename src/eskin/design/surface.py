@@ -9,7 +9,7 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RobotError
-from eskin.extras import find_package
+from eskin.registry import find_package
 from eskin.robot import Cylinder, Geom, Link, Sphere, TriangleMesh, build_geom_mesh
 
 igl = find_package("igl", "libigl", "design", "skin design")

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from shapely import Polygon
 
 from eskin.design.surface import LinkSurface, PointLocator
-from eskin.extras import find_package
+from eskin.registry import find_package
 from eskin.skin import Plane, Surface, SurfacePoints, Tube
 from eskin.skin.surfaces import Points, Unrolled, fit_plane, fit_tube
 from eskin.transforms import exp_so3, make_transform

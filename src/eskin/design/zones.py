@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.stats import qmc
 
 from eskin.design.surface import LinkSurface, PointLocator
-from eskin.extras import find_package
+from eskin.registry import find_package
 from eskin.robot import Joint, Kinematics, Robot
 from eskin.robot.surface import compute_triangle_normals
 from eskin.transforms import apply, invert

@@ -11,11 +11,11 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.closing import Closing
 from eskin.drivers.clock import Clock, HostClock
 from eskin.drivers.events import EventLog
 from eskin.drivers.udp_transport import PEER_TIMEOUT, bind_udp
 from eskin.errors import DeviceError, JointsError
+from eskin.progress import Closing
 from eskin.robot import Robot
 from eskin.units import NS_PER_S
 

@@ -11,13 +11,13 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.joints import JointSource, PoseLog
 from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.source import Source, SourceInfo, await_first_byte
 from eskin.errors import DeviceError
+from eskin.progress import Closing
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S

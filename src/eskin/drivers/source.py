@@ -4,10 +4,10 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event
 from eskin.errors import DeviceError
+from eskin.progress import Closing
 from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration, Scan

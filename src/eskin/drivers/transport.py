@@ -3,8 +3,8 @@
 from abc import abstractmethod
 from typing import NamedTuple
 
-from eskin.closing import Closing
 from eskin.drivers.events import Event
+from eskin.progress import Closing
 
 
 class ReceivedPacket(NamedTuple):

@@ -14,6 +14,7 @@ from eskin.errors import RecordingError
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
+from eskin.learn.nn import NetworkInput, SlotIndex
 from eskin.learn.windows import (
     build_network_input,
     build_slot_index,
@@ -23,7 +24,6 @@ from eskin.learn.windows import (
     subsample_readings,
 )
 from eskin.live import SLOT_NS, compute_summary
-from eskin.nn import NetworkInput, SlotIndex
 
 WHOLE_SHARE = 0.5
 """Share of windows that hold all of their gesture, or as much as fits."""

@@ -10,13 +10,13 @@ from torch import Tensor, nn
 
 from eskin.errors import ModelError
 from eskin.files import atomic_path
+from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.processes import ALONE, Processes
 from eskin.live import (
     Model,
     ModelCard,
     check_weights,
 )
-from eskin.nn import RecogniserNetwork
 
 
 def to_model(network: RecogniserNetwork, card: ModelCard) -> Model:

@@ -21,10 +21,14 @@ from eskin.learn.metrics import (
     compute_reliability,
     score_predictions,
 )
+from eskin.learn.nn import (
+    RecogniserNetwork,
+    SlotIndex,
+    build_graph_tensors,
+)
 from eskin.learn.windows import cut_windows
 from eskin.live import ModelCard
 from eskin.live.summary_kernels import N_PER_KPA_CM2
-from eskin.nn import RecogniserNetwork, SlotIndex, build_graph_tensors
 from eskin.recording import NONE
 
 WINDOW_BATCH = 256

@@ -15,9 +15,9 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from eskin.errors import ModelError
-from eskin.extras import find_package
 from eskin.files import atomic_path
 from eskin.learn.checkpoint import to_network
+from eskin.learn.nn import GraphTensors, RecogniserNetwork
 from eskin.live import (
     NODE_SCALARS,
     PRESSURE_SUMMARY,
@@ -25,7 +25,7 @@ from eskin.live import (
     SLOT_NS,
     Model,
 )
-from eskin.nn import GraphTensors, RecogniserNetwork
+from eskin.registry import find_package
 
 OPSET = 20
 """Version of the operators of ONNX."""

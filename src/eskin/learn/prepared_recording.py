@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.code_digest import digest_code
+from eskin.compiled import digest_code
 from eskin.files import atomic_path
 from eskin.learn.ground_truth import TouchLabel, read_true_touches
 from eskin.learn.recording_transforms import RecordingTransform

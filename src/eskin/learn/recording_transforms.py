@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.code_digest import digest_code
+from eskin.compiled import digest_code
 from eskin.live import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin

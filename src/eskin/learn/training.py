@@ -17,6 +17,7 @@ from eskin.learn.checkpoint import EarlyStopping, TrainingState
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import predict_clips
 from eskin.learn.holdout import find_gestures, find_sessions, hold_out
+from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.processes import ALONE, Processes
 from eskin.live import (
     GraphConfig,
@@ -24,7 +25,6 @@ from eskin.live import (
     NetworkConfig,
     check_limits,
 )
-from eskin.nn import RecogniserNetwork
 from eskin.progress import show_progress
 
 LIMITS = {

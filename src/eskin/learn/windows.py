@@ -7,8 +7,12 @@ import torch
 from jaxtyping import Int
 
 from eskin.learn.dataset import Dataset
+from eskin.learn.nn import (
+    NetworkInput,
+    SlotIndex,
+    build_graph_tensors,
+)
 from eskin.live import HISTORY, SLOT_NS, GraphBatch
-from eskin.nn import NetworkInput, SlotIndex, build_graph_tensors
 
 TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
 """Columns of a history that are proportional to the duration of a touch."""

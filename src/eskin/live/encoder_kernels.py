@@ -1,4 +1,4 @@
-"""Compiled kernels that do what `eskin.nn.Encoder` does, for one graph.
+"""Compiled kernels that do what `eskin.learn.nn.Encoder` does, for one graph.
 
 Products of matrices go through BLAS, everything else is loops along channels.
 """
@@ -30,7 +30,7 @@ ONE, TWO = np.float32(1.0), np.float32(2.0)
 
 
 class EncoderWeights(NamedTuple):
-    """These are the parameters of `eskin.nn.Encoder`, those of its layers stacked.
+    """Holds the parameters of the encoder, those of its layers stacked.
 
     Matrices are ([layer,] input, output), the transpose of torch's, so that the
     channels of an output lie side by side. The last layer updates no coordinates: its
@@ -217,7 +217,7 @@ def run_layer(
     weights: EncoderWeights,
     workspace: EncoderWorkspace,
 ) -> None:
-    """Run one `eskin.nn.EquivariantLayer`."""
+    """Run one `eskin.learn.nn.EquivariantLayer`."""
     u = workspace.u[:rows]
     of_target, messages = workspace.of_target[:targets], workspace.messages[:targets]
     width = u.shape[1]

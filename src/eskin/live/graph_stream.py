@@ -6,6 +6,7 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float, Int
 
+from eskin.compiled import Packed, pack, unpack
 from eskin.live.graph_batch import (
     HISTORY,
     NO_HISTORY,
@@ -14,7 +15,6 @@ from eskin.live.graph_batch import (
 from eskin.live.graph_builder import GraphBuilder, GraphConfig
 from eskin.live.touch_node_kernels import TouchNodeArrays, collect_touch_nodes
 from eskin.skin import MountedSkin
-from eskin.structref_kernels import Packed, pack, unpack
 from eskin.touch import LinkPoseCache, TouchState
 
 WHOLE_SKIN = 0

@@ -5,13 +5,13 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
+from eskin.compiled import Packed, pack
 from eskin.live.graph_builder import GraphBuilder
 from eskin.live.graph_stream import PackedTouchNodes
 from eskin.live.model_config import SLOT_NS
 from eskin.live.model_file import Model
 from eskin.live.network import Network, create_pool, grow_pool
 from eskin.live.step_kernels import FREE_ROW, StepParts, step, write_probabilities
-from eskin.structref_kernels import Packed, pack
 from eskin.touch import Reading
 
 PerClass = Float[np.ndarray, "class"]

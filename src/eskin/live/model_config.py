@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from eskin.files import Name
 from eskin.live.graph_builder import GraphConfig
-from eskin.plain_yaml import Name
 from eskin.touch import PipelineConfig
 
 Limits = Mapping[str, tuple[int | float, int | float]]

@@ -166,7 +166,7 @@ Weights = dict[str, np.ndarray]
 
 
 def network_shapes(card: ModelCard) -> Shapes:
-    """Return the shape of every parameter of the network, by its name in `eskin.nn`."""
+    """Return the shape of every parameter of the network, by its name."""
     config, classes = card.network, len(card.vocabulary)
     features = len(PRESSURE_SUMMARY)
     if card.kind == "shear":
@@ -185,7 +185,7 @@ def network_shapes(card: ModelCard) -> Shapes:
 
 
 def encoder_shapes(width: int, layers: int) -> Shapes:
-    """Return the shapes of `eskin.nn.Encoder`."""
+    """Return the shapes of `eskin.learn.nn.Encoder`."""
     shapes = {
         **linear_shapes("embed", len(NODE_SCALARS), width),
         **norm_shapes("norm", 2 * width),
@@ -196,7 +196,7 @@ def encoder_shapes(width: int, layers: int) -> Shapes:
 
 
 def layer_shapes(width: int, last: bool) -> Shapes:
-    """Return the shapes of `eskin.nn.EquivariantLayer`."""
+    """Return the shapes of `eskin.learn.nn.EquivariantLayer`."""
     return {
         **norm_shapes("norm", width),
         **linear_shapes("of_target", width, width),
@@ -210,7 +210,7 @@ def layer_shapes(width: int, last: bool) -> Shapes:
 
 
 def head_shapes(inputs: int, channels: int, classes: int) -> Shapes:
-    """Return the shapes of `eskin.nn.TemporalHead`."""
+    """Return the shapes of `eskin.learn.nn.TemporalHead`."""
     return {
         **linear_shapes("project", inputs, channels),
         "short.conv.weight": (channels, channels, SHORT_TAPS),

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from typing import Any
 
+from eskin.files import shorten
 from eskin.live.graph_builder import GraphConfig
 from eskin.live.model_config import (
     DecisionConfig,
     ModelCard,
     NetworkConfig,
 )
-from eskin.plain_yaml import shorten
 from eskin.touch import (
     CalibrationConfig,
     ContactConfig,

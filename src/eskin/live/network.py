@@ -35,8 +35,8 @@ the second, which a network may lack, also the embedding."""
 class Network:
     """A network holds a model's weights and the memory in which compiled code works.
 
-    It computes what `eskin.nn.RecogniserNetwork` does, without torch. Its memory serves
-    one thread at a time.
+    It computes what the torch network does that was trained. Its memory serves one
+    thread at a time.
     """
 
     def __init__(self, model: Model) -> None:

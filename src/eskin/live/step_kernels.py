@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.compiled import compiled_fastmath
+from eskin.compiled import Packed, compiled_fastmath
 from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
 from eskin.live.graph_kernels import (
     GraphArrays,
@@ -23,7 +23,6 @@ from eskin.live.graph_kernels import (
 from eskin.live.head_kernels import HeadState, HeadWeights, classify
 from eskin.live.model_config import MAX_DEVIATIONS
 from eskin.live.summary_kernels import summarise
-from eskin.structref_kernels import Packed
 
 CLIP = np.float32(MAX_DEVIATIONS)
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.compiled import compiled
-from eskin.structref_kernels import Packed
+from eskin.compiled import Packed, compiled
 
 COLUMNS = 7  # length of `eskin.live.HISTORY`
 CM_PER_M = 100.0

@@ -1,6 +1,6 @@
 """This module runs the page's process: `python -m eskin.page FD`.
 
-`eskin.viewer` starts it. Over the socket FD it receives a scene description, then
+`eskin.page` starts it. Over the socket FD it receives a scene description, then
 updates; it sends back the port, a message after each update shown, and orders. It
 ends when the other end of the socket is closed.
 """

@@ -1,4 +1,4 @@
-"""This package reads, writes, labels and imports recordings, which are MCAP files."""
+"""This package reads, writes and labels recordings, which are MCAP files."""
 
 from eskin.recording.autolabel import (
     AutoLabelConfig,
@@ -8,7 +8,6 @@ from eskin.recording.autolabel import (
     label_recording,
 )
 from eskin.recording.calibration_file import read_calibration, write_calibration
-from eskin.recording.conversion import ConversionResult
 from eskin.recording.labels import (
     NONE,
     Label,
@@ -36,9 +35,6 @@ from eskin.recording.records import (
     TruthRecord,
 )
 from eskin.recording.rosbag import write_bag
-from eskin.recording.shearsense import convert_shearsense
-from eskin.recording.sleeve import convert_sleeve
-from eskin.recording.socialtouch import convert_socialtouch
 from eskin.recording.tables import write_tables
 from eskin.recording.writer import RecordingWriter, rewrite_recording, write_all
 
@@ -47,7 +43,6 @@ __all__ = [
     "NO_OVERRIDES",
     "AutoLabelConfig",
     "AutoLabelResult",
-    "ConversionResult",
     "DetectionRecord",
     "EventRecord",
     "Label",
@@ -62,9 +57,6 @@ __all__ = [
     "build_labels",
     "build_rough_ranges",
     "check_no_overlap",
-    "convert_shearsense",
-    "convert_sleeve",
-    "convert_socialtouch",
     "find_recordings",
     "label_automatically",
     "label_instants",

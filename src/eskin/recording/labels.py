@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import RecordingError
-from eskin.files import read_file
-from eskin.plain_yaml import MAX_YAML_BYTES, load_plain_yaml
+from eskin.files import MAX_YAML_BYTES, load_plain_yaml, read_file
 from eskin.units import NS_PER_S
 
 NONE = "none"

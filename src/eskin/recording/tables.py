@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from eskin.errors import RecordingError
-from eskin.extras import find_package
 from eskin.files import write_folder
 from eskin.recording.labels import Label, select_labels
 from eskin.recording.reader import Recording
+from eskin.registry import find_package
 from eskin.skin import MountedSkin
 from eskin.touch import Scan, Touch, TouchPipeline, TouchState
 from eskin.units import NS_PER_S

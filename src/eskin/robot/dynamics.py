@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import RobotError
-from eskin.extras import find_mujoco
+from eskin.registry import find_mujoco
 from eskin.robot.presets import load_robot, read_preset_urdf
 
 

@@ -11,12 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from eskin.errors import SkinError
-from eskin.files import atomic_path, read_file
-from eskin.plain_yaml import (
+from eskin.files import (
     MAX_YAML_BYTES,
     Name,
+    atomic_path,
     format_entry_path,
     load_plain_yaml,
+    read_file,
     shorten,
 )
 from eskin.skin.check import SkinProblem, check_crowding, find_direction_problems

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import SkinError
-from eskin.plain_yaml import shorten
+from eskin.files import shorten
 from eskin.skin.check import SkinProblem
 from eskin.skin.skin import Patch, Skin
 

@@ -6,10 +6,9 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.compiled import build_parameters
+from eskin.compiled import build_parameters, pack
 from eskin.errors import ReadingError
 from eskin.skin import MountedSkin
-from eskin.structref_kernels import pack
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibrator import (

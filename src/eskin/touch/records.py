@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eskin.compiled import Packed
 from eskin.skin import MountedSkin
-from eskin.structref_kernels import Packed
 from eskin.touch.adjacency import Adjacency
 
 NO_INDEX = -1

@@ -10,8 +10,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Int
 
-from eskin.compiled import compiled
-from eskin.structref_kernels import Packed
+from eskin.compiled import Packed, compiled
 from eskin.touch.contact_kernels import find_contacts
 from eskin.touch.grouping_kernels import (
     ALL,

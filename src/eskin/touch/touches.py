@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from eskin.compiled import unpack
 from eskin.skin import MountedSkin
-from eskin.structref_kernels import unpack
 from eskin.touch.faults import Fault
 from eskin.touch.reading import Reading
 from eskin.touch.records import (

@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import urlsplit
 
-from eskin.code_digest import digest_code
+from eskin.compiled import digest_code
 from eskin.errors import GenerationError
-from eskin.extras import find_package
 from eskin.files import atomic_path
+from eskin.registry import find_package
 from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.generate import (
     PENDING_PER_WORKER,

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eskin.errors import GenerationError
-from eskin.recording.conversion import find_files
-from eskin.recording.socialtouch import (
+from eskin.learn.sets.conversion import find_files
+from eskin.learn.sets.socialtouch import (
     COLUMNS,
     FULL_SCALE,
     ROWS,
@@ -25,7 +25,7 @@ from eskin.recording.socialtouch import (
     Repetition,
     read_repetitions,
 )
-from eskin.recording.socialtouch_classes import (
+from eskin.learn.sets.socialtouch_classes import (
     GROUPS,
     classify_repetition,
     find_group,

@@ -1,1 +1,0 @@
-"""Check the simulation against its targets: `python -m benchmarks.simulation`."""

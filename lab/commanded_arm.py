@@ -1,0 +1,197 @@
+"""Measure an arm that simulated people command by touch, in all conditions.
+
+    python -m lab.commanded_arm                     # all rows, hours
+    python -m lab.commanded_arm --builds 1 --seconds 20 --only fresh storm
+
+Every row is `eskin demo --headless` in one condition: on sensors as in training, aged
+ones and those of each family, with short and long pauses between touches, on a slow and
+a fast arm, and on skins that fail meanwhile. Each build of the skin has people of its
+own; neither is in any set, nor were thresholds chosen on them
+(`lab.command_thresholds`). Builds of a family with less than 20 readings a
+second command no arm and are left out. Intervals are those of 95 % of resampled builds
+with their people (percentile bootstrap). The command prints a table of docs/results.md,
+and below it why touches were lost.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+import numpy as np
+import tyro
+
+from eskin.errors import ArmError
+from eskin.sim.demo import (
+    DemoConfig,
+    DemoResult,
+    SimulatedUserConfig,
+    StormConfig,
+)
+from eskin.sim.demo.headless import merge_results, run_build
+from eskin.sim.demo.score import count_going_on
+from eskin.sim.sensor import FAMILIES
+from lab.tables import format_head, format_row
+
+SHORT, LONG = (0.6, 0.8), (1.5, 3.5)
+"""Shortest and longest time from one touch to the next [s]."""
+
+FRESH = DemoConfig(user=SimulatedUserConfig(pause=SHORT))
+ROWS: dict[str, DemoConfig] = {
+    "fresh": FRESH,
+    "fresh, long pauses": replace(FRESH, user=SimulatedUserConfig(pause=LONG)),
+    "shifted": replace(FRESH, build_kind="shifted"),
+    "shifted, long pauses": replace(
+        FRESH, build_kind="shifted", user=SimulatedUserConfig(pause=LONG)
+    ),
+    **{family: replace(FRESH, build_kind=family) for family in FAMILIES},
+    "half speed": replace(FRESH, arm_speed=0.5),
+    "one and a half speed": replace(FRESH, arm_speed=1.5),
+    **{
+        f"storm: {100 * loss:g} % of the scans lost": replace(
+            FRESH, storm=StormConfig(loss=loss)
+        )
+        for loss in (0.002, 0.01, 0.05)
+    },
+    "storm: a patch unplugged every 30 s": replace(
+        FRESH, storm=StormConfig(unplug_period=30.0)
+    ),
+    "storm: 10 % of the taxels dead": replace(FRESH, storm=StormConfig(dead=0.1)),
+}
+"""Conditions by their names in the table."""
+
+RESAMPLES = 2000
+"""Number of resamples of an interval."""
+
+HEAD = [
+    *("condition", "touches", "obeyed", "wrong", "accidents", "stops by accidents"),
+    *("unasked to go on an hour", "command after the end p50 / p95 [s]"),
+    *("stop after the onset p50 / p95 [s]", "arm not held"),
+    *("commands of faults", "to go on"),
+]
+
+
+@dataclass(frozen=True)
+class Command:
+    """Measure an arm that simulated people command by touch."""
+
+    builds: int = 30
+    """Number of builds of each row; 30 have 1,000 touches and 600 accidents."""
+    seconds: float = 120.0
+    """Simulated time of each build [s]."""
+    only: tuple[str, ...] = ()
+    """Parts of the names of the rows to measure; by default all."""
+    seed: int = 20000
+    """Seed of the first build and its people; the others follow."""
+    model: str = "ur5"
+    """Name of weights that come with eskin, or a model file."""
+    workers: int = 2
+    """Number of processes."""
+
+
+def run_part(part: tuple[float, DemoConfig, int]) -> DemoResult | None:
+    """Simulate one build; None where its skin is too slow to command an arm."""
+    try:
+        return run_build(*part)
+    except ArmError:
+        return None
+
+
+def count_obeyed(part: DemoResult) -> tuple[float, float]:
+    """Return how many touches were obeyed correctly, and how many there were."""
+    return part.score.count("correct"), len(part.score.attempts)
+
+
+def count_wrong(part: DemoResult) -> tuple[float, float]:
+    """Return how many touches were obeyed wrongly, and how many there were."""
+    return part.score.count("wrong"), len(part.score.attempts)
+
+
+def count_stops(part: DemoResult) -> tuple[float, float]:
+    """Return how many unasked stops and how many accidents there were."""
+    return part.score.count_unasked()["unasked_stops"], len(part.score.accidents)
+
+
+def count_unasked_going_on(part: DemoResult) -> tuple[float, float]:
+    """Return how many unasked commands went on, and the simulated hours."""
+    return part.score.count_unasked()["unasked_going_on"], part.seconds / 3600.0
+
+
+def compute_interval(
+    parts: list[DemoResult], count: Callable[[DemoResult], tuple[float, float]]
+) -> tuple[float, float, float]:
+    """Return a ratio over builds, and its 95 % interval.
+
+    Args:
+        parts: results of the builds.
+        count: returns numerator and denominator of a build.
+    """
+    counts = np.array([count(part) for part in parts])
+    rng = np.random.default_rng(28)
+    drawn = counts[rng.integers(len(parts), size=(RESAMPLES, len(parts)))].sum(axis=1)
+    ratios = drawn[:, 0] / np.maximum(drawn[:, 1], 1e-9)
+    total = counts.sum(axis=0)
+    low, high = np.percentile(ratios, [2.5, 97.5])
+    return float(total[0] / max(total[1], 1e-9)), float(low), float(high)
+
+
+def format_times(times: tuple[float, float] | None) -> str:
+    """Format a median and a 95th percentile [s]."""
+    return "-" if times is None else f"{times[0]:.2f} / {times[1]:.2f}"
+
+
+def format_result(name: str, parts: list[DemoResult]) -> str:
+    """Format the builds of a condition as a row of the table."""
+    result = merge_results(parts)
+    by_faults = result.score.by_faults
+    shares = [
+        "{:.1%} ({:.0%} to {:.0%})".format(*compute_interval(parts, count))
+        for count in (count_obeyed, count_wrong, count_stops)
+    ]
+    rate = "{:.1f} ({:.1f} to {:.1f})".format(
+        *compute_interval(parts, count_unasked_going_on)
+    )
+    return format_row(
+        [
+            name,
+            str(len(result.score.attempts)),
+            shares[0],
+            shares[1],
+            str(len(result.score.accidents)),
+            shares[2],
+            rate,
+            format_times(result.delay),
+            format_times(result.stop_delay),
+            f"{result.availability:.1%}",
+            str(len(by_faults)),
+            str(count_going_on(by_faults)),
+        ]
+    )
+
+
+def main(args: list[str] | None = None) -> None:
+    """Print the table, and why touches were lost."""
+    command = tyro.cli(Command, args=args)
+    lost: dict[str, Counter[str]] = {}
+    print(format_head(HEAD), flush=True)
+    with get_context("spawn").Pool(command.workers) as pool:
+        for name, config in ROWS.items():
+            if command.only and not any(part in name for part in command.only):
+                continue
+            config = replace(config, model=command.model)
+            plans = [
+                (command.seconds, config, command.seed + number)
+                for number in range(command.builds)
+            ]
+            found = list(pool.imap(run_part, plans))
+            parts = [part for part in found if part is not None]
+            lost[name] = Counter(merge_results(parts).score.count_failures())
+            lost[name]["builds that are too slow"] = len(found) - len(parts)
+            print(format_result(name, parts), flush=True)
+    for name, reasons in lost.items():
+        told = ", ".join(f"{n} {why}" for why, n in reasons.most_common() if n)
+        print(f"<!-- {name}: {told or 'none'} lost -->")
+
+
+if __name__ == "__main__":
+    main()

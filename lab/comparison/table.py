@@ -1,0 +1,233 @@
+"""This module formats tables of methods: accuracies, spread, and the lead of ours."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies
+from lab.comparison.results import AnsweredClips, MethodResult
+
+RunKey = tuple[int, int]
+"""Number of the draw of the data, and the seed."""
+
+LEGEND = (
+    "Accuracy, with the standard deviation over runs; ahead in percentage points, with "
+    "the paired 95 % bootstrap interval over people."
+)
+
+
+@dataclass(frozen=True)
+class Lead:
+    """A lead is the difference in accuracy of the first method and another."""
+
+    mean: float
+    """Difference on the same clips."""
+    low: float | None
+    """Lower end of its paired 95 % bootstrap interval over people; None where all clips
+    are of one."""
+    high: float | None
+    """Upper end of the interval."""
+
+
+@dataclass(frozen=True)
+class ComparisonRow:
+    """A comparison row sums up one method on one test."""
+
+    name: str
+    """Name of the method."""
+    test: str
+    """Name of the test."""
+    runs: int
+    """Number of times that it was trained."""
+    val_accuracy: float | None
+    """Mean accuracy on validation; None where nothing could be held out."""
+    val_people: int
+    """Number of people to validate on."""
+    val_clips: int
+    """Number of clips to validate on, in all draws of the data."""
+    test_people: int
+    """Number of people in the test."""
+    test_clips: int
+    """Number of clips in the test, in all draws of the data."""
+    test_accuracy: float
+    """Mean accuracy on the test."""
+    std: float
+    """Standard deviation of the accuracy on the test; 0 of a single run."""
+    val_std: float
+    """Standard deviation of the accuracy on validation; 0 of one run or none."""
+    val_ahead: Lead | None
+    """Lead of the first method on validation; None for the first itself, and where
+    nothing could be held out."""
+    test_ahead: Lead | None
+    """Lead of the first method on the test; None for the first itself."""
+    seconds: float
+    """Mean time of training and prediction [s]."""
+    by_gesture: Mapping[str, float]
+    """Accuracy on the test among the clips of each gesture."""
+
+
+def build_rows(
+    found: Mapping[str, Mapping[RunKey, MethodResult]],
+) -> list[ComparisonRow]:
+    """Return one row for each method and test, the methods in the order given.
+
+    Args:
+        found: results by method and by run; others are compared with the first method.
+    """
+    first = next(iter(found.values()))
+    tests = [n for n in next(iter(first.values())).answered if n != "val"]
+    return [
+        build_row(name, test, results, first)
+        for test in tests
+        for name, results in found.items()
+    ]
+
+
+def build_row(
+    name: str,
+    test: str,
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult],
+) -> ComparisonRow:
+    """Return the row of one method on one test."""
+    runs = [results[key] for key in sorted(results)]
+    accuracies = compute_accuracies(runs, test)
+    validated = compute_accuracies(list(results.values()), "val")
+    other = results is not first
+    val_people, val_clips = count_people_and_clips(results, "val")
+    test_people, test_clips = count_people_and_clips(results, test)
+    return ComparisonRow(
+        name=name,
+        test=test,
+        runs=len(runs),
+        val_accuracy=compute_mean(validated),
+        val_people=val_people,
+        val_clips=val_clips,
+        test_people=test_people,
+        test_clips=test_clips,
+        test_accuracy=float(np.mean(accuracies)),
+        std=compute_std(accuracies),
+        val_std=compute_std(validated),
+        val_ahead=compute_lead(results, first, "val") if other and validated else None,
+        test_ahead=compute_lead(results, first, test) if other else None,
+        seconds=float(np.mean([result.seconds for result in results.values()])),
+        by_gesture=compute_gesture_accuracies([run.answered[test] for run in runs]),
+    )
+
+
+def count_people_and_clips(
+    results: Mapping[RunKey, MethodResult], test: str
+) -> tuple[int, int]:
+    """Return the numbers of people and clips of a test, each draw counted once."""
+    runs = [(draw, r) for (draw, _), r in results.items() if test in r.answered]
+    draws = {draw: r.answered[test] for draw, r in runs}
+    people = {(draw, person) for draw, each in draws.items() for person in each.people}
+    return len(people), sum(len(each.people) for each in draws.values())
+
+
+def compute_lead(
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult],
+    test: str,
+) -> Lead:
+    """Return the lead of the first method over another on the clips of a test."""
+    theirs, ours, people = [], [], []
+    for draw, seed in sorted(results):
+        answered = results[draw, seed].answered[test]
+        theirs.append(answered.correct)
+        ours.append(first[draw, seed].answered[test].correct)
+        people += [f"{draw} {person}" for person in answered.people]
+    both = np.concatenate(ours), np.concatenate(theirs)
+    mean = float(both[0].mean() - both[1].mean())
+    if len(set(people)) == 1:
+        return Lead(mean, None, None)
+    return Lead(mean, *bootstrap_difference(*both, cluster=people))
+
+
+def compute_gesture_accuracies(answered: Sequence[AnsweredClips]) -> dict[str, float]:
+    """Return the accuracy among all clips of each gesture."""
+    correct = np.concatenate([each.correct for each in answered])
+    gestures = [gesture for each in answered for gesture in each.truth]
+    return compute_group_accuracies(correct, gestures)
+
+
+def compute_accuracies(results: Sequence[MethodResult], test: str) -> list[float]:
+    """Return the accuracy of each run that has predictions on a test."""
+    answered = [r.answered[test] for r in results if test in r.answered]
+    return [float(each.correct.mean()) for each in answered]
+
+
+def compute_mean(shares: Sequence[float]) -> float | None:
+    """Return the mean; None without values."""
+    return float(np.mean(shares)) if shares else None
+
+
+def compute_std(shares: Sequence[float]) -> float:
+    """Return the standard deviation; 0 of fewer than two values."""
+    return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
+
+
+def format_lead(ahead: Lead | None) -> str:
+    """Format a lead in points for a table; empty for the first method."""
+    if ahead is None:
+        return ""
+    points = f"{100 * ahead.mean:+.1f}"
+    if ahead.low is None or ahead.high is None:
+        return points
+    return f"{points} [{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
+
+
+def format_tables(rows: Sequence[ComparisonRow]) -> str:
+    """Format the rows as Markdown tables, one for each test, with captions."""
+    tables, lead = [], f"{rows[0].name} ahead"
+    for test in dict.fromkeys(row.test for row in rows):
+        heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
+        lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+        of_test = [row for row in rows if row.test == test]
+        lines += [format_row(row) for row in of_test]
+        tables.append("\n".join([*lines, "", format_caption(of_test[0])]))
+    return "\n\n".join([*tables, LEGEND])
+
+
+def format_caption(first: ComparisonRow) -> str:
+    """Describe the clips and people of a table by its first row."""
+    caption = f"Tested on {first.test_clips} clips of {first.test_people} people"
+    if first.val_clips:
+        caption += f", validated on {first.val_clips} of {first.val_people}"
+    return f"{caption}."
+
+
+def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
+    """Format accuracies by gesture as Markdown tables, one for each test."""
+    tables = []
+    for test in dict.fromkeys(row.test for row in rows):
+        of_test = [row for row in rows if row.test == test]
+        gestures = sorted({name for row in of_test for name in row.by_gesture})
+        lines = [f"| {test}, clips of | {' | '.join(gestures)} |"]
+        lines.append("|" + "---|" * (1 + len(gestures)))
+        for row in of_test:
+            shares = (format_share(row.by_gesture.get(name), 0.0) for name in gestures)
+            lines.append(f"| {row.name} | {' | '.join(shares)} |")
+        tables.append("\n".join(lines))
+    return "\n\n".join(tables)
+
+
+def format_row(row: ComparisonRow) -> str:
+    """Format a row of a table."""
+    cells = (
+        row.name,
+        str(row.runs),
+        format_share(row.val_accuracy, row.val_std),
+        format_lead(row.val_ahead),
+        format_share(row.test_accuracy, row.std),
+        format_lead(row.test_ahead),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def format_share(mean: float | None, std: float) -> str:
+    """Format a mean with its standard deviation, if there is one, for a table."""
+    if mean is None:
+        return ""
+    return f"{mean:.1%} ({std:.1%})" if std > 0 else f"{mean:.1%}"

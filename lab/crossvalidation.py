@@ -1,0 +1,263 @@
+"""Cross-validate the recogniser and baselines on held-out people or sessions."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from joblib import Parallel, delayed
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from eskin.errors import RecordingError
+from eskin.learn.dataset import Dataset
+from eskin.learn.evaluation import find_window_ends, score_instants, score_segments
+from eskin.learn.ground_truth import Segment
+from eskin.learn.nn import RecogniserNetwork
+from eskin.learn.training import TrainConfig, Trainer
+from eskin.live import Model
+from eskin.skin import MountedSkin
+from lab.baselines import FitConfig, SkinWindows, build_baseline
+from lab.baselines.estimators import (
+    Estimator,
+    GradientBoosting,
+    NearestNeighbours,
+    RandomForest,
+    SupportVectors,
+)
+from lab.baselines.hand import compute_features
+from lab.baselines.interface import READINGS, STEP_NS
+
+FOREST_STEP = 4
+"""Step between training rows of the forest on instants, as neighbours are similar."""
+
+WINDOW_NS = 2_000_000_000
+
+
+@final
+@dataclass(frozen=True)
+class Standardised:
+    """Standardises features for another estimator."""
+
+    of: Callable[[int], Estimator]
+    """Function that builds the other estimator from a seed."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Build an estimator."""
+        return make_pipeline(StandardScaler(), self.of(seed))
+
+
+ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
+    "random forest": RandomForest(),
+    "boosting": GradientBoosting(),
+    "SVM": Standardised(SupportVectors()),
+    "kNN": Standardised(NearestNeighbours()),
+}
+"""Estimators compared with the recogniser on features of whole segments, by name."""
+
+CNN = "3D-CNN"
+"""Name of the network compared with the recogniser on the pressures of all taxels."""
+
+CNN_FIT = FitConfig(epochs=20, batch=32)
+"""Settings of its training."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Holds the true class and the predictions of every method for each example."""
+
+    truth: Int[np.ndarray, "example"]
+    """True classes, as indices into `vocabulary`."""
+
+    predicted: dict[str, Int[np.ndarray, "example"]]
+    """Predictions by method; `eskin` is the recogniser."""
+
+    groups: tuple[str, ...]
+    """Person or session of each example."""
+
+    recordings: tuple[int, ...]
+    """Recording of each example; examples that are close in time are not
+    independent."""
+
+    vocabulary: tuple[str, ...]
+    """Classes."""
+
+
+Networks = dict[str, RecogniserNetwork]
+
+
+def find_groups(dataset: Dataset, by: str) -> list[str]:
+    """Return the group of each recording: `subject` or `session`.
+
+    Raises:
+        RecordingError: if there are fewer than two groups.
+    """
+    groups = [str(getattr(r.metadata, by)) for r in dataset.recordings]
+    if len(set(groups)) < 2:
+        raise RecordingError(
+            f"all recordings have {by} '{groups[0]}'; leaving one out needs at least "
+            f"two; give recordings of more than one {by}"
+        )
+    return groups
+
+
+def train_folds(
+    dataset: Dataset,
+    groups: Sequence[str],
+    config: TrainConfig,
+    seed: int = 0,
+    workers: int = 1,
+    start: Model | None = None,
+) -> Networks:
+    """Return one network for each group, trained on all the others.
+
+    The result does not depend on the number of workers.
+
+    Args:
+        dataset: data set to divide.
+        groups: group of each recording.
+        config: settings of the training.
+        seed: seed of every training.
+        workers: number of processes.
+        start: model to start from, by its weights of matching names and shapes.
+    """
+    names = sorted(set(groups))
+    train = delayed(train_without)
+    jobs = (train(dataset, groups, name, config, seed, start) for name in names)
+    networks: Any = Parallel(n_jobs=workers, verbose=10)(jobs)
+    return dict(zip(names, networks, strict=True))
+
+
+def train_without(
+    dataset: Dataset,
+    groups: Sequence[str],
+    held: str,
+    config: TrainConfig,
+    seed: int,
+    start: Model | None,
+) -> RecogniserNetwork:
+    """Return a network trained without one group."""
+    torch.set_num_threads(1)
+    others = [i for i, group in enumerate(groups) if group != held]
+    trainer = Trainer(dataset, dataset.vocabulary, config, others, seed, start=start)
+    return trainer.run(quiet=True)
+
+
+def classify_segments(
+    dataset: Dataset,
+    groups: Sequence[str],
+    networks: Networks,
+    shear: bool,
+    seed: int,
+) -> Answers:
+    """Classify whole labelled segments with methods trained on other groups."""
+    segments = dataset.labelled
+    spoken = {segment.gesture for segment in segments}
+    vocabulary = tuple(name for name in dataset.vocabulary if name in spoken)
+    columns = [dataset.vocabulary.index(name) for name in vocabulary]
+    truth = np.array([vocabulary.index(s.gesture) for s in segments])
+    group = np.array([groups[s.recording] for s in segments])
+    features = np.array([compute_segment_features(dataset, s, shear) for s in segments])
+    methods = ("eskin", *ON_FEATURES, CNN)
+    predicted = {name: np.zeros_like(truth) for name in methods}
+    windows, segment_index = cut_skin_windows(dataset, segments)
+    for held, network in networks.items():
+        out = group == held
+        chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
+        scores = score_segments(network, dataset, chosen)
+        predicted["eskin"][out] = scores[:, columns].argmax(axis=1)
+        for name, make in ON_FEATURES.items():
+            model = make(seed).fit(features[~out], truth[~out])
+            predicted[name][out] = model.predict(features[out])
+        within = out[segment_index]
+        known, labels = np.unique(truth[segment_index[~within]], return_inverse=True)
+        cnn = build_baseline("3d-cnn", mount_skin(dataset), CNN_FIT)
+        cnn.fit(windows.select(~within), labels, seed)
+        found = np.log(cnn.predict_probabilities(windows.select(within)) + 1e-9)
+        starts = np.unique(segment_index[within], return_index=True)[1]
+        sums = np.add.reduceat(found, starts, axis=0)
+        predicted[CNN][out] = known[sums.argmax(axis=1)]
+    recordings = tuple(segment.recording for segment in segments)
+    return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
+
+
+def classify_instants(
+    dataset: Dataset, groups: Sequence[str], networks: Networks, seed: int
+) -> Answers:
+    """Classify every instant, with the class `none`, from the two seconds before.
+
+    Only the random forest is compared with the recogniser, trained on one row in
+    `FOREST_STEP`.
+    """
+    vocabulary = dataset.vocabulary
+    truth = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
+    group = np.array(groups)[dataset.recording]
+    features = np.array([window_features(dataset, row) for row in range(len(truth))])
+    forest = "random forest"
+    predicted = {name: np.zeros_like(truth) for name in ("eskin", forest)}
+    for held, network in networks.items():
+        rows = np.flatnonzero(group == held)
+        train = np.flatnonzero(group != held)[::FOREST_STEP]
+        scores = score_instants(network, dataset, rows)
+        predicted["eskin"][rows] = scores.argmax(axis=1)
+        model = ON_FEATURES[forest](seed).fit(features[train], truth[train])
+        predicted[forest][rows] = model.predict(features[rows])
+    recordings = tuple(dataset.recording.tolist())
+    return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
+
+
+def mount_skin(dataset: Dataset) -> MountedSkin:
+    """Return the skin of all recordings on its robot."""
+    first = dataset.recordings[0]
+    return MountedSkin(first.skin, first.load_robot())
+
+
+def cut_skin_windows(
+    dataset: Dataset, segments: Sequence[Segment]
+) -> tuple[SkinWindows, Int[np.ndarray, "window"]]:
+    """Return the pressures of all taxels in the windows of segments, at 50 Hz.
+
+    The windows are those in which the recogniser scores a segment; the time before the
+    segment is zero. Readings between two are interpolated.
+
+    Returns:
+        the windows, and the index of each one's segment.
+    """
+    taxels = dataset.recordings[0].skin.count
+    pressures: list[Float[np.ndarray, "100 taxel"]] = []
+    indices: list[int] = []
+    for index, segment in enumerate(segments):
+        rows = np.arange(segment.first, segment.end)
+        graphs = dataset.graphs.select(rows)
+        images = np.zeros((len(rows), taxels), np.float32)
+        images[graphs.graph_index, graphs.taxels] = graphs.pressure
+        stamps = dataset.stamps[rows]
+        for end in find_window_ends(dataset, segment) - segment.first:
+            times = stamps[end] - STEP_NS * np.arange(READINGS)[::-1]
+            place = np.interp(times, stamps, np.arange(len(rows)))
+            low = place.astype(np.int64)
+            high, part = np.minimum(low + 1, len(rows) - 1), (place - low)[:, None]
+            window = (1 - part) * images[low] + part * images[high]
+            window[times < stamps[0]] = 0.0
+            pressures.append(window.astype(np.float16))
+            indices.append(index)
+    joints = np.zeros((len(pressures), READINGS, 0), np.float32)
+    return SkinWindows(np.stack(pressures), joints), np.array(indices)
+
+
+def compute_segment_features(
+    dataset: Dataset, segment: Segment, shear: bool
+) -> Float[np.ndarray, "feature"]:
+    """Return the features of one segment."""
+    rows = np.arange(segment.first, segment.end)
+    return compute_features(dataset, rows, shear)
+
+
+def window_features(dataset: Dataset, row: int) -> np.ndarray:
+    """Return hand-made features of the two seconds that end with a row."""
+    start = dataset.starts[row]
+    since = dataset.stamps[row] - WINDOW_NS
+    low = start + np.searchsorted(dataset.stamps[start : row + 1], since, side="right")
+    return compute_features(dataset, np.arange(low, row + 1), dataset.has_shear)

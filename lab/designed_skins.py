@@ -1,0 +1,183 @@
+"""Measure the weights that come with eskin on skins that `eskin skin design` makes.
+
+    python -m lab.designed_skins measure --work FOLDER --only panda
+    python -m lab.designed_skins table --work FOLDER
+
+`measure` designs a skin, simulates the people of a set who touch it, and classifies
+their clips with weights that never saw it; for `ur5`, with the skin of the weights. The
+folder keeps what is made, so each skin may be measured by a run of its own, and a run
+that was stopped goes on. `table` compares the accuracy on each skin with that on the
+ur5 skin for the same people and the same gestures, with 95 % intervals from drawing the
+people anew.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from eskin.cli.main import run
+from eskin.learn.checkpoint import to_network
+from eskin.learn.dataset import prepare
+from eskin.learn.evaluation import classify_clips, find_person
+from eskin.learn.metrics import bootstrap_accuracy, resample_clusters
+from eskin.live import load_model
+from eskin.recording import find_recordings
+from lab.skin_design import find_robot
+from lab.tables import format_head, format_row
+
+
+@dataclass(frozen=True)
+class ExampleSkin:
+    """An example says how a skin is designed; without a robot it comes with eskin."""
+
+    text: str
+    """What is covered."""
+    robot: str = ""
+    """Robot, by its name in `lab.skin_design`."""
+    density: float = 1.5
+    """Density of the taxels [1/cm2]."""
+    links: tuple[str, ...] = ()
+    """Links that are covered; all where there are none."""
+
+
+SKINS = {
+    "ur5": ExampleSkin("arm, the skin of the weights"),
+    "panda": ExampleSkin("arm, all links", "panda"),
+    "talos": ExampleSkin("humanoid, torso", "talos", 1.2, ("torso_2_link",)),
+    "go2": ExampleSkin("quadruped, all links", "go2"),
+}
+
+
+def call(*words: object) -> None:
+    """Run a command of eskin; stop where it fails."""
+    if run([str(word) for word in words]) != 0:
+        raise SystemExit(f"eskin {' '.join(map(str, words[:2]))} failed")
+
+
+def measure(name: str, work: Path, set_name: str, clips: int, model: str) -> None:
+    """Design a skin, simulate a set on it, and classify the clips of the set."""
+    skin, sets = SKINS[name], work / "sets" / name
+    where: list[object] = ["--skin", "ur5"]
+    if skin.robot:
+        folder, urdf = work / "skins" / name, find_robot(skin.robot)
+        if not (folder / "skin.yaml").exists():
+            links = ["--links", *skin.links] if skin.links else []
+            asked = ["--out", folder, "--density", skin.density, *links]
+            call("skin", "design", urdf, *asked)
+        where = ["--skin", folder, "--robot-urdf", urdf]
+    wanted = ["--set", set_name, "--clips", clips, "--workers", 1]
+    call("generate", sets, *where, *wanted)
+    loaded = load_model(model)
+    card = loaded.card
+    paths = find_recordings([sets])
+    dataset = prepare(paths, card.pipeline, card.graph_used)
+    found = classify_clips(to_network(loaded), card, dataset)
+    rows = [
+        [find_person(dataset, recording), card.vocabulary[truth], bool(truth == said)]
+        for recording, truth, said in zip(
+            found.recording.tolist(), found.truth, found.predicted, strict=True
+        )
+    ]
+    (work / f"{name}.json").write_text(json.dumps(rows) + "\n", encoding="utf-8")
+    correct = np.mean([row[2] for row in rows])
+    print(f"{name}: {len(rows)} clips, accuracy {correct:.1%}", flush=True)
+
+
+@dataclass(frozen=True, eq=False)
+class ClipAnswers:
+    """Answers hold what weights said of clips."""
+
+    people: np.ndarray
+    gestures: np.ndarray
+    correct: np.ndarray
+
+    def select(self, gestures: Sequence[str]) -> "ClipAnswers":
+        """Return the answers to some gestures."""
+        kept = np.isin(self.gestures, gestures)
+        return ClipAnswers(self.people[kept], self.gestures[kept], self.correct[kept])
+
+
+def read_answers(path: Path) -> ClipAnswers:
+    """Read what `measure` wrote."""
+    people, gestures, correct = zip(*json.loads(path.read_text()), strict=True)
+    return ClipAnswers(
+        np.array(people), np.array(gestures), np.array(correct, dtype=bool)
+    )
+
+
+def compare(own: ClipAnswers, other: ClipAnswers) -> tuple[float, float, float]:
+    """Return the difference of two accuracies and its 95 % interval."""
+    names = np.unique(np.concatenate([own.people, other.people]))
+    sums = np.array(
+        [
+            [
+                each.correct[each.people == name].sum()
+                if counted
+                else np.count_nonzero(each.people == name)
+                for each in (own, other)
+                for counted in (True, False)
+            ]
+            for name in names
+        ],
+        dtype=np.float64,
+    )
+    a, n, b, m = resample_clusters(sums, 0).T
+    low, high = np.percentile(a / n - b / m, [2.5, 97.5])
+    return float(own.correct.mean() - other.correct.mean()), float(low), float(high)
+
+
+def print_table(work: Path) -> None:
+    """Print a row for each skin that was measured."""
+    vocabulary = ("none", "double_pat", "grab", "poke", "stroke")
+    print(
+        format_head(
+            ("skin", "clips", "accuracy", *vocabulary, "ur5, same gestures", "less")
+        )
+    )
+    reference = read_answers(work / "ur5.json")
+    for name, skin in SKINS.items():
+        path = work / f"{name}.json"
+        if not path.exists():
+            continue
+        own = read_answers(path)
+        same = reference.select(sorted(set(own.gestures)))
+        low, high = bootstrap_accuracy(own.correct, own.people.tolist())
+        less, most, least = (-100 * each for each in compare(own, same))
+        shares = [own.select([gesture]).correct for gesture in vocabulary]
+        print(
+            format_row(
+                (
+                    f"{name} ({skin.text})",
+                    str(len(own.correct)),
+                    f"{own.correct.mean():.1%} ({low:.1%}-{high:.1%})",
+                    *(f"{each.mean():.0%}" if len(each) else "-" for each in shares),
+                    f"{same.correct.mean():.1%}",
+                    "" if name == "ur5" else f"{less:.1f} ({least:.1f} to {most:.1f})",
+                )
+            )
+        )
+
+
+def main() -> None:
+    """Measure skins, or print the table of those that were measured."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("what", choices=("measure", "table"))
+    parser.add_argument("--work", type=Path, required=True)
+    parser.add_argument("--only", nargs="+", choices=SKINS, default=list(SKINS))
+    parser.add_argument("--set", default="test-p")
+    parser.add_argument("--clips", type=int, default=300)
+    parser.add_argument("--model", default="ur5")
+    options = parser.parse_args()
+    if options.what == "table":
+        print_table(options.work)
+        return
+    for name in options.only:
+        measure(name, options.work, options.set, options.clips, options.model)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""Fuzz the readers with mutated inputs.
+
+    python -m lab.fuzz READER [--inputs N] [--seed N]
+
+READER is decoder, skin, recording, commands, model or urdf.
+
+Every input must be read, or refused with the documented error of the reader in one
+line. Anything else is a finding: it is printed with the command that reproduces it, and
+the exit code is 1.
+"""
+
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from lab.fuzz.guided import guide
+from lab.fuzz.run import Outcome, fuzz
+from lab.fuzz.target import Target
+
+Name = Literal["decoder", "skin", "recording", "commands", "model", "urdf"]
+TARGETS: dict[Name, tuple[str, str]] = {
+    "decoder": ("lab.fuzz.decoder", "DecoderTarget"),
+    "skin": ("lab.fuzz.skin_files", "SkinTarget"),
+    "recording": ("lab.fuzz.recordings", "RecordingTarget"),
+    "commands": ("lab.fuzz.command_maps", "CommandsTarget"),
+    "model": ("lab.fuzz.models", "ModelTarget"),
+    "urdf": ("lab.fuzz.robots", "RobotTarget"),
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """Fuzz a reader with mutated inputs."""
+
+    target: tyro.conf.Positional[Name]
+    """Reader to fuzz."""
+    inputs: int = 20_000
+    """Number of inputs."""
+    seed: int = 0
+    """Seed of the mutations."""
+    first: int = 0
+    """Number of the first input."""
+    guided: bool = False
+    """Let coverage guide the mutations; needs `pip install 'eskin[fuzz]'`."""
+
+
+def main() -> None:
+    """Fuzz the reader and print the outcome."""
+    command = tyro.cli(Command)
+    if command.guided:
+        guide(lambda: import_target(command.target), command.inputs, command.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        target = import_target(command.target)(Path(folder))
+        outcome = fuzz(target, command.first, command.inputs, command.seed)
+    print(format_outcome(command, outcome))
+    sys.exit(bool(outcome.findings))
+
+
+def import_target(name: Name) -> type[Target]:
+    """Import a target, with its reader, by name."""
+    module, kind = TARGETS[name]
+    return getattr(import_module(module), kind)
+
+
+def format_outcome(command: Command, outcome: Outcome) -> str:
+    """Format the outcome."""
+    lines = [
+        f"{command.target}: {outcome.inputs} inputs of seed {command.seed} in "
+        f"{outcome.seconds:.0f} s, {outcome.accepted} accepted, at most "
+        f"{outcome.grown / 1e6:.0f} MB more memory, {len(outcome.findings)} findings"
+    ]
+    for place, first in outcome.findings.items():
+        number = first.split(":")[0].removeprefix("input ")
+        lines.append(f"{place}\n  {first:.300}")
+        lines.append(
+            f"  python -m lab.fuzz {command.target} --seed {command.seed} "
+            f"--first {number} --inputs 1"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

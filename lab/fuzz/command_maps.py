@@ -1,0 +1,58 @@
+"""Fuzz the reader of command maps."""
+
+import random
+from pathlib import Path
+from typing import final
+
+import yaml
+
+from eskin.command import load_commands, parse_commands
+from eskin.errors import CommandError
+from eskin.skin import load_skin
+from lab.fuzz.mutation import mutate
+from lab.fuzz.skin_files import YAML_WORDS
+from lab.fuzz.target import Target, check_refusal
+
+VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
+WORDS = (
+    *YAML_WORDS,
+    *(b"gesture: ", b"action: ", b"function: ", b"link: ", b"patch: ", b"poke"),
+    *(b"confidence: ", b"cool_down: ", b"none", b"resume", b"hold", b"commands:\n"),
+    *(b"os.system", b"__import__", b"eval", b"0.5", b"-1", b"{}", b"[]", b"null"),
+)
+
+
+@final
+class CommandsTarget(Target):
+    """Fuzzes the reader of command maps."""
+
+    def __init__(self, folder: Path) -> None:
+        """Start from a map with every key; the inputs are written into the folder."""
+        self.path = folder / "commands.yaml"
+        self.skin = load_skin("ur5")
+        patch = self.skin.patches[0]
+        rules = [
+            {"gesture": "poke", "action": "toggle_pause", "cool_down": 1.0},
+            {"gesture": "grab", "action": "open_gripper", "confidence": 0.9},
+            {"gesture": "stroke", "action": "slow", "link": patch.link},
+            {"gesture": "stroke", "action": "normal", "patch": patch.id},
+        ]
+        text = yaml.safe_dump({"version": 1, "commands": rules}, sort_keys=False)
+        self.whole = text.encode()
+
+    def make(self, rng: random.Random) -> bytes:
+        """Return the mutated map."""
+        return mutate(self.whole, rng, WORDS)
+
+    def feed(self, data: bytes) -> bool:
+        """Load the map; an accepted map must survive writing and reading."""
+        self.path.write_bytes(data)
+        try:
+            commands = load_commands(self.path, VOCABULARY, self.skin)
+        except CommandError as error:
+            check_refusal(error)
+            return False
+        text = yaml.safe_dump(commands.model_dump(), allow_unicode=True)
+        if parse_commands(text, "again") != commands:
+            raise AssertionError("the map differs after writing and reading")
+        return True

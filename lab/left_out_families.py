@@ -1,0 +1,111 @@
+"""Measure what weights lose on a family of sensors that they were not trained on.
+
+    python -m lab.weights --sets SETS --out FOLDER --weights all-families ...
+    python -m lab.left_out_families --sets SETS --models FOLDER
+
+The weights `all-families` and `without-FAMILY` of each family, all of which the first
+command makes, are trained equally long, and tested on the clips of the validation set
+of all families. What is lost is the difference on the family that was left out, with a
+95 % interval from drawing the sessions anew; each session has a build and a person of
+its own.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+from jaxtyping import Bool, Float, Int
+
+from eskin.learn.checkpoint import to_network
+from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.evaluation import predict_clips
+from eskin.live import load_model
+from eskin.recording import find_recordings
+from eskin.sim.sensor import FAMILIES
+from lab.tables import format_head, format_row
+
+RESAMPLES = 2000
+"""Number of resamples of an interval."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Measure what weights lose on a family that they were not trained on."""
+
+    sets: Path
+    """Folder of the sets, and of the prepared recordings."""
+    models: Path
+    """Folder of the weights."""
+    validation: str = "tunefam"
+    """Name of the set in that folder."""
+    workers: int = 1
+    """Number of processes that prepare."""
+
+
+def main() -> None:
+    """Print the table."""
+    command = tyro.cli(Command)
+    everything = load_model(command.models / "all-families.safetensors")
+    card = everything.card
+    dataset = prepare(
+        find_recordings([command.sets / command.validation]),
+        pipeline=card.pipeline,
+        graph=card.graph_used,
+        pack=command.sets / "pack",
+        workers=command.workers,
+    )
+    session, family = list_sessions(dataset, card.vocabulary)
+    trained = classify(dataset, command.models / "all-families.safetensors")
+    print(
+        format_head(["family", "clips", "trained on it", "left out", "lost [points]"])
+    )
+    for name in FAMILIES:
+        of_family = family == name
+        right = classify(dataset, command.models / f"without-{name}.safetensors")
+        lost = 100.0 * (trained.astype(float) - right)[of_family]
+        low, high = draw_interval(lost, session[of_family])
+        shares = (f"{each[of_family].mean():.1%}" for each in (trained, right))
+        interval = f"{lost.mean():.1f} [{low:.1f}, {high:.1f}]"
+        print(format_row([name, str(of_family.sum()), *shares, interval]))
+
+
+def list_sessions(
+    dataset: Dataset, vocabulary: tuple[str, ...]
+) -> tuple[Int[np.ndarray, "clip"], np.ndarray]:
+    """Return the recording of each clip, and the family of its sensor."""
+    session = np.array(
+        [
+            number
+            for number, clips in enumerate(dataset.clips)
+            for clip in clips
+            if clip.gesture in vocabulary
+        ]
+    )
+    names = [r.metadata.notes.get("family", "") for r in dataset.recordings]
+    return session, np.array(names)[session]
+
+
+def classify(dataset: Dataset, path: Path) -> Bool[np.ndarray, "clip"]:
+    """Return which clips a model classifies correctly."""
+    model = load_model(path)
+    found = predict_clips(to_network(model), dataset, model.card.vocabulary)
+    return found.predicted == found.truth
+
+
+def draw_interval(
+    lost: Float[np.ndarray, "clip"], session: Int[np.ndarray, "clip"]
+) -> tuple[float, float]:
+    """Return the 95 % interval of a mean over clips, from drawing sessions anew."""
+    rng = np.random.default_rng(26)
+    parts = [lost[session == each] for each in np.unique(session)]
+    means = []
+    for _ in range(RESAMPLES):
+        drawn = [parts[n] for n in rng.integers(len(parts), size=len(parts))]
+        means.append(np.concatenate(drawn).mean())
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(low), float(high)
+
+
+if __name__ == "__main__":
+    main()

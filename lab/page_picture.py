@@ -1,0 +1,173 @@
+"""Record an animation of the demonstration's page.
+
+    python -m lab.page_picture --out docs/pictures/demo.webp
+
+The demonstration runs on a slow clock, because software rendering reaches only a few
+frames per second; the animation plays in real time. Mouse and clicks are real; the
+mouse pointer, which screenshots leave out, is drawn into the page.
+"""
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import final
+
+import numpy as np
+import tyro
+from PIL import Image
+from playwright.sync_api import Page
+
+from lab.browser import chromium, new_tab, see
+from lab.served_demo import ServedDemo
+from lab.visit import Visit, becomes
+
+SEED, PACE, SCALE = 4, 0.06, 0.75
+TRIES = 5
+SHORTEST, LONGEST = 40, 400
+"""Shortest and longest duration of a frame [ms]."""
+LAST = 1500
+"""Duration of the last frame [ms]."""
+ARROW = """() => {
+  const arrow = document.createElement("div");
+  arrow.innerHTML = `<svg width="26" height="26" viewBox="0 0 24 24">
+    <path d="M4 2 L4 19 L8.5 15 L11.5 21.5 L14.5 20 L11.5 14 L17.5 14 Z"
+      fill="#1f2733" stroke="white" stroke-width="1.5"/></svg>`;
+  arrow.style = "position:fixed;z-index:9999;pointer-events:none;left:20px;top:700px";
+  document.body.append(arrow);
+  const press = (width) => () => { arrow.firstChild.style.filter = width; };
+  addEventListener("pointermove", (event) => {
+    arrow.style.left = `${event.clientX - 4}px`;
+    arrow.style.top = `${event.clientY - 2}px`;
+  }, true);
+  addEventListener("pointerdown", press("drop-shadow(0 0 7px #d55e00)"), true);
+  addEventListener("pointerup", () => setTimeout(press(""), 1500), true);
+}"""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Record the animation."""
+
+    out: Path
+    """Path of the .webp file."""
+    quality: int = 55
+    """WebP quality."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Holds a screenshot of the page."""
+
+    stamp: int
+    """Time of the demonstration's clock [ns]."""
+    picture: Image.Image
+    """Picture of the whole page."""
+
+
+@final
+class Film:
+    """Collects the screenshots of one visit."""
+
+    def __init__(self, visit: Visit) -> None:
+        """Start without screenshots."""
+        self.visit = visit
+        self.shots: list[Shot] = []
+
+    def take(self) -> None:
+        """Take a screenshot."""
+        stamp = self.visit.demo.state["stamp"]
+        shot = Image.open(io.BytesIO(self.visit.tab.screenshot()))
+        self.shots.append(Shot(stamp, shot.convert("RGB")))
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Take screenshots for a simulated time, or until a condition holds."""
+        end = self.visit.demo.state["stamp"] + 1e9 * seconds
+        while self.visit.demo.state["stamp"] < end and not until():
+            self.take()
+
+    def save(self, out: Path, quality: int) -> None:
+        """Write the animation; each frame stays until the next."""
+        frames = [shot.picture for shot in self.shots]
+        times = [
+            int(np.clip((after.stamp - shot.stamp) / 1e6, SHORTEST, LONGEST))
+            for shot, after in pairwise(self.shots)
+        ]
+        frames[0].save(
+            out,
+            save_all=True,
+            append_images=frames[1:],
+            duration=[*times, LAST],
+            loop=0,
+            quality=quality,
+            method=6,
+        )
+        print(f"{len(frames)} frames, {sum(times) / 1e3:.1f} s, {out.stat().st_size} B")
+
+
+def main() -> None:
+    """Serve the demonstration, touch the arm and record the animation."""
+    command = tyro.cli(Command)
+    with ServedDemo(SEED, PACE) as demo, chromium() as browser:
+        tab = new_tab(browser, scale=SCALE)
+        see(tab, demo.link)
+        tab.evaluate(ARROW)
+        clear(tab)
+        visit = Visit(tab, demo)
+        for number in range(TRIES):
+            film = Film(visit)
+            failed = play(film)
+            if failed is None:
+                film.save(command.out, command.quality)
+                return
+            print(f"take {number + 1} failed at {failed}", flush=True)
+            begin_again(visit)
+    raise SystemExit("no take succeeded")
+
+
+def clear(tab: Page) -> None:
+    """Close the notification about software rendering."""
+    tab.wait_for_timeout(3000)
+    for button in tab.locator("button.mantine-Notification-closeButton").all():
+        button.click()
+    tab.wait_for_timeout(1000)
+
+
+def play(film: Film) -> str | None:
+    """Pause, resume, slow down and grip; return the name of a step that failed."""
+    visit = film.visit
+    demo = visit.demo
+    becomes(lambda: demo.state["target"].startswith("over"), 600.0)
+    demo.wait(0.3 / PACE)
+    film.run(1.8)
+    film.run(3.0, lambda: visit.is_calm)
+    visit.click()
+    film.run(1.5)
+    if not demo.state["paused"]:
+        return "pause"
+    visit.double_click()
+    film.run(2.0, lambda: not demo.state["paused"])
+    if demo.state["paused"]:
+        return "resume"
+    film.run(0.3)
+    visit.drag()
+    film.run(1.6)
+    if demo.state["speed"] == 1.0:
+        return "slow"
+    gripper = demo.state["gripper"]
+    visit.grab()
+    film.run(2.2)
+    return "grab" if demo.state["gripper"] == gripper else None
+
+
+def begin_again(visit: Visit) -> None:
+    """Resume the task at full speed."""
+    visit.tab.get_by_role("button", name="resume").click()
+    if visit.demo.state["speed"] < 1.0:
+        visit.double_click()
+        visit.demo.wait(2.0 / PACE)
+
+
+if __name__ == "__main__":
+    main()

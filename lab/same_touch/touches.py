@@ -1,0 +1,348 @@
+"""This module plays the same counts in two poses, and compares two recognisers on them.
+
+The counts are a gesture in one pose of the arm, and none in the other.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.command import NON_GESTURES
+from eskin.live import Detection, Model, Recognizer, load_model
+from eskin.page.scene import CAMERA_DIRECTION
+from eskin.sim.dataset import (
+    ClipPlan,
+    build_seed,
+    get_build,
+    plan_single_pair,
+    simulate_pair,
+)
+from eskin.sim.demo.headless import DemoConfig
+from eskin.sim.scene import (
+    SimEnvironment,
+    are_collision_free,
+    compute_joint_limits,
+    load_environment,
+)
+from eskin.sim.sensor.build import BuildKind
+from eskin.skin import SKIN_PRESETS, MountedSkin
+from eskin.touch import Calibration, Scan
+from eskin.units import NS_PER_S
+
+REST_BEFORE, REST_AFTER = 4.0, 4.0
+"""Time without touch before and after the counts that are compared [s]."""
+MOVE_SECONDS = 3.0
+"""Duration of the motion to the pose, at the start of the rest [s]."""
+PATH_SAMPLES = 60
+"""Number of poses on a path that are checked for collisions."""
+MAX_DRAWS = 400
+"""Greatest number of pairs drawn per pair with collision-free paths."""
+TOP_TAXELS = 5
+"""Number of the most loaded taxels of a link that are kept in view."""
+BASE_ANGLES = 73
+"""Number of base angles that are tried."""
+SEED_STRIDE = 1_000_000
+"""Offset between the seeds of pairs of successive `seed`s."""
+
+Pose = Float[np.ndarray, "joint"]
+
+
+@dataclass(frozen=True, eq=False)
+class SameTouch:
+    """Holds counts that are played twice, and the two poses for them."""
+
+    counts: Int[np.ndarray, "reading taxel"]
+    """Counts of the converter."""
+    received: Bool[np.ndarray, "reading taxel"]
+    """Whether a taxel was received."""
+    poses: tuple[Pose, Pose]
+    """Joint positions of the gesture, and of no gesture [rad]."""
+    labels: tuple[str, str]
+    """True label in each pose."""
+    mounted: MountedSkin
+    """The skin on its robot."""
+    calibration: Calibration
+    """Calibration of the build that was touched."""
+    period: int
+    """Time between two readings [ns]."""
+
+    def scans(self, side: int, begin: int, come_from: Pose | None) -> Iterator[Scan]:
+        """Yield the scans of one playback.
+
+        Args:
+            side: index of the pose, 0 or 1.
+            begin: stamp of its first scan [ns since the epoch].
+            come_from: joint positions before [rad]; None if it is already there.
+        """
+        pose = self.poses[side]
+        start = pose if come_from is None else come_from
+        for index, (counts, received) in enumerate(
+            zip(self.counts, self.received, strict=True)
+        ):
+            way = min(index * self.period / (MOVE_SECONDS * NS_PER_S), 1.0)
+            q = pose + (start - pose) * (1 + np.cos(np.pi * way)) / 2
+            yield Scan(begin + index * self.period, counts, received, q)
+
+
+def draw_touches(
+    number: int,
+    skin: str = "ur5",
+    build_kind: BuildKind = "fresh",
+    seed: int = 0,
+) -> tuple[SameTouch, ...]:
+    """Draw touches of people of no data set, on one build of the sensor.
+
+    The arm can go straight from each pose to the next, and from the last to the first.
+
+    Args:
+        number: number of touches.
+        skin: name of a preset skin.
+        build_kind: distributions that the sensor is drawn from.
+        seed: seed of all that is drawn.
+
+    Raises:
+        ValueError: the skin is unknown, its patches never meet, the seed is
+            negative, or too few paths are collision-free.
+    """
+    if skin not in SKIN_PRESETS or seed < 0:
+        raise ValueError(
+            f"skin '{skin}' with seed {seed}; allowed are {', '.join(SKIN_PRESETS)} "
+            "and seeds of 0 and above; change it"
+        )
+    environment = load_environment(skin)
+    level, own = environment.constants.value("sets.difficulty"), seed * SEED_STRIDE
+    first = plan_single_pair("merging", own, level, environment.constants)
+    build = replace(first.build, kind=build_kind)
+    found: list[SameTouch] = []
+    for trial in count():
+        if trial == MAX_DRAWS * number:
+            raise ValueError(
+                f"{len(found)} pairs of poses with free paths between them found; "
+                f"wanted are {number}; give fewer --pairs, or another --seed"
+            )
+        plan = plan_single_pair("merging", own + trial, level, environment.constants)
+        plan = replace(plan, build=build, session=first.session)
+        touch = build_touch(plan, environment)
+        before = [found[-1].poses[1]] if found else []
+        last = [found[0].poses[0]] if found and len(found) == number - 1 else []
+        if is_path_free([*before, *touch.poses, *last], environment):
+            found.append(touch)
+        if len(found) == number:
+            return tuple(found)
+    raise AssertionError
+
+
+def build_touch(plan: ClipPlan, environment: SimEnvironment) -> SameTouch:
+    """Build the counts of the first side of a planned pair, with rest around them."""
+    assert plan.pair is not None
+    idle = replace(
+        plan,
+        seed=build_seed("same touch rest", 0, 0, plan.seed[-1]),
+        kind="idle",
+        gesture="none",
+        seconds=REST_BEFORE + REST_AFTER,
+        pair=replace(plan.pair, number=-1, gesture="none"),
+    )
+    pair, rest = (
+        simulate_pair(plan, environment),
+        simulate_pair(idle, environment).first,
+    )
+    period = round(environment.constants.value("sensor.period") * NS_PER_S)
+    cut = round(REST_BEFORE * NS_PER_S / period)
+    touched = pair.first
+    pressed = find_most_loaded(touched.counts, environment.mounted)
+    return SameTouch(
+        counts=np.concatenate([rest.counts[:cut], touched.counts, rest.counts[cut:]]),
+        received=np.concatenate(
+            [rest.received[:cut], touched.received, rest.received[cut:]]
+        ),
+        poses=(
+            turn_to_camera(touched.q[0], pressed, environment),
+            turn_to_camera(pair.second.q[0], pressed, environment),
+        ),
+        labels=pair.labels,
+        mounted=environment.mounted,
+        calibration=get_build(plan.build, environment).calibration(
+            environment.mounted.skin
+        ),
+        period=period,
+    )
+
+
+def find_most_loaded(
+    counts: Int[np.ndarray, "reading taxel"], mounted: MountedSkin
+) -> list[Int[np.ndarray, "few"]]:
+    """Return the most loaded taxels of each link that is touched."""
+    rise = counts.max(axis=0) - np.median(counts, axis=0)
+    links = np.asarray(mounted.taxel_link_index)
+    every = [np.flatnonzero(links == link) for link in np.unique(links)]
+    return [
+        taxels[np.argsort(rise[taxels])[-TOP_TAXELS:]]
+        for taxels in every
+        if rise[taxels].max() > rise.max() / 3
+    ]
+
+
+def turn_to_camera(
+    pose: Pose, pressed: list[Int[np.ndarray, "few"]], environment: SimEnvironment
+) -> Pose:
+    """Turn the base joint of a pose so that the page shows the pressed taxels.
+
+    The arm turns as a whole, so its shape does not change.
+    """
+    place = environment.mounted.place_taxels
+    low, high = (float(each[0]) for each in compute_joint_limits(environment))
+    poses = np.tile(pose, (BASE_ANGLES, 1))
+    poses[:, 0] = np.linspace(low, high, BASE_ANGLES)
+    seen = [
+        [float((place(q, taxels)[1] @ CAMERA_DIRECTION).mean()) for q in poses]
+        for taxels in pressed
+    ]
+    return poses[int(np.min(seen, axis=0).argmax())]
+
+
+def is_path_free(poses: list[Pose], environment: SimEnvironment) -> bool:
+    """Return whether the arm meets neither itself nor the table between the poses."""
+    lines = [
+        np.linspace(a, b, PATH_SAMPLES) for a, b in zip(poses, poses[1:], strict=False)
+    ]
+    return bool(
+        are_collision_free(environment, environment.poses(np.concatenate(lines))).all()
+    )
+
+
+BLIND_MODEL = "ur5-blind"
+"""Name of weights that were trained without the pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecognitionResult:
+    """Holds what was recognised in one playback."""
+
+    detected: tuple[tuple[str, float], ...]
+    """Gesture and confidence of each detection, in their order."""
+    probabilities: Float[np.ndarray, "class"]
+    """Probabilities of the strongest touch, at its detection or its last contact; zeros
+    before there is a touch."""
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The detections as texts for people."""
+        return tuple(
+            f"{gesture.replace('_', ' ')} {confidence:.0%}"
+            for gesture, confidence in self.detected
+        )
+
+    @property
+    def gestures(self) -> list[str]:
+        """The recognised gestures, without classes that are not gestures."""
+        return [gesture for gesture, _ in self.detected if gesture not in NON_GESTURES]
+
+    def is_correct(self, label: str) -> bool:
+        """Return whether exactly the true label was recognised, and only once."""
+        return self.gestures == ([] if label in NON_GESTURES else [label])
+
+
+@final
+class RecognitionRun:
+    """Feeds one playback to a fresh recogniser."""
+
+    def __init__(self, model: Model, touch: SameTouch) -> None:
+        """Start with a model."""
+        self.recognizer = Recognizer(model, touch.mounted, touch.calibration)
+        self.classes = len(model.card.vocabulary)
+        self.probabilities: dict[int, np.ndarray] = {}
+        self.detected: set[int] = set()
+        self.detections: list[Detection] = []
+
+    def push(self, scan: Scan) -> None:
+        """Process the next scan."""
+        detections = self.recognizer.push(scan)
+        self.detections += detections
+        state = self.recognizer.state
+        assert state is not None
+        detected = {detection.touch for detection in detections}
+        current = {touch.id for touch in state.open} | detected
+        self.probabilities |= {
+            touch: probabilities
+            for touch, probabilities in self.recognizer.probabilities.items()
+            if touch in current - self.detected
+        }
+        self.detected |= detected
+
+    def finish(self) -> None:
+        """Process the end of the playback."""
+        self.detections += self.recognizer.finish()
+
+    @property
+    def result(self) -> RecognitionResult:
+        """The result so far."""
+        touch = max(self.probabilities, default=None)
+        if self.detections:
+            touch = max(self.detections, key=lambda each: each.peak_force).touch
+        nothing = np.zeros(self.classes)
+        probabilities = nothing if touch is None else self.probabilities[touch]
+        detected = tuple((each.gesture, each.confidence) for each in self.detections)
+        return RecognitionResult(detected, probabilities)
+
+
+def recognise_touch(touch: SameTouch, side: int, model: Model) -> RecognitionResult:
+    """Recognise the playback of a touch in one of its poses."""
+    run = RecognitionRun(model, touch)
+    for scan in touch.scans(side, touch.period, None):
+        run.push(scan)
+    run.finish()
+    return run.result
+
+
+@dataclass(frozen=True, eq=False)
+class PoseComparison:
+    """Holds the results of two models in both poses of a touch."""
+
+    labels: tuple[str, str]
+    """True label in each pose."""
+    posed: tuple[RecognitionResult, RecognitionResult]
+    """Results of the recogniser that sees the pose."""
+    blind: tuple[RecognitionResult, RecognitionResult]
+    """Results of the recogniser that does not see the pose."""
+
+    def count_correct(
+        self, results: tuple[RecognitionResult, RecognitionResult]
+    ) -> int:
+        """Return the number of poses in which the results are correct."""
+        return sum(map(RecognitionResult.is_correct, results, self.labels))
+
+    @property
+    def blind_is_equal(self) -> bool:
+        """Return whether both results without the pose are equal to the last digit."""
+        one, other = self.blind
+        equal = np.array_equal(one.probabilities, other.probabilities)
+        return one.detected == other.detected and equal
+
+
+def compare_models(number: int, config: DemoConfig) -> list[PoseComparison]:
+    """Compare both models on some touches, faster than real time.
+
+    Args:
+        number: number of touches.
+        config: skin, model and build.
+    """
+    models = load_both_models(config.model)
+    touches = draw_touches(number, config.skin, config.build_kind, config.seed)
+    found = []
+    for touch in touches:
+        posed, blind = (
+            (recognise_touch(touch, 0, model), recognise_touch(touch, 1, model))
+            for model in models
+        )
+        found.append(PoseComparison(touch.labels, posed, blind))
+    return found
+
+
+def load_both_models(name: str) -> tuple[Model, Model]:
+    """Load a model, and one that was trained without the pose."""
+    return load_model(name), load_model(BLIND_MODEL)

@@ -1,0 +1,1 @@
+"""Check the simulation against its targets: `python -m lab.simulation`."""

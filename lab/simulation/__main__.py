@@ -1,0 +1,152 @@
+"""Check the simulation against measured and published properties.
+
+python -m lab.simulation [PART], where PART is physics, rig, bands, sensor,
+families, reference, difficulty, ceiling, leakage, sweep, speed or all.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import tyro
+
+from eskin.sim.constants import load_constants
+from lab.simulation.bands import band_checks
+from lab.simulation.ceiling import ceiling_tables
+from lab.simulation.check import as_table
+from lab.simulation.confusion import confusion_tables
+from lab.simulation.element import element_checks
+from lab.simulation.families import family_table
+from lab.simulation.forest import difficulty_tables
+from lab.simulation.leakage import leakage_checks
+from lab.simulation.physics import physics_checks
+from lab.simulation.reference import reference_tables
+from lab.simulation.rig import rig_checks
+from lab.simulation.speed import speed_checks
+from lab.simulation.sweep import sweep_table
+
+Part = Literal[
+    "physics",
+    "rig",
+    "bands",
+    "sensor",
+    "families",
+    "reference",
+    "difficulty",
+    "ceiling",
+    "leakage",
+    "sweep",
+    "speed",
+    "all",
+]
+
+
+REPEATS = 8
+"""Clips of every touch on every surface that are compared with MuJoCo."""
+
+
+BUILDS = 6
+"""Builds of each family that are measured."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Print properties of the simulation beside their targets."""
+
+    part: tyro.conf.Positional[Part] = "all"
+    """Tables to print."""
+    people: int = 100
+    """Number of people; three times as many on the rig, where spreads are compared."""
+    clips: int = 3000
+    """Number of clips for training, for difficulty, ceiling and leakage."""
+    seed: int = 0
+    """Seed of people and touches."""
+
+
+def physics(command: Command) -> str:
+    """Check areas, profiles and times of contact."""
+    checks = physics_checks(load_constants(), command.people, command.seed)
+    return as_table("Contact", checks)
+
+
+def rig(command: Command) -> str:
+    """Check areas, peaks and durations on the grid of CoST."""
+    constants = load_constants()
+    people, difficulty = 3 * command.people, constants.value("sets.difficulty")
+    checks = rig_checks(constants, people, 4, difficulty, command.seed)
+    return as_table(f"The rig of CoST, {people} people, 4 captures each", checks)
+
+
+def bands(command: Command) -> str:
+    """Check taxels, forces and durations on the forearm."""
+    checks = band_checks(load_constants(), command.people, command.seed)
+    return as_table("On the forearm of the UR5, difficulty 0", checks)
+
+
+def sensor(command: Command) -> str:
+    """Check one element against logged presses."""
+    return as_table("One element", element_checks(load_constants(), command.seed))
+
+
+def families(command: Command) -> str:
+    """Measure builds of every family as real arrays were measured."""
+    return family_table(load_constants(), BUILDS, command.seed)
+
+
+def difficulty(command: Command) -> str:
+    """Measure the difficulty of clips, and the confusions."""
+    levels = difficulty_tables(command.clips, command.seed)
+    tables, checks = confusion_tables(command.clips, command.seed)
+    return "\n".join([levels, tables, as_table("Confusions", checks)])
+
+
+def ceiling(command: Command) -> str:
+    """Measure the accuracy of a classifier that receives the true touches."""
+    return ceiling_tables(command.clips, command.seed)
+
+
+def leakage(command: Command) -> str:
+    """Check that nothing but the touch predicts the class."""
+    return as_table("Leakage", leakage_checks(command.clips, command.seed))
+
+
+def reference(command: Command) -> str:
+    """Compare contacts with the same hands in MuJoCo."""
+    return reference_tables(REPEATS, command.seed)
+
+
+def sweep(command: Command) -> str:
+    """Measure accuracy with estimated forces half and twice as large."""
+    return sweep_table(command.clips, command.seed)
+
+
+def speed(command: Command) -> str:
+    """Measure the rate of generation."""
+    return as_table("Speed", speed_checks(command.clips, command.seed))
+
+
+PARTS: dict[str, Callable[[Command], str]] = {
+    "physics": physics,
+    "rig": rig,
+    "bands": bands,
+    "sensor": sensor,
+    "families": families,
+    "reference": reference,
+    "difficulty": difficulty,
+    "ceiling": ceiling,
+    "leakage": leakage,
+    "sweep": sweep,
+    "speed": speed,
+}
+
+
+def main() -> None:
+    """Print the chosen tables."""
+    command = tyro.cli(Command)
+    for name, table in PARTS.items():
+        if command.part in (name, "all"):
+            print(table(command), flush=True)
+
+
+if __name__ == "__main__":
+    main()

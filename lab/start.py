@@ -1,0 +1,86 @@
+"""Time `eskin run` from its start to its first line, first reading and first answer.
+
+    python -m lab.start
+
+A recording of 4 s is replayed whose touch is recognised 0.8 s after its begin: first
+with nothing compiled, then three times with what the first run has kept on disk.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import eskin
+from eskin.recording import Metadata
+
+RATE = 50
+SECONDS = 4
+EVENTS = {
+    "first line": re.compile("."),
+    "first reading": re.compile(r"\s+time  what"),
+    "first answer": re.compile(r"\s+[\d.]+s  \w+ +\d+%"),
+}
+"""Patterns of the lines that are waited for."""
+
+
+def main() -> None:
+    """Measure and print."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "poke.mcap"
+        write_poke(path)
+        for name in ("nothing compiled", *["compiled"] * 3):
+            found = time_run(path, Path(folder) / "compiled")
+            times = ", ".join(f"{event} {found[event]:.1f} s" for event in EVENTS)
+            print(f"{name}: {times}", flush=True)
+
+
+def write_poke(path: Path) -> None:
+    """Record a poke of the ur5 skin from 0.6 to 0.9 s."""
+    skin, rng = eskin.load_skin("ur5"), np.random.default_rng(0)
+    calibration = eskin.Calibration.uniform(skin.count, 4095, 100.0)
+    patch = skin.find_taxels(skin.patches[4].id)
+    distance = np.linalg.norm(skin.positions - skin.positions[patch[20]], axis=1)
+    shape = np.zeros(skin.count)
+    shape[patch] = np.exp(-((distance[patch] / 0.012) ** 2))
+    metadata, received = Metadata("bench"), np.ones(skin.count, bool)
+    with eskin.RecordingWriter(path, "ur5", skin, calibration, metadata) as writer:
+        for index in range(RATE * SECONDS):
+            t = index / RATE
+            press = 1600 * np.sin(np.pi * np.clip((t - 0.6) / 0.3, 0, 1))
+            counts = np.int32(rng.normal(20, 1, skin.count) + press * shape)
+            stamp = round((index + 1) * 1e9 / RATE)
+            writer.write(eskin.Scan(stamp, counts, received, np.zeros(6)))
+
+
+def time_run(path: Path, cache: Path) -> dict[str, float]:
+    """Return the time of each event of `eskin run` since its start [s].
+
+    Args:
+        path: recording that is replayed.
+        cache: folder that keeps compiled code.
+    """
+    words = [sys.executable, "-m", "eskin.cli.main", "run", "--source"]
+    began, found = time.monotonic(), {}
+    with subprocess.Popen(
+        [*words, f"replay:{path}"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            for event, pattern in EVENTS.items():
+                if event not in found and pattern.match(line):
+                    found[event] = time.monotonic() - began
+    return found
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,236 @@
+"""Make weights that come with eskin: generate the sets, then train.
+
+    python -m lab.weights --sets SETS --out FOLDER
+    python -m lab.weights --sets SETS --out FOLDER --weights p0 p1
+
+`ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
+touches of the people of SocialTouch beside the same sets. `p0` and `p1` are trained on
+with one person each, so that `python -m lab.transfer --people P1 --model
+FOLDER/p0.safetensors` tests on the other one. `ur5-pairs`, which does not come with
+eskin, learns from more pairs. `ur5-groups` knows the 12 groups of gestures of
+SocialTouch instead of the classes of the paper, and starts from `ur5-sim`; `groups-p0`
+and `groups-p1` are trained on one person each (`lab.transfer
+socialtouch-groups`). `without-FAMILY` is trained without a family of sensors, and
+`all-families` for as long with all. The decisions of `ur5` and `ur5-pairs` are chosen
+on streams, those of the others are the default. Sets and prepared recordings that exist
+are used as they are.
+"""
+
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from eskin.recording import find_recordings, read_recording
+from eskin.sim.sensor import FAMILIES
+
+SIMULATED = {
+    "train": "--set train --clips 5000",
+    "train-families": "--set train-families --clips 16000",
+    "train-sparse": "--set train-families --seed 2 --skin ur5-sparse --clips 2400",
+    "train-dense": "--set train-families --seed 3 --skin ur5-dense --clips 2000",
+    "train-post": "--set train-families --seed 4 --skin post --clips 1000",
+    "train-moving": "--set train-moving --clips 3000",
+    "train-pairs": "--set pairs --seed 1 --clips 500",
+}
+"""Sets of simulated people to train on, by their folder, with the options of `eskin
+generate`."""
+
+MORE = {
+    "train-pairs-more": "--set pairs --seed 7 --clips 1000",
+    "train-sparse-more": "--set train-families --seed 6 --skin ur5-sparse --clips 2400",
+}
+"""Sets of what simulated weights know least: pairs, and skins of few taxels."""
+
+VALIDATION = {
+    "tuneval": "--set val --clips 400",
+    "tunefam": "--set val-families --clips 600",
+}
+"""Sets that epoch and temperature are chosen on."""
+
+STREAMS = {
+    "tunestreams": "--set streams-fresh --seed 1 --clips 8",
+    "tunestreamsx": "--set streams --seed 1 --clips 8",
+    "tunestreamsf": "--set streams-families --seed 1 --clips 12",
+}
+"""Sets that the decision is chosen on."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A recipe says how weights are trained."""
+
+    start: str
+    """Weights to start from; empty for random ones."""
+    people: tuple[int, ...]
+    """People of SocialTouch to train on."""
+    epochs: int
+    steps: int
+    """Steps of an epoch."""
+    more: bool = False
+    """Whether the sets of `MORE` are trained on as well, with `MORE_SHARES`."""
+    decides: bool = False
+    """Whether the decision is chosen on streams."""
+    grouped: bool = False
+    """Whether classes are the groups of gestures of SocialTouch."""
+    left_out: str = ""
+    """Family of sensors whose recordings are not used; empty for none."""
+
+
+WEIGHTS = {
+    "ur5-sim": Recipe("", (), 20, 250),
+    "ur5": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
+    "ur5-pairs": Recipe("ur5-sim", (0, 1), 10, 250, more=True, decides=True),
+    "p0": Recipe("ur5-sim", (0,), 8, 200),
+    "p1": Recipe("ur5-sim", (1,), 8, 200),
+    "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
+    "groups-p0": Recipe("ur5-sim", (0,), 8, 250, grouped=True),
+    "groups-p1": Recipe("ur5-sim", (1,), 8, 250, grouped=True),
+    "all-families": Recipe("", (), 4, 250),
+    **{
+        f"without-{family}": Recipe("", (), 4, 250, left_out=family)
+        for family in FAMILIES
+    },
+}
+"""Recipes by the name of the weights."""
+
+OPTIONS = """
+--skins 0 --train.batch 96 --train.encoded 32 --train.readings 10 --train.decay 0.1
+--train.smoothing 0.05 --train.patience 99 --train.network.dropout 0.1
+--train.augment.gain 0.9 --train.augment.taxel-gain 0.05 --train.augment.dead 0.03
+--train.augment.offset 0.25 --train.augment.crop 0 --train.augment.stretch 0.1
+--train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05
+--train.augment.noise 0.02
+""".split()
+"""Options of every training."""
+
+SHARES = ["recorded", "0.5"]
+"""Sets, each followed by its share of the windows of a class."""
+
+MORE_SHARES = ["recorded", "0.4", "pairs", "0.2"]
+"""The same where the sets of `MORE` are trained on."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Make the weights that come with eskin."""
+
+    sets: Path
+    """Folder of the sets, and of the prepared recordings."""
+    out: Path
+    """Folder of the weights."""
+    socialtouch: Path = Path("../shared/data/socialtouch")
+    """Folder of the SocialTouch set, as published."""
+    weights: tuple[str, ...] = ("ur5-sim", "ur5")
+    """Names of the weights to make, those to start from first."""
+    seed: int = 0
+    """Seed of the training."""
+    width: int = 32
+    """Channels of a node of the network; 0 for the summary alone."""
+    layers: int = 3
+    """Equivariant layers; 0 without messages between taxels."""
+    channels: int = 48
+    """Channels of each of its heads."""
+    workers: int = 2
+    """Number of processes that generate and prepare, and of threads that train."""
+
+    def __post_init__(self) -> None:
+        """Raise if weights have no known name."""
+        unknown = [name for name in self.weights if name not in WEIGHTS]
+        if unknown:
+            raise ValueError(
+                f"--weights has '{unknown[0]}'; allowed are {', '.join(WEIGHTS)}; take "
+                "those"
+            )
+
+
+def main() -> None:
+    """Generate what is missing, and train."""
+    command = tyro.cli(Command)
+    command.out.mkdir(parents=True, exist_ok=True)
+    for name in command.weights:
+        train(name, command)
+
+
+def train(name: str, command: Command) -> None:
+    """Train weights on their sets."""
+    recipe = WEIGHTS[name]
+    recorded = build_recorded_sets(recipe, command.socialtouch)
+    simulated = SIMULATED | MORE if recipe.more else SIMULATED
+    trained = recorded if recipe.grouped else simulated | recorded
+    validation = {} if recipe.grouped else VALIDATION
+    streams = STREAMS if recipe.decides else {}
+    for sets in (trained, validation, streams):
+        for folder, options in sets.items():
+            generate(command.sets / folder, options.split(), command.workers)
+    chosen: list[str] = []
+    for option, sets in (("--val", validation), ("--streams", streams)):
+        found = list_recordings(command.sets, sets, recipe.left_out)
+        chosen += [option, *found] if found else []
+    start = command.out / f"{recipe.start}.safetensors"
+    run(
+        "train",
+        *list_recordings(command.sets, trained, recipe.left_out),
+        *("--pack", str(command.sets / "pack")),
+        *("--out", str(command.out / f"{name}.safetensors")),
+        *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
+        *("--train.workers", str(command.workers)),
+        *("--seed", str(command.seed)),
+        *("--train.network.width", str(command.width)),
+        *("--train.network.layers", str(command.layers)),
+        *("--train.network.channels", str(command.channels)),
+        *OPTIONS,
+        *("--train.shares", *(MORE_SHARES if recipe.more else SHARES)),
+        *(["--start", str(start)] if recipe.start else []),
+        *chosen,
+    )
+
+
+def list_recordings(root: Path, sets: Iterable[str], left_out: str) -> list[str]:
+    """Return the folders of sets, or their recordings where a family is left out."""
+    folders = [root / folder for folder in sets]
+    if not left_out or not folders:
+        return [str(folder) for folder in folders]
+    return [
+        str(path)
+        for path in find_recordings(folders)
+        if read_recording(path).metadata.notes.get("family") != left_out
+    ]
+
+
+def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:
+    """Return the sets of recorded people, by folder, with their options."""
+    kind, folder, clips = "recorded", "rec", 2400
+    if recipe.grouped:
+        kind, folder, clips = "recorded-groups", "groups", 2400
+    sets = {}
+    for person in recipe.people:
+        options = f"--set {kind} --recorded {source} --people {person}"
+        dense = f"{options} --skin ur5-dense --seed 1 --clips {clips // 2}"
+        sets |= {
+            f"{folder}{person}": f"{options} --clips {clips}",
+            f"{folder}{person}-dense": dense,
+        }
+    return sets
+
+
+def generate(folder: Path, options: list[str], workers: int) -> None:
+    """Generate a set, or continue one that is not complete."""
+    run("generate", str(folder), *options, "--workers", str(workers))
+
+
+def run(*words: str) -> None:
+    """Run an eskin command.
+
+    Raises:
+        subprocess.CalledProcessError: it fails.
+    """
+    script = Path(sys.executable).with_name("eskin")
+    subprocess.run([str(script), *words], check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""`eskin skin paint` lets a person paint where skin is to lie, in the browser."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+import tyro
+
+from eskin.cli.checks import check_writable
+from eskin.design.commands.design import check_packages
+from eskin.errors import DeviceError, SkinError
+from eskin.page.link import DEFAULT_PORT
+from eskin.robot import load_robot
+from eskin.units import format_count
+
+if TYPE_CHECKING:
+    from eskin.design.paint_viewer import PaintViewer
+    from eskin.design.spec import SpecFile
+    from eskin.page import PaintOrder
+
+WAIT = 60.0
+"""Longest time until the page is served [s]."""
+
+
+@dataclass(frozen=True)
+class PaintCommand:
+    """Paint where skin is to lie on a robot, and where none is, in the browser.
+
+    The page shows the robot. Drag over it to paint with a round brush, or click; undo
+    and save by the buttons. What is painted on a link is one region of the
+    specification that `eskin skin design --spec` reads.
+    """
+
+    robot: tyro.conf.Positional[str]
+    """Robot to paint on: a .urdf file, or the name of one that comes with eskin."""
+
+    spec: Path
+    """YAML file to write. What it holds already is kept, below what is painted; its
+    comments are not."""
+
+    links: tuple[str, ...] = ()
+    """Links to paint on; all that have a shape where none are given."""
+
+    density: float | None = None
+    """Density of the painted regions [1/cm2]; that of `eskin skin design` by default.
+    """
+
+    port: int = DEFAULT_PORT
+    """TCP port of the page on this computer; 0 takes any free one."""
+
+    no_mimics: bool = False
+    """Ignore the mimic rules of the URDF: every joint has a value of its own."""
+
+
+def run(command: PaintCommand) -> dict[str, object]:
+    """Serve the page until it is closed; return what was saved."""
+    check_packages()
+    from eskin.design.spec import SpecFile, read_spec_file
+
+    if command.density is not None and not 0 < command.density <= 1e4:
+        raise SkinError(
+            f"--density is {command.density:g}; allowed are numbers above 0 up to 1e4"
+        )
+    check_writable(command.spec)
+    before = read_spec_file(command.spec) if command.spec.exists() else SpecFile()
+    draft = SpecDraft(command.spec, before, command.density)
+    page = open_page(command, draft)
+    try:
+        print(f"paint at {page.page.wait_ready(WAIT)}", flush=True)
+        with suppress(KeyboardInterrupt):
+            page.wait_closed()
+        if page.page.failure is not None:
+            raise DeviceError(page.page.failure)
+    finally:
+        page.close()
+    written, is_saved = draft.written, draft.written is not before
+    print(
+        f"{command.spec}: {format_count(len(written.regions), 'region')}, "
+        f"{format_count(len(written.keep_out), 'keep-out zone')}"
+        if is_saved
+        else "nothing was saved"
+    )
+    return {
+        "spec": str(command.spec),
+        "saved": is_saved,
+        "regions": len(written.regions),
+        "keep_out": len(written.keep_out),
+        "balls": len(page.balls),
+    }
+
+
+def open_page(command: PaintCommand, draft: "SpecDraft") -> "PaintViewer":
+    """Serve the surface of the robot, with what the specification holds already."""
+    from eskin.design.paint_viewer import PaintViewer
+    from eskin.design.painting import find_points, sample_surfaces
+    from eskin.design.spec import MAX_BALLS, PER_CM2
+    from eskin.page.link import free_port
+    from eskin.page.viewer import ViewerConfig
+    from eskin.skin import MountedSkin
+
+    config = ViewerConfig(free_port(command.port))
+    robot = load_robot(command.robot, mimics=not command.no_mimics)
+    points = sample_surfaces(robot, command.links)
+    before = draft.before
+    regions, keep_outs = before.build(PER_CM2)
+    zones = [region.zone for region in regions], keep_outs
+    earlier = np.stack([find_points(points, each) for each in zones])
+    used = sum(len(zone.balls_mm or ()) for zone in (*before.regions, *before.keep_out))
+    mounted = MountedSkin(points, robot)
+    return PaintViewer(mounted, draft.save, earlier, MAX_BALLS - used, config)
+
+
+@final
+class SpecDraft:
+    """A draft is a specification to which painted balls are added when they are saved.
+
+    Attributes:
+        before: specification before anything was painted.
+        written: specification as it was saved last; `before` until then.
+    """
+
+    def __init__(self, path: Path, before: "SpecFile", density: float | None) -> None:
+        """Start with nothing painted.
+
+        Args:
+            path: file that is written.
+            before: what it holds already.
+            density: density of the painted regions [1/cm2]; None for that of the
+                command that designs the skin.
+        """
+        self.path, self.density = path, density
+        self.before = self.written = before
+
+    def save(self, orders: "tuple[PaintOrder, ...]") -> str:
+        """Write what was painted; return a line that says whether it could be."""
+        from eskin.design.painting import PaintedBall, add_painted
+        from eskin.design.spec import PER_CM2, write_spec_file
+
+        balls = [
+            PaintedBall(order.link, order.p_link, order.radius, order.keeps_out)
+            for order in orders
+        ]
+        density = None if self.density is None else PER_CM2 * self.density
+        entries = add_painted(self.before, balls, density)
+        try:
+            write_spec_file(self.path, entries)
+        except OSError as error:
+            return f"not saved: {error.strerror}; give another file with --spec"
+        self.written = entries
+        return f"saved: {self.path}"

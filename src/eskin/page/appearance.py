@@ -1,0 +1,232 @@
+"""This module builds the meshes that show a robot."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.page.messages import LinkMesh, SceneDescription
+from eskin.robot import (
+    ROBOT_PRESETS,
+    Cylinder,
+    Geom,
+    Robot,
+    TriangleMesh,
+    build_geom_mesh,
+    compute_surface_distance,
+    revolve_profile,
+)
+from eskin.skin import MountedSkin
+from eskin.transforms import apply, invert
+
+SEGMENTS = 48
+"""Number of segments around a solid of revolution."""
+EDGE_RADIUS = 0.007
+"""Radius of the rounded edge of a cylinder [m]."""
+ARC_POINTS = 5
+"""Number of points on the profile of a rounded edge."""
+COVER_DISTANCE = 0.006
+"""Greatest distance between an end and the part or taxel that covers it [m]."""
+VIEW_SHARE = 1.6
+"""Distance of the camera over the diagonal of the box around a robot."""
+LID_HEIGHT = 0.005
+"""Height of a lid [m]."""
+BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
+"""Colours of aluminium, of its tubes, and of lids in the blue-grey of a UR."""
+
+
+def describe_scene(
+    mounted: MountedSkin,
+    gestures: tuple[str, ...],
+    touchable: bool = False,
+    skins: tuple[str, ...] = (),
+    is_arm: bool = False,
+    compares: bool = False,
+    calibrates: bool = False,
+    paints: bool = False,
+    warning: str = "",
+    commands: tuple[str, ...] = (),
+    corrects: bool = False,
+    places: tuple[tuple[str, tuple[float, float, float]], ...] = (),
+) -> SceneDescription:
+    """Return the description of a skin on its robot.
+
+    The other arguments are fields of `SceneDescription`.
+    """
+    skin = mounted.skin
+    solids = build_link_meshes(mounted)
+    view = {} if mounted.robot.name in ROBOT_PRESETS else frame_robot(mounted, solids)
+    return SceneDescription(
+        title=f"{mounted.robot.name}: paint the skin"
+        if paints
+        else f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
+        links=mounted.robot.link_names,
+        solids=solids,
+        taxel_link=mounted.taxel_link_index,
+        positions=skin.positions,
+        normals=skin.normals,
+        areas=skin.areas,
+        patches=tuple(patch.id for patch in skin.patches),
+        patch_index=skin.patch_index,
+        rows=skin.rows,
+        columns=skin.columns,
+        gestures=gestures,
+        touchable=touchable,
+        skins=skins,
+        is_arm=is_arm,
+        compares=compares,
+        calibrates=calibrates,
+        paints=paints,
+        warning=warning,
+        commands=commands,
+        corrects=corrects,
+        places=places,
+        **view,
+    )
+
+
+def frame_robot(mounted: MountedSkin, solids: tuple[LinkMesh, ...]) -> dict[str, Any]:
+    """Return the view that shows a whole robot with its joints at 0.
+
+    The result holds `middle`, `distance` and `ground` of `SceneDescription`.
+    """
+    T = mounted.kinematics.poses(np.zeros(len(mounted.robot.joint_names)))
+    points = np.concatenate(
+        [
+            *(apply(T[solid.link], solid.vertices) for solid in solids),
+            mounted.place_taxels(np.zeros(len(mounted.robot.joint_names)))[0],
+        ]
+    )
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y, z = ((low + high) / 2).tolist()
+    return {
+        "middle": (x, y, z),
+        "distance": VIEW_SHARE * float(np.linalg.norm(high - low)),
+        "ground": min(0.0, float(low[2])),
+    }
+
+
+def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
+    """Return the meshes of the robot under its skin, part by part.
+
+    Cylinders get rounded edges, and a lid on each bare end. Other shapes stay
+    unchanged.
+    """
+    robot = mounted.robot
+    T_world_link = mounted.kinematics.poses(np.zeros(len(robot.joint_names)))
+    solids = []
+    for index, link in enumerate(robot.links):
+        for body in link.geoms:
+            mesh = (
+                build_rounded_cylinder(body)
+                if isinstance(body.shape, Cylinder)
+                else None
+            )
+            is_tube = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
+            colour = TUBE if is_tube else BODY
+            mesh = mesh or build_geom_mesh(body)
+            solids.append(LinkMesh(index, mesh.vertices, mesh.faces, colour))
+            for end in find_bare_ends(mounted, T_world_link, index, body):
+                mesh = build_lid(body, end)
+                solids.append(LinkMesh(index, mesh.vertices, mesh.faces, COVER))
+    return tuple(solids)
+
+
+def is_slender(body: Geom) -> bool:
+    """Return whether a body is a tube rather than the housing of a joint."""
+    shape = body.shape
+    return isinstance(shape, Cylinder) and shape.length > 3.5 * shape.radius
+
+
+def build_rounded_cylinder(body: Geom) -> TriangleMesh:
+    """Return a cylinder with rounded edges, in the frame of its link."""
+    shape = body.shape
+    assert isinstance(shape, Cylinder)
+    radius, height = shape.radius, shape.length / 2
+    edge = min(EDGE_RADIUS, radius / 3, height / 2)
+    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
+    arc = np.stack(
+        [radius - edge + edge * np.cos(angle), height - edge + edge * np.sin(angle)],
+        axis=-1,
+    )
+    rim = np.array([[radius - edge - 0.001, height]])
+    upper = np.concatenate([arc, rim])
+    profile = np.concatenate([upper[::-1] * (1, -1), upper])
+    return transform_mesh(revolve_profile(profile, height, SEGMENTS), body.T_link_shape)
+
+
+def build_lid(body: Geom, end: int) -> TriangleMesh:
+    """Return a low dome on an end of a cylinder, in the frame of its link.
+
+    Args:
+        body: cylinder.
+        end: 1 for the end at its greatest z, -1 for the other.
+    """
+    shape = body.shape
+    assert isinstance(shape, Cylinder)
+    radius = shape.radius - min(EDGE_RADIUS, shape.radius / 3)
+    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
+    dome = np.stack(
+        [radius - 0.006 * (1 - np.cos(angle)), LID_HEIGHT * np.sin(angle)], axis=-1
+    )
+    inside = np.array([[radius, -LID_HEIGHT]])
+    profile = np.concatenate([inside, dome, [[radius / 2, LID_HEIGHT]]])
+    mesh = revolve_profile(profile, LID_HEIGHT, SEGMENTS)
+    T_shape_end = np.diag([1.0, end, end, 1.0])
+    T_shape_end[2, 3] = end * shape.length / 2
+    return transform_mesh(mesh, body.T_link_shape @ T_shape_end)
+
+
+def transform_mesh(mesh: TriangleMesh, T: Float[np.ndarray, "4 4"]) -> TriangleMesh:
+    """Return a mesh transformed by a matrix."""
+    return TriangleMesh(apply(T, mesh.vertices), mesh.faces)
+
+
+def find_bare_ends(
+    mounted: MountedSkin,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    link: int,
+    body: Geom,
+) -> list[int]:
+    """Return the ends of a cylinder, 1 or -1, that no part and no taxel covers."""
+    if not isinstance(body.shape, Cylinder):
+        return []
+    bare = []
+    for end in (-1, 1):
+        height = end * body.shape.length / 2
+        beyond = apply(
+            body.T_link_shape, np.array([0.0, 0.0, height + end * COVER_DISTANCE])
+        )
+        p_world = apply(T_world_link[link], beyond)
+        if not is_covered(
+            mounted.robot, T_world_link, p_world
+        ) and not has_taxels_on_end(mounted, link, body, height):
+            bare.append(end)
+    return bare
+
+
+def is_covered(
+    robot: Robot,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    p_world: Float[np.ndarray, "3"],
+) -> bool:
+    """Return whether a point of the world lies in some part of the robot."""
+    return any(
+        compute_surface_distance(link, apply(invert(T), p_world)[None])[0][0] < 0
+        for link, T in zip(robot.links, T_world_link, strict=True)
+        if link.geoms
+    )
+
+
+def has_taxels_on_end(
+    mounted: MountedSkin, link: int, body: Geom, height: float
+) -> bool:
+    """Return whether taxels lie on the end of a cylinder at a height [m]."""
+    assert isinstance(body.shape, Cylinder)
+    on_link = mounted.skin.positions[mounted.taxel_link_index == link]
+    local = apply(invert(body.T_link_shape), on_link)
+    aside = np.linalg.norm(local[:, :2], axis=-1)
+    on_end = (abs(local[:, 2] - height) < COVER_DISTANCE) & (
+        aside < 0.9 * body.shape.radius
+    )
+    return bool(on_end.any())

@@ -1,0 +1,517 @@
+"""This module provides the listener that shows a stream in the browser."""
+
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
+from time import monotonic
+from typing import Protocol, final, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.drivers import Event
+from eskin.errors import DeviceError
+from eskin.live import Detection
+from eskin.page.appearance import describe_scene
+from eskin.page.link import format_link, make_token
+from eskin.page.messages import (
+    ArmSummary,
+    ComparisonBoard,
+    ContactMarker,
+    CorrectionOrder,
+    LogEntry,
+    OpenTouch,
+    Order,
+    SceneDescription,
+    ViewUpdate,
+)
+from eskin.page.process import PageProcess
+from eskin.skin import MountedSkin
+from eskin.stream import (
+    CommandEvent,
+    Context,
+    Correction,
+    Listener,
+    Message,
+    Recognition,
+    RecognitionState,
+    found_together,
+)
+from eskin.stream.listener import RARE, Drop
+from eskin.touch import Contact, TouchState
+from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
+from eskin.units import NS_PER_S
+
+MAX_LOG_ENTRIES = 32
+"""Greatest number of log entries that wait for an update; older ones are dropped."""
+MAX_CONTACTS = 8
+"""Greatest number of contacts in an update."""
+
+
+@runtime_checkable
+class ArmStatus(Protocol):
+    """Declares the part of an arm's state that the page shows."""
+
+    @property
+    def moving(self) -> bool:
+        """Return whether a joint moves."""
+        ...
+
+    @property
+    def paused(self) -> bool:
+        """Return whether a person requested a pause."""
+        ...
+
+    @property
+    def hold_reason(self) -> str | None:
+        """Reason for a stop without a request; None otherwise."""
+        ...
+
+    @property
+    def speed(self) -> float:
+        """Speed as a share of full speed."""
+        ...
+
+    @property
+    def speed_limit(self) -> float:
+        """Share of full speed that it does not exceed for now."""
+        ...
+
+    @property
+    def gripper(self) -> str:
+        """State of the gripper: `open` or `closed`."""
+        ...
+
+    @property
+    def target(self) -> str:
+        """Name of the target of the motion."""
+        ...
+
+    @property
+    def carrying(self) -> bool:
+        """Return whether a part is in the gripper."""
+        ...
+
+    @property
+    def protective_stop(self) -> bool:
+        """Return whether the robot has stopped itself."""
+        ...
+
+    @property
+    def connected(self) -> bool:
+        """Return whether the robot is connected."""
+        ...
+
+
+@final
+class FrameEncoder:
+    """Builds updates of the page, and holds log entries until the next update."""
+
+    def __init__(self, mounted: MountedSkin, begin: int) -> None:
+        """Start with an empty log.
+
+        Args:
+            mounted: skin on its robot.
+            begin: stamp of time zero [ns since the epoch].
+        """
+        self.mounted = mounted
+        self.begin = begin
+        self.log_entries: deque[LogEntry] = deque(maxlen=MAX_LOG_ENTRIES)
+        self.last_event: Event | None = None
+        joints = len(mounted.robot.joint_names)
+        self.T_world_link = mounted.kinematics.poses(np.zeros(joints))
+
+    def seconds(self, stamp: int) -> float:
+        """Return the time of a stamp since `begin` [s]."""
+        return (stamp - self.begin) / NS_PER_S
+
+    def note(self, item: object) -> None:
+        """Add a detection, an event or a command to the log."""
+        match item:
+            case Detection():
+                self.log_entries.append(self.describe_detection(item))
+            case Event() if found_together(self.last_event, item):
+                # Of faults found together one is logged; the page counts all.
+                pass
+            case Event():
+                self.last_event = item
+                self.log_entries.append(
+                    LogEntry(self.seconds(item.stamp), "event", item.text)
+                )
+            case CommandEvent():
+                kind = "command" if item.accepted else "refused"
+                text = item.action + (f": {item.why}" if item.why else "")
+                text = text.replace("_", " ")
+                self.log_entries.append(LogEntry(self.seconds(item.stamp), kind, text))
+
+    def describe_detection(self, detection: Detection) -> LogEntry:
+        """Return the log entry of a detection, with its position on its link."""
+        link = self.mounted.robot.link_index(detection.link)
+        x, y, z = apply(invert(self.T_world_link[link]), detection.p_world).tolist()
+        name = detection.gesture.replace("_", " ")
+        return LogEntry(
+            self.seconds(detection.stamp),
+            "detection",
+            f"{name} {detection.confidence:.0%}, "
+            f"{detection.peak_force:.0f} N, {detection.patch.replace('_', ' ')}",
+            detection.gesture,
+            link,
+            (x, y, z),
+            detection.touch,
+        )
+
+    def build_update(
+        self,
+        recognised: RecognitionState,
+        rate: float,
+        step: float,
+        age: float,
+        arm: ArmSummary | None,
+    ) -> ViewUpdate:
+        """Return the update that shows a state of the recognition.
+
+        Args:
+            recognised: state of the recognition.
+            rate: rate of readings [1/s].
+            step: median time to recognise one reading [s].
+            age: age of the reading when its processing was complete [s].
+            arm: summary of the arm; None without an arm.
+        """
+        state = recognised.state
+        reading = state.reading
+        self.T_world_link = self.mounted.kinematics.poses(reading.q)
+        contacts = sorted(state.contacts, key=lambda contact: -contact.force)
+        entries = tuple(self.log_entries)
+        for _ in entries:
+            self.log_entries.popleft()
+        return ViewUpdate(
+            seconds=self.seconds(reading.stamp),
+            poses=pack_poses(self.T_world_link),
+            pressure=np.where(reading.valid, reading.pressure, 0.0).astype(np.float16),
+            valid=np.packbits(reading.valid),
+            contacts=tuple(map(self.build_marker, contacts[:MAX_CONTACTS])),
+            touches=self.build_touches(recognised),
+            force=sum((contact.force for contact in contacts), 0.0),
+            peak=max((contact.peak for contact in contacts), default=0.0),
+            log_entries=entries,
+            rate=rate,
+            step=step,
+            age=age,
+            arm=arm,
+        )
+
+    def build_marker(self, contact: Contact) -> ContactMarker:
+        """Return the marker of a contact, in the frame of its link."""
+        link = self.mounted.robot.link_index(contact.link)
+        n_link = rotate(invert(self.T_world_link[link]), contact.n_world)
+        radius = float(np.sqrt(contact.area / np.pi))
+        return ContactMarker(
+            link, contact.p_link, n_link, radius, contact.force, contact.patch
+        )
+
+    def build_touches(self, recognised: RecognitionState) -> tuple[OpenTouch, ...]:
+        """Return the open touches with their probabilities, strongest first."""
+        found = [
+            OpenTouch(
+                touch.id,
+                touch.contact.link,
+                touch.contact.force,
+                recognised.probabilities[touch.id].astype(np.float32),
+            )
+            for touch in recognised.state.touches
+            if touch.id in recognised.probabilities
+        ]
+        return tuple(sorted(found, key=lambda touch: -touch.force))
+
+
+def pack_poses(
+    T_world_link: Float[np.ndarray, "link 4 4"],
+) -> Float[np.ndarray, "link 7"]:
+    """Return quaternion wxyz and position [m] of each link, in single precision."""
+    wxyz = matrix_to_quaternion(T_world_link[:, :3, :3])
+    return np.concatenate([wxyz, T_world_link[:, :3, 3]], axis=1).astype(np.float32)
+
+
+REMEDIES = (
+    ("lost connection", "check its network and power"),
+    ("protective stop", "clear it at the robot"),
+    ("stale skin", "wait for readings, or check the skin's power and cable"),
+    ("broken skin", "plug the patch in"),
+    ("unrecognised touch", "take your hand off"),
+    ("not started", "poke it"),
+    ("closed", "start the command again"),
+    ("the stream has ended", "start the command again"),
+    ("the policy failed", "start the command again"),
+    ("the arm's loop failed", "start the command again"),
+)
+"""What ends a stop, by the beginning of its reason."""
+
+
+def describe_arm(arm: ArmStatus, commands: Sequence[str] = ()) -> ArmSummary:
+    """Return the summary of an arm's state, with the reason for a stop and its remedy.
+
+    Args:
+        arm: state of the arm.
+        commands: what each gesture commands, such as `double pat: resume`.
+    """
+    state, why = "running" if arm.moving else "waiting", ""
+    if not arm.connected:
+        state, why = "stopped", "lost connection"
+    elif arm.protective_stop:
+        state, why = "stopped", "protective stop"
+    elif arm.hold_reason:
+        state, why = "held", arm.hold_reason
+    elif arm.paused:
+        state = "paused"
+    elif arm.speed_limit < 1:
+        why = "slow for its skin" if arm.speed_limit else "until a touch is clear"
+    return ArmSummary(
+        state,
+        why,
+        min(arm.speed, arm.speed_limit),
+        arm.gripper,
+        arm.target,
+        find_remedy(state, why, commands),
+        arm.carrying,
+    )
+
+
+def find_remedy(state: str, why: str, commands: Sequence[str]) -> str:
+    """Return what ends a stop: the cause that is to be mended, and who resumes."""
+    if state not in ("paused", "held", "stopped"):
+        return ""
+    mend = [remedy for reason, remedy in REMEDIES if why.startswith(reason)]
+    rules = (line.partition(": ") for line in commands)
+    resuming = [touch for touch, _, action in rules if "resume" in action]
+    return ", then ".join(
+        [*mend[:1], *(f"{touch} to resume" for touch in resuming[:1])]
+    )
+
+
+MAX_UPDATE_RATE = 25.0
+"""Greatest rate of updates [1/s]."""
+MAX_TOUCHES = 100
+"""Greatest number of touches that can still be corrected."""
+LAST_CONTACT = NS_PER_S // 50
+"""Time from the last reading in contact until a touch is over [ns]."""
+RECORDING = "recording to "
+"""How a description of a recording begins while it is made; its path follows."""
+
+
+@runtime_checkable
+class ReportsState(Protocol):
+    """Declares the part of an arm that the page needs."""
+
+    def state(self) -> ArmStatus:
+        """Return the current state."""
+        ...
+
+
+@dataclass(frozen=True)
+class ViewerConfig:
+    """Configures the port of the page and the actions that it offers."""
+
+    port: int = 8080
+    """Port of 127.0.0.1; 0 for any free one."""
+    touchable: bool = False
+    """Whether the page may send touches and other orders.
+
+    Do not set it with a real robot, unless its owner permits it.
+    """
+    skins: tuple[str, ...] = ()
+    """Skins offered for selection; the first is the current one."""
+    warning: str = ""
+    """Warning that the page always shows, such as that packets are unauthenticated."""
+    commands: tuple[str, ...] = ()
+    """What each gesture commands, as the page shows it."""
+    places: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    """Name of each place of the task, and where parts are put there, in the world frame
+    [m]."""
+    token: str = field(default_factory=make_token, repr=False)
+    """Token of the link that opens the page; by default a new one."""
+
+    @property
+    def link(self) -> str:
+        """Link that opens the page, unless the port is any free one."""
+        return format_link(self.port, self.token)
+
+
+@final
+class Viewer(Listener):
+    """Shows a stream in the browser and forwards the orders given there.
+
+    The page runs in a process of its own. This process only builds an update 25 times
+    a second, and skips it while the page has not shown those before.
+
+    Attributes:
+        page: process of the page; None before the start and after the end.
+    """
+
+    name = "viewer"
+    message_types = (RecognitionState, *RARE)
+    size = 64
+    drop: Drop = "oldest"
+
+    def __init__(
+        self,
+        recognition: Recognition,
+        config: ViewerConfig | None = None,
+        on_order: Callable[[Order], None] | None = None,
+        arm: ReportsState | None = None,
+        board: Callable[[], ComparisonBoard | None] | None = None,
+        recording: Callable[[], str] | None = None,
+    ) -> None:
+        """Prepare the viewer; the page starts with the stream.
+
+        Args:
+            recognition: recognition that publishes the states to show.
+            config: configuration of the page.
+            on_order: function called with each order, on a thread of its own.
+            arm: arm to show the state of.
+            board: function that returns the comparison of recognisers, which then
+                replaces everything else beside the scene.
+            recording: function that describes the recording that is made, for example
+                by its path, empty while there is none. With one, detections can be
+                corrected in the page.
+        """
+        self.recognition = recognition
+        self.config = config or ViewerConfig()
+        self.on_order = on_order
+        self.arm = arm
+        self.board = board
+        self.recording = recording
+        self.touches: dict[int, tuple[int, int]] = {}
+        self.corrected: dict[int, str] = {}
+        self.page: PageProcess | None = None
+        self.due = self.counted_from = 0.0
+        self.count, self.rate = 0, 0.0
+
+    @property
+    def mounted(self) -> MountedSkin:
+        """Skin that the page shows, on its robot."""
+        return self.recognition.recognizer.mounted
+
+    def start(self, context: Context) -> None:
+        """Start the page's process.
+
+        Raises:
+            DeviceError: the port is not available.
+        """
+        self.context = context
+        self.encoder = FrameEncoder(self.mounted, context.clock.now())
+        self.page = PageProcess(
+            self.describe_scene(), self.config.port, self.take_order, self.config.token
+        )
+
+    def take_order(self, order: Order) -> None:
+        """Carry out an order of the page; touches and others go to `on_order`."""
+        if isinstance(order, CorrectionOrder):
+            self.correct(order)
+        elif self.on_order is not None:
+            self.on_order(order)
+
+    def correct(self, order: CorrectionOrder) -> None:
+        """Note what a touch was, for the recording, and say so in the log."""
+        now = self.context.clock.now()
+        known = self.touches.get(order.touch)
+        path = "" if self.recording is None else self.recording()
+        gesture = order.gesture.strip().lower().replace(" ", "_")
+        text = "not kept: nothing is recorded; press record first"
+        if known is None or not gesture:
+            text = "not kept: the touch or the name of the gesture is missing"
+        elif path.startswith(RECORDING):
+            self.corrected[order.touch] = gesture
+            text = f"kept: that was a {gesture.replace('_', ' ')}"
+        self.encoder.log_entries.append(
+            LogEntry(self.encoder.seconds(now), "note", text)
+        )
+
+    def publish_corrections(self, going_on: Collection[int]) -> None:
+        """Publish corrections, but not yet those of touches that go on, by their ids.
+
+        A touch may be recognised, and corrected, before it has ended.
+        """
+        for touch in [each for each in self.corrected if each not in going_on]:
+            start, last = self.touches[touch]
+            now, gesture = self.context.clock.now(), self.corrected.pop(touch)
+            self.context.publish(Correction(now, start, last + LAST_CONTACT, gesture))
+
+    def note_touches(self, state: TouchState) -> None:
+        """Note first and latest contact of the touches of a reading [ns]."""
+        for row in state.rows:
+            self.touches[row.id] = row.onset, row.last
+        while len(self.touches) > MAX_TOUCHES:
+            del self.touches[next(iter(self.touches))]
+
+    def describe_scene(self) -> SceneDescription:
+        """Return the description of the scene, which is sent once."""
+        return describe_scene(
+            self.mounted,
+            self.recognition.recognizer.model.card.vocabulary,
+            touchable=self.config.touchable,
+            skins=self.config.skins,
+            is_arm=self.arm is not None,
+            compares=self.board is not None,
+            warning=self.config.warning,
+            commands=self.config.commands,
+            corrects=self.recording is not None,
+            places=self.config.places,
+        )
+
+    def on_message(self, item: Message) -> None:
+        """Add a message to the log; show a recognition state at most every 40 ms."""
+        if not isinstance(item, RecognitionState):
+            self.encoder.note(item)
+            return
+        if item.state.open or item.state.closed:
+            self.note_touches(item.state)
+        if self.corrected:
+            self.publish_corrections([touch.id for touch in item.state.open])
+        now = monotonic()
+        self.update_rate(self.context.clock.now() / NS_PER_S)
+        if now < self.due or self.page is None or not self.page.wants():
+            return
+        self.due = max(self.due + 1 / MAX_UPDATE_RATE, now)
+        update = self.encoder.build_update(
+            item,
+            self.rate,
+            step=self.recognition.step.quantile(0.5),
+            age=self.context.age(item.state.reading.stamp),
+            arm=None
+            if self.arm is None
+            else describe_arm(self.arm.state(), self.config.commands),
+        )
+        board = None if self.board is None else self.board()
+        recording = "" if self.recording is None else self.recording()
+        self.page.give(replace(update, board=board, recording=recording))
+
+    def update_rate(self, now: float) -> None:
+        """Measure the rate of readings once a second."""
+        self.count += 1
+        elapsed = now - self.counted_from
+        if elapsed >= 1.0:
+            self.rate = self.count / elapsed if self.counted_from else 0.0
+            self.count, self.counted_from = 0, now
+
+    def wait_ready(self, timeout: float) -> str:
+        """Wait until the page is served and return its link.
+
+        The stream must have been started.
+
+        Args:
+            timeout: longest time to wait [s].
+
+        Raises:
+            DeviceError: the page is not served.
+        """
+        if self.page is None:
+            raise DeviceError(
+                "there is no page; allowed is the viewer of a running stream; start it"
+            )
+        return self.page.wait_ready(timeout)
+
+    def close(self) -> None:
+        """End the page's process."""
+        if self.page is not None:
+            self.page.close()
+            self.page = None

@@ -1,0 +1,87 @@
+"""`eskin bench throughput` measures sustained throughput from bytes to detections."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from eskin.sim.bench.throughput import ThroughputConfig
+
+if TYPE_CHECKING:
+    from eskin.sim.bench.throughput import ThroughputResult
+
+
+@dataclass(frozen=True)
+class ThroughputCommand:
+    """Receive a skin's bytes at a rate, recognise every reading, and count the drops.
+
+    Another process simulates the ur5's skin: touches come and go, and the arm swings.
+    """
+
+    config: Annotated[ThroughputConfig, tyro.conf.arg(name="")]
+
+
+def run(command: ThroughputCommand) -> dict[str, object]:
+    """Measure each transport in turn, print a table, and return its rows."""
+    from eskin.sim.bench.throughput import find_limit, measure_throughput
+
+    config, rows, limits = command.config, [], {}
+    for over in config.transports:
+        rows.append(measure_throughput(over, config.rate, config.seconds))
+        if config.find_limit:
+            limits[over] = find_limit(over, config.rate)
+    print_rows(rows, limits)
+    return {
+        "rate_hz": round(min(row.rate_hz for row in rows), 2),
+        "dropped": sum(row.dropped for row in rows),
+        "cpu": round(max(row.cpu for row in rows), 4),
+        "rows": [row.as_dict() | format_limit(row, limits) for row in rows],
+    }
+
+
+def format_limit(
+    row: "ThroughputResult", limits: dict[str, float]
+) -> dict[str, object]:
+    """Return the rate at which a transport first drops readings, if it was searched.
+
+    None means that there is none up to the highest rate.
+    """
+    if row.over not in limits:
+        return {}
+    limit = limits[row.over]
+    return {"limit_hz": limit if math.isfinite(limit) else None}
+
+
+def print_rows(rows: "Sequence[ThroughputResult]", limits: dict[str, float]) -> None:
+    """Print the rows as a table."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for title in ("over", "asked [Hz]", "reached", "dropped", "cpu", "age p50 [ms]"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for title in ("p99", "max", "detections", *(["limit [Hz]"] if limits else [])):
+        table.add_column(title, justify="right", no_wrap=True)
+    for row in rows:
+        ages = (f"{a:.2f}" for a in (row.age_ms_p50, row.age_ms_p99, row.age_ms_max))
+        limit = [f"{limits[row.over]:.0f}"] if limits else []
+        table.add_row(
+            row.over,
+            f"{row.asked_hz:g}",
+            f"{row.rate_hz:.1f}",
+            str(row.dropped),
+            f"{row.cpu:.0%}",
+            *ages,
+            str(row.detections),
+            *limit,
+        )
+    Console().print(table)
+    for row in rows:
+        if row.lost:
+            lost = ", ".join(f"{key} {count}" for key, count in row.lost.items())
+            print(f"{row.over} dropped: {lost}")
+    print(
+        "cpu is the share of a core of the receiving process; age is the time from the "
+        "stamp of a reading until it is recognised"
+    )

@@ -1,0 +1,468 @@
+"""This module serves the demonstration in the browser, where the mouse is the hand."""
+
+import gc
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event as Flag
+from threading import Lock
+from typing import final
+
+import numpy as np
+
+from eskin.command import (
+    Policy,
+    PolicyConfig,
+    SimulatedArm,
+    SkinMonitorConfig,
+    Task,
+    load_commands,
+)
+from eskin.drivers import Clock, Event, FixedJoints, HostClock
+from eskin.errors import DeviceError, EskinError
+from eskin.live import Detection, Recognizer, load_model, warm_up
+from eskin.page import Order, PageOrder, TouchOrder
+from eskin.page.link import free_port, make_token
+from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
+from eskin.recording import PARTLY_LABELLED, Metadata
+from eskin.robot import Kinematics, load_robot
+from eskin.sim.demo.headless import (
+    DemoConfig,
+    build_arm,
+    is_on_arm,
+)
+from eskin.sim.demo.live_source import LiveSource
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
+from eskin.stream import (
+    Context,
+    Correction,
+    Listener,
+    Message,
+    Recognition,
+    Recorder,
+    Stream,
+    short_switch_interval,
+    stop_on_signals,
+)
+from eskin.stream.listener import Drop
+from eskin.touch import Scan
+
+
+@final
+class RecordButton(Listener):
+    """Records from each `press` to the next `release`, each time into a new file."""
+
+    name = "record button"
+    message_types = (Scan, Detection, Event, Correction)
+    size = 2000
+    drop: Drop = "newest"
+
+    def __init__(self, folder: Path, metadata: Metadata) -> None:
+        """Record nothing yet.
+
+        Args:
+            folder: folder of the recordings.
+            metadata: metadata of all recordings.
+        """
+        self.folder = folder
+        self.metadata = metadata
+        self.recorder: Recorder | None = None
+        self.saved = ""
+        self.lock = Lock()
+
+    def start(self, context: Context) -> None:
+        """Keep the context for recordings."""
+        self.context = context
+
+    def press(self) -> None:
+        """Start a recording, unless one is running.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        with self.lock:
+            if self.recorder is None:
+                name = time.strftime("touches-%Y%m%d-%H%M%S.mcap")
+                recorder = Recorder(self.folder / name, self.metadata)
+                recorder.start(self.context)
+                self.recorder = recorder
+
+    def release(self) -> None:
+        """Finish the recording, if there is one."""
+        with self.lock:
+            recorder, self.recorder = self.recorder, None
+            if recorder is not None:
+                recorder.close()
+                self.saved = f"saved to {recorder.path}"
+
+    def describe(self) -> str:
+        """Return state and path of the recording; empty before the first."""
+        recorder = self.recorder
+        return self.saved if recorder is None else f"{RECORDING}{recorder.path}"
+
+    def on_message(self, item: Message) -> None:
+        """Record a message while recording."""
+        with self.lock:
+            if self.recorder is not None:
+                self.recorder.on_message(item)
+
+    def close(self) -> None:
+        """Finish the recording, if there is one."""
+        self.release()
+
+
+@final
+class PageOrderHandler:
+    """Applies orders of a page to the simulated skin and arm.
+
+    A touch goes through the same hand, contact and sensor as the training data: the
+    recogniser does not know which gesture was meant.
+    """
+
+    def __init__(
+        self,
+        skin: InteractiveSkin,
+        arm: SimulatedArm | None,
+        other: Callable[[PageOrder], None] = lambda order: None,
+    ) -> None:
+        """Store the skin and the arm that orders apply to.
+
+        Args:
+            skin: the skin that is touched.
+            arm: the arm that is paused, and unlocked as at the robot; None for a robot
+                that stands still.
+            other: handles orders other than touches, faults and pauses.
+        """
+        self.skin = skin
+        self.arm = arm
+        self.other = other
+        self.dragged: dict[int, int] = {}
+
+    def handle(self, order: Order) -> None:
+        """Apply an order."""
+        if isinstance(order, TouchOrder):
+            self.handle_touch(order)
+        elif isinstance(order, PageOrder):
+            self.handle_other(order)
+
+    def handle_touch(self, order: TouchOrder) -> None:
+        """Begin, move or end a touch of the skin."""
+        hand = self.skin.hand
+        place = LinkPoint(order.link, np.array(order.p_link, np.float64))
+        match order.kind:
+            case "poke":
+                hand.poke(place, order.force, order.seconds)
+            case "double_pat":
+                hand.double_pat(place, order.force, order.seconds)
+            case "grab":
+                hand.grab(place, order.force, order.seconds)
+            case "begin":
+                self.dragged[order.key] = hand.begin(place, order.force)
+            case "move":
+                if order.key in self.dragged:
+                    hand.move(self.dragged[order.key], place)
+            case "end":
+                if order.key in self.dragged:
+                    hand.end(self.dragged.pop(order.key))
+
+    def handle_other(self, order: PageOrder) -> None:
+        """Apply an order other than a touch."""
+        match order.kind:
+            case "unplug":
+                self.skin.unplug(str(order.value))
+            case "plug":
+                self.skin.plug(str(order.value))
+            case "kill":
+                self.skin.kill(float(order.value or 0.0))
+            case "restore":
+                self.skin.restore()
+            case "pause_task" if self.arm is not None:
+                self.arm.pause()
+            case "resume_task" if self.arm is not None:
+                self.arm.unlock()
+                self.arm.release()
+                self.arm.resume()
+            case _:
+                self.other(order)
+
+
+SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
+"""Preset skins that fit the arm."""
+
+MONITOR = SkinMonitorConfig(max_age=0.4, max_silence=0.4)
+"""Limits of the skin monitor: the same computer simulates the skin and draws the page,
+so a simulated arm may wait longer for a reading than a real one."""
+
+READY_TIMEOUT = 60.0
+"""Longest time until the page is served [s]."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class PageResult:
+    """Counts what happened while a page was served."""
+
+    readings: int
+    """Number of scans that were read."""
+    detections: int
+    """Number of detections."""
+    commands: int
+    """Number of commands that were executed."""
+    step: tuple[float, float]
+    """Time of a recognition step, p50 and p99 [ms]."""
+
+
+def serve(
+    config: DemoConfig,
+    port: int,
+    seconds: float | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> PageResult:
+    """Serve the page until time is up or a signal comes.
+
+    Args:
+        config: skin, model and arm; the skin can be changed in the page.
+        port: port of the page on this computer; 0 for any free one.
+        seconds: how long to serve [s]; without end if None.
+        tell: prints a line for the user.
+
+    Raises:
+        DeviceError: the port is not available.
+        StreamError: something failed while it ran.
+    """
+    # The same link throughout: an open page stays open when the skin is changed in it.
+    port, token = free_port(port), make_token()
+    while True:
+        choice = SkinChoice()
+        page = ViewerConfig(port, touchable=True, token=token)
+        result = serve_skin(config, page, seconds, tell, choice)
+        if choice.skin is None:
+            return result
+        config = replace(config, skin=choice.skin)
+
+
+@dataclass(frozen=True, eq=False)
+class RunningDemo:
+    """Holds a served page and the parts behind it."""
+
+    link: str
+    """Link that opens the page."""
+    arm: SimulatedArm | None
+    """Arm at its task; None where another robot stands still."""
+    source: LiveSource
+    """Source that scans the skin on the arm."""
+    recognition: Recognition
+    """Listener that recognises touches."""
+    policy: Policy | None
+    """Listener that commands the arm; None without one."""
+    stream: Stream
+    """Stream from the source to the listeners."""
+
+
+@final
+class SkinChoice:
+    """Stores the skin chosen in the page, and stops the stream to change to it."""
+
+    def __init__(self) -> None:
+        """Start without a choice."""
+        self.skin: str | None = None
+        self.stop: Callable[[], None] = Flag().set
+
+    def choose(self, skin: str) -> None:
+        """Choose another skin, and stop the stream."""
+        self.skin = skin
+        self.stop()
+
+
+def serve_skin(
+    config: DemoConfig,
+    page: ViewerConfig,
+    seconds: float | None,
+    tell: Callable[[str], None],
+    choice: SkinChoice,
+) -> PageResult:
+    """Serve the page with one skin."""
+    with run_demo(config, page, choice) as demo:
+        tell(f"Ctrl-C ends it; see {demo.link}")
+        demo.stream.wait(seconds)
+    step = demo.recognition.step
+    return PageResult(
+        readings=demo.source.given,
+        detections=demo.recognition.detections,
+        commands=0 if demo.policy is None else demo.policy.accepted,
+        step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
+    )
+
+
+@contextmanager
+def run_demo(
+    config: DemoConfig,
+    page: ViewerConfig,
+    choice: SkinChoice,
+    clock: Clock | None = None,
+) -> Iterator[RunningDemo]:
+    """Serve one skin on its arm while the context lasts; signals stop the stream.
+
+    Args:
+        config: skin, model and arm.
+        page: port of the page and token of its link; the skins are added.
+        choice: receives another skin that is chosen in the page.
+        clock: clock of arm and skin; this computer's unless given.
+
+    Raises:
+        DeviceError: the port is not available.
+        StreamError: something failed while it ran.
+    """
+    model = load_model(config.model)
+    skin = build_skin(config)
+    recognizer = Recognizer(model, skin.mounted, skin.calibration)
+    warm_up(recognizer)
+    warm_up_hand(config)
+    clock, recognition = clock or HostClock(), Recognition(recognizer)
+    metadata = Metadata("demo", "mouse", "browser", notes=PARTLY_LABELLED)
+    button = RecordButton(Path.cwd(), metadata)
+    with ExitStack() as stack:
+        if is_on_arm(skin):
+            arm = stack.enter_context(build_arm(config, clock))
+            policy = build_policy(config, skin, arm, model.card.vocabulary)
+            page = complete_page(config, page, arm, policy)
+            source = LiveSource(
+                skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
+            )
+        else:
+            check_standing(config)
+            arm = policy = None
+            page = replace(page, skins=(config.skin,))
+            q = np.zeros(len(skin.mounted.robot.joint_names))
+            source = LiveSource(skin, FixedJoints(q), clock)
+        handler = PageOrderHandler(
+            skin, arm, lambda order: handle_page_order(order, button, choice)
+        )
+        viewer = Viewer(
+            recognition,
+            page,
+            log_errors(handler.handle),
+            arm,
+            recording=button.describe,
+        )
+        gc.unfreeze()
+        gc.collect()
+        gc.freeze()
+        commanding = () if policy is None else (policy,)
+        stream = Stream(source, [recognition, *commanding, viewer, button])
+        choice.stop = stream.stop
+        with stop_on_signals(stream.stop), short_switch_interval(), stream:
+            yield RunningDemo(
+                link=viewer.wait_ready(READY_TIMEOUT),
+                arm=arm,
+                source=source,
+                recognition=recognition,
+                policy=policy,
+                stream=stream,
+            )
+
+
+TOOL_LENGTH = 0.1
+"""Distance from the tool's link to the part between the fingers [m]."""
+
+
+def build_policy(
+    config: DemoConfig,
+    skin: InteractiveSkin,
+    arm: SimulatedArm,
+    vocabulary: tuple[str, ...],
+) -> Policy:
+    """Build the policy by which touches of the skin command the arm.
+
+    Raises:
+        CommandError: when the command map cannot be used.
+    """
+    commands = load_commands(
+        config.commands, vocabulary, skin.mounted.skin, config.imports
+    )
+    return Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
+
+
+def complete_page(
+    config: DemoConfig, page: ViewerConfig, arm: SimulatedArm, policy: Policy
+) -> ViewerConfig:
+    """Add the skins to choose from, the commands and the places of the task."""
+    others = () if config.robot else [name for name in SKINS if name != config.skin]
+    return replace(
+        page,
+        skins=(config.skin, *others),
+        commands=policy.commands.describe(),
+        places=locate_places(arm.executor.task),
+    )
+
+
+def locate_places(task: Task) -> tuple[tuple[str, tuple[float, float, float]], ...]:
+    """Return the places at which a task takes and brings parts, in the world [m]."""
+    robot = load_robot(task.robot_name)
+    kinematics, tool = Kinematics(robot), robot.link_index(task.tool)
+    found = []
+    for waypoint in task.waypoints:
+        if waypoint.purpose is not None:
+            T_world_tool = kinematics.poses(np.array(waypoint.q))[tool]
+            x, y, z = (T_world_tool @ (0.0, 0.0, TOOL_LENGTH, 1.0))[:3].tolist()
+            found.append((waypoint.name, (x, y, z)))
+    return tuple(found)
+
+
+def check_standing(config: DemoConfig) -> None:
+    """Raise where a robot that stands still is to be commanded.
+
+    Raises:
+        DeviceError: there are commands, or dynamics.
+    """
+    if config.commands is not None or config.dynamics:
+        raise DeviceError(
+            f"commands or dynamics are asked for on robot '{config.robot}', which "
+            "stands still; allowed are both on ur5; leave them out"
+        )
+
+
+def build_skin(config: DemoConfig) -> InteractiveSkin:
+    """Build the simulated skin of a demonstration, which loses no scans."""
+    return InteractiveSkin(
+        config.skin, config.seed, config.build_kind, loses=False, robot=config.robot
+    )
+
+
+def warm_up_hand(config: DemoConfig) -> None:
+    """Compile or load all code that a touch needs, on a second simulated skin."""
+    skin = build_skin(config)
+    q = np.zeros(len(skin.mounted.robot.joint_names))
+    for number in range(40):
+        if number == 5:
+            skin.hand.perform("poke")
+        skin.scan(number + 1, q)
+
+
+def handle_page_order(
+    order: PageOrder, button: RecordButton, choice: SkinChoice
+) -> None:
+    """Start or stop a recording, or choose another skin."""
+    match order.kind:
+        case "record":
+            button.press()
+        case "stop_recording":
+            button.release()
+        case "skin":
+            choice.choose(str(order.value))
+
+
+def log_errors(handle: Callable[[Order], None]) -> Callable[[Order], None]:
+    """Wrap a handler so that it logs orders that cannot be applied."""
+
+    def handle_or_log(order: Order) -> None:
+        try:
+            handle(order)
+        except (EskinError, ValueError) as error:
+            logger.warning("%s", error)
+
+    return handle_or_log
