@@ -13,6 +13,7 @@ people anew.
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,6 @@ from eskin.learn.evaluation import classify_clips, find_person
 from eskin.learn.metrics import bootstrap_accuracy, resample_clusters
 from eskin.live import load_model
 from eskin.recording import find_recordings
-from lab.skin_design import find_robot
 from lab.tables import format_head, format_row
 
 
@@ -37,7 +37,7 @@ class ExampleSkin:
     text: str
     """What is covered."""
     robot: str = ""
-    """Robot, by its name in `lab.skin_design`."""
+    """URDF of the robot in example-robot-data."""
     density: float = 1.5
     """Density of the taxels [1/cm2]."""
     links: tuple[str, ...] = ()
@@ -46,10 +46,25 @@ class ExampleSkin:
 
 SKINS = {
     "ur5": ExampleSkin("arm, the skin of the weights"),
-    "panda": ExampleSkin("arm, all links", "panda"),
-    "talos": ExampleSkin("humanoid, torso", "talos", 1.2, ("torso_2_link",)),
-    "go2": ExampleSkin("quadruped, all links", "go2"),
+    "panda": ExampleSkin("arm, all links", "panda_description/urdf/panda.urdf"),
+    "talos": ExampleSkin(
+        "humanoid, torso",
+        "talos_data/robots/talos_full_v2.urdf",
+        1.2,
+        ("torso_2_link",),
+    ),
+    "go2": ExampleSkin("quadruped, all links", "go2_description/urdf/go2.urdf"),
 }
+
+
+def find_robot(path: str) -> Path:
+    """Return the URDF of an example robot."""
+    parts = ("cmeel.prefix", "share", "example-robot-data", "robots")
+    for place in filter(None, sys.path):
+        found = Path(place).joinpath(*parts, path)
+        if found.is_file():
+            return found
+    raise SystemExit("example-robot-data is not installed: pip install '.[models]'")
 
 
 def call(*words: object) -> None:

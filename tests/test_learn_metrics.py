@@ -16,7 +16,6 @@ from eskin.learn.metrics import (
     score_predictions,
 )
 from eskin.learn.plots import draw_confusion, draw_reliability
-from lab.simulation.ceiling import wilson_interval
 
 NAMES = ("none", "hold", "tap")
 
@@ -114,15 +113,6 @@ def test_accuracy_is_as_uncertain_as_people_differ():
     assert narrow[0] < alike.mean() < narrow[1]
     assert np.ptp(wide) > 3 * np.ptp(narrow)
     assert np.ptp(wide) == pytest.approx(2 * 1.96 * np.sqrt(0.21 / 10), rel=0.15)
-
-
-@pytest.mark.parametrize(("right", "count"), [(0, 20), (7, 20), (20, 20), (950, 1000)])
-def test_ends_of_a_wilson_interval_are_1_96_deviations_away(right, count):
-    low, high = wilson_interval(right, count)
-    assert 0 <= low <= right / count <= high <= 1
-    for end in {low, high} - {0.0, 1.0}:
-        deviation = np.sqrt(end * (1 - end) / count)
-        assert abs(right / count - end) / deviation == pytest.approx(1.96, abs=0.01)
 
 
 def test_plots_are_written_whole_or_not_at_all(tmp_path):

@@ -30,7 +30,7 @@ from helpers.live import (
     scans,
     two_hands,
 )
-from lab.live_parts import SequenceWindow, compute_features
+from helpers.live_parts import SequenceWindow, compute_features
 
 pytestmark = pytest.mark.slow
 

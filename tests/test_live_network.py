@@ -18,7 +18,7 @@ from helpers.graphs import (
     random_graph,
 )
 from helpers.live import model_of, network
-from lab.live_parts import SequenceWindow, compute_features
+from helpers.live_parts import SequenceWindow, compute_features
 
 
 @cache

@@ -32,7 +32,7 @@ from helpers.contacts import (
     force_on,
     press,
 )
-from lab.skin_distance import surface_distances
+from helpers.surfaces import surface_distances
 
 CONSTANTS = load_constants()
 ACROSS = np.pi / 2

@@ -14,7 +14,7 @@ from eskin.skin import (
     fit_surface,
 )
 from eskin.transforms import apply, make_transform, random_rotation, rotate
-from lab.skin_distance import surface_distances
+from helpers.surfaces import surface_distances
 
 RNG = np.random.default_rng(3)
 T_LINK_SURFACE = make_transform(random_rotation(RNG), RNG.standard_normal(3))

@@ -36,8 +36,8 @@ from eskin.stream import (
 )
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
+from lab.attacks.live_run import GESTURES, Run, stand_still
 from lab.attacks.skin_faults import FAULTS, FaultySkin, build_target
-from lab.live_touches import GESTURES, Run, stand_still
 from lab.tables import format_head, format_row
 
 HOLD_SECONDS = 1.0

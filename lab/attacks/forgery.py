@@ -21,7 +21,6 @@ import tyro
 from eskin.drivers import Request, SessionSeal, decode_packet, encode_packet
 from eskin.drivers.packet import CRC, SEAL
 from eskin.drivers.sessions import COUNTER_WINDOW
-from lab.attacks.seal_cost import print_costs
 from lab.attacks.sealed_line import SealedLine
 from lab.tables import format_head, format_row
 
@@ -43,8 +42,6 @@ class Command:
     """Number of forged packets; a tenth as many forged requests follow."""
     seed: int = 0
     """Seed of the attack."""
-    throughput: bool = False
-    """Measure what seals cost instead."""
 
 
 class Attack(NamedTuple):
@@ -256,9 +253,6 @@ def attack_patch(attacker: Attacker, packets: int) -> dict[str, tuple[int, int]]
 def main(args: list[str] | None = None) -> None:
     """Attack, print what was accepted, and exit with 1 if anything was."""
     command = tyro.cli(Command, args=args)
-    if command.throughput:
-        print_costs()
-        return
     attacker = Attacker(random.Random(command.seed).randbytes(32), command.seed)
     attacker.true = attacker.refused = 0
     found = attack_host(attacker, command.packets)

@@ -18,7 +18,6 @@ from typing import Literal
 
 import tyro
 
-from lab.fuzz.guided import guide
 from lab.fuzz.run import Outcome, fuzz
 from lab.fuzz.target import Target
 
@@ -45,15 +44,11 @@ class Command:
     """Seed of the mutations."""
     first: int = 0
     """Number of the first input."""
-    guided: bool = False
-    """Let coverage guide the mutations; needs `pip install 'eskin[fuzz]'`."""
 
 
 def main() -> None:
     """Fuzz the reader and print the outcome."""
     command = tyro.cli(Command)
-    if command.guided:
-        guide(lambda: import_target(command.target), command.inputs, command.seed)
     with tempfile.TemporaryDirectory() as folder:
         target = import_target(command.target)(Path(folder))
         outcome = fuzz(target, command.first, command.inputs, command.seed)

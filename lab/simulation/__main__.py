@@ -1,7 +1,7 @@
 """Check the simulation against measured and published properties.
 
 python -m lab.simulation [PART], where PART is physics, rig, bands, sensor,
-families, reference, difficulty, ceiling, leakage, sweep, speed or all.
+families, speed or all.
 """
 
 from collections.abc import Callable
@@ -12,18 +12,12 @@ import tyro
 
 from eskin.sim.constants import load_constants
 from lab.simulation.bands import band_checks
-from lab.simulation.ceiling import ceiling_tables
 from lab.simulation.check import as_table
-from lab.simulation.confusion import confusion_tables
 from lab.simulation.element import element_checks
 from lab.simulation.families import family_table
-from lab.simulation.forest import difficulty_tables
-from lab.simulation.leakage import leakage_checks
 from lab.simulation.physics import physics_checks
-from lab.simulation.reference import reference_tables
 from lab.simulation.rig import rig_checks
 from lab.simulation.speed import speed_checks
-from lab.simulation.sweep import sweep_table
 
 Part = Literal[
     "physics",
@@ -31,18 +25,9 @@ Part = Literal[
     "bands",
     "sensor",
     "families",
-    "reference",
-    "difficulty",
-    "ceiling",
-    "leakage",
-    "sweep",
     "speed",
     "all",
 ]
-
-
-REPEATS = 8
-"""Clips of every touch on every surface that are compared with MuJoCo."""
 
 
 BUILDS = 6
@@ -58,7 +43,7 @@ class Command:
     people: int = 100
     """Number of people; three times as many on the rig, where spreads are compared."""
     clips: int = 3000
-    """Number of clips for training, for difficulty, ceiling and leakage."""
+    """Number of clips whose generation is timed."""
     seed: int = 0
     """Seed of people and touches."""
 
@@ -93,33 +78,6 @@ def families(command: Command) -> str:
     return family_table(load_constants(), BUILDS, command.seed)
 
 
-def difficulty(command: Command) -> str:
-    """Measure the difficulty of clips, and the confusions."""
-    levels = difficulty_tables(command.clips, command.seed)
-    tables, checks = confusion_tables(command.clips, command.seed)
-    return "\n".join([levels, tables, as_table("Confusions", checks)])
-
-
-def ceiling(command: Command) -> str:
-    """Measure the accuracy of a classifier that receives the true touches."""
-    return ceiling_tables(command.clips, command.seed)
-
-
-def leakage(command: Command) -> str:
-    """Check that nothing but the touch predicts the class."""
-    return as_table("Leakage", leakage_checks(command.clips, command.seed))
-
-
-def reference(command: Command) -> str:
-    """Compare contacts with the same hands in MuJoCo."""
-    return reference_tables(REPEATS, command.seed)
-
-
-def sweep(command: Command) -> str:
-    """Measure accuracy with estimated forces half and twice as large."""
-    return sweep_table(command.clips, command.seed)
-
-
 def speed(command: Command) -> str:
     """Measure the rate of generation."""
     return as_table("Speed", speed_checks(command.clips, command.seed))
@@ -131,11 +89,6 @@ PARTS: dict[str, Callable[[Command], str]] = {
     "bands": bands,
     "sensor": sensor,
     "families": families,
-    "reference": reference,
-    "difficulty": difficulty,
-    "ceiling": ceiling,
-    "leakage": leakage,
-    "sweep": sweep,
     "speed": speed,
 }
 

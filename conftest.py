@@ -39,7 +39,7 @@ LOOPBACK = (
 )
 """Settings of Cyclone DDS that keep its messages on this computer."""
 
-SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[2] / "shared"))
+SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[1] / "shared"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -14,7 +14,6 @@ from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from lab.public_sets import SETS, Group, read_trials
 from lab.recogniser import Command, evaluate_clips
 from lab.simulated_sets import made_set
-from lab.textbook.sweeps import run
 from lab.transfer import TransferSetting, answer_trials, compute_results
 
 pytestmark = pytest.mark.slow
@@ -48,12 +47,6 @@ def test_simulated_clips(sets, name, chosen, floor):
     folder = made_set(sets, chosen, clips=CLIPS, seed=SEED, workers=0)
     command = Command(sets=sets, model=Path(name), workers=1)
     assert evaluate_clips(command, folder).segments.accuracy >= floor
-
-
-@pytest.mark.parametrize(("name", "floor"), [("ur5", 0.9), ("ur5-sim", 0.9)])
-def test_textbook_touches(name, floor):
-    points = list(run(name, 3, 3, SEED, ("force", "duration"), middle_only=True))
-    assert sum(p.right for p in points) / sum(p.count for p in points) >= floor
 
 
 def test_pokes_in_the_page():

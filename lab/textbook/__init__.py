@@ -1,1 +1,0 @@
-"""Test recognition of touches from plain formulas on an ideal sensor."""
