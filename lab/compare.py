@@ -4,13 +4,13 @@ python -m lab.compare --train SETS/train --test SETS/test --seeds 3
 """
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 from eskin.cli.checks import check_folder, check_writable
 from eskin.errors import EskinError
@@ -30,6 +30,7 @@ from lab.comparison import (
     format_tables,
     run_tasks,
 )
+from lab.program import run_program
 
 
 @dataclass(frozen=True)
@@ -187,4 +188,4 @@ def group_results(
 
 
 if __name__ == "__main__":
-    run_compare(tyro.cli(CompareCommand))
+    sys.exit(run_program(run_compare))

@@ -6,7 +6,7 @@ The scene is a touch of the ur5's forearm while the arm moves. Baselines are fit
 random clips, which is enough for timing and for nothing else.
 """
 
-import json
+import sys
 import time
 from dataclasses import dataclass, field
 from typing import Annotated, final
@@ -38,6 +38,7 @@ from lab.baselines import (
     build_baseline,
     use_one_thread,
 )
+from lab.program import run_program
 
 NETWORK_CLIPS = 20
 """Number of clips that a network is fitted on: its weights do not change its timing."""
@@ -95,9 +96,6 @@ class Command:
 
     clips: int = 581
     """Number of random clips that the baselines are fitted on; the paper had 581."""
-
-    json: bool = False
-    """Print the result as one JSON object on the last line of stdout."""
 
     def __post_init__(self) -> None:
         """Raise if there are too few clips."""
@@ -165,15 +163,14 @@ def build_timed_baselines(mounted: MountedSkin, command: Command) -> list[TimedM
     return methods
 
 
-def main(command: Command) -> None:
-    """Print a row for each method."""
+def main(command: Command) -> dict[str, object]:
+    """Print and return a row for each method."""
     use_one_thread()
     with pin_to_one_core():
         rows = measure(command)
     print_rows(rows)
-    if command.json:
-        print(json.dumps({"rows": [row.as_dict() for row in rows]}))
+    return {"rows": [row.as_dict() for row in rows]}
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Command))
+    sys.exit(run_program(main))

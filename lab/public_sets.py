@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError
 from eskin.learn.sets import shearsense, sleeve
+from eskin.learn.sets import socialtouch as social
 from eskin.learn.sets.conversion import (
     FULL_SCALE_KPA,
     ImportedClip,

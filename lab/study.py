@@ -3,6 +3,8 @@
 python -m lab.study SETS/paper --k 4 8 16 32 --pool max mean
 """
 
+import math
+import sys
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
@@ -22,6 +24,7 @@ from lab.comparison.study import (
     draw_study,
     format_study,
 )
+from lab.program import run_program
 
 
 @dataclass(frozen=True)
@@ -126,4 +129,4 @@ def build_study_task(
 
 
 if __name__ == "__main__":
-    run_study(tyro.cli(StudyCommand))
+    sys.exit(run_program(run_study))

@@ -1,4 +1,4 @@
-"""`eskin compare` and `eskin study`: tables, pictures, continuation, refusals."""
+"""`lab.compare` and `lab.study`: tables, pictures, continuation, refusals."""
 
 import json
 import shutil
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from helpers.cli import call
 from helpers.clips import generated
 from lab.baselines.estimators import NearestNeighbours
 from lab.baselines.flat import FlatBaseline
+from lab.compare import run_compare
 from lab.comparison import (
     AnsweredClips,
     BaselineMethod,
@@ -19,8 +19,17 @@ from lab.comparison import (
     read_results,
 )
 from lab.comparison.study import Variant, build_study_rows, plot_shares
+from lab.program import run_program
+from lab.study import run_study
 
 pytestmark = pytest.mark.slow
+PROGRAMS = {"compare": run_compare, "study": run_study}
+
+
+def call(capsys, name, *words):
+    """Run a program of the laboratory; return its exit code, text and error."""
+    code = run_program(PROGRAMS[name], list(map(str, words)))
+    return code, *capsys.readouterr()
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,12 @@
-"""This module plays the same counts in two poses, and compares two recognisers on them.
+"""Play the same counts on the skin in two poses of the arm, to two recognisers.
 
-The counts are a gesture in one pose of the arm, and none in the other.
+    python -m lab.same_touch --pairs 6
+
+In the two poses the counts mean different gestures. The answers of a recogniser that
+uses the pose stand beside those of one that does not.
 """
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count
@@ -12,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.command import NON_GESTURES
+from eskin.errors import DeviceError
 from eskin.live import Detection, Model, Recognizer, load_model
 from eskin.page.scene import CAMERA_DIRECTION
 from eskin.sim.dataset import (
@@ -31,7 +36,8 @@ from eskin.sim.scene import (
 from eskin.sim.sensor.build import BuildKind
 from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
-from eskin.units import NS_PER_S
+from eskin.units import NS_PER_S, format_count
+from lab.program import run_program
 
 REST_BEFORE, REST_AFTER = 4.0, 4.0
 """Time without touch before and after the counts that are compared [s]."""
@@ -346,3 +352,56 @@ def compare_models(number: int, config: DemoConfig) -> list[PoseComparison]:
 def load_both_models(name: str) -> tuple[Model, Model]:
     """Load a model, and one that was trained without the pose."""
     return load_model(name), load_model(BLIND_MODEL)
+
+
+@dataclass(frozen=True)
+class Command:
+    """Compare two recognisers on the same touches."""
+
+    seed: int = 0
+    """Seed of the touches."""
+
+    model: str = "ur5"
+    """Name of weights that come with eskin, or a model file."""
+
+    pairs: int = 6
+    """Number of touches that are played in turn."""
+
+
+def main(command: Command) -> dict[str, object]:
+    """Play the touches; print and return what both recognisers say."""
+    if command.pairs < 1:
+        raise DeviceError(
+            f"--pairs is {command.pairs}; allowed is 1 and above; change it"
+        )
+    config = DemoConfig(model=command.model, seed=command.seed)
+    found = compare_models(command.pairs, config)
+    for number, each in enumerate(found):
+        print(f"touch {number + 1}: {each.labels[0]}, then {each.labels[1]}")
+        for pose, (one, other) in (("with", each.posed), ("without", each.blind)):
+            answers = "; then ".join(", ".join(answer.texts) for answer in (one, other))
+            print(f"  {pose} the pose: {answers}")
+    counts = {
+        "playings": 2 * len(found),
+        "posed_right": sum(each.count_correct(each.posed) for each in found),
+        "blind_right": sum(each.count_correct(each.blind) for each in found),
+        "blind_same": sum(each.blind_is_equal for each in found),
+    }
+    print(
+        f"with the pose {counts['posed_right']} of {counts['playings']} are correct, "
+        f"without it {counts['blind_right']}, and both answers are the same for "
+        f"{counts['blind_same']} of {format_count(len(found), 'touch')}"
+    )
+    rows = [
+        {
+            "labels": each.labels,
+            "posed": [answer.detected for answer in each.posed],
+            "blind": [answer.detected for answer in each.blind],
+        }
+        for each in found
+    ]
+    return {**counts, "pairs": rows}
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

@@ -1,0 +1,33 @@
+"""This module runs functions of the laboratory as programs, as `eskin` does."""
+
+import inspect
+import json
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from eskin.cli.main import parse, print_error
+from eskin.errors import EskinError
+
+
+def run_program(
+    function: Callable[[Any], dict[str, object]], argv: list[str] | None = None
+) -> int:
+    """Parse arguments, run a function, and return the exit code.
+
+    `--json` prints the result as the last line; bad input gives one line on stderr.
+
+    Args:
+        function: takes the dataclass `command`, whose fields are the options.
+        argv: arguments; those of the process unless given.
+    """
+    kind = inspect.signature(function).parameters["command"].annotation
+    name = f"python -m {function.__module__}"
+    try:
+        command, output = parse(kind, name, sys.argv[1:] if argv is None else argv)
+        result = function(command)
+        if output.json:
+            print(json.dumps(result))
+    except (EskinError, ValueError) as error:
+        return print_error(str(error))
+    return 0

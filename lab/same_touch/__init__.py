@@ -1,1 +1,0 @@
-"""Touches whose counts are the same in two poses, where they mean other gestures."""
