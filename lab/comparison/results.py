@@ -218,8 +218,8 @@ def read_results(path: Path) -> dict[str, KeptResult]:
         return {kept.label: kept for kept in map(parse_result, lines)}
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise EskinError(
-            f"{path} is no file of results ({error!r}); allowed are files that eskin "
-            "compare and lab.study keep; delete it, and its results are made again"
+            f"{path} is no file of results ({error!r}); allowed are files that "
+            "lab.compare and lab.study keep; delete it, and its results are made again"
         ) from None
 
 
