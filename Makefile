@@ -39,38 +39,31 @@ docs: $(READY)
 # What a step costs, beside everything else: about half an hour on one core.
 bench: $(READY)
 	$(BIN)/eskin bench latency
+	$(BIN)/python -m lab.latency
 	$(BIN)/python -m lab.scaling --picture docs/pictures/latency.png
 	$(BIN)/python -m lab.sustained
 	$(BIN)/python -m lab.memory
 	$(BIN)/python -m lab.start
-	$(BIN)/python -m lab.limit
-	$(BIN)/python -m lab.network_step
 
-# The tables of docs/comparison.md: simulated people, some hours on two cores; those of
-# real recordings in docs/results.md, half an hour. What was answered is kept in
-# lab/kept, so that a run that was cut goes on. FORM=short shows in two minutes
-# that all of it runs.
+# The tables of docs/results.md: simulated people, some hours on two cores; real
+# recordings, half an hour. What was answered is kept in SETS/kept, so that a run that was
+# cut goes on. FORM=short shows in two minutes that all of it runs.
 FORM ?= long
 SETS ?= sets
 results: $(READY)
 	$(BIN)/python -m lab.results all --form $(FORM) --sets "$(SETS)"
 ifneq ($(FORM),short)
-	$(BIN)/python -m lab.real_recordings sleeve --data "$(DATA)" \
-		--picture docs/pictures/confusion_sleeve.png
-	$(BIN)/python -m lab.real_recordings shearsense --data "$(SHEARSENSE)" \
-		--picture docs/pictures/confusion_shearsense.png
+	$(BIN)/python -m lab.real_recordings sleeve --data "$(DATA)"
+	$(BIN)/python -m lab.real_recordings shearsense --data "$(SHEARSENSE)"
 endif
 
-# What the simulated world is held to, and the weights on touches that it did not make:
-# three quarters of an hour on two cores.
+# What the simulated world is held to, and the weights on touches that it did not make.
 validate: $(READY)
 	$(BIN)/python -m lab.simulation all
-	$(BIN)/python -m lab.signatures --sets "$(SETS)"
-	$(BIN)/python -m lab.textbook --picture docs/pictures/textbook.png
 	$(BIN)/python -m lab.transfer --data "$(SOCIALTOUCH)"
 	$(BIN)/python -m lab.transfer --data "$(SOCIALTOUCH)" --floor 0.125
 
-# Readers against mutated inputs, the short form; docs/reliability.md has the long one.
+# Readers against mutated inputs, the short form.
 fuzz: $(READY)
 	$(BIN)/python -m lab.fuzz decoder --inputs 300000
 	$(BIN)/python -m lab.fuzz skin --inputs 4000
@@ -79,7 +72,7 @@ fuzz: $(READY)
 	$(BIN)/python -m lab.fuzz model --inputs 2000
 	$(BIN)/python -m lab.fuzz urdf --inputs 2000
 
-# Faults, forgeries, delays and hostile files: an hour on two cores; docs/threats.md.
+# Faults, forgeries, delays and hostile files: an hour on two cores.
 attack: $(READY)
 	$(BIN)/python -m lab.attacks faults
 	$(BIN)/python -m lab.attacks faults --recall
@@ -88,7 +81,7 @@ attack: $(READY)
 	$(BIN)/python -m lab.attacks forgery
 	$(BIN)/python -m lab.attacks files
 
-# Long tests, and what docs/reliability.md says of long runs and of what breaks in them.
+# Long tests, and long runs with what breaks in them.
 soak: $(READY)
 	$(BIN)/pytest -m long
 	$(BIN)/python -m lab.soak kill

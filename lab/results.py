@@ -1,12 +1,10 @@
 """Compare recognisers on simulated people, and print the tables.
 
-python -m lab.results [PART] --sets FOLDER [--form short]: PART is one of table,
-large, study or all. Sets that are missing in FOLDER are
-generated there. The answers of each method are kept in one file per table, so that
-nothing is trained twice and an interrupted run can be resumed: those of the long form
-in `lab/kept`, its pictures in `docs/pictures`; those of the short form, a smoke
-test, beside the sets. Answers of other code, settings or clips are reported and
-computed again.
+python -m lab.results [PART] --sets FOLDER [--form short]: PART is one of table, large,
+study or all. Sets that are missing in FOLDER are generated there. The answers of each
+method are kept in FOLDER/kept, one file per table, so that nothing is trained twice
+and an interrupted run can be resumed; pictures go to FOLDER/pictures. Answers of other
+code, settings or clips are reported and computed again.
 """
 
 import math
@@ -112,14 +110,12 @@ class Command:
     @property
     def results(self) -> Path:
         """Folder of the answers of methods."""
-        short = self.form == "short"
-        return self.sets / "kept" if short else Path("lab/kept")
+        return self.sets / "kept"
 
     @property
     def pictures(self) -> Path:
         """Folder of the pictures."""
-        short = self.form == "short"
-        return self.sets / "pictures" if short else Path("docs/pictures")
+        return self.sets / "pictures"
 
     def options(self, table: str) -> dict[str, object]:
         """Return the options of the comparison of a table."""

@@ -44,7 +44,6 @@ RUN = (
     "eskin doctor",
     "eskin skin show ur5 --out ur5.png",
     "eskin export ur5 --onnx ur5.onnx",
-    "eskin demo --same-touch --headless --json",
 )
 """Commands of the documentation that take seconds and need neither files nor devices;
 those of the first hour are run by `test_first_hour.py`."""

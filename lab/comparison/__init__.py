@@ -2,7 +2,6 @@
 
 from lab.comparison.examples import Examples, find_examples
 from lab.comparison.methods import (
-    ABLATIONS,
     METHODS,
     BaselineMethod,
     Method,
@@ -26,7 +25,6 @@ from lab.comparison.table import (
 )
 
 __all__ = [
-    "ABLATIONS",
     "METHODS",
     "Lead",
     "AnsweredClips",

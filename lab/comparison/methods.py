@@ -112,14 +112,14 @@ FIT_CONFIGS: dict[str, FitConfig] = {
     "tactile-image": FitConfig(),
     "paper": FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant"),
 }
-"""Training of the baselines that are networks, tuned by `lab/tuning.py`; forty
+"""Training of the baselines that are networks, tuned on sets of their own; forty
 epochs of the paper's network would take an hour."""
 
 
 @final
 @dataclass(frozen=True)
 class RecogniserMethod(Method):
-    """This method trains the recogniser, or a variant of it for an ablation."""
+    """This method trains the recogniser, or a variant of it with other pooling."""
 
     config: TrainConfig = FOR_SMALL_SETS
     """Settings of the training."""
@@ -198,11 +198,3 @@ METHODS: dict[str, Method] = {
     **{name: build_network_method(name, FIT_CONFIGS[name]) for name in NETWORKS},
 }
 """Methods by name; ours is the first."""
-
-ABLATIONS: dict[str, Method] = {
-    "without poses": RecogniserMethod(
-        replace(FOR_SMALL_SETS, graph=GraphConfig(posed=False))
-    ),
-    "not equivariant": RecogniserMethod(encoder="plain"),
-}
-"""Ablations of ours, by what they lack."""

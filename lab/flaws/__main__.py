@@ -4,17 +4,16 @@
     python -m lab.flaws touches --builds 2 --minutes 1 --rows none "all typical"
     python -m lab.flaws rest --builds 3 --starts 3
     python -m lab.flaws real --sets shearsense
-    python -m lab.flaws calibration --builds 20
 
 `touches` has untouched skins and touches for each flaw, `rest` hands that rest on a
-skin, `real` untouched stretches of real recordings, `calibration` what rest and presses
-gain. `--help` after a part lists its options.
+skin, `real` untouched stretches of real recordings. `--help` after a part lists its
+options.
 """
 
 import sys
 from importlib import import_module
 
-PARTS = ("calibration", "real", "rest", "touches")
+PARTS = ("real", "rest", "touches")
 """Modules of this package that have a `main`."""
 
 

@@ -14,7 +14,7 @@ from eskin.live import LENGTH_CM, NetworkConfig
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline
 from helpers.clips import generated
-from helpers.graphs import orthogonal, random_graph, turned
+from helpers.graphs import random_graph
 from helpers.learning import record_people
 from lab.baselines import READINGS
 from lab.comparison import (
@@ -232,21 +232,6 @@ def test_a_damaged_file_of_results_is_named_and_unchanged(a, b, tmp_path, kept):
     with pytest.raises(EskinError, match="results.jsonl is no file of results .*; del"):
         run_tasks([task(a, {"test": b})], path)
     assert path.read_text() == kept
-
-
-def test_only_the_plain_encoder_depends_on_orientation():
-    rng = np.random.default_rng(0)
-    batch = random_graph(rng, 30)
-    rotated = turned(batch, orthogonal(rng, 1))
-    for kind, make in ENCODERS.items():
-        torch.manual_seed(0)
-        encoder = make(NetworkConfig()).double().eval()
-        one, other = (
-            encoder(build_graph_tensors(each, False, torch.float64)).detach().numpy()
-            for each in (batch, rotated)
-        )
-        assert np.abs(one).max() > 0.1
-        assert np.allclose(one, other, atol=1e-4) == (kind != "plain"), kind
 
 
 def test_every_encoder_is_given_coordinates_in_centimetres():

@@ -25,7 +25,6 @@ from lab.baselines.estimators import (
 )
 from lab.baselines.flat import FlatBaseline
 from lab.comparison import (
-    ABLATIONS,
     METHODS,
     BaselineMethod,
     RecogniserMethod,
@@ -83,7 +82,7 @@ def test_trees_on_touches_give_probabilities_of_every_clip(examples):
 
 
 def test_the_repr_of_a_method_shows_all_settings_and_no_address():
-    for name, method in {**METHODS, **ABLATIONS}.items():
+    for name, method in METHODS.items():
         assert " at 0x" not in repr(method), name
         if isinstance(method, BaselineMethod):
             assert isinstance(method.make, partial)
