@@ -1,0 +1,1 @@
+"""The laboratory: measurements that anyone can run again."""
