@@ -9,8 +9,8 @@ The answers are in `lab/golden.json`. Inputs and seeds are fixed, and only names
 an answer. Counts of the simulation are compared by digest, other numbers to five
 digits. They were found equal from run to run on one machine, training included; with
 another processor or other versions of numpy, numba or torch the last digits may differ,
-and a digest with them. Times, and the lengths of the queues of `eskin run`, are not
-compared, since they differ from run to run.
+and a digest with them. What differs from run to run is not compared: times, the lengths
+of the queues of `eskin run`, and the order of the lines of a DXF.
 
 Real recordings are read from `--data`, by default `../shared/data`; checks of them are
 left out where they are missing. A comparison takes about a minute and a half on one
