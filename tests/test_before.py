@@ -47,7 +47,7 @@ def read_scans():
 
 
 def recognise(calibration=None):
-    """Return the detections of the model in the recording, whatever their confidence."""
+    """Return what the model finds in the recording, however unlikely."""
     config = SourceConfig(calibration=calibration, pace=np.inf)
     with open_source(f"replay:{RECORDING}", config=config) as source:
         info = source.info
