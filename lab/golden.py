@@ -127,6 +127,11 @@ def find_differences(kept: Any, now: Any, where: str) -> Iterator[str]:  # noqa:
     elif isinstance(kept, list) and isinstance(now, list) and len(kept) == len(now):
         for index, pair in enumerate(zip(kept, now, strict=True)):
             yield from find_differences(*pair, f"{where}[{index}]")
+    elif {type(one) for one in (kept, now)} == {list}:
+        gone = [one for one in kept if one not in now]
+        new = [one for one in now if one not in kept]
+        sizes = f"stored {len(kept)} values, found {len(now)}"
+        yield f"{where}: {sizes}; gone {gone!s:.120}, new {new!s:.120}"
     elif not is_equal(kept, now):
         yield f"{where}: stored {shorten(kept)}, found {shorten(now)}"
 
