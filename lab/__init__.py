@@ -1,1 +1,1 @@
-"""Measurements that anyone can run again."""
+"""The laboratory: measurements that anyone can run again."""

@@ -1,0 +1,137 @@
+"""Count the files of eskin that one reading passes on its way from UDP to detection.
+
+    python -m lab.reading_path
+
+A simulated person touches the ur5 skin, whose patches send over UDP on loopback from
+another process. Here `eskin.open_source` receives them and `eskin.Recognizer`
+recognises. After the first detection, when all is set up and compiled, a profiler notes
+the file of every Python function that is called, until `DETECTIONS` more are made.
+
+numba shows a profiler each call of a compiled function from Python, with the file of
+the function that was compiled. What compiled functions call in turn is not shown; it is
+found from the names that they use, at any depth, and listed apart: such a function may
+be called, but need not have been. The thread and queue of a `Stream`, by which `eskin
+run` passes scans to the recogniser, are left out, as is what draws and records.
+"""
+
+import gc
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from types import CodeType, FrameType
+
+from numba.core.dispatcher import Dispatcher
+
+import eskin
+
+PACKAGE = Path(eskin.__file__).parent
+ADDRESS = "127.0.0.1:9791"
+DETECTIONS = 5
+"""Detections that are profiled."""
+PATIENCE = 120.0
+"""Longest wait for the sender, and for a detection [s]."""
+
+
+class Profiler:
+    """Collects, in every thread, the code that is called while it is on.
+
+    Attributes:
+        on: whether calls are noted.
+        called: code objects of the package in the order of their first call.
+    """
+
+    def __init__(self) -> None:
+        """Start switched off, in this thread and in those that are started later."""
+        self.on = False
+        self.called: dict[CodeType, None] = {}
+        threading.setprofile(self.note)
+        sys.setprofile(self.note)
+
+    def note(self, frame: FrameType, event: str, argument: object) -> None:
+        """Note the code of a call."""
+        if self.on and event == "call" and is_inside(frame.f_code):
+            self.called.setdefault(frame.f_code)
+
+
+def is_inside(code: CodeType) -> bool:
+    """Return whether code is of a file of eskin."""
+    return code.co_filename.startswith(f"{PACKAGE}/")
+
+
+def find_compiled() -> dict[CodeType, Dispatcher]:
+    """Return every compiled function by the code that it was compiled from."""
+    found = (each for each in gc.get_objects() if is_compiled(each))
+    return {each.py_func.__code__: each for each in found}
+
+
+def is_compiled(value: object) -> bool:
+    """Return whether a value is a compiled function."""
+    return issubclass(type(value), Dispatcher)
+
+
+def find_inner(called: list[CodeType]) -> list[CodeType]:
+    """Return the compiled functions that called ones use, at any depth."""
+    compiled, waiting = find_compiled(), list(called)
+    found: dict[CodeType, None] = {}
+    while waiting:
+        if (code := waiting.pop()) in compiled:
+            known = compiled[code].py_func.__globals__
+            used = [known[name] for name in code.co_names if name in known]
+            inner = [each.py_func.__code__ for each in used if is_compiled(each)]
+            waiting += [each for each in inner if each not in found]
+            found |= dict.fromkeys(inner)
+    return [code for code in found if code not in called]
+
+
+def list_files(codes: list[CodeType]) -> list[str]:
+    """Return the files of code, each once, relative to the package."""
+    paths = (Path(code.co_filename).relative_to(PACKAGE) for code in codes)
+    return list(dict.fromkeys(str(path) for path in paths))
+
+
+def receive(calibration: Path, profiler: Profiler) -> tuple[int, int]:
+    """Recognise what comes; return the numbers of readings and detections profiled."""
+    config = eskin.SourceConfig(skin="ur5", calibration=calibration, patience=PATIENCE)
+    model, found, count = eskin.load_model("ur5"), 0, 0
+    end = time.monotonic() + PATIENCE
+    with eskin.open_source(f"udp://{ADDRESS}", config=config) as source:
+        mounted = eskin.MountedSkin(source.info.skin, source.info.load_robot())
+        recognizer = eskin.Recognizer(model, mounted, source.info.calibration)
+        for scan in source:
+            found += len(recognizer.push(scan))
+            count += profiler.on
+            profiler.on = found > 0
+            if found > DETECTIONS or time.monotonic() > end:
+                break
+    profiler.on = False
+    return count, max(found - 1, 0)
+
+
+def main() -> None:
+    """Receive, and print the files in the order of their first call."""
+    profiler = Profiler()
+    words = ["device", "ur5", "--udp", ADDRESS, "--calibration"]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "calibration.json"
+        argv = [sys.executable, "-m", "eskin", *words, str(path)]
+        with subprocess.Popen(argv, stdout=subprocess.DEVNULL) as sender:
+            try:
+                while not path.exists() and sender.poll() is None:
+                    time.sleep(0.1)
+                count, found = receive(path, profiler)
+            finally:
+                sender.terminate()
+    called = list(profiler.called)
+    files = list_files(called)
+    inner = [name for name in list_files(find_inner(called)) if name not in files]
+    print("\n".join(files))
+    print(f"{len(files)} files in {count} readings and {found} detections")
+    print(f"{len(inner)} more that compiled code may call: {', '.join(inner)}")
+    print(f"{len(files) + len(inner)} files in all")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,5 @@
+"""A function that the command map beside it names."""
+
+
+def wave(event: object) -> None:
+    """Do nothing."""
