@@ -1,11 +1,11 @@
-"""Report untouched skins and touches as tables, and what misses the wanted figures."""
+"""Report untouched skins and touches as tables."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from eskin.learn.metrics import bootstrap_difference
-from lab.flaws.rows import ALL, REFERENCES
+from lab.flaws.rows import REFERENCES
 from lab.flaws.scoring import STRONG_FORCE, TouchScore
 from lab.flaws.stream import BuildResult
 from lab.flaws.watch import RestCount
@@ -140,66 +140,18 @@ DETAILS_HEAD = (
 )
 
 
-def add_brackets(cells: Sequence[str], before: Sequence[str]) -> list[str]:
-    """Return cells with the figures of before in brackets."""
-    pairs = zip(cells, before, strict=True)
-    return [f"{new} ({old})" if old else new for new, old in pairs]
-
-
 def find_reference(row: str, found: Results) -> list[BuildResult]:
     """Return the results that a row is compared to; none where it is that row."""
     return [] if REFERENCES[row] == row else found.get(REFERENCES[row], [])
 
 
-WANTED = {
-    ALL: (0.2, 10.0, 4.0, 0.95),
-    "high": (np.inf, 60.0, 10.0, 0.0),
-}
-"""Most detections and openings an hour and points lost (forced choice), and least share
-of onsets and of ends that are found: all flaws typical, and each alone at high."""
-
-
-def list_misses(found: Results) -> Iterator[str]:
-    """Yield a line for each figure that misses what is wanted."""
-    for row, results in found.items():
-        wanted = WANTED.get(row) or (WANTED["high"] if row.endswith(" high") else None)
-        if wanted is None:
-            continue
-        rest = add_up(result.rest for result in results)
-        strong = list_strong(results)
-        right = pair_right(results, find_reference(row, found), is_forced_right)
-        lost = 100.0 * (right[0].mean() - right[1].mean()) if len(right[0]) else 0.0
-        onset, end = (
-            float(np.mean(hits)) if hits else 1.0
-            for hits in (
-                [score.is_onset_found for score in strong],
-                [score.is_end_found for score in strong],
-            )
-        )
-        most = (rest.rate(rest.detections), rest.rate(rest.openings), lost)
-        names = ("detections an hour", "openings an hour", "points lost")
-        for name, value, limit in zip(names, most, wanted, strict=False):
-            if value > limit:
-                yield f"{row}: {value:.1f} {name}, wanted at most {limit:g}"
-        for name, value in (("onsets", onset), ("ends", end)):
-            if value < wanted[3]:
-                yield f"{row}: {100 * value:.1f} % of {name}, wanted {wanted[3]:.0%}"
-
-
-def print_report(found: Results, before: Results) -> None:
-    """Print the two tables, and what misses the wanted figures."""
+def print_report(found: Results) -> None:
+    """Print the two tables."""
     print(format_head(FIGURES_HEAD))
     for row, results in found.items():
         cells = describe_figures(results, find_reference(row, found))
-        if row in before:
-            olds = describe_figures(before[row], find_reference(row, before))
-            cells = add_brackets(cells, olds)
         print(format_row([row, *cells]))
     print("\n" + format_head(DETAILS_HEAD))
     for row, results in found.items():
-        cells = describe_details(results)
-        if row in before:
-            cells = add_brackets(cells, describe_details(before[row]))
-        print(format_row([row, *cells, *describe_extent(results)]))
-    print("\nMisses of what is wanted:\n")
-    print("\n".join(f"- {line}" for line in list_misses(found)) or "- none")
+        cells = [*describe_details(results), *describe_extent(results)]
+        print(format_row([row, *cells]))

@@ -17,11 +17,10 @@ and the end of touches of at least 1 N (of the touch that covers the true contac
 the true force on taxels is above 0.2 N), and the points of accuracy that are lost to
 builds without flaw (`shifted` to `fresh`): by forced choice 0.3 s after the true end,
 and by the first gesture detected live. The second has further counts. A double pat is
-one touch where that has as many contacts as the true one. At the end are the figures
-that miss what is wanted.
+one touch where that has as many contacts as the true one.
 
 With `--keep` results are appended to a file, and what is there already is not run
-again; with `--before` the figures of another such file stand in brackets.
+again.
 """
 
 from dataclasses import dataclass
@@ -54,8 +53,6 @@ class Command:
     """Weights that come with eskin, or a model file."""
     keep: Path | None = None
     """File to which results are appended, and of which they are read."""
-    before: Path | None = None
-    """Such a file of another commit, whose figures stand in brackets."""
     workers: int = 2
     """Number of processes."""
 
@@ -93,16 +90,7 @@ def run_builds(command: Command) -> Results:
     return found
 
 
-def group_by_row(path: Path | None) -> Results:
-    """Return the results of a file by row."""
-    found: Results = {}
-    for plan, result in read_results(path):
-        found.setdefault(plan.row, []).append(result)
-    return found
-
-
 def main(args: list[str] | None = None) -> None:
     """Run the builds and print the tables."""
     command = tyro.cli(Command, args=args)
-    found, before = run_builds(command), group_by_row(command.before)
-    print_report(found, before)
+    print_report(run_builds(command))

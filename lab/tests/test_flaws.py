@@ -14,7 +14,7 @@ from eskin.units import NS_PER_S
 from lab.flaws.hands import Hand, set_creep
 from lab.flaws.kept import append_result, read_results
 from lab.flaws.real import keep_apart
-from lab.flaws.report import describe_details, describe_figures, list_misses
+from lab.flaws.report import describe_details, describe_figures
 from lab.flaws.rows import FLAWED, REFERENCES, ROWS
 from lab.flaws.scoring import Sample, Trail, TrueContact, score_touch
 from lab.flaws.stream import BuildPlan, BuildResult
@@ -161,20 +161,6 @@ def test_points_are_lost_between_builds_of_the_same_number():
     after = [BuildResult("x", 3, touches=[right, wrong])]
     assert describe_figures(after, before)[4].startswith("+50.0")
     assert describe_figures(after, [replace(before[0], number=4)])[4] == ""
-
-
-def test_figures_that_miss_what_is_wanted_are_listed():
-    late, rest = score(make_trail(first=FIRST + 9)), RestCount(180.0, 2, 1)
-    found = {
-        "none": [BuildResult("none", 0, touches=[replace(late, forced="poke")])],
-        "all typical": [BuildResult("all typical", 0, rest=rest, touches=[late])],
-        "noise high": [BuildResult("noise high", 0, rest=rest)],
-    }
-    assert list(list_misses(found)) == [
-        "all typical: 20.0 detections an hour, wanted at most 0.2",
-        "all typical: 40.0 openings an hour, wanted at most 10",
-        "all typical: 0.0 % of onsets, wanted 95%",
-    ]
 
 
 def test_kept_results_are_read_back(tmp_path):
