@@ -14,7 +14,7 @@ Poisson law). The threshold of least cost is chosen; of equal ones the
 lowest for a stop, and the highest for all else. So are the probability from which a
 moving arm stands for a possible stop, and how long a touch lasts at least that makes
 the arm do more; of equal ones the lowest. The chosen figures belong into
-`MIN_CONFIDENCE` and `STAND_CONFIDENCE` of `eskin.command.actions`, and into
+`MIN_CONFIDENCE` and `SUSPEND_CONFIDENCE` of `eskin.command.actions`, and into
 `PolicyConfig.min_duration`. A last table compares the gestures that could let an arm go
 on.
 """
@@ -294,7 +294,7 @@ class TraceListener(Listener):
                     dict(zip(self.vocabulary, values, strict=True))
                 )
                 trace.contact.append(touch.last == stamp)
-                trace.sound = self.evidence.suffices(touch.id)
+                trace.sound = self.evidence.is_plausible(touch.id)
 
     def close(self) -> None:
         """Do nothing."""

@@ -376,6 +376,8 @@ arm: arm that stays held
 arm: jog
     map jog; {paused} stroke a; 0.4; say a; lift a; 0.48 >; close a > jog; ? paused; ?
     jogging=1
+arm: jog needs 0.95
+    map jog; {paused} stroke a 0.94. > !jog [0.94 is below 0.95]
 arm: jog of a running arm
     map jog; stroke a. > !jog [nobody has paused it]
 arm: jog nowhere
@@ -513,6 +515,8 @@ class Story:
         ]
         for event, (_, _, why) in zip(events, wanted, strict=True):
             assert why in event.why
+            if event.accepted and event.action not in ("slow", "normal"):
+                assert event.action in self.scene.arm.orders
 
 
 def describe_arm(arm, words):
