@@ -84,7 +84,7 @@ def is_no_fault(*steps, scene=None, **changes):
     for taxels, seconds in steps:
         scene.touches[number].taxels = np.atleast_1d(taxels)
         scene.wait(seconds)
-    return scene.policy.evidence.suffices(number)
+    return scene.policy.evidence.is_plausible(number)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_reading_without_data_does_not_let_fingertips_land_together():
     scene.step()
     scene.silent_patches = ()
     scene.wait(0.2)
-    assert not scene.policy.evidence.suffices(scene.count)
+    assert not scene.policy.evidence.is_plausible(scene.count)
 
 
 @pytest.mark.parametrize(("doubted", "enough"), [([0], True), ([0, 3], False)])
@@ -122,7 +122,7 @@ def test_fingertips_apart_do_not_both_lie_in_lines_of_doubtful_taxels(doubted, e
     assert is_no_fault((ROOT, 0.02), (np.append(bad, FINGERS), 0.3), scene=scene)
     scene.doubtful = np.isin(np.arange(SKIN.count), bad)
     scene.step()
-    assert scene.policy.evidence.suffices(scene.count) == enough
+    assert scene.policy.evidence.is_plausible(scene.count) == enough
 
 
 @pytest.mark.parametrize("others", [BLOCK[3, [5]], BLOCK[2, [5]], BLOCK[3, [4, 6]]])
@@ -154,7 +154,7 @@ def test_fingertip_that_slides_over_single_taxels_is_no_fault(path, suffices):
     for taxel in [*path, *path]:
         scene.touches[number].taxels = np.array([taxel])
         scene.wait(0.1)
-    assert scene.policy.evidence.suffices(number) == suffices
+    assert scene.policy.evidence.is_plausible(number) == suffices
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_faults_in_turn_are_no_path(faults):
     for taxels in [*faults, *faults, *faults]:
         scene.touches[number].taxels = np.asarray(taxels)
         scene.wait(0.12)
-    assert not scene.policy.evidence.suffices(number)
+    assert not scene.policy.evidence.is_plausible(number)
 
 
 def test_doubtful_taxels_are_no_evidence():
@@ -199,11 +199,11 @@ def test_sound_taxels_do_not_both_lie_in_the_lines_of_doubtful_ones(doubted, suf
     scene = Scene()
     number = scene.begin("double_pat")
     scene.wait(0.3)
-    assert scene.policy.evidence.suffices(number)
+    assert scene.policy.evidence.is_plausible(number)
     scene.doubtful = np.isin(np.arange(SKIN.count), np.asarray(FINGERTIP)[doubted])
     for _ in range(4):
         scene.step()
-        assert scene.policy.evidence.suffices(number) == suffices
+        assert scene.policy.evidence.is_plausible(number) == suffices
 
 
 def test_doubtful_taxel_that_is_pressed_later_counts_for_the_readings_before():
@@ -212,10 +212,10 @@ def test_doubtful_taxel_that_is_pressed_later_counts_for_the_readings_before():
     number = scene.begin("double_pat")
     scene.touches[number].taxels = row[:2]
     scene.wait(0.2)
-    assert scene.policy.evidence.suffices(number)
+    assert scene.policy.evidence.is_plausible(number)
     scene.touches[number].taxels = row[:3]
     scene.step()
-    assert not scene.policy.evidence.suffices(number)
+    assert not scene.policy.evidence.is_plausible(number)
 
 
 def test_row_that_noise_floors_hide_is_a_row_all_the_same():
@@ -225,7 +225,7 @@ def test_row_that_noise_floors_hide_is_a_row_all_the_same():
     scene.touches[number].taxels = row[:2]
     scene.hidden[row[2:]] = 1.0
     scene.wait(0.3)
-    assert not scene.policy.evidence.suffices(number)
+    assert not scene.policy.evidence.is_plausible(number)
 
 
 def test_taxel_that_becomes_doubtful_takes_no_more_than_its_row_and_column():
@@ -236,7 +236,7 @@ def test_taxel_that_becomes_doubtful_takes_no_more_than_its_row_and_column():
     for doubted, suffices in ((wide[:1], True), (wide, False)):
         scene.doubtful = np.isin(np.arange(SKIN.count), doubted)
         scene.step()
-        assert scene.policy.evidence.suffices(number) == suffices
+        assert scene.policy.evidence.is_plausible(number) == suffices
 
 
 def test_touch_that_has_pressed_a_taxel_loses_the_line_in_which_it_becomes_doubtful():
@@ -245,10 +245,10 @@ def test_touch_that_has_pressed_a_taxel_loses_the_line_in_which_it_becomes_doubt
     for taxels in (row[6:7], row[:2]):
         scene.touches[number].taxels = taxels
         scene.wait(0.2)
-    assert scene.policy.evidence.suffices(number)
+    assert scene.policy.evidence.is_plausible(number)
     scene.doubtful = np.isin(np.arange(SKIN.count), row[6])
     scene.step()
-    assert not scene.policy.evidence.suffices(number)
+    assert not scene.policy.evidence.is_plausible(number)
 
 
 def test_taxel_that_is_first_pressed_as_it_becomes_doubtful_counts_as_pressed():
@@ -259,7 +259,7 @@ def test_taxel_that_is_first_pressed_as_it_becomes_doubtful_counts_as_pressed():
     scene.touches[number].taxels = row[:3]
     scene.doubtful = np.isin(np.arange(SKIN.count), row[2])
     scene.step()
-    assert not scene.policy.evidence.suffices(number)
+    assert not scene.policy.evidence.is_plausible(number)
 
 
 @pytest.mark.parametrize("active", [True, False])
@@ -275,7 +275,7 @@ def test_line_counts_no_more_once_a_fifth_of_it_is_doubtful_and_active(active):
     for count, suffices in ((1, True), (4, not active)):
         scene.doubtful = np.isin(np.arange(SKIN.count), row[4 : 4 + count])
         scene.step()
-        assert scene.policy.evidence.suffices(number) == suffices
+        assert scene.policy.evidence.is_plausible(number) == suffices
 
 
 @pytest.mark.parametrize(("more", "suffices"), [(0, True), (1, False)])
@@ -287,7 +287,7 @@ def test_touch_along_a_line_covers_a_third_of_it_at_most(more, suffices):
     members = np.flatnonzero(line)[: int(0.34 * line.sum()) + more]
     scene.touches[number].taxels = members
     scene.wait(0.3)
-    assert scene.policy.evidence.suffices(number) == suffices
+    assert scene.policy.evidence.is_plausible(number) == suffices
 
 
 def test_doubt_elsewhere_takes_nothing():
@@ -297,7 +297,7 @@ def test_doubt_elsewhere_takes_nothing():
     scene.wait(0.3)
     scene.doubtful = ~np.isin(np.arange(SKIN.count), WHOLE)
     scene.step()
-    assert scene.policy.evidence.suffices(number)
+    assert scene.policy.evidence.is_plausible(number)
 
 
 def test_touch_that_is_felt_too_briefly_commands_no_more_than_a_stop():

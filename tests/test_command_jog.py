@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 from eskin.command import CommandMap, MotionConfig, Rule, SimulatedArm
 from eskin.command.task import JOG_SPEED
 from eskin.drivers import ManualClock
-from eskin.errors import ArmError, JogError
+from eskin.errors import JogError
 from eskin.robot import DampedLeastSquaresIK, Kinematics, load_robot
 from helpers.commands import (
     DIRECTION,
-    Scene,
     make_map,
     make_paused_scene,
     make_ur_arm,
@@ -197,46 +196,3 @@ def test_stroke_jogs_paused_arm_once_it_has_closed():
     scene.close(number)
     assert scene.accepted == ["pause", "jog"] and scene.arm.paused
     np.testing.assert_allclose(scene.arm.steps, [0.02 * DIRECTION])
-
-
-@pytest.mark.parametrize("gesture", ["poke", "stroke"])
-def test_touch_stops_jog(gesture):
-    scene = make_paused_scene(JOG)
-    scene.touch("stroke")
-    assert scene.arm.jogging
-    scene.wait(0.6)
-    first, second = scene.touch(gesture)
-    assert not scene.arm.jogging and scene.arm.paused
-    assert first.action == "pause" and first.accepted
-    assert not second.accepted and "before the pause" in second.why
-
-
-def test_stroke_that_does_not_meet_conditions_never_jogs():
-    scene = Scene(JOG)
-    (moving,) = scene.touch("stroke")
-    scene = make_paused_scene(JOG)
-    (doubtful,) = scene.touch("stroke", confidence=0.94)
-    scene.arm.hold("test")
-    (held,) = scene.touch("stroke")
-    scene.arm.hold_reason = None
-    number = scene.begin("stroke")
-    scene.step()
-    (late,) = scene.detect(number, age=0.12)
-    scene.touches[number].direction = np.zeros(3)
-    (still,) = scene.detect(number)
-    events = moving, doubtful, held, late, still
-    reasons = "nobody has paused", "0.94", "held: test", "120 ms", "did not travel"
-    for event, reason in zip(events, reasons, strict=True):
-        assert not event.accepted and reason in event.why
-    assert "jog" not in scene.arm.orders
-
-
-@pytest.mark.parametrize(
-    ("error", "held"), [(JogError("no jog"), False), (ArmError("lost"), True)]
-)
-def test_only_failing_arm_is_held_by_jog(error, held):
-    scene = make_paused_scene(JOG)
-    scene.arm.error = error
-    scene.touch("stroke")
-    assert "jog" not in scene.accepted and scene.last_reason == str(error)
-    assert (scene.arm.hold_reason is not None) == held

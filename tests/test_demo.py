@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import WAIT, Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import SUSPEND, Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
@@ -37,7 +37,7 @@ VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 
 
 def command(seconds, action="pause", accepted=True, touch=1, why=""):
-    gesture = None if touch is None or action == WAIT else "poke"
+    gesture = None if touch is None or action == SUSPEND else "poke"
     stamp = round(seconds * SECOND)
     return CommandEvent(stamp, action, touch, gesture, accepted, why)
 
@@ -80,7 +80,7 @@ def test_commands_that_go_on_are_counted_apart():
 
 
 def test_stop_is_timed_from_first_contact_to_first_wait():
-    score = score_commands(command(1.1, WAIT), command(1.5))
+    score = score_commands(command(1.1, SUSPEND), command(1.5))
     assert score.stop_delays() == pytest.approx([0.1]) and score.commands == 1
 
 

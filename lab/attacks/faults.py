@@ -18,7 +18,7 @@ from typing import final
 import numpy as np
 import tyro
 
-from eskin.command import WAIT, Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import SUSPEND, Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.drivers import ManualClock
 from eskin.learn.events.event_scoring import score_events
 from eskin.live import Detection, Model, Recognizer, load_model
@@ -44,7 +44,7 @@ HOLD_SECONDS = 1.0
 """Time after which the operator releases a hold [s]."""
 PAUSE_SECONDS = 5.0
 """Time after which the operator lets a paused arm go on [s]."""
-ACTIONS = (WAIT, "pause", "resume", "slow", "normal", "next_waypoint", "gripper")
+ACTIONS = (SUSPEND, "pause", "resume", "slow", "normal", "next_waypoint", "gripper")
 """Columns of the table for commands."""
 RECALL_SKINS = 9
 """Number of builds on which gestures are performed."""

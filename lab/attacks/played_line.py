@@ -26,7 +26,6 @@ from eskin.drivers import (
     ManualClock,
     SourceInfo,
 )
-from eskin.live import Detection
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, Patch, Plane, Skin, TaxelGrid, build_skin
 from eskin.stream import Context, Message, RecognitionState
@@ -223,14 +222,12 @@ class PlayedLine:
         calibration = Calibration.uniform(skin.count, 4095, 100.0)
         info = SourceInfo("played:", "table", (), skin, calibration, rate)
         self.arm = HeldArm(self.clock)
-        rule = Rule(gesture="poke", action="pause")
         self.policy = Policy(
             self.arm,
-            CommandMap(commands=[rule]),
+            CommandMap(commands=[Rule(gesture="poke", action="pause")]),
             ("none", "poke"),
             PolicyConfig(check_period=None),
         )
-        self.rule = rule
         self.policy.start(Context(info, self.clock, self.ignore))
         self.check_at = START
         self.obeyed = self.used = 0
@@ -293,28 +290,8 @@ class PlayedLine:
             return
         self.used += 1
         self.made.append(made)
-        touch = make_detection(scan.stamp)
-        if self.policy.find_refusal("pause", touch, self.rule, scan.stamp) is None:
+        if self.policy.find_fault(self.arm.state(), scan.stamp) is None:
             self.obeyed = max(self.obeyed, self.clock.now() - made)
-
-
-def make_detection(stamp: int) -> Detection:
-    """Make a detection of a poke on the target in a reading [ns]."""
-    nowhere = np.zeros(3)
-    return Detection(
-        stamp=stamp,
-        touch=1,
-        gesture="poke",
-        confidence=1.0,
-        onset=stamp,
-        end=stamp,
-        link="table",
-        patch="patch_0",
-        p_world=nowhere,
-        n_world=nowhere,
-        direction_world=nowhere,
-        peak_force=1.0,
-    )
 
 
 def merge_arrivals(*streams: Iterable[Arrival]) -> Iterator[Arrival]:

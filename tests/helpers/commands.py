@@ -6,7 +6,7 @@ import numpy as np
 
 from eskin.command import (
     FRAME_TASK,
-    WAIT,
+    SUSPEND,
     Arm,
     ArmState,
     CommandMap,
@@ -222,7 +222,7 @@ class Scene:
 
     def note(self, event):
         """Keep an event of the policy."""
-        if event.action == WAIT:
+        if event.action == SUSPEND:
             self.waits.append(event.touch)
         else:
             self.events.append(event)

@@ -15,8 +15,7 @@ from eskin.command.command_map import (
     load_commands,
     parse_commands,
 )
-from eskin.command.policy import WAIT, Policy
-from eskin.command.policy_config import PolicyConfig
+from eskin.command.policy import SUSPEND, Policy, PolicyConfig
 from eskin.command.simulated_arm import (
     DynamicPlant,
     ProtectiveStopConfig,
@@ -46,7 +45,7 @@ __all__ = [
     "SkinMonitorConfig",
     "Task",
     "TaskExecutor",
-    "WAIT",
+    "SUSPEND",
     "Trajectory",
     "UrArm",
     "Waypoint",

@@ -11,15 +11,18 @@ from eskin.command.actions import (
     ACTIONS,
     COMMAND_FUNCTIONS,
     FUNCTION,
+    FUNCTION_NAME,
+    HALTING_ACTIONS,
     MIN_CONFIDENCE,
     STRICT_ACTIONS,
     TOGGLES,
     Action,
+    import_functions,
+    required_confidence,
 )
-from eskin.command.functions import FUNCTION_NAME, import_functions
 from eskin.errors import CommandError
 from eskin.files import Name, format_entry_path, load_plain_yaml, read_file, shorten
-from eskin.skin import Skin
+from eskin.skin import Patch, Skin
 
 MAX_BYTES = 1 << 18
 """Largest size of a command map [bytes]."""
@@ -103,6 +106,27 @@ class CommandMap(BaseModel):
             and action in TOGGLES.get(rule.action, (rule.action,))
         }
         return tuple(found)
+
+    def find_stops(self, vocabulary: tuple[str, ...], patch: Patch) -> dict[int, float]:
+        """Return the gestures that stop an arm at work on a patch.
+
+        Args:
+            vocabulary: classes in the order of the probabilities.
+            patch: patch that is touched.
+
+        Returns:
+            the confidence that each needs, by its index in the vocabulary.
+        """
+        found = {}
+        for index, gesture in enumerate(vocabulary):
+            rule = self.find_rule(gesture, patch.link, patch.id)
+            if rule is None or gesture in NON_GESTURES:
+                continue
+            action = rule.action_or_function
+            action = TOGGLES.get(action, (action,))[0]
+            if action in HALTING_ACTIONS:
+                found[index] = required_confidence(action, rule.confidence)
+        return found
 
     def find_problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
         """Return what does not fit model, skin or other rules, each with its path."""

@@ -73,7 +73,7 @@ class EvidenceConfig:
 
 
 @dataclass(frozen=True)
-class SoundReading:
+class PlausibleReading:
     """A sound reading holds the taxels of a touch that no fault explains."""
 
     pressed: Int[np.ndarray, "pressed"]
@@ -90,7 +90,7 @@ class SoundReading:
 class Evidence:
     """Evidence holds the readings in which a touch was sound."""
 
-    readings: list[SoundReading]
+    readings: list[PlausibleReading]
     """The latest sound readings, without the taxels that became doubtful since."""
     last: int
     """Stamp of the latest contact [ns since the epoch]."""
@@ -179,7 +179,7 @@ class EvidenceMonitor:
             if touch.merged_into and touch.id in self.touches:
                 self.merge(self.touches.pop(touch.id), touch.merged_into)
         if pressed:
-            sound = self.find_sound(state, active)
+            sound = self.find_valid(state, active)
             interval = min((stamp - before) / NS_PER_S, self.config.max_interval)
             for row in pressed:
                 self.update_touch(row, state, sound, active)
@@ -199,7 +199,7 @@ class EvidenceMonitor:
         evidence.seconds = max(evidence.seconds, ended.seconds)
         self.doubt(evidence, ended.doubted)
 
-    def suffices(self, touch: int) -> bool:
+    def is_plausible(self, touch: int) -> bool:
         """Return whether a touch is no fault."""
         evidence = self.touches.get(touch)
         if evidence is None or evidence.seconds < self.config.seconds:
@@ -246,16 +246,16 @@ class EvidenceMonitor:
 
     def reduce_reading(
         self,
-        reading: SoundReading,
+        reading: PlausibleReading,
         believed: Bool[np.ndarray, "taxel"],
         evidence: Evidence,
-    ) -> SoundReading | None:
+    ) -> PlausibleReading | None:
         """Return what can be believed of a reading; None if that is not sound.
 
         Where less is believed, two taxels of one row or column are no support.
         """
         kept = believed[reading.strong]
-        left = SoundReading(
+        left = PlausibleReading(
             reading.pressed[believed[reading.pressed]],
             reading.strong[kept],
             reading.since[kept],
@@ -287,7 +287,7 @@ class EvidenceMonitor:
         self.update_strong(evidence, strong, state.reading.valid)
         since = np.array([evidence.strong[i] for i in strong.tolist()], dtype=np.int64)
         full = self.find_full_lines(pressed, active)
-        reading = SoundReading(path, strong, since, full)
+        reading = PlausibleReading(path, strong, since, full)
         if self.is_sound(reading, evidence):
             kept = evidence.readings[1 - self.config.keep_readings :]
             evidence.readings = [*kept, reading]
@@ -345,7 +345,7 @@ class EvidenceMonitor:
             return pressed
         return np.array(list(evidence.path), dtype=np.int64)
 
-    def is_sound(self, reading: SoundReading, evidence: Evidence) -> bool:
+    def is_sound(self, reading: PlausibleReading, evidence: Evidence) -> bool:
         """Return whether a pressed taxel supports a strongly pressed one.
 
         Two that both lie in the rows, or both in the columns, of doubtful taxels that
@@ -363,13 +363,13 @@ class EvidenceMonitor:
         if len(reading.strong) > self.config.fingers:
             return False
         felt = np.isin(others, list(evidence.felt - evidence.doubted))
-        rooted = np.isin(reading.strong, strong[felt])
+        anchored = np.isin(reading.strong, strong[felt])
         lines, since = self.lines[:, reading.strong], reading.since
         hidden = lines[:, :, None] == lines[:, None]
         hidden |= suspect[lines][:, :, None] & suspect[lines][:, None]
         together = np.abs(since[:, None] - since) <= self.config.together * NS_PER_S
         apart = together & ~hidden.any(axis=0)
-        return bool(apart[rooted].any())
+        return bool(apart[anchored].any())
 
     def list_pairs(
         self, taxels: Int[np.ndarray, "some"]
@@ -393,7 +393,7 @@ class EvidenceMonitor:
         for numbers in self.lines:
             yield numbers == numbers[taxel]
 
-    def find_sound(
+    def find_valid(
         self, state: TouchState, active: Bool[np.ndarray, "taxel"]
     ) -> Bool[np.ndarray, "taxel"]:
         """Find the taxels whose pressure can be believed."""

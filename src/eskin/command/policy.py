@@ -1,8 +1,12 @@
-"""This module decides which touches command the arm, and holds it on trouble."""
+"""This module decides which touches command the arm, and holds it on trouble.
+
+The class reads from top to bottom: what a detection asks for, what is done with a
+reading of the skin, when a request is executed, what the arm is told, and the watch.
+"""
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
@@ -14,21 +18,14 @@ from eskin.command.actions import (
     HALTING_ACTIONS,
     REDUCING_ACTIONS,
     STARTING_ACTIONS,
-    required_confidence,
+    SUSPEND_CONFIDENCE,
     resolve_action,
 )
 from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
-from eskin.command.evidence import EvidenceMonitor
-from eskin.command.pending import (
-    CommandedTouches,
-    PendingCommand,
-    StopTimes,
-    describe_doubt,
-)
-from eskin.command.policy_config import PolicyConfig
-from eskin.command.possible_stops import PossibleStops, StopRules
-from eskin.command.skin_monitor import SkinMonitor
+from eskin.command.commanded_touch import CommandedTouch, CommandedTouches, Request
+from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
+from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
 from eskin.live import UNKNOWN, Detection
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
@@ -36,16 +33,53 @@ from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
 ALREADY_COMMANDED = "its touch has commanded already; lift the hand before the next"
-UNSOUND = (
+IMPLAUSIBLE = (
     "too few sound taxels felt it, or too briefly: it may be a fault of the skin; "
     "touch more firmly"
 )
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
 GOES_ON = "touching went on for too long; let go, then ask again"
 TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
-WAIT = "wait"
-"""Action of events that tell that the arm stands until a touch is recognised."""
+SUSPEND = "wait"
+"""Action of events that tell that the arm is suspended until a touch is recognised."""
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """A policy configuration says how careful commands are."""
+
+    monitor: SkinMonitorConfig = field(default_factory=SkinMonitorConfig)
+    """Limits beyond which the arm is held because of its skin."""
+
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+    """How much of a touch must be sound for more than a stop."""
+
+    min_duration: float = 0.3
+    """Least time from the first to the latest contact of a touch that makes the arm do
+    more than before [s]; what bumps into a skin and rebounds is briefer than most
+    double pats. Chosen by `python -m lab.command_thresholds`."""
+
+    min_pause: float = 1.0
+    """Least duration of a pause [s]."""
+
+    min_release: float = 0.1
+    """How long a touch must have ended before it makes the arm do more, and nobody may
+    have touched the skin before it sets the arm in motion [s]."""
+
+    max_delay: float = 2.0
+    """How long after a detection its touch may go on before it makes the arm do more,
+    and a doubtful one may become confident [s]."""
+
+    slow_speed: float = 0.3
+    """Share of full speed of the action `slow`, and on a skin that is out in part."""
+
+    jog_step: float = 0.05
+    """Length of a jog whose rule gives none [m]."""
+
+    check_period: float | None = 0.02
+    """How often a thread checks whether the skin is stale, though no reading comes [s];
+    None starts no thread, and `check_skin` is called by others."""
 
 
 @final
@@ -53,14 +87,13 @@ class Policy(Listener):
     """A policy turns detections into commands of an arm, and publishes each decision.
 
     What can make the arm do less needs little; what can start it needs much. A moving
-    arm stands while a touch may be a stop, and goes on once it is recognised as
+    arm is suspended while a touch may be a stop, and goes on once it is recognised as
     something else. Whatever fails in here holds the arm. This is no certified safety
     function.
 
     Attributes:
         arm: the arm that is commanded.
         accepted: number of commands of touches that were executed.
-        held: how often the policy held the arm.
     """
 
     name = "policy"
@@ -88,13 +121,11 @@ class Policy(Listener):
         self.vocabulary = vocabulary
         self.config = config or PolicyConfig()
         self.lock = RLock()
-        self.accepted = self.held = 0
-        self.commanded = CommandedTouches()
-        self.stop_times = StopTimes()
+        self.accepted = self.pause_count = self.slowed_at = 0
+        self.paused_since: int | None = None
+        self.held_since: int | None = None
         self.last_used: dict[object, int] = {}
-        self.pending: list[PendingCommand] = []
         self.slowed: str | None = None
-        self.slowed_at = 0
         self.held_for: str | None = None
         self.over: str | None = None
         self.failure: BaseException | None = None
@@ -115,11 +146,12 @@ class Policy(Listener):
                 "without an arm"
             )
         self.context = context
-        now = context.clock.now()
-        self.monitor = SkinMonitor(context.info.skin, self.config.monitor, now)
-        self.evidence = EvidenceMonitor(context.info.skin, self.config.evidence)
-        rules = StopRules.build(self.commands, self.vocabulary, context.info.skin)
-        self.possible_stops = PossibleStops(rules)
+        skin, limits, now = context.info.skin, self.config.monitor, context.clock.now()
+        self.monitor = SkinMonitor(skin, limits, now)
+        self.evidence = EvidenceMonitor(skin, self.config.evidence)
+        self.touches = CommandedTouches(
+            skin, self.commands, self.vocabulary, limits, now
+        )
         if self.config.check_period is not None:
             self.thread = Thread(target=self.run, name="eskin watch", daemon=True)
             self.thread.start()
@@ -133,38 +165,185 @@ class Policy(Listener):
     def handle(self, item: Message) -> None:
         """Execute what a detection or a recognition state asks for."""
         if isinstance(item, Detection):
-            self.monitor.add_detection(item)
+            touch = self.touches.find(item.touch)
             if item.gesture not in NON_GESTURES:
-                self.decide(item)
+                touch.recognised = True
+                self.decide(touch, item)
             elif item.gesture == UNKNOWN:
-                self.decide_unknown(item)
-            self.possible_stops.add_detection(item)
+                self.decide_unknown(touch, item)
+            touch.decided, touch.suspends = True, False
         elif isinstance(item, RecognitionState):
-            self.monitor.update(item)
+            self.touches.update(item)
+            self.monitor.update(item.state, (one.patch for one in self.touches.felt))
             self.evidence.update(item)
             self.hold_if_unreliable()
-            self.stop_if_unrecognised(item)
+            self.stop_if_unrecognised()
             self.pause_if_touched()
-            self.update_possible_stops(item)
-            for pending in tuple(self.pending):
-                self.update_pending(pending, item)
-            self.commanded.forget(item.state.closed)
+            self.suspend_if_stop()
+            for request in tuple(self.touches.requests):
+                self.review(request)
             self.update_limit()
 
-    def check_skin(self) -> None:
-        """Hold or slow the arm if its skin cannot be relied on."""
-        with self.lock:
-            self.hold_if_unreliable()
-            self.update_limit()
+    def decide(self, touch: CommandedTouch, detection: Detection) -> None:
+        """Execute a detection's action now or later, or publish why not."""
+        request = self.build_request(touch, detection)
+        if request is None or request.action == "none":
+            said = "the map says none" if request else "the map has no rule for it"
+            self.publish("none", False, said, detection)
+            return
+        refusal = self.find_refusal(request, detection.stamp)
+        if refusal is None and touch.has_commanded(detection.onset):
+            refusal = ALREADY_COMMANDED
+        if refusal is None:
+            touch.asked.add(detection.onset)
+            if request.action not in HALTING_ACTIONS or not request.is_confident:
+                self.touches.requests.append(request)
+                return
+        self.complete(request, refusal)
+
+    def decide_unknown(self, touch: CommandedTouch, detection: Detection) -> None:
+        """Stop or slow the arm if an unknown touch may ask for it; do nothing else."""
+        gesture = detection.likeliest
+        known = gesture not in ("", *NON_GESTURES)
+        said = f", most likely {gesture} ({detection.confidence:.2f})" if known else ""
+        chance = self.touches.find_stop_chance(detection)
+        if chance is not None and not self.arm.state().paused:
+            refusal = self.find_fault(self.arm.state(), detection.stamp)
+            if touch.has_commanded(detection.onset):
+                refusal = ALREADY_COMMANDED
+            if refusal is None:
+                reason = f"not understood{said}: it may be a stop ({chance:.2f})"
+                self.pause_for(touch, reason)
+            else:
+                self.publish("pause", False, refusal, detection)
+        elif known:
+            likely = replace(detection, gesture=gesture)
+            request = self.build_request(touch, likely)
+            if request and request.action == "slow" and request.is_confident:
+                self.decide(touch, likely)
+            else:
+                reason = f"not understood{said}; do it again, more clearly"
+                self.publish("none", False, reason, detection)
+
+    def build_request(
+        self, touch: CommandedTouch, detection: Detection
+    ) -> Request | None:
+        """Return what a detection asks for; None where the map has no rule for it."""
+        rule = self.commands.find_rule(
+            detection.gesture, detection.link, detection.patch, detection.heading
+        )
+        if rule is None:
+            return None
+        action = resolve_action(rule.action_or_function, self.arm.state())
+        return Request(
+            touch, detection, rule, action, detection.confidence, detection.end
+        )
+
+    def find_fault(self, state: ArmState, stamp: int) -> str | None:
+        """Return why no touch may command the arm, not even to stop.
+
+        Args:
+            state: state of the arm.
+            stamp: time of the latest reading of the touch [ns since the epoch].
+        """
+        age = self.context.age(stamp)
+        if state.protective_stop:
+            return "the arm is in protective stop; unlock it at the robot"
+        if not state.connected:
+            return "the arm is not connected; see to its cable and its controller"
+        if age > self.config.monitor.max_age:
+            return f"it was felt {1e3 * age:.0f} ms ago; touch again"
+        return None
+
+    def find_refusal(self, request: Request, stamp: int) -> str | None:
+        """Return why a touch must not command what it asks for, or None where it may.
+
+        Its confidence is not considered. The reason is the one that holds now, and says
+        what to do.
+
+        Args:
+            request: what it asks for.
+            stamp: time of the latest reading of the touch [ns since the epoch].
+        """
+        now, state, action = self.context.clock.now(), self.arm.state(), request.action
+        detection = request.detection
+        fault = self.find_fault(state, stamp)
+        if fault is not None or action in HALTING_ACTIONS:
+            return fault
+        problem = self.monitor.find_problem(now)
+        if problem is not None:
+            return f"{problem}; {REMEDY}"
+        if self.monitor.is_out(detection.patch, now):
+            return f"patch '{detection.patch}' is out; touch elsewhere"
+        rested = self.find_rest(request.rule, now)
+        if rested is not None:
+            return rested
+        allowed = action == "resume" or action in REDUCING_ACTIONS
+        if state.hold_reason is not None and not allowed:
+            reason = self.over or state.hold_reason
+            return f"the arm is held: {reason}; {self.describe_way(state)}"
+        if action == "jog" and not detection.direction_world.any():
+            return "the touch did not travel; stroke farther"
+        if action in STARTING_ACTIONS:
+            return self.find_start_refusal(detection.onset, state, now)
+        return None
+
+    def find_start_refusal(self, onset: int, state: ArmState, now: int) -> str | None:
+        """Return why a touch must not set the arm in motion, or None where it may.
+
+        Args:
+            onset: time at which the touch began [ns since the epoch].
+            state: state of the arm.
+            now: present time [ns since the epoch].
+        """
+        if not state.paused:
+            return f"nobody has paused it; {self.describe_way(state)}"
+        if self.paused_since is None:
+            return "nobody has paused it; pause it first"
+        if onset <= self.paused_since:
+            return "the touch began before the pause; lift the hand, then ask again"
+        if self.held_since is not None and onset <= self.held_since:
+            return "the touch began before the hold; lift the hand, then ask again"
+        passed, least = (now - self.paused_since) / NS_PER_S, self.config.min_pause
+        if passed < least:
+            return f"it was paused only {passed:.1f} s ago; ask again after {least:g} s"
+        return None
+
+    def find_rest(self, rule: Rule, now: int) -> str | None:
+        """Return why a rule rests at a time, or None where it does not."""
+        if rule.key not in self.last_used:
+            return None
+        cool_down = rule.cool_down if rule.cool_down is not None else COOL_DOWN
+        rested = (now - self.last_used[rule.key]) / NS_PER_S
+        if rested >= cool_down:
+            return None
+        return (
+            f"the same was done {rested:.1f} s ago, it rests {cool_down:g} s; wait, "
+            "then do it again"
+        )
+
+    def describe_way(self, state: ArmState) -> str:
+        """Return what a person does at the skin to let a stopped arm go on."""
+        stops, goes = (
+            " or ".join(self.commands.list_gestures(action)).replace("_", " ")
+            for action in ("pause", "resume")
+        )
+        if state.paused:
+            return f"to go on: {goes or 'resume it in the program'}"
+        if not (stops and goes):
+            return "to go on: release it in the program"
+        least = f"{self.config.min_pause:g} s later"
+        return f"to go on: {stops}, then {goes} at least {least}"
 
     def hold_if_unreliable(self) -> None:
         """Hold the arm if its skin cannot be relied on; publish when it can again."""
         now, state = self.context.clock.now(), self.arm.state()
-        self.stop_times.update(state, now)
+        self.note_stops(state, now)
         problem = self.monitor.find_problem(now)
         if problem is not None:
-            for pending in tuple(self.pending):
-                self.complete_pending(pending, f"{problem}; {REMEDY}")
+            requests, self.touches.requests = self.touches.requests, []
+            for request in requests:
+                self.complete(request, f"{problem}; {REMEDY}")
             if state.hold_reason is None:
                 self.hold(problem)
                 self.held_for = problem
@@ -176,28 +355,274 @@ class Policy(Listener):
             way = self.describe_way(state)
             self.publish("resume", False, f"{self.over}; {way}")
 
+    def stop_if_unrecognised(self) -> None:
+        """Stop an arm at work under a strong or long touch that was not recognised.
+
+        A strong one holds it, also where it is only suspended for another touch. Under
+        a long one it is suspended until the touch has ended, and if that takes too
+        long, it is paused.
+        """
+        limits, state = self.config.monitor, self.arm.state()
+        suspended = state.speed_limit == 0.0 or self.touches.is_suspending
+        if state.stopped or not (state.moving or suspended):
+            return
+        unrecognised = [one for one in self.touches.felt if not one.recognised]
+        for touch in unrecognised:
+            if touch.force > limits.max_force:
+                self.hold(f"unrecognised touch of {touch.force:.0f} N", touch)
+                return
+        counting = (one for one in unrecognised if not one.lasts)
+        touch = max(counting, key=lambda one: one.duration, default=None)
+        if touch is None or touch.duration <= limits.max_seconds:
+            return
+        reason = f"unrecognised touch for {touch.duration:.1f} s"
+        if touch.duration > limits.pause_seconds:
+            self.pause_for(touch, reason)
+        elif not touch.suspends:
+            self.suspend_for(touch, f"{reason}; the arm stands until it has ended")
+
+    def pause_if_touched(self) -> None:
+        """End a jog as soon as anybody touches the skin; the arm stays paused."""
+        touches = self.touches
+        if touches.last_contact == touches.latest and self.arm.state().jogging:
+            self.pause()
+            self.publish("pause", True, "touched while it jogs")
+
+    def suspend_if_stop(self) -> None:
+        """Suspend a moving arm while a touch may be a stop; pause it at its end.
+
+        An arm is suspended for less of a chance than it is paused for, since it goes on
+        by itself.
+        """
+        state = self.arm.state()
+        if state.stopped:
+            self.touches.release()
+        elif not state.jogging:
+            for touch in self.touches.felt:
+                least = min(touch.stop_required, SUSPEND_CONFIDENCE)
+                if touch.stop_chance >= least and not (touch.decided or touch.suspends):
+                    self.suspend_for(
+                        touch,
+                        f"it may be a stop ({touch.stop_chance:.2f}); the arm stands "
+                        "until it is clear",
+                    )
+        for touch in self.touches.ended:
+            if touch.suspends and touch.stop_chance >= touch.stop_required:
+                self.pause_for(touch, "not understood: the touch may have been a stop")
+
     def update_limit(self) -> None:
-        """Let the arm stand, go slowly or at its speed, and publish a change of it."""
+        """Suspend the arm, let it go slowly or at its speed, and publish a change."""
         now, state = self.context.clock.now(), self.arm.state()
         if not state.stopped:
             self.update_slowing(now)
         limit = 1.0 if self.slowed is None else self.config.slow_speed
-        if self.possible_stops.waiting or self.monitor.is_hand_lost(now):
+        if self.touches.is_suspending or self.monitor.lost_in_contact(now):
             limit = 0.0
         if state.speed_limit != limit:
             self.arm.limit_speed(limit)
 
     def update_slowing(self, now: int) -> None:
         """Slow the arm where the skin asks for it, and no longer once that is over."""
-        reason = self.monitor.find_slowing(now)
-        clear = now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S
+        limits = self.config.monitor
+        reason, lasting = self.monitor.find_outage(now), self.touches.find_lasting()
+        if reason is None and lasting is not None:
+            reason = (
+                f"a light touch on patch '{lasting.patch}' lasts for more than "
+                f"{limits.light_seconds:g} s"
+            )
         if reason is not None:
             if self.slowed is None:
                 self.publish("slow", True, f"{reason}; {REMEDY}")
             self.slowed, self.slowed_at = reason, now
-        elif self.slowed is not None and clear:
-            self.publish("normal", True, f"no longer {self.slowed}")
-            self.slowed = None
+        elif self.slowed is not None:
+            if now - self.slowed_at > limits.clear_seconds * NS_PER_S:
+                self.publish("normal", True, f"no longer {self.slowed}")
+                self.slowed = None
+
+    def review(self, request: Request) -> None:
+        """Execute a request once it may be, or refuse it where it must not."""
+        refusal = self.find_late_refusal(request)
+        if refusal is None:
+            if not self.has_ended(request):
+                if not self.goes_on(request):
+                    return
+                refusal = GOES_ON
+            elif (refusal := self.find_doubt(request)) is not None:
+                late = self.context.age(request.detection.stamp) > self.config.max_delay
+                if not (late or request.touch.closed):
+                    return
+        self.touches.requests.remove(request)
+        self.complete(request, refusal)
+
+    def find_late_refusal(self, request: Request) -> str | None:
+        """Return why a request must not be executed any more, or None where it may."""
+        action = request.action
+        if request.touch.clashes:
+            return ALREADY_COMMANDED
+        refusal = self.find_refusal(request, self.touches.latest)
+        if refusal is not None or action in HALTING_ACTIONS:
+            return refusal
+        meant = resolve_action(request.rule.action_or_function, self.arm.state())
+        if meant != action:
+            meant = meant.replace("_", " ")
+            return f"the arm has changed: the same would {meant} now"
+        others = self.touches.list_other_onsets(request.touch)
+        if action in STARTING_ACTIONS and max(others, default=0) > request.end:
+            return TOUCHED_AGAIN
+        return None
+
+    def has_ended(self, request: Request) -> bool:
+        """Return whether the skin was let go, as far as the action needs that."""
+        touches, action = self.touches, request.action
+        if action in REDUCING_ACTIONS:
+            return True
+        release = self.config.min_release * NS_PER_S
+        if action not in STARTING_ACTIONS:
+            return touches.latest - request.end >= release
+        untouched = touches.latest - touches.last_contact >= release
+        alone = not touches.list_other_onsets(request.touch)
+        has_data = self.monitor.has_data(request.detection.patch)
+        return request.touch.closed and untouched and alone and has_data
+
+    def goes_on(self, request: Request) -> bool:
+        """Return whether touching goes on for too long after a detection."""
+        detected, longest = request.detection.stamp, self.config.max_delay * NS_PER_S
+        since = max(detected, request.end)
+        return max(request.end - detected, self.touches.latest - since) > longest
+
+    def find_doubt(self, request: Request) -> str | None:
+        """Return why a touch may be no command after all, or None where it is one."""
+        action, least = request.action, self.config.min_duration
+        if action not in HALTING_ACTIONS and not self.evidence.is_plausible(
+            request.touch.id
+        ):
+            return IMPLAUSIBLE
+        if not request.is_confident:
+            gesture = request.detection.gesture.replace("_", " ")
+            return (
+                f"not understood, most likely {gesture}: confidence "
+                f"{request.confidence:.2f} is below {request.required:.2f}; do it "
+                "again, more clearly"
+            )
+        if action not in REDUCING_ACTIONS and request.duration < least:
+            return (
+                f"its touch lasted {request.duration:.2f} s, as a bump may; what makes "
+                f"the arm do more lasts {least:g} s or longer: do it again, more slowly"
+            )
+        return None
+
+    def complete(self, request: Request, refusal: str | None) -> None:
+        """Execute a request unless it is refused, and publish the decision."""
+        detection = request.detection
+        if refusal is None:
+            try:
+                self.execute(request)
+            except JogError as error:
+                refusal = str(error)
+            except ArmError as error:
+                refusal = str(error)
+                self.hold(refusal)
+        if refusal is None:
+            self.accepted += 1
+            self.last_used[request.rule.key] = self.context.clock.now()
+        source = f"{detection.gesture} on {detection.patch}"
+        reason = source if refusal is None else refusal
+        self.publish(request.action, refusal is None, reason, detection)
+
+    def execute(self, request: Request) -> None:
+        """Make the arm execute what is asked for."""
+        arm, detection, rule = self.arm, request.detection, request.rule
+        match request.action:
+            case "pause":
+                self.pause()
+            case "resume":
+                arm.release()
+                arm.resume()
+                self.paused_since = None
+            case "jog":
+                step = self.config.jog_step if rule.step is None else rule.step
+                arm.jog(step * detection.direction_world)
+            case "slow":
+                arm.set_speed(self.config.slow_speed)
+            case "normal":
+                arm.set_speed(1.0)
+            case "hold":
+                arm.hold(f"{detection.gesture} on {detection.patch}")
+                self.held_since = self.context.clock.now()
+            case action if action == FUNCTION:
+                COMMAND_FUNCTIONS[rule.function or ""](arm, detection)
+            case action:
+                getattr(arm, action)()
+
+    def suspend_for(self, touch: CommandedTouch, reason: str) -> None:
+        """Suspend the arm until a touch is decided, and publish why."""
+        touch.suspends = True
+        self.publish(SUSPEND, True, reason, touch=touch)
+
+    def pause_for(self, touch: CommandedTouch, reason: str) -> None:
+        """Pause the arm for a touch that was not recognised, and publish why."""
+        self.pause()
+        self.accepted += 1
+        touch.blocked = True
+        self.publish("pause", True, reason, touch=touch)
+
+    def pause(self) -> None:
+        """Pause the arm from now on."""
+        self.arm.pause()
+        self.note_pause(self.arm.state(), self.context.clock.now())
+
+    def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
+        """Hold the arm and publish why, and for which touch."""
+        self.arm.hold(reason)
+        self.held_since = self.context.clock.now()
+        self.publish("hold", True, reason, touch=touch)
+
+    def note_pause(self, state: ArmState, now: int) -> None:
+        """Note that the arm was paused just now, paused already or not."""
+        self.paused_since, self.pause_count = now, state.pause_count
+
+    def note_stops(self, state: ArmState, now: int) -> None:
+        """Note since when the arm is paused and held, whoever told it to."""
+        if self.paused_since is None or state.pause_count != self.pause_count:
+            self.note_pause(state, now)
+        if not state.paused:
+            self.paused_since = None
+        held = now if self.held_since is None else self.held_since
+        self.held_since = None if state.hold_reason is None else held
+
+    def publish(
+        self,
+        action: str,
+        accepted: bool,
+        reason: str,
+        detection: Detection | None = None,
+        touch: CommandedTouch | None = None,
+    ) -> None:
+        """Publish a decision to the other listeners.
+
+        Args:
+            action: plain action that it is about.
+            accepted: whether the action was carried out.
+            reason: why it was, or was not.
+            detection: detection that led to it, if any.
+            touch: touch that led to it, where no detection did.
+        """
+        number = onset = patch = gesture = None
+        if detection is not None:
+            number, gesture = detection.touch, detection.gesture
+            onset, patch = detection.onset, detection.patch
+        elif touch is not None:
+            number, onset, patch = touch.id, touch.onset, touch.patch or None
+        now = self.context.clock.now()
+        self.context.publish(
+            CommandEvent(now, action, number, gesture, accepted, reason, onset, patch)
+        )
+
+    def check_skin(self) -> None:
+        """Hold or slow the arm if its skin cannot be relied on."""
+        with self.lock:
+            self.hold_if_unreliable()
+            self.update_limit()
 
     def run(self) -> None:
         """Check the skin again and again, though no reading may come."""
@@ -217,365 +642,6 @@ class Policy(Listener):
         except BaseException as error:
             self.arm.hold(f"the policy failed: {type(error).__name__}")
             raise
-
-    def stop_if_unrecognised(self, recognition: RecognitionState) -> None:
-        """Stop an arm at work under a strong or long touch that was not recognised.
-
-        A strong one holds it, also where it only stands for another touch. Under a long
-        one it stands until the touch has ended, and if that takes too long, it is
-        paused.
-        """
-        found = self.monitor.find_unrecognised(recognition)
-        state, waiting = self.arm.state(), self.possible_stops.waiting
-        is_working = state.moving or waiting or state.speed_limit == 0.0
-        if found is None or state.stopped or not is_working:
-            return
-        if found.effect == "hold":
-            self.hold(found.reason, found.touch)
-        elif found.effect == "pause":
-            self.pause_for(found.touch, found.reason)
-        elif found.touch not in waiting:
-            waiting.add(found.touch)
-            reason = f"{found.reason}; the arm stands until it has ended"
-            self.publish(WAIT, True, reason, touch=found.touch)
-
-    def update_possible_stops(self, recognition: RecognitionState) -> None:
-        """Let a moving arm stand while a touch may be a stop; pause it at its end."""
-        stops, state = self.possible_stops, self.arm.state()
-        if state.stopped:
-            stops.waiting.clear()
-        works = not state.stopped and not state.jogging
-        for touch, chance in stops.update(recognition, works):
-            reason = (
-                f"it may be a stop ({chance:.2f}); the arm stands until it is clear"
-            )
-            self.publish(WAIT, True, reason, touch=touch)
-        for touch in stops.ended:
-            self.pause_for(touch, "not understood: the touch may have been a stop")
-
-    def pause_for(self, touch: int, reason: str) -> None:
-        """Pause the arm for a touch that was not recognised, and publish why."""
-        self.pause()
-        self.accepted += 1
-        self.commanded.block(touch)
-        self.publish("pause", True, reason, touch=touch)
-
-    def pause_if_touched(self) -> None:
-        """End a jog as soon as anybody touches the skin; the arm stays paused."""
-        monitor = self.monitor
-        if monitor.last_contact == monitor.latest and self.arm.state().jogging:
-            self.pause()
-            self.publish("pause", True, "touched while it jogs")
-
-    def pause(self) -> None:
-        """Pause the arm from now on."""
-        self.arm.pause()
-        self.stop_times.pause(self.arm.state(), self.context.clock.now())
-
-    def hold(self, reason: str, touch: int | None = None) -> None:
-        """Hold the arm and publish why, and for which touch."""
-        self.arm.hold(reason)
-        self.stop_times.hold(self.context.clock.now())
-        self.held += 1
-        self.publish("hold", True, reason, touch=touch)
-
-    def decide(self, detection: Detection) -> None:
-        """Execute a detection's action now or later, or publish why not."""
-        rule = self.commands.find_rule(
-            detection.gesture, detection.link, detection.patch, detection.heading
-        )
-        if rule is None:
-            self.publish("none", False, "the map has no rule for it", detection)
-            return
-        state = self.arm.state()
-        action = resolve_action(rule.action_or_function, state)
-        if action == "none":
-            self.publish("none", False, "the map says none", detection)
-            return
-        refusal = self.find_refusal(action, detection, rule, detection.stamp)
-        if refusal is None and self.commanded.contains(
-            detection.touch, detection.onset
-        ):
-            refusal = ALREADY_COMMANDED
-        required = required_confidence(action, rule.confidence)
-        doubtful = detection.confidence < required
-        if refusal is None:
-            self.commanded.add(detection.touch, detection.onset)
-        if refusal is None and (action not in HALTING_ACTIONS or doubtful):
-            pending = PendingCommand(
-                detection=detection,
-                rule=rule,
-                action=action,
-                required=required,
-                confidence=detection.confidence,
-                touch=detection.touch,
-                end=detection.end,
-            )
-            self.pending.append(pending)
-            return
-        self.complete(action, detection, rule, refusal)
-
-    def decide_unknown(self, detection: Detection) -> None:
-        """Stop or slow the arm if an unknown touch may ask for it; do nothing else."""
-        gesture = detection.likeliest
-        chance = self.possible_stops.find_chance(detection)
-        known = gesture not in ("", *NON_GESTURES)
-        said = f", most likely {gesture} ({detection.confidence:.2f})" if known else ""
-        if chance is not None and not self.arm.state().paused:
-            refusal = self.find_refusal("pause", detection, None, detection.stamp)
-            if self.commanded.contains(detection.touch, detection.onset):
-                refusal = ALREADY_COMMANDED
-            if refusal is None:
-                reason = f"not understood{said}: it may be a stop ({chance:.2f})"
-                self.pause_for(detection.touch, reason)
-            else:
-                self.publish("pause", False, refusal, detection)
-        elif known and self.is_slowing(likely := replace(detection, gesture=gesture)):
-            self.decide(likely)
-        elif known:
-            reason = f"not understood{said}; do it again, more clearly"
-            self.publish("none", False, reason, detection)
-
-    def is_slowing(self, detection: Detection) -> bool:
-        """Return whether a gesture slows the arm and is likely enough for that."""
-        rule = self.commands.find_rule(
-            detection.gesture, detection.link, detection.patch, detection.heading
-        )
-        if rule is None:
-            return False
-        action = resolve_action(rule.action_or_function, self.arm.state())
-        if action != "slow":
-            return False
-        return detection.confidence >= required_confidence(action, rule.confidence)
-
-    def find_refusal(
-        self, action: str, detection: Detection, rule: Rule | None, stamp: int
-    ) -> str | None:
-        """Return why a touch must not command an action, or None where it may.
-
-        Its confidence is not considered. The reason is the one that holds now, and says
-        what to do.
-
-        Args:
-            action: plain action that it asks for.
-            detection: detection of the touch.
-            rule: rule that maps the detection to the action; None for a stop that no
-                rule asks for.
-            stamp: time of the latest reading of the touch [ns since the epoch].
-        """
-        now, state = self.context.clock.now(), self.arm.state()
-        age = self.context.age(stamp)
-        if state.protective_stop:
-            return "the arm is in protective stop; unlock it at the robot"
-        if not state.connected:
-            return "the arm is not connected; see to its cable and its controller"
-        if age > self.config.monitor.max_age:
-            return f"it was felt {1e3 * age:.0f} ms ago; touch again"
-        if action in HALTING_ACTIONS:
-            return None
-        problem = self.monitor.find_problem(now)
-        if problem is not None:
-            return f"{problem}; {REMEDY}"
-        if self.monitor.is_out(detection.patch, now):
-            return f"patch '{detection.patch}' is out; touch elsewhere"
-        rested = self.find_rest(rule, now)
-        if rested is not None:
-            return rested
-        if state.hold_reason is not None and action not in (
-            *REDUCING_ACTIONS,
-            "resume",
-        ):
-            reason = self.over or state.hold_reason
-            return f"the arm is held: {reason}; {self.describe_way(state)}"
-        if action == "jog" and not detection.direction_world.any():
-            return "the touch did not travel; stroke farther"
-        if action in STARTING_ACTIONS:
-            if not state.paused:
-                return f"nobody has paused it; {self.describe_way(state)}"
-            min_pause = self.config.min_pause
-            return self.stop_times.find_refusal(detection.onset, now, min_pause)
-        return None
-
-    def find_rest(self, rule: Rule | None, now: int) -> str | None:
-        """Return why a rule rests at a time, or None where it does not."""
-        if rule is None or rule.key not in self.last_used:
-            return None
-        cool_down = rule.cool_down if rule.cool_down is not None else COOL_DOWN
-        rested = (now - self.last_used[rule.key]) / NS_PER_S
-        if rested >= cool_down:
-            return None
-        return (
-            f"the same was done {rested:.1f} s ago, it rests {cool_down:g} s; wait, "
-            "then do it again"
-        )
-
-    def describe_way(self, state: ArmState) -> str:
-        """Return what a person does at the skin to let a stopped arm go on."""
-        stops, goes = (
-            " or ".join(self.commands.list_gestures(action)).replace("_", " ")
-            for action in ("pause", "resume")
-        )
-        least = f"{self.config.min_pause:g} s later"
-        if state.paused:
-            return f"to go on: {goes or 'resume it in the program'}"
-        if not (stops and goes):
-            return "to go on: release it in the program"
-        return f"to go on: {stops}, then {goes} at least {least}"
-
-    def update_pending(
-        self, pending: PendingCommand, recognition: RecognitionState
-    ) -> None:
-        """Execute a pending command once it may be, or drop it where it must not."""
-        before, detection = pending.touch, pending.detection
-        pending.update(recognition, self.vocabulary)
-        refusal = self.find_pending_refusal(pending, before, recognition)
-        doubt = self.find_doubt(pending)
-        late = self.context.age(detection.stamp) > self.config.max_delay
-        if refusal is None and not self.has_ended(pending):
-            if self.goes_on(pending):
-                self.complete_pending(pending, GOES_ON)
-        elif refusal is not None or doubt is None:
-            self.complete_pending(pending, refusal)
-        elif late or pending.closed:
-            self.complete_pending(pending, doubt)
-
-    def find_pending_refusal(
-        self, pending: PendingCommand, before: int, recognition: RecognitionState
-    ) -> str | None:
-        """Return why a pending command must not be executed, or None where it may.
-
-        Args:
-            pending: the command, updated by the recognition state.
-            before: id of its touch until then.
-            recognition: the latest recognition state.
-        """
-        state, action = recognition.state, pending.action
-        if self.commanded.merges(pending.touch, before, state.closed):
-            return ALREADY_COMMANDED
-        refusal = self.find_refusal(
-            action, pending.detection, pending.rule, state.reading.stamp
-        )
-        if refusal is not None or action in HALTING_ACTIONS:
-            return refusal
-        meant = resolve_action(pending.rule.action_or_function, self.arm.state())
-        if meant != action:
-            meant = meant.replace("_", " ")
-            return f"the arm has changed: the same would {meant} now"
-        if action not in STARTING_ACTIONS:
-            return None
-        begun = self.monitor.find_latest_onset(pending.touch)
-        again = begun is not None and begun > pending.end
-        return TOUCHED_AGAIN if again else None
-
-    def has_ended(self, pending: PendingCommand) -> bool:
-        """Return whether the skin was let go, as far as the action needs that."""
-        monitor, action = self.monitor, pending.action
-        if action in REDUCING_ACTIONS:
-            return True
-        release = self.config.min_release * NS_PER_S
-        if action not in STARTING_ACTIONS:
-            return monitor.latest - pending.end >= release
-        untouched = monitor.latest - monitor.last_contact >= release
-        alone = monitor.find_latest_onset(pending.touch) is None
-        has_data = monitor.has_data(pending.detection.patch)
-        return pending.closed and untouched and alone and has_data
-
-    def goes_on(self, pending: PendingCommand) -> bool:
-        """Return whether touching goes on for too long after a detection."""
-        detected, latest = pending.detection.stamp, self.config.max_delay * NS_PER_S
-        since = max(detected, pending.end)
-        return max(pending.end - detected, self.monitor.latest - since) > latest
-
-    def find_doubt(self, pending: PendingCommand) -> str | None:
-        """Return why a touch may be no command after all, or None where it is one."""
-        action, least = pending.action, self.config.min_duration
-        if action not in HALTING_ACTIONS and not self.evidence.suffices(pending.touch):
-            return UNSOUND
-        if not pending.confident:
-            return describe_doubt(pending)
-        if action not in REDUCING_ACTIONS and pending.duration < least:
-            return (
-                f"its touch lasted {pending.duration:.2f} s, as a bump may; what makes "
-                f"the arm do more lasts {least:g} s or longer: do it again, more slowly"
-            )
-        return None
-
-    def complete_pending(self, pending: PendingCommand, refusal: str | None) -> None:
-        """Remove a pending command; execute it unless it is refused."""
-        self.pending.remove(pending)
-        self.complete(pending.action, pending.detection, pending.rule, refusal)
-
-    def complete(
-        self, action: str, detection: Detection, rule: Rule, refusal: str | None
-    ) -> None:
-        """Execute an action unless it is refused, and publish the decision."""
-        if refusal is None:
-            try:
-                self.execute(action, detection, rule)
-            except JogError as error:
-                refusal = str(error)
-            except ArmError as error:
-                refusal = str(error)
-                self.hold(refusal)
-        if refusal is None:
-            self.accepted += 1
-            self.last_used[rule.key] = self.context.clock.now()
-        source = f"{detection.gesture} on {detection.patch}"
-        reason = source if refusal is None else refusal
-        self.publish(action, refusal is None, reason, detection)
-
-    def execute(self, action: str, detection: Detection, rule: Rule) -> None:
-        """Make the arm execute an action."""
-        arm = self.arm
-        match action:
-            case "pause":
-                self.pause()
-            case "resume":
-                arm.release()
-                arm.resume()
-                self.stop_times.resume()
-            case "jog":
-                step = self.config.jog_step if rule.step is None else rule.step
-                arm.jog(step * detection.direction_world)
-            case "slow":
-                arm.set_speed(self.config.slow_speed)
-            case "normal":
-                arm.set_speed(1.0)
-            case "hold":
-                arm.hold(f"{detection.gesture} on {detection.patch}")
-                self.stop_times.hold(self.context.clock.now())
-            case _ if action == FUNCTION:
-                COMMAND_FUNCTIONS[rule.function or ""](arm, detection)
-            case _:
-                getattr(arm, action)()
-
-    def publish(
-        self,
-        action: str,
-        accepted: bool,
-        reason: str,
-        detection: Detection | None = None,
-        touch: int | None = None,
-    ) -> None:
-        """Publish a decision to the other listeners.
-
-        Args:
-            action: plain action that it is about.
-            accepted: whether the action was carried out.
-            reason: why it was, or was not.
-            detection: detection that led to it, if any.
-            touch: id of the touch that led to it, where no detection did.
-        """
-        onset, patch = self.monitor.find_touch(touch)
-        gesture = None
-        if detection is not None:
-            touch, gesture = detection.touch, detection.gesture
-            onset, patch = detection.onset, detection.patch
-        now = self.context.clock.now()
-        event = CommandEvent(
-            now, action, touch, gesture, accepted, reason, onset, patch
-        )
-        self.context.publish(event)
 
     def close(self) -> None:
         """Hold the arm: nothing monitors the skin any more."""

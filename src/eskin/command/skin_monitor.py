@@ -1,20 +1,18 @@
-"""This module monitors whether the skin can be relied on, and unrecognised touches."""
+"""This module monitors whether the skin can be relied on."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command.command_map import NON_GESTURES
-from eskin.live import Detection
 from eskin.skin import Skin
-from eskin.stream import RecognitionState
-from eskin.touch import TouchRecord
+from eskin.touch import TouchState
 from eskin.units import NS_PER_S
 
-UNDER_HAND = 0.2
-"""Time before a patch went out in which a contact on it counts as one under it [s]."""
+IN_CONTACT = 0.2
+"""Time before a patch went out in which a contact on it is one that was lost [s]."""
 
 
 @dataclass(frozen=True)
@@ -64,33 +62,14 @@ class SkinMonitorConfig:
     slows the arm, but neither pauses it nor keeps it from being resumed [s]."""
 
 
-@dataclass(frozen=True)
-class UnrecognisedTouch:
-    """An unrecognised touch is too strong or too long for a moving arm to go on."""
-
-    touch: int
-    """Id of the touch."""
-
-    effect: Literal["hold", "pause", "wait"]
-    """What it does to a moving arm."""
-
-    reason: str
-    """Description with its force or duration."""
-
-
 @final
 class SkinMonitor:
-    """A skin monitor keeps the age of readings, failed patches and recognised touches.
+    """A skin monitor keeps the age of readings and of the data of each patch.
 
     Attributes:
         latest: stamp of the latest reading [ns since the epoch].
         last_valid: stamp of the latest reading with data of each patch [ns].
         last_touched: stamp of the latest contact on each patch [ns]; 0 before one.
-        faulty_patches: ids of patches that are faulty as a whole.
-        last_contact: time of the last contact anywhere, but for those of touches that
-            last [ns since the epoch].
-        lasting: patch of each touch that lasts, by its id.
-        touches: onset [ns since the epoch] and patch of each touch, by its id.
     """
 
     def __init__(self, skin: Skin, config: SkinMonitorConfig, now: int) -> None:
@@ -103,75 +82,23 @@ class SkinMonitor:
         self.sizes = np.bincount(self.patch_index, minlength=len(self.patches))
         self.least_valid = np.maximum(1, np.ceil(config.min_valid * self.sizes))
         self.latest = now
-        self.last_contact = now
         self.last_valid = np.full(len(self.patches), now, np.int64)
         self.last_touched = np.zeros(len(self.patches), np.int64)
-        self.faulty_patches: frozenset[str] = frozenset()
-        self.recognised: set[int] = set()
-        self.light_since: dict[int, int] = {}
-        self.lasting: dict[int, str] = {}
-        self.touches: dict[int, tuple[int, str]] = {}
-        self.closed: tuple[int, ...] = ()
         self.reach: dict[tuple[int, ...], np.ndarray] = {}
 
-    def update(self, recognition: RecognitionState) -> None:
-        """Update from the next recognition state."""
-        state = recognition.state
+    def update(self, state: TouchState, touched: Iterable[str]) -> None:
+        """Update from the next reading, and the patches that are touched in it."""
         self.latest = stamp = state.reading.stamp
-        self.faulty_patches = frozenset(
-            fault.patch for fault in state.faults if fault.kind == "patch"
-        )
         valid = np.bincount(
             self.patch_index[state.reading.valid], minlength=len(self.patches)
         )
         has_data = valid >= self.least_valid
-        if self.faulty_patches:
-            has_data &= ~np.isin(self.patches, list(self.faulty_patches))
+        faulty = [fault.patch for fault in state.faults if fault.kind == "patch"]
+        if faulty:
+            has_data &= ~np.isin(self.patches, faulty)
         self.last_valid[has_data] = stamp
-        for touch in self.closed:
-            self.touches.pop(touch, None)
-        self.closed = tuple(touch.id for touch in state.closed)
-        for touch in state.closed:
-            self.recognised.discard(touch.id)
-            self.light_since.pop(touch.id, None)
-            self.lasting.pop(touch.id, None)
-        if state.open:
-            for row in state.rows:
-                if row.confirmed and not row.closed and row.last == stamp:
-                    patch = state.records.contacts[row.contact]["patch"]
-                    self.update_touch(row, int(patch))
-
-    def update_touch(self, row: TouchRecord, patch: int) -> None:
-        """Update from a touch that is in contact, and the index of its patch."""
-        self.last_touched[patch] = self.latest
-        self.touches[row.id] = row.onset, self.patches[patch]
-        if row.force > self.config.light_force:
-            self.light_since[row.id] = self.latest
-        since = self.light_since.setdefault(row.id, self.latest)
-        seconds = (self.latest - since) / NS_PER_S
-        if seconds <= self.config.light_seconds:
-            self.lasting.pop(row.id, None)
-            self.last_contact = self.latest
-        else:
-            self.lasting[row.id] = self.patches[patch]
-
-    def find_touch(self, touch: int | None) -> tuple[int | None, str | None]:
-        """Return onset [ns since the epoch] and patch of a touch, None if unknown."""
-        return (None, None) if touch is None else self.touches.get(touch, (None, None))
-
-    def find_latest_onset(self, touch: int) -> int | None:
-        """Return the latest onset of the other open touches [ns since the epoch].
-
-        None where no other touch is open, but for those that last.
-        """
-        ended = {touch, *self.lasting, *self.closed}
-        others = [onset for i, (onset, _) in self.touches.items() if i not in ended]
-        return max(others, default=None)
-
-    def add_detection(self, detection: Detection) -> None:
-        """Note that a touch was recognised as a gesture."""
-        if detection.gesture not in NON_GESTURES:
-            self.recognised.add(detection.touch)
+        for patch in touched:
+            self.last_touched[self.patches.index(patch)] = stamp
 
     def has_data(self, patch: str) -> bool:
         """Return whether the latest reading has data of a patch."""
@@ -204,37 +131,31 @@ class SkinMonitor:
         for index in out:
             silence = (now - self.last_valid[index]) / NS_PER_S
             if silence > self.config.max_out_seconds and (
-                self.is_under_hand(index) or self.misses_hand(index, out)
+                self.was_in_contact(index) or self.coverage_gap(index, out)
             ):
                 return f"broken skin: {self.name((index,))} out"
         return None
 
-    def is_hand_lost(self, now: int) -> bool:
-        """Return whether a patch is out that a hand was on when it went out."""
-        return any(map(self.is_under_hand, self.find_out(now)))
+    def lost_in_contact(self, now: int) -> bool:
+        """Return whether a patch is out that was touched when it went out."""
+        return any(map(self.was_in_contact, self.find_out(now)))
 
-    def find_slowing(self, now: int) -> str | None:
-        """Return why the arm may only go slowly at a time, or None where it may."""
-        if out := self.find_out(now):
-            return f"broken skin: {self.name(out)} out"
-        for patch in self.lasting.values():
-            return (
-                f"a light touch on patch '{patch}' lasts for more than "
-                f"{self.config.light_seconds:g} s"
-            )
-        return None
+    def find_outage(self, now: int) -> str | None:
+        """Return which patches are out at a time, or None where none is."""
+        out = self.find_out(now)
+        return f"broken skin: {self.name(out)} out" if out else None
 
     def name(self, out: tuple[int, ...]) -> str:
         """Return the names of patches that are out, with a verb."""
         names = ", ".join(f"'{self.patches[index]}'" for index in out)
         return f"patch {names} is" if len(out) == 1 else f"patches {names} are"
 
-    def is_under_hand(self, index: int) -> bool:
+    def was_in_contact(self, index: int) -> bool:
         """Return whether a patch was touched when it went out."""
-        limit = self.last_valid[index] - round(UNDER_HAND * NS_PER_S)
+        limit = self.last_valid[index] - round(IN_CONTACT * NS_PER_S)
         return bool(self.last_touched[index] >= max(limit, 1))
 
-    def misses_hand(self, index: int, out: tuple[int, ...]) -> bool:
+    def coverage_gap(self, index: int, out: tuple[int, ...]) -> bool:
         """Return whether a hand on a patch could be felt by no working taxel.
 
         Args:
@@ -261,27 +182,3 @@ class SkinMonitor:
             gaps = ours[:, None] - self.positions[others][None]
             reach[index] = np.linalg.norm(gaps, axis=2).min(axis=1).max()
         return reach
-
-    def find_unrecognised(
-        self, recognition: RecognitionState
-    ) -> UnrecognisedTouch | None:
-        """Find the strong or longest touch that was not recognised; None if none is."""
-        state, config = recognition.state, self.config
-        longest: UnrecognisedTouch | None = None
-        most = config.max_seconds
-        if not state.open:
-            return None
-        for row in state.rows:
-            if row.closed or not row.confirmed or row.last < self.latest:
-                continue
-            if row.id in self.recognised:
-                continue
-            seconds = (self.latest - row.onset) / NS_PER_S
-            if row.force > config.max_force:
-                reason = f"unrecognised touch of {row.force:.0f} N"
-                return UnrecognisedTouch(row.id, "hold", reason)
-            if seconds > most and row.id not in self.lasting:
-                reason, most = f"unrecognised touch for {seconds:.1f} s", seconds
-                effect = "pause" if seconds > config.pause_seconds else "wait"
-                longest = UnrecognisedTouch(row.id, effect, reason)
-        return longest

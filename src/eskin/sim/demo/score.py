@@ -8,7 +8,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS, WAIT
+from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS, SUSPEND
 from eskin.live import Detection
 from eskin.recording import NONE, TruthRecord
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
@@ -176,7 +176,7 @@ class CommandScore:
             if attempt is not None:
                 attempt.refusals.append(command)
             return
-        if attempt is not None and command.action in (WAIT, *HALTING_ACTIONS):
+        if attempt is not None and command.action in (SUSPEND, *HALTING_ACTIONS):
             attempt.stopped = attempt.stopped or command.stamp
         own = command.gesture is None and command.action != "pause"
         if command.touch is None or own:

@@ -1,0 +1,265 @@
+"""This module keeps what commands depend on for each touch, until it has closed."""
+
+from dataclasses import dataclass, field
+from typing import final
+
+from eskin.command.actions import required_confidence
+from eskin.command.command_map import CommandMap, Rule
+from eskin.command.skin_monitor import SkinMonitorConfig
+from eskin.live import Detection
+from eskin.skin import Skin
+from eskin.stream import RecognitionState
+from eskin.touch import TouchRecord, TouchStatus
+from eskin.units import NS_PER_S
+
+
+@dataclass(eq=False)
+class CommandedTouch:
+    """A commanded touch is what is known of a touch, and what it has commanded."""
+
+    id: int
+    """Id of the touch."""
+
+    onset: int | None = None
+    """First contact [ns since the epoch]; None before it is felt."""
+
+    patch: str = ""
+    """Patch of its strongest contact; empty before it is felt."""
+
+    duration: float = 0.0
+    """Time from its onset to its latest contact [s]."""
+
+    force: float = 0.0
+    """Its latest force [N]."""
+
+    light_since: int = 0
+    """Stamp since which it is light [ns since the epoch]."""
+
+    lasts: bool = False
+    """Whether it has been light for so long that it no longer counts as a touch."""
+
+    stop_chance: float = 0.0
+    """Probability that it is a gesture that stops a working arm, where it is."""
+
+    stop_required: float = 1.0
+    """Probability of these from which the arm pauses."""
+
+    recognised: bool = False
+    """Whether it was recognised as a gesture."""
+
+    decided: bool = False
+    """Whether the recogniser has said what it is, be it nothing or unknown."""
+
+    suspends: bool = False
+    """Whether the arm is suspended until it is decided."""
+
+    blocked: bool = False
+    """Whether it commands nothing more: the arm was stopped for it, or it has taken
+    over a touch that has commanded."""
+
+    asked: set[int] = field(default_factory=set)
+    """Onsets with which it has commanded or asked to; where contact never ends, a touch
+    is detected again with another one."""
+
+    closed: bool = False
+    """Whether it has closed."""
+
+    clashes: bool = False
+    """Whether two that have commanded or asked to have merged into it."""
+
+    def has_commanded(self, onset: int) -> bool:
+        """Return whether it has commanded or asked to; each touch does so once."""
+        return self.blocked or onset in self.asked
+
+    def feel(
+        self, row: TouchRecord, patch: str, stamp: int, config: SkinMonitorConfig
+    ) -> None:
+        """Update from a reading in which it is in contact.
+
+        Args:
+            row: its record.
+            patch: patch of its strongest contact.
+            stamp: stamp of the reading [ns since the epoch].
+            config: says until when a touch is light.
+        """
+        if self.onset is None or row.force > config.light_force:
+            self.light_since = stamp
+        self.onset, self.patch, self.force = row.onset, patch, row.force
+        self.duration = (stamp - row.onset) / NS_PER_S
+        self.lasts = stamp - self.light_since > config.light_seconds * NS_PER_S
+
+    def merge(self, heir: "CommandedTouch") -> None:
+        """Let the touch that it merges into inherit what is known of it."""
+        heir.suspends |= self.suspends and not heir.decided
+        heir.decided |= self.decided
+        self.suspends = False
+        if self.blocked or self.asked:
+            heir.clashes |= self.clashes or heir.blocked or bool(heir.asked)
+            heir.blocked = True
+
+
+@dataclass(eq=False)
+class Request:
+    """A request is an action that a detection asks for, until that is decided."""
+
+    touch: CommandedTouch
+    """Touch that asks for it, or that has taken over the touch that did."""
+
+    detection: Detection
+    """Detection that asks for it."""
+
+    rule: Rule
+    """Rule that maps the detection to an action."""
+
+    action: str
+    """Plain action that it asks for."""
+
+    confidence: float
+    """Probability of its gesture at the latest reading of the touch."""
+
+    end: int
+    """Stamp of the latest contact of the touch [ns since the epoch]."""
+
+    @property
+    def required(self) -> float:
+        """Confidence that the action needs."""
+        return required_confidence(self.action, self.rule.confidence)
+
+    @property
+    def is_confident(self) -> bool:
+        """Whether its confidence is high enough."""
+        return self.confidence >= self.required
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the latest contact of the touch [s]."""
+        return (self.end - self.detection.onset) / NS_PER_S
+
+
+@final
+class CommandedTouches:
+    """These are the touches of the latest reading, and what they ask for.
+
+    Attributes:
+        by_id: each touch by its id.
+        requests: actions that are asked for and not decided yet, in their order.
+        felt: confirmed touches that are in contact in the latest reading.
+        ended: touches that closed with the latest reading and merged into no other.
+        latest: stamp of the latest reading [ns since the epoch].
+        last_contact: stamp of the latest contact anywhere, but for those of touches
+            that last [ns since the epoch].
+        stops: gestures that stop a working arm on each patch, by their indices in the
+            vocabulary, with the probability from which it is paused.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        commands: CommandMap,
+        vocabulary: tuple[str, ...],
+        config: SkinMonitorConfig,
+        now: int,
+    ) -> None:
+        """Start without touches at a time [ns since the epoch]."""
+        self.config, self.vocabulary = config, vocabulary
+        self.stops = {
+            patch.id: commands.find_stops(vocabulary, patch) for patch in skin.patches
+        }
+        self.patches = tuple(self.stops)
+        self.by_id: dict[int, CommandedTouch] = {}
+        self.requests: list[Request] = []
+        self.felt: list[CommandedTouch] = []
+        self.ended: list[CommandedTouch] = []
+        self.latest = self.last_contact = now
+
+    def find(self, touch: int) -> CommandedTouch:
+        """Return a touch by its id; a new one where it is not known."""
+        return self.by_id.setdefault(touch, CommandedTouch(touch))
+
+    def update(self, recognition: RecognitionState) -> None:
+        """Update all touches by the next recognition state."""
+        state = recognition.state
+        self.latest = state.reading.stamp
+        self.by_id = {i: one for i, one in self.by_id.items() if not one.closed}
+        self.ended, self.felt = [], []
+        for status in state.closed:
+            self.close(status)
+        if state.open:
+            contacts = state.records.contacts
+            for row in state.rows:
+                if row.confirmed and not row.closed:
+                    patch = self.patches[int(contacts[row.contact]["patch"])]
+                    self.update_touch(row, patch, recognition)
+        lasts = {status.id: status.last for status in (*state.open, *state.closed)}
+        for request in self.requests:
+            touch = request.touch.id
+            request.end = max(request.end, lasts.get(touch, request.end))
+            probabilities = recognition.probabilities.get(touch)
+            if probabilities is not None:
+                index = self.vocabulary.index(request.detection.gesture)
+                request.confidence = float(probabilities[index])
+
+    def close(self, status: TouchStatus) -> None:
+        """Note that a touch has closed, and what it has merged into."""
+        touch = self.find(status.id)
+        touch.closed, touch.lasts = True, False
+        if status.merged_into:
+            heir = self.find(status.merged_into)
+            touch.merge(heir)
+            for request in self.requests:
+                if request.touch is touch:
+                    request.touch = heir
+        else:
+            self.ended.append(touch)
+
+    def update_touch(
+        self, row: TouchRecord, patch: str, recognition: RecognitionState
+    ) -> None:
+        """Update an open touch on a patch by its record and its probabilities."""
+        touch, stops = self.find(row.id), self.stops[patch]
+        probabilities = recognition.probabilities.get(row.id)
+        if probabilities is not None:
+            touch.stop_chance = sum(float(probabilities[index]) for index in stops)
+            touch.stop_required = min(stops.values(), default=1.0)
+        if row.last == self.latest:
+            touch.feel(row, patch, self.latest, self.config)
+            self.felt.append(touch)
+            if not touch.lasts:
+                self.last_contact = self.latest
+
+    @property
+    def is_suspending(self) -> bool:
+        """Whether the arm is suspended for an open touch."""
+        return any(one.suspends and not one.closed for one in self.by_id.values())
+
+    def release(self) -> None:
+        """Suspend the arm for no touch any more: it is stopped."""
+        for touch in self.by_id.values():
+            touch.suspends = False
+
+    def find_lasting(self) -> CommandedTouch | None:
+        """Return the touch that has been light for longest, of those that last."""
+        lasting = (one for one in self.by_id.values() if one.lasts)
+        return min(lasting, key=lambda one: one.light_since, default=None)
+
+    def list_other_onsets(self, touch: CommandedTouch) -> list[int]:
+        """Return the onsets of the other open touches, but for those that last [ns]."""
+        return [
+            one.onset
+            for one in self.by_id.values()
+            if one is not touch and one.onset and not (one.closed or one.lasts)
+        ]
+
+    def find_stop_chance(self, detection: Detection) -> float | None:
+        """Return the chance that an unknown touch is a stop; None if it is too small.
+
+        It is the chance at its latest reading, or the detection's confidence if the
+        likeliest gesture stops the arm.
+        """
+        touch, stops = self.find(detection.touch), self.stops[detection.patch]
+        least = min(stops.values(), default=1.0)
+        required = touch.stop_required if touch.patch else least
+        chance = touch.stop_chance
+        if detection.likeliest in [self.vocabulary[index] for index in stops]:
+            chance = max(chance, detection.confidence)
+        return chance if chance >= required else None
