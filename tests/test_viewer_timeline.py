@@ -16,6 +16,7 @@ from eskin.page.timeline import PlaybackClock, Timeline
 from eskin.recording import read_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
+from helpers import live
 from helpers.timelines import make_detection, make_label, to_stamp, write_recording
 
 LABELS = (make_label("poke", 1.0, 1.4), make_label("grab", 3.0, 4.0))
@@ -51,6 +52,18 @@ def test_loaded_recording_has_pressure_of_every_reading(path):
     assert loaded.peak[free] < 1 < loaded.peak[pressed]
     times = -1.0, 1.0, 1.019, 1.021, 1e9
     assert [loaded.at(seconds) for seconds in times] == [0, 50, 50, 51, 299]
+
+
+def test_view_shows_the_pressures_that_a_live_recogniser_sees(tmp_path):
+    """Also those of taxels that it finds faulty, as one that is stuck."""
+    path = live.record(tmp_path / "a.mcap", live.mounted(), live.list_faulty_scans())
+    recording = read_recording(path)
+    loaded, states = load_replayed(recording), list(live.replay(recording))
+    assert loaded.group == 1 and not loaded.valid.all()
+    for row, reading in enumerate(states):
+        shown = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
+        np.testing.assert_array_equal(loaded.pressure[row], shown.astype(np.float16))
+        np.testing.assert_array_equal(loaded.valid[row], reading.valid)
 
 
 @pytest.mark.parametrize("bins", [1, 3, 500, 1000, 5000])

@@ -23,7 +23,9 @@ from eskin.recording import (
     select_labels,
     sort_labels,
 )
-from eskin.touch import Calibrator
+from eskin.recording.autolabel import compute_readings
+from eskin.skin import MountedSkin
+from eskin.touch import PipelineConfig
 from eskin.units import NS_PER_S
 
 
@@ -287,11 +289,20 @@ class LoadedRecording:
         return max(int(np.searchsorted(self.seconds, seconds, "right")) - 1, 0)
 
 
-def load_replayed(recording: Recording) -> LoadedRecording:
-    """Read and calibrate every scan of a recording.
+def load_replayed(
+    recording: Recording,
+    mounted: MountedSkin | None = None,
+    config: PipelineConfig | None = None,
+) -> LoadedRecording:
+    """Compute the readings of a recording as a recogniser sees them.
 
-    Where they take more than `MAX_LOADED_BYTES`, one reading of each group of them is
-    kept, that of greatest peak.
+    Where they take more than `MAX_LOADED_BYTES`, the one of greatest peak of each group
+    of them is kept.
+
+    Args:
+        recording: recording to show.
+        mounted: its skin on its robot; None for the robot of the recording.
+        config: configuration of the pipeline, as of a model; None for the default.
 
     Raises:
         RecordingError: the recording holds no scans.
@@ -300,7 +311,6 @@ def load_replayed(recording: Recording) -> LoadedRecording:
         raise RecordingError(
             f"{recording.path} holds no scans; allowed is one or more; give another"
         )
-    calibrator = Calibrator(recording.skin, recording.calibration)
     areas = 1e3 * recording.skin.areas
     taxels, joints = recording.skin.count, len(recording.joint_names)
     group = count_group(recording.count, taxels, joints)
@@ -310,8 +320,7 @@ def load_replayed(recording: Recording) -> LoadedRecording:
     valid = np.zeros((size, taxels), np.bool_)
     force, peak = np.zeros(size), np.full(size, -1.0)
     rows = 0
-    for number, scan in enumerate(recording.scans()):
-        reading = calibrator.push(scan)
+    for number, reading in enumerate(compute_readings(recording, mounted, config)):
         row, rows = number // group, number // group + 1
         pressures = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
         if number % group == 0:
