@@ -76,7 +76,8 @@ def build_updates(
     """Build the scene description, and an update at the peak force in either pose."""
     models = load_both_models(model)
     comparison = ComparisonListener([touch], models)
-    setup = describe_scene(touch.mounted, models[0].card.vocabulary, compares=True)
+    gestures = models[0].card.vocabulary
+    setup = replace(describe_scene(touch.mounted, gestures), compares=True)
     encoder, begin, highest = FrameEncoder(touch.mounted, 0), touch.period, []
     for side in (0, 1):
         recognizer = Recognizer(models[0], touch.mounted, touch.calibration)

@@ -11,10 +11,8 @@ from eskin.calibration import PressRequest
 from eskin.cli.guided import build_place
 from eskin.design.paint_viewer import PaintViewer
 from eskin.page import ArmSummary, GuideBoard, LogEntry
-from eskin.page.calibration_viewer import CalibrationViewer
-from eskin.page.link import free_port
-from eskin.page.process import PageProcess
-from eskin.page.viewer import ViewerConfig
+from eskin.page.process import PageProcess, free_port
+from eskin.page.viewer import CalibrationViewer, ViewerConfig
 from eskin.touch import Calibration, Scan, TouchPipeline
 from helpers.viewer import Q, make_setup, make_update, mounted
 

@@ -5,7 +5,12 @@ import pytest
 
 from eskin.learn.dataset import prepare
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
-from eskin.recording.guided import MAX_SECONDS, Attempt, RecordingGuide, review_attempts
+from eskin.recording.guided import (
+    MAX_SECONDS,
+    RecordingAttempt,
+    RecordingGuide,
+    review_attempts,
+)
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
@@ -102,7 +107,7 @@ def test_attempt_that_cannot_be_learned_from_is_refused(touch, counts, reason):
 
 
 def make_attempt(gesture, *features):
-    return Attempt(gesture, START, START + SECOND, 1.0, 4, np.array(features))
+    return RecordingAttempt(gesture, START, START + SECOND, 1.0, 4, np.array(features))
 
 
 def test_review_names_what_is_few_and_what_is_alike():

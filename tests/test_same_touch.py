@@ -9,7 +9,7 @@ from eskin.demo import same_touch
 
 from eskin.cli.main import run
 from eskin.page import Answer, ComparisonBoard
-from eskin.page.board import render_board
+from eskin.page.boards import render_board
 from eskin.sim.scene import are_collision_free
 from helpers.worlds import world
 from lab.same_touch.board import ComparisonListener, play_touches

@@ -9,7 +9,7 @@ import numpy as np
 from eskin.drivers import PlayedSource, SourceInfo
 from eskin.live import Model, Recognizer, warm_up
 from eskin.page import Answer, ComparisonBoard
-from eskin.page.link import free_port
+from eskin.page.process import free_port
 from eskin.page.viewer import Viewer, ViewerConfig
 from eskin.sim.demo.headless import DemoConfig
 from eskin.stream import (

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from eskin.calibration import GuideEvent, PressGuide, PressRequest
     from eskin.drivers import Source
     from eskin.page import GuideBoard, PressPlace
-    from eskin.page.calibration_viewer import CalibrationViewer
+    from eskin.page.viewer import CalibrationViewer
     from eskin.skin import MountedSkin
     from eskin.touch import Scan
 
@@ -290,9 +290,8 @@ def open_page(
     """
     if not command.view:
         return None
-    from eskin.page.calibration_viewer import CalibrationViewer
-    from eskin.page.link import DEFAULT_PORT, free_port
-    from eskin.page.viewer import ViewerConfig
+    from eskin.page.process import DEFAULT_PORT, free_port
+    from eskin.page.viewer import CalibrationViewer, ViewerConfig
 
     port = free_port(DEFAULT_PORT if command.port is None else command.port)
     config = ViewerConfig(port)

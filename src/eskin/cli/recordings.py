@@ -303,7 +303,7 @@ class ViewCommand:
 def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
     from eskin.live import Recognizer, load_model
-    from eskin.page.link import format_link, free_port, make_token
+    from eskin.page.process import format_link, free_port, make_token
     from eskin.recording import read_recording
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin

@@ -25,7 +25,7 @@ MIN_ATTEMPTS = 5
 
 
 @dataclass(frozen=True)
-class Attempt:
+class RecordingAttempt:
     """An attempt is one gesture that a person was asked for and made."""
 
     gesture: str
@@ -62,7 +62,7 @@ class AttemptEvent:
     `done`: every gesture has its attempts."""
     text: str = ""
     """Reason for which a touch is refused."""
-    attempt: Attempt | None = None
+    attempt: RecordingAttempt | None = None
     """What was labelled."""
 
 
@@ -96,7 +96,7 @@ class RecordingGuide:
         self.mounted, self.calibration = mounted, calibration
         self.gestures, self.times = tuple(gestures), times
         self.pipeline = TouchPipeline(mounted, calibration)
-        self.attempts: list[Attempt] = []
+        self.attempts: list[RecordingAttempt] = []
         self.is_last_kept = True
         self.skipped: set[str] = set()
         self.rested_since: int | None = None
@@ -120,7 +120,7 @@ class RecordingGuide:
             return None
         return next_gesture
 
-    def again(self) -> Attempt | None:
+    def again(self) -> RecordingAttempt | None:
         """Drop the last attempt, which is asked for anew, and return it.
 
         None where it has been dropped already: the one before it is kept.
@@ -212,7 +212,7 @@ class TouchSummary:
             return "most of the taxels were at full scale; press more lightly"
         return ""
 
-    def build_attempt(self, gesture: str) -> Attempt:
+    def build_attempt(self, gesture: str) -> RecordingAttempt:
         """Build the attempt of a gesture."""
         end = self.after or self.last + 1
         values = (
@@ -224,7 +224,9 @@ class TouchSummary:
             1e2 * self.travelled + 1.0,
         )
         features = np.log(np.maximum(values, 1e-3))
-        return Attempt(gesture, self.onset, end, self.force, self.taxels, features)
+        return RecordingAttempt(
+            gesture, self.onset, end, self.force, self.taxels, features
+        )
 
 
 @dataclass(frozen=True)
@@ -248,7 +250,7 @@ class AttemptReview:
 
 
 def review_attempts(
-    attempts: Sequence[Attempt], gestures: Sequence[str]
+    attempts: Sequence[RecordingAttempt], gestures: Sequence[str]
 ) -> AttemptReview:
     """Compare each attempt to its nearest other one, by features over their spread.
 
