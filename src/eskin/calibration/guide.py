@@ -229,7 +229,7 @@ class PressGuide(ABC, Generic[Press]):
         """Measure a press on a taxel, which is then no longer asked for."""
 
     def skip(self) -> None:
-        """Leave out what is asked for, and ignore a press that goes on."""
+        """Leave out the current request, and ignore a press that goes on."""
         self.detector.drop()
         self.leave_out()
         if self.request is None:
@@ -237,7 +237,7 @@ class PressGuide(ABC, Generic[Press]):
 
     @abstractmethod
     def leave_out(self) -> None:
-        """Ask no more for what is asked for."""
+        """Ask no more for the current request."""
 
     def withdraw(self) -> None:
         """Forget the last press and ask for it again; ignore one that goes on."""
@@ -251,7 +251,7 @@ class PressGuide(ABC, Generic[Press]):
 
 @dataclass(frozen=True)
 class GuideConfig:
-    """A configuration tells what is asked of the person."""
+    """A configuration says how long rest is, and how often and where to press."""
 
     seconds: float = 5.0
     """Time without touch [s]."""
@@ -287,7 +287,7 @@ class CalibrationResult:
 
 @final
 class CalibrationGuide(PressGuide[FingertipPress]):
-    """A guide measures rest, then asks for presses until every patch has enough.
+    """A guide measures rest, then asks for presses until every patch has all of them.
 
     A press counts for the patch on which it is felt, wherever it was asked for.
 

@@ -300,10 +300,10 @@ class PaintBrush(Mouse):
             return
         first, self.pressed = self.pressed, None
         for each in (first, spot):
-            if each is not None and self.is_away(each):
+            if each is not None and self.is_spaced(each):
                 self.paint(each)
 
-    def is_away(self, spot: SurfacePoint) -> bool:
+    def is_spaced(self, spot: SurfacePoint) -> bool:
         """Return whether a point is far enough from the last ball of the stroke."""
         last = self.last
         if last is None or last.link != spot.link:
