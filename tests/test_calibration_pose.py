@@ -1,7 +1,5 @@
 """Tests of the pose of a mounted patch: what is found, how sure it is, the command."""
 
-from itertools import groupby
-
 import numpy as np
 import pytest
 
@@ -26,6 +24,7 @@ from eskin.skin import MountedSkin, fit_surface, load_skin
 from eskin.touch import Calibration, Scan
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate
 from helpers.cli import assert_refused, call_json
+from helpers.guided import RememberedPage
 from helpers.touch import build_grid_skin
 
 UR5 = load_skin("ur5")
@@ -199,6 +198,27 @@ def find_taxel(patch, row, column):
     return int(np.flatnonzero(own)[0])
 
 
+POINTS = tuple(
+    KnownPoint(
+        SKIN.patches[1].id, tuple(SKIN.positions[find_taxel(1, *place)].tolist())
+    )
+    for place in PLACES
+)
+
+
+def make_guide():
+    return PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, POINTS)
+
+
+def guide_presses(places, wait=30.0, act=None):
+    """Press places as a page asks for them; return the guide and the page."""
+    guide, page = make_guide(), RememberedPage(act)
+    taxels = [find_taxel(1, *place) for place in places]
+    guide_person(make_scans(taxels), PoseDialogue(guide), wait, page)
+    assert guide.phase == "done"
+    return guide, page
+
+
 def make_scans(taxels):
     """Yield scans of rest, and of a press on each of some taxels."""
     rng = np.random.default_rng(0)
@@ -253,85 +273,51 @@ def test_command_writes_the_skin_with_the_patch_where_it_is(pressed, tmp_path, c
 
 
 def test_press_on_another_patch_is_refused_and_asked_for_again():
-    points = tuple(read_points_of(1))
-    mounted = MountedSkin(SKIN, load_robot("table"))
-    guide = PoseGuide(mounted, CALIBRATION, points)
+    guide = make_guide()
     wrong = [find_taxel(0, 3, 3), find_taxel(1, 1, 1)]
     events = [event for scan in make_scans(wrong) if (event := guide.push(scan))]
     assert [event.kind for event in events] == ["rested", "refused", "pressed"]
     assert SKIN.patches[0].id in events[1].text
-    assert len(guide.waiting) == len(points) - 1
+    assert len(guide.waiting) == len(POINTS) - 1
 
 
-class PressedPage:
-    """A page that stores what it shows; its person repeats a press, skips a point."""
-
-    def __init__(self):
-        self.boards, self.lines = [], []
-        self.skipped, self.repeated, self.clicked = None, None, False
-
-    def wants(self):
-        return True
-
-    def tell(self, line):
-        self.lines.append(line)
-
-    def show(self, state, board):
-        self.boards.append(board)
-        if board.presses == 2 and not self.clicked:
-            self.repeated, self.clicked = 2, True
-        if board.place is not None and board.place.name == "point 5":
-            self.skipped = "point 5"
+def repeat_second_and_skip_fifth(page, board):
+    if board.presses == 2 and not page.clicks:
+        page.repeated, page.clicks = 2, 1
+    if board.place is not None and board.place.name == "point 5":
+        page.skipped = "point 5"
 
 
 def test_page_marks_each_point_until_it_is_pressed_or_skipped(capsys):
-    points = tuple(read_points_of(1))
-    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
-    page = PressedPage()
     order = [*PLACES[:2], *PLACES[1:4], *PLACES[5:]]
-    taxels = [find_taxel(1, *place) for place in order]
-    guide_person(make_scans(taxels), PoseDialogue(guide), 30.0, page)
-    assert guide.phase == "done"
-    assert [press.point for press in guide.presses] == [*points[:4], *points[5:]]
-    marked = [board.place for board in page.boards if board.place is not None]
-    numbers = [int(place.name.split()[1]) for place in marked]
-    assert list(dict.fromkeys(numbers)) == [1, 2, 3, 4, 5, 6, 7]
-    for place, number in zip(marked, numbers, strict=True):
-        assert place.p_link == points[number - 1].p_link
+    guide, page = guide_presses(order, act=repeat_second_and_skip_fifth)
+    assert [press.point for press in guide.presses] == [*POINTS[:4], *POINTS[5:]]
+    turns = [f"point {number}" for number in (1, 2, 3, 2, 3, 4, 5, 6, 7)]
+    assert page.list_places() == turns
+    for place in (board.place for board in page.boards if board.place is not None):
+        assert place.p_link == POINTS[int(place.name.split()[1]) - 1].p_link
         assert place.n_link == (0.0, 0.0, 1.0)
-    after = numbers[numbers.index(3) :]
-    assert after.index(2) < after[after.index(2) :].index(3) + after.index(2)
     assert page.lines.count("the last press is not used") == 1
     assert page.lines.count("the point is left out") == 1
     shares = [board.share for board in page.boards if board.place is None]
     assert shares == sorted(shares)
-    assert capsys.readouterr().out.count("press at x") >= len(points)
+    assert capsys.readouterr().out.count("press at x") >= len(POINTS)
 
 
-class RegretfulPage(PressedPage):
-    """A page whose person skips the third point, then repeats the second."""
-
-    def show(self, state, board):
-        self.boards.append(board)
-        name = board.place and board.place.name
-        if name == "point 3":
-            self.skipped = name
-        if name == "point 4" and not self.clicked:
-            self.repeated, self.clicked = 2, True
+def skip_third_and_repeat_second(page, board):
+    name = board.place and board.place.name
+    if name == "point 3":
+        page.skipped = name
+    if name == "point 4" and not page.clicks:
+        page.repeated, page.clicks = 2, 1
 
 
 def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
-    points = tuple(read_points_of(1))
-    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
-    page = RegretfulPage()
     order = [*PLACES[:2], PLACES[1], *PLACES[3:]]
-    taxels = [find_taxel(1, *place) for place in order]
-    guide_person(make_scans(taxels), PoseDialogue(guide), 30.0, page)
-    assert guide.phase == "done"
-    assert [press.point for press in guide.presses] == [*points[:2], *points[3:]]
-    names = [board.place.name for board in page.boards if board.place is not None]
-    turns = [name for name, _ in groupby(names)]
-    assert turns == [f"point {number}" for number in (1, 2, 3, 4, 2, 4, 5, 6, 7)]
+    guide, page = guide_presses(order, act=skip_third_and_repeat_second)
+    assert [press.point for press in guide.presses] == [*POINTS[:2], *POINTS[3:]]
+    turns = [f"point {number}" for number in (1, 2, 3, 4, 2, 4, 5, 6, 7)]
+    assert page.list_places() == turns
     assert page.lines.count("the point is left out") == 1
 
 
@@ -341,8 +327,7 @@ def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
 def test_press_that_goes_on_at_a_skip_or_a_repeat_counts_for_no_point(
     action, last, expected
 ):
-    points = tuple(read_points_of(1))
-    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    guide = make_guide()
     taxels, acted = [find_taxel(1, *PLACES[n]) for n in (0, 1, last)], False
     for scan in make_scans(taxels):
         guide.push(scan)
@@ -354,18 +339,9 @@ def test_press_that_goes_on_at_a_skip_or_a_repeat_counts_for_no_point(
 
 def test_time_that_runs_out_during_a_press_leaves_no_point_out(capsys):
     """Each press begins before the time has run out, and ends after it."""
-    points = tuple(read_points_of(1))
-    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
-    taxels = [find_taxel(1, *place) for place in PLACES]
-    guide_person(make_scans(taxels), PoseDialogue(guide), 0.8)
-    assert [press.point for press in guide.presses] == list(points)
+    guide, _ = guide_presses(PLACES, wait=0.8)
+    assert [press.point for press in guide.presses] == list(POINTS)
     assert "nothing felt" not in capsys.readouterr().out
-
-
-def read_points_of(patch):
-    for place in PLACES:
-        x, y, z = SKIN.positions[find_taxel(patch, *place)].tolist()
-        yield KnownPoint(SKIN.patches[patch].id, (x, y, z))
 
 
 @pytest.mark.parametrize(
@@ -406,8 +382,7 @@ def test_command_chooses_points_that_are_read_again(tmp_path, capsys):
 
 def test_presses_that_do_not_fit_their_points_are_refused():
     """As where one was missed, and those after it counted for the wrong points."""
-    points = tuple(read_points_of(1))
-    guide = PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, points)
+    guide = make_guide()
     for scan in make_scans([find_taxel(1, *place) for place in PLACES[1:]]):
         guide.push(scan)
     assert len(guide.presses) == len(PLACES) - 1

@@ -2,7 +2,6 @@
 
 import json
 import socket
-from itertools import groupby
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from eskin.skin import MountedSkin
 from eskin.skin.wiring import find_nearest_taxel
 from eskin.touch import Calibration, Scan
 from helpers.cli import assert_refused, call, call_json
+from helpers.guided import RememberedPage
 from helpers.touch import build_grid_skin
 
 pytestmark = pytest.mark.slow
@@ -160,19 +160,14 @@ def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
         (("replay:x.mcap", "--force", "-1"), "--force is -1"),
         (("replay:x.mcap", "--presses", "99"), "--presses is 99"),
         (("replay:x.mcap", "--port", "8081"), "--port is given without --view"),
+        (("RECORDING", "--patch", "p9"), "no patch 'p9'; allowed are p0, p1"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(words, part, tmp_path, capsys):
+def test_bad_input_is_refused_in_one_line(words, part, recording, tmp_path, capsys):
+    words = [word.replace("RECORDING", f"replay:{recording}") for word in words]
     out = tmp_path / "calibration.json"
     assert_refused(capsys, "calibrate", *words, "--out", out, part=part)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_unknown_patch_is_refused(recording, tmp_path, capsys):
-    words = (f"replay:{recording}", "--out", tmp_path / "c.json", "--patch", "p9")
-    assert_refused(
-        capsys, "calibrate", *words, part="no patch 'p9'; allowed are p0, p1"
-    )
+    assert list(tmp_path.iterdir()) == [recording]
 
 
 def test_interrupted_calibration_writes_nothing(
@@ -203,29 +198,6 @@ def test_device_is_asked_for_presses_and_may_leave_a_patch_out(
     assert out.index("press 5 of 5: patch 'p0'") < out.index("press 1 of 5: patch 'p1'")
     assert "patch 'p1' is left out" in out
     assert json.loads((tmp_path / "calibration.json").read_bytes())["rest"]
-
-
-class RememberedPage:
-    """A page that stores what it is given, opened by its browser at some scan."""
-
-    def __init__(self, skipped=None, opened_at=0):
-        self.skipped, self.opened_at, self.asked = skipped, opened_at, 0
-        self.repeated = None
-        self.lines, self.boards = [], []
-
-    @property
-    def is_opened(self):
-        self.asked += 1
-        return self.asked > self.opened_at
-
-    def wants(self):
-        return True
-
-    def tell(self, line):
-        self.lines.append(line)
-
-    def show(self, state, board):
-        self.boards.append(board)
 
 
 def guide_in_page(page, above, config=None):
@@ -272,20 +244,14 @@ def test_page_skips_the_patch_that_it_showed_and_no_other(capsys):
     assert "nothing felt" not in capsys.readouterr().out
 
 
-class ImpatientPage(RememberedPage):
-    """A page whose person clicks twice to repeat the third press."""
-
-    clicks = 2
-
-    def show(self, state, board):
-        super().show(state, board)
-        # The second click comes when the press is withdrawn already.
-        if self.clicks == 1 or (board.presses == 3 and self.clicks):
-            self.repeated, self.clicks = 3, self.clicks - 1
+def repeat_third_press_twice(page, board):
+    # The second click comes when the press is withdrawn already.
+    if page.clicks == 1 or (board.presses == 3 and not page.clicks):
+        page.repeated, page.clicks = 3, page.clicks + 1
 
 
 def test_last_press_is_repeated_once_where_the_page_asks_for_that():
-    page = ImpatientPage()
+    page = RememberedPage(repeat_third_press_twice)
     guide = guide_in_page(page, rest() + all_presses())
     assert guide.count_presses(0) == 4 and guide.count_presses(1) == 5
     assert page.lines.count("the last press is not used") == 1
@@ -295,29 +261,22 @@ def test_last_press_is_repeated_once_where_the_page_asks_for_that():
     assert counts[counts.index(3) :].count(2) > 0
 
 
-class RegretfulPage(RememberedPage):
-    """A page whose person skips a patch after two presses, then repeats the second."""
-
-    clicks = 0
-
-    def show(self, state, board):
-        super().show(state, board)
-        if board.presses == 2 and self.clicks == 0:
-            self.skipped, self.clicks = "p0", 1
-        elif self.clicks == 1 and board.place.name == "p1":
-            self.repeated, self.clicks = 2, 2
+def skip_patch_then_repeat_its_press(page, board):
+    if board.presses == 2 and page.clicks == 0:
+        page.skipped, page.clicks = "p0", 1
+    elif page.clicks == 1 and board.place.name == "p1":
+        page.repeated, page.clicks = 2, 2
 
 
 def test_patch_that_was_skipped_is_asked_for_again_where_its_press_is_repeated():
-    page = RegretfulPage()
+    page = RememberedPage(skip_patch_then_repeat_its_press)
     own = [scan for taxel in places(0) for scan in press(taxel)]
     others = [scan for taxel in places(1) for scan in press(taxel)]
     above = rest() + own[: 2 * len(own) // 5] + own[len(own) // 5 :] + others
     guide = guide_in_page(page, above)
     assert guide.phase == "done" and not guide.skipped
     assert (guide.count_presses(0), guide.count_presses(1)) == (5, 5)
-    names = [board.place.name for board in page.boards if board.place is not None]
-    assert [name for name, _ in groupby(names)] == ["p0", "p1", "p0", "p1"]
+    assert page.list_places() == ["p0", "p1", "p0", "p1"]
     assert page.lines.count("patch 'p0' is left out") == 1
 
 

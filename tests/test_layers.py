@@ -26,7 +26,7 @@ PRODUCT = {
     "drivers": ("recording", "progress"),
     "stream": ("live", "drivers"),
     "command": ("stream",),
-    "page": ("stream",),
+    "page": ("command",),
     "bus": ("page",),
     "app": ("command",),
     "cli": ("app", "bus", "calibration"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.live import load_model
-from eskin.page.link import free_port
+from eskin.page.process import free_port
 from helpers.cli import call
 from helpers.learning import FLAGS, record_people
 

@@ -12,9 +12,8 @@ from viser._messages import GuiUpdateMessage
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from eskin.page.access import PageAccess
-from eskin.page.link import format_link, make_token
-from eskin.page.server import open_server
+from eskin.page.process import format_link, make_token
+from eskin.page.server import PageAccess, open_server
 
 TOKEN = make_token()
 TRIES = 50

@@ -7,13 +7,12 @@ import time
 import numpy as np
 import pytest
 
+from eskin.calibration import PressRequest
 from eskin.cli.guided import build_place
 from eskin.design.paint_viewer import PaintViewer
 from eskin.page import ArmSummary, GuideBoard, LogEntry
-from eskin.page.calibration_viewer import CalibrationViewer
-from eskin.page.link import free_port
-from eskin.page.process import PageProcess
-from eskin.page.viewer import ViewerConfig
+from eskin.page.process import PageProcess, free_port
+from eskin.page.viewer import CalibrationViewer, ViewerConfig
 from eskin.touch import Calibration, Scan, TouchPipeline
 from helpers.viewer import Q, make_setup, make_update, mounted
 
@@ -268,7 +267,8 @@ def test_page_guides_through_calibration(calibrated):
     # Also where the place is on the far side: the camera turns to it.
     for number, patch in enumerate(("forearm_front", "forearm_back"), 1):
         taxel = int(skin.find_taxels(patch)[200])
-        place = build_place(patch, mounted(), taxel, skin.positions[taxel])
+        request = PressRequest(patch, taxel, tuple(skin.positions[taxel].tolist()))
+        place = build_place(request, mounted())
         viewer.tell("felt on <b>")
         show(GuideBoard(f"press {patch}", 0.5, place, presses=number))
         tab.wait_for_selector(f"text=press {patch}")

@@ -10,8 +10,13 @@ from eskin.page.colours import (
     REST_COLOUR,
     choose_gesture_colours,
 )
-from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, MouseHand, SurfacePoint
-from eskin.page.paint import PaintBrush
+from eskin.page.hand import (
+    DOUBLE_CLICK,
+    MIN_SECONDS,
+    MouseHand,
+    PaintBrush,
+    SurfacePoint,
+)
 from helpers.viewer import make_setup, mounted
 
 FOREARM = 1200

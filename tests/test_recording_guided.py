@@ -5,7 +5,12 @@ import pytest
 
 from eskin.learn.dataset import prepare
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
-from eskin.recording.guided import LONGEST, Take, TakeGuide, review_takes
+from eskin.recording.guided import (
+    MAX_SECONDS,
+    RecordingAttempt,
+    RecordingGuide,
+    review_attempts,
+)
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
@@ -20,7 +25,7 @@ RATE = 50
 
 
 def make_guide(gestures=("knock", "none"), times=2):
-    return TakeGuide(MOUNTED, CALIBRATION, gestures, times)
+    return RecordingGuide(MOUNTED, CALIBRATION, gestures, times)
 
 
 def make_scans(touches, seconds, counts=200):
@@ -48,25 +53,25 @@ def test_gestures_are_asked_for_in_turns_and_labelled_where_they_are_made():
     kinds = ["ready", *["began", "taken"] * 3, "began", "done"]
     assert [event.kind for event in events] == kinds
     assert guide.request is None
-    assert [take.gesture for take in guide.takes] == ["knock", "none"] * 2
+    assert [attempt.gesture for attempt in guide.attempts] == ["knock", "none"] * 2
     spans = [(4.0, 4.3), (6.0, 6.4), (8.0, 9.0), (11.0, 11.5)]
-    for take, span in zip(guide.takes, spans, strict=True):
-        found = (np.array([take.label.start, take.label.end]) - START) / SECOND
+    for attempt, span in zip(guide.attempts, spans, strict=True):
+        found = (np.array([attempt.label.start, attempt.label.end]) - START) / SECOND
         np.testing.assert_allclose(found, span, atol=0.05)
 
 
-def test_touch_before_the_skin_is_tared_is_no_take():
+def test_touch_before_the_skin_is_tared_is_no_attempt():
     guide = make_guide()
     events = push_touches(guide, [(1.0, 1.5), (6.0, 6.5)], 8.0)
     assert [event.kind for event in events] == ["ready", "began", "taken"]
 
 
-def test_last_take_is_dropped_once_and_asked_for_again():
+def test_last_attempt_is_dropped_once_and_asked_for_again():
     guide = make_guide()
     push_touches(guide, [(4.0, 4.3), (6.0, 6.3)], 8.0)
-    [*_, last] = guide.takes
+    [*_, last] = guide.attempts
     assert last.gesture == "none" and guide.again() is last and guide.again() is None
-    assert (guide.request, len(guide.takes)) == ("none", 1)
+    assert (guide.request, len(guide.attempts)) == ("none", 1)
 
 
 def test_gesture_that_is_left_out_is_asked_for_no_more():
@@ -76,7 +81,7 @@ def test_gesture_that_is_left_out_is_asked_for_no_more():
 
 
 @pytest.mark.parametrize("gestures", [("knock", "none"), ("knock",)])
-def test_touch_during_which_its_gesture_is_left_out_is_no_take(gestures):
+def test_touch_during_which_its_gesture_is_left_out_is_no_attempt(gestures):
     guide = make_guide(gestures)
     for scan in make_scans([(4.0, 5.0)], 8.0):
         event = guide.push(scan)
@@ -87,31 +92,31 @@ def test_touch_during_which_its_gesture_is_left_out_is_no_take(gestures):
             break
     else:
         pytest.fail("no touch was refused")
-    assert not guide.takes
+    assert not guide.attempts
 
 
 @pytest.mark.parametrize(
     ("touch", "counts", "reason"),
-    [((4.0, 4.5 + LONGEST), 200, "lasted"), ((4.0, 4.5), 5000, "full scale")],
+    [((4.0, 4.5 + MAX_SECONDS), 200, "lasted"), ((4.0, 4.5), 5000, "full scale")],
 )
-def test_take_that_cannot_be_learned_from_is_refused(touch, counts, reason):
+def test_attempt_that_cannot_be_learned_from_is_refused(touch, counts, reason):
     guide = make_guide()
     events = push_touches(guide, [touch], touch[1] + 2.0, counts)
     assert [event.kind for event in events] == ["ready", "began", "refused"]
-    assert reason in events[-1].text and not guide.takes
+    assert reason in events[-1].text and not guide.attempts
 
 
-def make_take(gesture, *features):
-    return Take(gesture, START, START + SECOND, 1.0, 4, np.array(features))
+def make_attempt(gesture, *features):
+    return RecordingAttempt(gesture, START, START + SECOND, 1.0, 4, np.array(features))
 
 
 def test_review_names_what_is_few_and_what_is_alike():
-    apart = [make_take("a", 0.0, n / 9) for n in range(6)]
-    apart += [make_take("b", 3.0, n / 9) for n in range(6)]
-    review = review_takes(apart, ("a", "b", "c"))
+    apart = [make_attempt("a", 0.0, n / 9) for n in range(6)]
+    apart += [make_attempt("b", 3.0, n / 9) for n in range(6)]
+    review = review_attempts(apart, ("a", "b", "c"))
     assert (review.nearest_right, review.confused, review.few) == (12, None, ("c",))
-    alike = [make_take("ab"[n % 2], 0.0, n) for n in range(8)]
-    assert review_takes(alike, ("a", "b")).confused == ("a", "b", 4)
+    alike = [make_attempt("ab"[n % 2], 0.0, n) for n in range(8)]
+    assert review_attempts(alike, ("a", "b")).confused == ("a", "b", 4)
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from eskin.recording import (
 )
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
+from helpers import live
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 50
@@ -192,7 +193,7 @@ def record(path, labels):
     scans = []
     for stamp in make_stamps(10).tolist():
         counts, seconds = np.full(4, 50, np.int32), stamp / SECOND
-        counts[1] += 200 * (4 <= seconds < 4.5 or 8 <= seconds < 8.6)
+        counts += 200 * (4 <= seconds < 4.5 or 8 <= seconds < 8.6)
         scans.append(Scan(stamp, counts, np.ones(4, bool), np.empty(0)))
     with RecordingWriter(path, "table", skin, calibration, Metadata(), ()) as writer:
         write_all(writer, scans, labels)
@@ -215,6 +216,18 @@ def test_recording_is_labelled_by_its_labels_and_its_pressure(
 ):
     found = label_recording(record(tmp_path / "a.mcap", labels)).found
     assert list_spans(found) == expected
+
+
+def test_labels_follow_the_pressures_that_a_live_recogniser_sees(tmp_path):
+    """Without those of taxels that it finds faulty, as one that is stuck."""
+    labels = [live.label(0.5, 5.5, "poke")]
+    path = tmp_path / "a.mcap"
+    live.record(path, live.mounted(), live.list_faulty_scans(), labels)
+    recording, config = read_recording(path), AutoLabelConfig()
+    pairs = [(r.stamp, r.pressure[r.valid].max()) for r in live.replay(recording)]
+    stamps, peaks = map(np.array, zip(*pairs, strict=True))
+    found = label_recording(recording, labels, config).found
+    assert found and found == label_automatically(stamps, peaks, labels, config)
 
 
 def test_recording_without_ranges_and_gestures_is_refused(tmp_path):

@@ -15,16 +15,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from eskin.command import ArmState
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
 from eskin.live import Detection, Recognizer
 from eskin.page import CorrectionOrder, PageOrder, TouchOrder
 from eskin.page.appearance import build_link_meshes
-from eskin.page.link import free_port
 from eskin.page.process import (
     MAX_IN_FLIGHT,
     MAX_ORDERS,
     PageProcess,
+    free_port,
 )
 from eskin.page.viewer import (
     MAX_LOG_ENTRIES,
@@ -40,6 +41,7 @@ from helpers.viewer import Q, make_setup, make_update, mounted
 
 pytestmark = pytest.mark.slow
 
+ARM = ArmState(0, Q, True, False, None, 0.5, "open", "rack", False, True)
 ORDER = TouchOrder("poke", "forearm_link", (0.0, 0.0, 0.1), 5.0, 0.2, 1)
 
 
@@ -80,10 +82,7 @@ def test_lids_close_bare_ends_and_leave_room_for_taxels():
     ],
 )
 def test_most_severe_state_of_arm_is_shown(changes, state, reason):
-    arm = {"moving": True, "paused": False, "hold_reason": None, "speed": 0.5}
-    arm |= {"gripper": "open", "target": "rack", "speed_limit": 1.0}
-    arm |= {"protective_stop": False, "connected": True, "carrying": False}
-    summary = describe_arm(SimpleNamespace(**(arm | changes)))
+    summary = describe_arm(replace(ARM, **changes))
     assert (summary.state, summary.why) == (state, reason)
 
 
@@ -103,11 +102,8 @@ def test_most_severe_state_of_arm_is_shown(changes, state, reason):
     ],
 )
 def test_stopped_arm_says_what_ends_the_stop(changes, parts):
-    arm = {"moving": True, "paused": False, "hold_reason": None, "speed": 0.5}
-    arm |= {"gripper": "open", "target": "rack", "speed_limit": 1.0, "carrying": True}
-    arm |= {"protective_stop": False, "connected": True} | changes
     commands = ("poke: pause", "double pat: resume or normal")
-    remedy = describe_arm(SimpleNamespace(**arm), commands).remedy
+    remedy = describe_arm(replace(ARM, **changes), commands).remedy
     assert bool(remedy) == bool(parts)
     for part in parts:
         assert part in remedy

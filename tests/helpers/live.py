@@ -11,6 +11,7 @@ from eskin.live import (
     Model,
     ModelCard,
     NetworkConfig,
+    Recognizer,
 )
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
 from eskin.robot import load_robot
@@ -97,6 +98,23 @@ def two_hands(mounted):
         Press(3.1, 3.3, d, d, 25.0),
         Press(4.2, 4.5, b, b, 25.0),
     ]
+
+
+def list_faulty_scans():
+    """Return scans of two hands on the grid, one taxel of which becomes stuck."""
+    found = scans(mounted(), two_hands(mounted()), 50, 6.0)
+    for scan in found[25:]:
+        scan.counts[100] = 900
+    return found
+
+
+def replay(recording):
+    """Yield the readings of a recording as a recogniser sees them."""
+    on_robot = MountedSkin(recording.skin, recording.load_robot())
+    recognizer = Recognizer(say_always("poke"), on_robot, recording.calibration)
+    for scan in recording.scans():
+        recognizer.push(scan)
+        yield recognizer.state.reading
 
 
 def network(kind="pressure", seed=0, vocabulary=VOCABULARY, **sizes):

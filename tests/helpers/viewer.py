@@ -1,5 +1,6 @@
 """Descriptions of a UR5 in its skin for the page, and updates of touches on it."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -21,7 +22,12 @@ def mounted():
 
 @cache
 def make_setup(touchable=True, is_arm=True):
-    return describe_scene(mounted(), GESTURES, touchable, ("ur5", "ur5-shapes"), is_arm)
+    return replace(
+        describe_scene(mounted(), GESTURES),
+        touchable=touchable,
+        skins=("ur5", "ur5-shapes"),
+        is_arm=is_arm,
+    )
 
 
 def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):

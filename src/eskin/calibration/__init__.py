@@ -10,8 +10,10 @@ from eskin.calibration.guide import (
     CalibrationGuide,
     CalibrationResult,
     GuideConfig,
+    GuideEvent,
+    PressGuide,
+    PressRequest,
 )
-from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.calibration.rest import RestEstimate, RestRecord, estimate_rest
 
 __all__ = [
@@ -23,6 +25,7 @@ __all__ = [
     "GuideEvent",
     "FingertipPress",
     "PressGuide",
+    "PressRequest",
     "RestEstimate",
     "RestRecord",
     "estimate_gains",

@@ -37,7 +37,7 @@ MAX_REACH = 8
 """Largest number of taxels on each side of the middle one."""
 POINTS = 4
 """Number of points along each side of a taxel at which pressure is averaged."""
-LEAST_FORCE = 0.1
+MIN_FORCE = 0.1
 """Force that is taken for shown where less is [N]; such presses are not noticed."""
 PA_PER_KPA = 1000.0
 
@@ -108,7 +108,7 @@ class FingertipResponse:
         shown = read + np.minimum(read, self.calibration.unfelt)
         shown[shown < ContactConfig().off] = 0.0
         total = PA_PER_KPA * self.area * shown.sum(axis=2)
-        logs = np.log(np.maximum(total, LEAST_FORCE))
+        logs = np.log(np.maximum(total, MIN_FORCE))
         self.cache[constants] = logs.mean(axis=1), logs.var(axis=1)
         return self.cache[constants]
 
@@ -124,7 +124,7 @@ def press_taxels(
     Args:
         force: force of the fingertip [N].
         size: area of its contact [m2].
-        offset: its centre from that of the middle taxel [m].
+        offset: its centre, from the centre of the middle taxel [m].
         pitch: distance of the taxels [m].
     """
     reach = min(int(np.ceil(RADIUS / pitch)), MAX_REACH)

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from eskin.calibration.fingertip import (
     FORCES,
-    LEAST_FORCE,
+    MIN_FORCE,
     PA_PER_KPA,
     FingertipResponse,
     TaxelConstants,
@@ -27,7 +27,7 @@ ROUNDS = 6
 FREEDOM = 4.0
 """Degrees of freedom of the errors of presses."""
 SHARED = 5
-"""Number of deviates that are not those of a patch."""
+"""Number of deviates that belong to the whole skin."""
 STEP = 1e-3
 """Step of the numerical derivatives, in deviations of the prior."""
 TOLERANCE = 1e-4
@@ -123,8 +123,8 @@ def estimate_gains(
 ) -> GainEstimate:
     """Estimate the gain of each patch, and exponent and activation of the skin.
 
-    The estimate is the most probable one (maximum a posteriori), its deviations are
-    those of the normal law of the same curvature. A patch without a press follows the
+    The estimate is the most probable one (maximum a posteriori), with the deviations of
+    the normal law of the same curvature. A patch without a press follows the
     others as far as patches of one skin resemble each other.
 
     Args:
@@ -158,7 +158,7 @@ class PressProblem:
     is the same in every trial. A trial is a vector of standard normal deviates: gain of
     the skin, usual force of the person, exponent, activation, error of the law of a
     fingertip, then gain of each patch.
-    Exponent and activation are those of the whole skin: a few presses of one patch tell
+    The whole skin has one exponent and one activation: a few presses of one patch tell
     hardly more about them than the data sheet.
     """
 
@@ -188,7 +188,7 @@ class PressProblem:
         )
         areas = self.skin.areas[press.taxels]
         force = PA_PER_KPA * float(areas @ assumed.compute_pressure(press.above))
-        return float(np.log(max(force, LEAST_FORCE)))
+        return float(np.log(max(force, MIN_FORCE)))
 
     @cached_property
     def responses(self) -> dict[int, FingertipResponse]:

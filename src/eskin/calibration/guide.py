@@ -1,7 +1,11 @@
-"""This module guides a person through a calibration: rest first, then presses."""
+"""This module guides a person who presses a skin, and measures its calibration so.
 
+A guide measures rest first, then asks for presses.
+"""
+
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Generic, Literal, TypeVar, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,7 +16,6 @@ from eskin.calibration.gains import (
     GainPrior,
     estimate_gains,
 )
-from eskin.calibration.press_guide import GuideEvent, PressGuide
 from eskin.calibration.rest import (
     RestEstimate,
     RestRecord,
@@ -64,9 +67,191 @@ MAX_TIP_TRAVEL = 0.015
 """Largest distance that a fingertip moves during a press [m]."""
 
 
+Press = TypeVar("Press")
+
+
+@dataclass(frozen=True)
+class GuideEvent:
+    """An event is what a scan has led to."""
+
+    kind: Literal["touched", "rested", "pressed", "refused"]
+    """`touched`: rest begins again, since the skin is touched; `rested`: rest is
+    measured; `pressed`: a press was measured; `refused`: one was not."""
+    text: str = ""
+    """Reason for which rest begins again, or a press is refused."""
+    taxel: int | None = None
+    """Taxel of greatest pressure of a press."""
+
+
+@dataclass(frozen=True)
+class PressRequest:
+    """A request tells where to press, and how hard."""
+
+    name: str
+    """Name by which it can be left out: of its patch, or of its point."""
+    taxel: int
+    """Taxel nearest to the place."""
+    p_link: tuple[float, float, float]
+    """The place in the frame of the taxel's link [m]."""
+    force: float | None = None
+    """Force [N]; None for a usual press."""
+
+
+class PressSummary:
+    """A summary collects the strongest contact of each scan of a press."""
+
+    def __init__(self) -> None:
+        """Start without a scan."""
+        self.contacts: list[Contact] = []
+        self.pressures: list[np.ndarray] = []  # of all taxels [kPa]
+
+    def add(self, state: TouchState) -> None:
+        """Add the next scan."""
+        self.contacts.append(max(state.contacts, key=lambda each: each.force))
+        self.pressures.append(state.reading.pressure)
+
+    def find_firm(self, share: float = TOP) -> Int[np.ndarray, "scan"]:
+        """Find the scans with a share of the greatest force or more."""
+        forces = np.array([contact.force for contact in self.contacts])
+        return np.flatnonzero(forces >= share * forces.max())
+
+    @property
+    def taxels(self) -> Int[np.ndarray, "some"]:
+        """Taxels of the contact at the greatest force."""
+        return self.contacts[self.find_firm(1.0)[0]].taxels
+
+    def measure_area(self, skin: Skin) -> float:
+        """Return the area above `TIP_LEVEL` at the greatest force [m2]."""
+        pressure = self.pressures[self.find_firm(1.0)[0]][self.taxels]
+        wide = self.taxels[pressure >= TIP_LEVEL * pressure.max()]
+        return float(skin.areas[wide].sum())
+
+    def measure_travel(self) -> float:
+        """Return the way of the centre while the force is more than half [m]."""
+        firm = self.find_firm(0.5)
+        first, last = self.contacts[firm[0]], self.contacts[firm[-1]]
+        return float(np.linalg.norm(last.p_link - first.p_link))
+
+    def compute_counts(self, calibration: Calibration) -> Float[np.ndarray, "some"]:
+        """Return the mean counts above rest of `taxels` in the firm scans."""
+        pressed = replace(
+            calibration, gain=calibration.gain[self.taxels], noise=None, rest=None
+        )
+        above = [
+            pressed.compute_counts(self.pressures[n][self.taxels])
+            for n in self.find_firm()
+        ]
+        return np.mean(above, axis=0)
+
+    def sum_pressure(self) -> Float[np.ndarray, "taxel"]:
+        """Return the sum of the pressures in contact in the firm scans [kPa]."""
+        total = np.zeros(len(self.pressures[0]))
+        for n in self.find_firm():
+            taxels = self.contacts[n].taxels
+            total[taxels] += self.pressures[n][taxels]
+        return total
+
+
+class PressGuide(ABC, Generic[Press]):
+    """A guide measures rest, then asks for presses until it has all of them.
+
+    It is pushed scan by scan, from a device or a recording, and knows neither terminal
+    nor page.
+
+    Attributes:
+        mounted: the skin on its robot.
+        phase: what is measured now.
+        presses: presses so far.
+        rest_seconds: time without touch that is asked for first [s].
+        state: contacts and pressures at the latest scan; None before the first.
+    """
+
+    def __init__(
+        self, mounted: MountedSkin, calibration: Calibration, rest_seconds: float
+    ) -> None:
+        """Start with rest."""
+        self.mounted, self.rest_seconds = mounted, rest_seconds
+        self.phase: Literal["rest", "press", "done"] = "rest"
+        self.presses: list[Press] = []
+        self.pipeline = TouchPipeline(mounted, calibration)
+        self.detector, self.pressing = PressDetector(), PressSummary()
+        self.state: TouchState | None = None
+
+    @property
+    def skin(self) -> Skin:
+        """The skin that is pressed."""
+        return self.mounted.skin
+
+    @property
+    def is_pressed(self) -> bool:
+        """Whether a press goes on."""
+        return self.detector.since is not None
+
+    @property
+    @abstractmethod
+    def progress(self) -> float:
+        """Share of the time at rest, or of the presses asked for, that is done."""
+
+    @property
+    @abstractmethod
+    def request(self) -> PressRequest | None:
+        """Where to press next; None where no press is missing."""
+
+    def push(self, scan: Scan) -> GuideEvent | None:
+        """Process the next scan, and return what it has led to."""
+        state = self.state = self.pipeline.push(scan)
+        if self.phase == "rest":
+            return self.push_rest(scan, state)
+        taxel = self.detector.push(state)
+        if self.is_pressed:
+            self.pressing.add(state)
+            return None
+        ended, self.pressing = self.pressing, PressSummary()
+        if taxel is None or self.phase == "done":
+            return None
+        text = self.describe_refusal(ended, taxel)
+        if text:
+            return GuideEvent("refused", text, taxel)
+        self.presses.append(self.build_press(ended, taxel))
+        self.phase = "done" if self.request is None else "press"
+        return GuideEvent("pressed", taxel=taxel)
+
+    @abstractmethod
+    def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
+        """Process a scan of the time at rest."""
+
+    @abstractmethod
+    def describe_refusal(self, press: PressSummary, taxel: int) -> str:
+        """Describe why a press on a taxel cannot be used; empty if it can."""
+
+    @abstractmethod
+    def build_press(self, press: PressSummary, taxel: int) -> Press:
+        """Measure a press on a taxel, which is then no longer asked for."""
+
+    def skip(self) -> None:
+        """Leave out the current request, and ignore a press that goes on."""
+        self.detector.drop()
+        self.leave_out()
+        if self.request is None:
+            self.phase = "done"
+
+    @abstractmethod
+    def leave_out(self) -> None:
+        """Ask no more for the current request."""
+
+    def withdraw(self) -> None:
+        """Forget the last press and ask for it again; ignore one that goes on."""
+        self.detector.drop()
+        self.ask_again(self.presses.pop())
+
+    @abstractmethod
+    def ask_again(self, press: Press) -> None:
+        """Ask for a press again that is forgotten."""
+
+
 @dataclass(frozen=True)
 class GuideConfig:
-    """A configuration tells what is asked of the person."""
+    """A configuration says how long rest is, and how often and where to press."""
 
     seconds: float = 5.0
     """Time without touch [s]."""
@@ -79,18 +264,6 @@ class GuideConfig:
     they are not known."""
     prior: GainPrior = field(default_factory=GainPrior)
     """What is known before any press."""
-
-
-@dataclass(frozen=True)
-class PressRequest:
-    """A request tells where to press, and how hard."""
-
-    patch: int
-    """Index of the patch."""
-    taxel: int
-    """Taxel in the middle of the place."""
-    force: float | None
-    """Force [N]; None for that of a usual press."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,51 +285,9 @@ class CalibrationResult:
         return int(np.count_nonzero(self.codes == TAXEL_KINDS.index(kind)))
 
 
-@dataclass(eq=False)
-class PressScans:
-    """The scans of a press that goes on."""
-
-    forces: list[float] = field(default_factory=list)
-    taxels: list[Int[np.ndarray, "some"]] = field(default_factory=list)
-    pressures: list[Float[np.ndarray, "taxel"]] = field(default_factory=list)
-    centres: list[Float[np.ndarray, "3"]] = field(default_factory=list)
-
-    def add(self, contact: Contact, state: TouchState) -> None:
-        """Add the strongest contact of a scan."""
-        self.forces.append(contact.force)
-        self.taxels.append(contact.taxels)
-        self.pressures.append(state.reading.pressure)
-        self.centres.append(contact.p_link)
-
-    def measure_area(self, skin: Skin) -> float:
-        """Return the area above `TIP_LEVEL` at the greatest force [m2]."""
-        peak = int(np.argmax(self.forces))
-        taxels = self.taxels[peak]
-        pressure = self.pressures[peak][taxels]
-        wide = taxels[pressure >= TIP_LEVEL * pressure.max()]
-        return float(skin.areas[wide].sum())
-
-    def measure_travel(self) -> float:
-        """Return the way of the centre while the force is more than half [m]."""
-        firm = np.flatnonzero(np.array(self.forces) >= 0.5 * max(self.forces))
-        return float(np.linalg.norm(self.centres[firm[-1]] - self.centres[firm[0]]))
-
-    def build_press(
-        self, calibration: Calibration, patch: int, force: float | None
-    ) -> FingertipPress:
-        """Build the press from the mean counts of its scans of greatest force."""
-        taxels = self.taxels[int(np.argmax(self.forces))]
-        firm = np.flatnonzero(np.array(self.forces) >= TOP * max(self.forces))
-        pressed = replace(
-            calibration, gain=calibration.gain[taxels], noise=None, rest=None
-        )
-        above = [pressed.compute_counts(self.pressures[n][taxels]) for n in firm]
-        return FingertipPress(patch, taxels, np.mean(above, axis=0), force)
-
-
 @final
 class CalibrationGuide(PressGuide[FingertipPress]):
-    """A guide measures rest, then asks for presses until every patch has enough.
+    """A guide measures rest, then asks for presses until every patch has all of them.
 
     A press counts for the patch on which it is felt, wherever it was asked for.
 
@@ -176,41 +307,28 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             ValueError: the skin has no patch of a name that is configured.
         """
         self.config = config or GuideConfig()
-        self.mounted, self.assumed = mounted, calibration
-        self.rest_seconds = self.config.seconds
+        super().__init__(mounted, calibration, self.config.seconds)
+        self.assumed = calibration
         self.wanted = find_patches(self.skin, self.config.patches)
         self.adjacency = Adjacency.build(self.skin)
-        self.pipeline = TouchPipeline(mounted, calibration)
         self.on = self.pipeline.config.contacts.with_floor(calibration.floor).on
         self.touched_from = TOUCH_PRESSURE + calibration.floor
-        self.least_touch = calibration.compute_counts(self.touched_from)
-        self.phase = "rest"
+        self.min_touch_counts = calibration.compute_counts(self.touched_from)
         self.record, self.faults = RestRecord(), self.build_fault_detector()
         self.rest: RestEstimate | None = None
         self.ignored = np.zeros(self.skin.count, bool)
-        self.detector = PressDetector()
-        self.pressing = PressScans()
-        self.presses = []
         self.skipped: set[int] = set()
         self.touched_at: int | None = None
-        self.state: TouchState | None = None
 
     def build_fault_detector(self) -> FaultDetector:
         """Build a detector that finds stuck taxels within the time at rest."""
-        least = FaultConfig().stuck_seconds
-        seconds = min(least, STUCK_SHARE * self.config.seconds)
+        seconds = min(FaultConfig().stuck_seconds, STUCK_SHARE * self.config.seconds)
         config = FaultConfig(stuck_seconds=seconds)
         return FaultDetector(self.skin, self.assumed, config, self.on)
 
     def push(self, scan: Scan) -> GuideEvent | None:
-        """Process the next scan, and return what it has led to."""
-        scan = replace(scan, received=scan.received & ~self.ignored)
-        state = self.state = self.pipeline.push(scan)
-        if self.phase == "rest":
-            return self.push_rest(scan, state)
-        if self.phase == "press":
-            return self.push_press(state)
-        return None
+        """Process the next scan without taxels that seem touched at rest."""
+        return super().push(replace(scan, received=scan.received & ~self.ignored))
 
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
         """Collect a scan of the time at rest, which begins again after a touch."""
@@ -239,9 +357,9 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         They would begin presses by themselves, so they are not used for any.
         """
         contact = self.assumed.compute_counts(self.on)
-        away = [np.abs(counts - rest.rest) > contact for counts in self.record.counts]
-        seen = np.maximum(np.sum(self.record.received, axis=0), 1)
-        share = np.sum(np.array(away) & self.record.received, axis=0) / seen
+        seems = [np.abs(counts - rest.rest) > contact for counts in self.record.counts]
+        number = np.maximum(np.sum(self.record.received, axis=0), 1)
+        share = np.sum(np.array(seems) & self.record.received, axis=0) / number
         return (share >= RESTLESS) & (np.mean(share >= RESTLESS) < MAX_RESTLESS)
 
     def describe_touch(self, scan: Scan, state: TouchState) -> str:
@@ -251,7 +369,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             if np.count_nonzero(pressure >= self.touched_from) >= TOUCH_TAXELS:
                 return f"patch '{contact.patch}' is touched"
         above = scan.counts - self.pipeline.calibrator.state.baseline
-        low = scan.received & (above < -self.least_touch)
+        low = scan.received & (above < -self.min_touch_counts)
         if np.count_nonzero(low) >= LIFTED_TAXELS:
             lifted = np.bincount(self.skin.patch_index[low])
             if lifted.max() >= LIFTED_TAXELS:
@@ -266,42 +384,28 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         apart = last is None or stamp - last > APART * NS_PER_S
         return GuideEvent("touched", text) if apart else None
 
-    def push_press(self, state: TouchState) -> GuideEvent | None:
-        """Follow a press, and measure it at its end."""
-        taxel = self.detector.push(state)
-        if self.is_pressed:
-            contact = max(state.contacts, key=lambda each: each.force)
-            self.pressing.add(contact, state)
-            return None
-        ended, self.pressing = self.pressing, PressScans()
-        if taxel is None:
-            return None
-        text = self.describe_refusal(ended, taxel)
-        if text:
-            return GuideEvent("refused", text, taxel)
-        patch = int(self.skin.patch_index[taxel])
-        force = self.get_force(patch)
-        self.presses.append(ended.build_press(self.assumed, patch, force))
-        if self.request is None:
-            self.phase = "done"
-        return GuideEvent("pressed", taxel=taxel)
-
-    def describe_refusal(self, scans: "PressScans", taxel: int) -> str:
-        """Describe why a press cannot be used; empty if it can."""
-        if scans.measure_area(self.skin) > MAX_TIP_AREA:
+    def describe_refusal(self, press: PressSummary, taxel: int) -> str:
+        """Describe why a press on a taxel cannot be used; empty if it can."""
+        if press.measure_area(self.skin) > MAX_TIP_AREA:
             return "that was wider than one fingertip"
-        if scans.measure_travel() > MAX_TIP_TRAVEL:
+        if press.measure_travel() > MAX_TIP_TRAVEL:
             return "the finger moved"
         if self.has_fault(taxel):
             return "a taxel beside it is faulty"
         return ""
 
+    def build_press(self, press: PressSummary, taxel: int) -> FingertipPress:
+        """Measure a press on a taxel by its mean counts."""
+        patch = int(self.skin.patch_index[taxel])
+        above = press.compute_counts(self.assumed)
+        return FingertipPress(patch, press.taxels, above, self.get_force(patch))
+
     def has_fault(self, taxel: int) -> bool:
         """Tell whether a taxel or one of its neighbours is faulty."""
         mask = self.ignored | self.pipeline.faults.mask
         starts = self.adjacency.starts
-        near = self.adjacency.neighbours[starts[taxel] : starts[taxel + 1]]
-        return bool(mask[taxel] or mask[near].any())
+        neighbours = self.adjacency.neighbours[starts[taxel] : starts[taxel + 1]]
+        return bool(mask[taxel] or mask[neighbours].any())
 
     def count_presses(self, patch: int) -> int:
         """Return the number of presses of a patch so far."""
@@ -312,12 +416,12 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         """Share of the time at rest, or of the presses asked for, that is done."""
         if self.phase == "rest":
             return min(self.record.seconds / self.config.seconds, 1.0)
-        most = self.config.presses
+        asked = self.config.presses
         done = [
-            most if patch in self.skipped else min(self.count_presses(patch), most)
+            asked if patch in self.skipped else min(self.count_presses(patch), asked)
             for patch in self.wanted
         ]
-        return sum(done) / (most * len(done)) if most and done else 1.0
+        return sum(done) / (asked * len(done)) if asked and done else 1.0
 
     def get_force(self, patch: int) -> float | None:
         """Return the force of the next press of a patch [N]; None if not known."""
@@ -326,39 +430,32 @@ class CalibrationGuide(PressGuide[FingertipPress]):
 
     @property
     def request(self) -> PressRequest | None:
-        """Return where to press next; None where no press is missing."""
+        """Where to press next; None where no press is missing."""
         for patch in self.wanted:
             count = self.count_presses(patch)
             if patch not in self.skipped and count < self.config.presses:
-                place = PLACES[count % len(PLACES)]
-                taxel = self.find_place(patch, place)
-                return PressRequest(patch, taxel, self.get_force(patch))
+                taxel = self.find_place(patch, PLACES[count % len(PLACES)])
+                x, y, z = self.skin.positions[taxel].tolist()
+                name, force = self.skin.patches[patch].id, self.get_force(patch)
+                return PressRequest(name, taxel, (x, y, z), force)
         return None
 
     def find_place(self, patch: int, place: tuple[float, float]) -> int:
         """Return the taxel nearest to a place that has no fault beside it."""
         taxel = find_nearest_taxel(self.skin, self.skin.patches[patch].id, place)
         members = np.flatnonzero(self.skin.patch_index == patch)
-        away = self.skin.positions[members] - self.skin.positions[taxel]
-        order = members[np.argsort(np.linalg.norm(away, axis=1), kind="stable")]
+        offsets = self.skin.positions[members] - self.skin.positions[taxel]
+        order = members[np.argsort(np.linalg.norm(offsets, axis=1), kind="stable")]
         return next((int(i) for i in order if not self.has_fault(int(i))), taxel)
 
-    def skip(self) -> None:
-        """Ask for no more presses of a patch, and ignore a press that goes on."""
-        self.detector.drop()
+    def leave_out(self) -> None:
+        """Ask for no more presses of the patch that is asked for."""
         if self.request is not None:
-            self.skipped.add(self.request.patch)
-        if self.request is None:
-            self.phase = "done"
+            self.skipped.add(int(self.skin.patch_index[self.request.taxel]))
 
-    def withdraw(self) -> None:
-        """Forget the last press; the patch on which it was felt needs another.
-
-        That patch is asked for also where it was left out. A press that goes on is
-        ignored.
-        """
-        self.detector.drop()
-        self.skipped.discard(self.presses.pop().patch)
+    def ask_again(self, press: FingertipPress) -> None:
+        """Ask for another press of a patch, also where it was left out."""
+        self.skipped.discard(press.patch)
 
     def finish(self) -> CalibrationResult:
         """Return the calibration from all that was measured.

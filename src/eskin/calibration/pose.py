@@ -17,28 +17,27 @@ from jaxtyping import Float, Int
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
-from eskin.calibration.press_guide import GuideEvent, PressGuide
+from eskin.calibration.guide import (
+    GuideEvent,
+    PressGuide,
+    PressRequest,
+    PressSummary,
+)
 from eskin.errors import SkinError
 from eskin.files import read_file
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_centre
-from eskin.touch import (
-    Calibration,
-    PressDetector,
-    Scan,
-    TouchPipeline,
-    TouchState,
-)
+from eskin.touch import Calibration, Scan, TouchState
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate, skew
 from eskin.units import NS_PER_S
 
-LEAST_PRESSES = 5
+MIN_PRESSES = 5
 """Smallest number of presses of a patch: three place it, the others tell how well."""
-LEAST_SPREAD = 0.005
+MIN_SPREAD = 0.005
 """Smallest deviation of the known points from any line [m]."""
-LEAST_NOISE = 1e-4
+MIN_NOISE = 1e-4
 """Smallest deviation of a press that is assumed [m]."""
-MOST_NOISE = 0.005
+MAX_NOISE = 0.005
 """Largest deviation of a press along the surface that is believed [m]."""
 USUAL_NOISE = (0.0008, 0.0003)
 """Deviation along and across the surface by which presses are chosen [m]."""
@@ -52,8 +51,6 @@ MAX_BYTES = 1 << 20
 """Largest size of a file of points [bytes]."""
 TARE_SECONDS = 3.0
 """Time without touch at the start [s]."""
-TOP = 0.9
-"""Share of the greatest force above which the scans of a press are used."""
 MM = 1e-3
 
 Points = Float[np.ndarray, "press 3"]
@@ -101,9 +98,9 @@ class PoseEstimate:
 
     @property
     def half_widths(self) -> Float[np.ndarray, "6"]:
-        """Return half the widths of the 95 % confidence intervals of each component.
+        """Return half the widths of the 95 % confidence intervals, by Student's t.
 
-        They are those of Student's t distribution, of rotation [rad] and shift [m].
+        They are of each component of rotation [rad] and shift [m].
         """
         quantile = t_distribution.ppf(0.5 + CONFIDENCE / 2, self.freedom)
         return float(quantile) * self.deviations
@@ -113,8 +110,8 @@ class PoseEstimate:
         turn = exp_so3(self.rotation)
         rotation = log_so3(T_true_file[:3, :3] @ turn.T)
         moved = apply(T_true_file, self.centre) - self.centre
-        away = np.concatenate([rotation, moved - self.shift])
-        distance = float(away @ np.linalg.solve(self.covariance, away))
+        error = np.concatenate([rotation, moved - self.shift])
+        distance = float(error @ np.linalg.solve(self.covariance, error))
         limit = 6 * float(f_distribution.ppf(CONFIDENCE, 6, self.freedom))
         return distance <= limit
 
@@ -186,9 +183,9 @@ def estimate_pose(
         shares = used / noise**2
         freedom = np.array([2.0, 1.0]) * len(known) - shares
         found = np.einsum("kpij,pi,pj->k", kinds, left, left)
-        before = noise
-        noise = np.sqrt(np.maximum(found / np.maximum(freedom, 1.0), LEAST_NOISE**2))
-        if max(np.abs(step).max(), np.abs(noise - before).max()) < CONVERGED:
+        previous = noise
+        noise = np.sqrt(np.maximum(found / np.maximum(freedom, 1.0), MIN_NOISE**2))
+        if max(np.abs(step).max(), np.abs(noise - previous).max()) < CONVERGED:
             break
     return PoseEstimate(
         patch=patch,
@@ -248,10 +245,10 @@ def choose_taxels(skin: Skin, patch: str, count: int) -> Int[np.ndarray, "press"
         ValueError: The patch has fewer taxels.
     """
     taxels = skin.find_taxels(patch)
-    if not LEAST_PRESSES <= count <= len(taxels):
+    if not MIN_PRESSES <= count <= len(taxels):
         raise ValueError(
             f"{count} presses are asked for on patch '{patch}'; allowed are "
-            f"{LEAST_PRESSES} to {len(taxels)}, one a taxel; change the number"
+            f"{MIN_PRESSES} to {len(taxels)}, one a taxel; change the number"
         )
     arm = skin.positions[taxels] - find_middle(skin, patch)
     jacobian, weights, _ = linearise(arm, skin.normals[taxels], USUAL_NOISE)
@@ -269,17 +266,17 @@ def choose_taxels(skin: Skin, patch: str, count: int) -> Int[np.ndarray, "press"
 
 def check_presses(patch: str, known: Points) -> None:
     """Raise where presses cannot place a patch."""
-    if len(known) < LEAST_PRESSES:
+    if len(known) < MIN_PRESSES:
         raise ValueError(
-            f"patch '{patch}' has {len(known)} presses; allowed are {LEAST_PRESSES} or "
+            f"patch '{patch}' has {len(known)} presses; allowed are {MIN_PRESSES} or "
             "more; press more points"
         )
     spread = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
     deviation = float(spread[1]) / np.sqrt(len(known))
-    if deviation < LEAST_SPREAD:
+    if deviation < MIN_SPREAD:
         raise ValueError(
             f"the points of patch '{patch}' lie {1e3 * deviation:.1f} mm from a line; "
-            f"allowed are {1e3 * LEAST_SPREAD:g} mm or more; spread them over the patch"
+            f"allowed are {1e3 * MIN_SPREAD:g} mm or more; spread them over the patch"
         )
 
 
@@ -332,18 +329,6 @@ def read_points(path: Path, skin: Skin) -> tuple[KnownPoint, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class PressScan:
-    """A press scan holds the contact of one scan of a press."""
-
-    force: float
-    """Force of the contact [N]."""
-    taxels: Int[np.ndarray, "some"]
-    """Taxels of the contact."""
-    pressure: Float[np.ndarray, "some"]
-    """Pressure on each of them [kPa]."""
-
-
-@dataclass(frozen=True, eq=False)
 class PosePress:
     """A press was felt where a known point was pressed."""
 
@@ -372,59 +357,30 @@ class PoseGuide(PressGuide[PosePress]):
         points: Sequence[KnownPoint],
     ) -> None:
         """Start with some seconds without touch."""
-        self.mounted = mounted
-        self.pipeline = TouchPipeline(mounted, calibration)
-        self.detector = PressDetector()
+        super().__init__(mounted, calibration, TARE_SECONDS)
         self.points, self.waiting = tuple(points), list(range(len(points)))
-        self.phase, self.rest_seconds = "rest", TARE_SECONDS
-        self.presses = []
         self.began: int | None = None
-        self.firmest: list[PressScan] = []
-        self.state: TouchState | None = None
 
-    def push(self, scan: Scan) -> GuideEvent | None:
-        """Process the next scan, and return what it has led to."""
-        state = self.state = self.pipeline.push(scan)
+    def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
+        """Wait until the time at rest has passed."""
         self.began = scan.stamp if self.began is None else self.began
-        if self.phase == "rest":
-            if scan.stamp - self.began < self.rest_seconds * NS_PER_S:
-                return None
-            self.phase = "press"
-            return GuideEvent("rested")
-        taxel = self.detector.push(state)
-        if self.is_pressed:
-            contact = max(state.contacts, key=lambda each: each.force)
-            pressure = state.reading.pressure[contact.taxels]
-            self.firmest.append(PressScan(contact.force, contact.taxels, pressure))
+        if scan.stamp - self.began < self.rest_seconds * NS_PER_S:
             return None
-        ended, self.firmest = self.firmest, []
-        if taxel is None or not ended or self.phase == "done":
-            return None
-        number = self.waiting[0]
-        felt_on = self.skin.patches[int(self.skin.patch_index[taxel])].id
-        if felt_on != self.points[number].patch:
-            return GuideEvent("refused", f"felt on patch '{felt_on}'", taxel)
-        self.waiting.pop(0)
-        self.presses.append(self.build_press(number, ended))
-        if not self.waiting:
-            self.phase = "done"
-        return GuideEvent("pressed", taxel=taxel)
+        self.phase = "press"
+        return GuideEvent("rested")
 
-    def build_press(
-        self,
-        number: int,
-        scans: Sequence[PressScan],
-    ) -> PosePress:
-        """Build the press of a point from the mean pressure of its firmest scans."""
-        point = self.points[number]
-        most = max(scan.force for scan in scans)
-        total = np.zeros(self.skin.count)
-        for scan in scans:
-            if scan.force >= TOP * most:
-                total[scan.taxels] += scan.pressure
-        ids = [patch.id for patch in self.skin.patches]
-        own = (total > 0) & (self.skin.patch_index == ids.index(point.patch))
-        taxels = np.flatnonzero(own)
+    def describe_refusal(self, press: PressSummary, taxel: int) -> str:
+        """Describe on which other patch a press was felt; empty if it can be used."""
+        patch = self.skin.patches[int(self.skin.patch_index[taxel])].id
+        asked = self.points[self.waiting[0]].patch
+        return "" if patch == asked else f"felt on patch '{patch}'"
+
+    def build_press(self, press: PressSummary, taxel: int) -> PosePress:
+        """Build the press of the point that is asked for from its mean pressure."""
+        number = self.waiting.pop(0)
+        point, total = self.points[number], press.sum_pressure()
+        own = self.skin.find_taxels(point.patch)
+        taxels = own[total[own] > 0]
         felt, normal = find_felt_point(self.skin, taxels, total[taxels])
         return PosePress(number, point, felt, normal)
 
@@ -438,20 +394,25 @@ class PoseGuide(PressGuide[PosePress]):
         passed = (self.state.reading.stamp - self.began) / NS_PER_S
         return min(passed / self.rest_seconds, 1.0)
 
-    def skip(self) -> None:
-        """Leave out the point that is asked for, and ignore a press that goes on."""
-        self.detector.drop()
-        self.waiting.pop(0)
+    @property
+    def request(self) -> PressRequest | None:
+        """Point to press next; None where all are pressed or left out."""
         if not self.waiting:
-            self.phase = "done"
+            return None
+        number, skin = self.waiting[0], self.skin
+        point = self.points[number]
+        own = skin.find_taxels(point.patch)
+        distances = np.linalg.norm(skin.positions[own] - point.p_link, axis=1)
+        taxel = int(own[np.argmin(distances)])
+        return PressRequest(f"point {number + 1}", taxel, point.p_link)
 
-    def withdraw(self) -> None:
-        """Forget the last press and ask for its point again.
+    def leave_out(self) -> None:
+        """Leave out the point that is asked for."""
+        self.waiting.pop(0)
 
-        A press that goes on is ignored.
-        """
-        self.detector.drop()
-        self.waiting.insert(0, self.presses.pop().number)
+    def ask_again(self, press: PosePress) -> None:
+        """Ask for the point of a press again."""
+        self.waiting.insert(0, press.number)
 
     def estimate(self, patch: str) -> PoseEstimate:
         """Estimate the pose of a patch from its presses so far.
@@ -475,15 +436,15 @@ class PoseGuide(PressGuide[PosePress]):
         patches = dict.fromkeys(press.point.patch for press in self.presses)
         if not patches:
             raise ValueError(
-                f"no press was felt; allowed are {LEAST_PRESSES} or more of a patch; "
+                f"no press was felt; allowed are {MIN_PRESSES} or more of a patch; "
                 "press more firmly, at the points of the file in their order"
             )
         found = tuple(map(self.estimate, patches))
         for each in found:
-            if each.noise[0] > MOST_NOISE:
+            if each.noise[0] > MAX_NOISE:
                 raise ValueError(
                     f"presses of patch '{each.patch}' scatter by "
-                    f"{1e3 * each.noise[0]:.1f} mm; allowed are {1e3 * MOST_NOISE:g} "
+                    f"{1e3 * each.noise[0]:.1f} mm; allowed are {1e3 * MAX_NOISE:g} "
                     "mm; press every point of the file once, in its order, after the "
                     f"first {self.rest_seconds:g} s"
                 )

@@ -16,8 +16,8 @@ MAD_TO_SIGMA = 1.4826
 """Ratio of the standard deviation of a normal law to its median absolute deviation."""
 OUTLIER = 3.5
 """Distance from rest, in standard deviations, beyond which a value is a spike."""
-LEAST_OUTLIER = 1.5
-"""Least such distance [counts]: a step of the converter is no spike."""
+MIN_OUTLIER = 1.5
+"""Smallest such distance [counts]: a step of the converter is no spike."""
 PASSES = 4
 """Number of times that spikes are left out and the rest is measured again."""
 MIN_SAMPLES = 20
@@ -82,9 +82,9 @@ def estimate_rest(record: RestRecord, skin: Skin) -> RestEstimate:
         part = slice(start, start + BLOCK)
         counts = np.array([row[part] for row in record.counts], np.float64)
         received = np.array([row[part] for row in record.received])
-        enough = np.count_nonzero(received, axis=0) >= MIN_SAMPLES
-        counts = np.where(received, counts, np.nan)[:, enough]
-        found = np.flatnonzero(enough) + start
+        is_measured = np.count_nonzero(received, axis=0) >= MIN_SAMPLES
+        counts = np.where(received, counts, np.nan)[:, is_measured]
+        found = np.flatnonzero(is_measured) + start
         measured[found] = True
         rest[found], noise[found] = measure_course(counts, times)
     fill_unmeasured(rest, measured, skin)
@@ -115,7 +115,7 @@ def measure_level(
     deviation = MAD_TO_SIGMA * np.nanmedian(np.abs(counts - middle), axis=0)
     filled = np.where(seen, counts, 0.0)
     for _ in range(PASSES):
-        limit = np.maximum(OUTLIER * deviation, LEAST_OUTLIER)
+        limit = np.maximum(OUTLIER * deviation, MIN_OUTLIER)
         used = seen & (np.abs(filled - middle) <= limit)
         number = np.maximum(np.count_nonzero(used, axis=0), 1)
         middle = np.where(used, filled, 0.0).sum(axis=0) / number
@@ -155,6 +155,6 @@ def find_resting_hand(
     adjacency = Adjacency.build(skin)
     found = np.zeros(skin.count, bool)
     for i in np.flatnonzero(flags & estimate.measured):
-        near = adjacency.neighbours[slice(*adjacency.starts[i : i + 2])]
-        found[i] = np.count_nonzero(flags[near]) >= HAND_NEIGHBOURS
+        neighbours = adjacency.neighbours[slice(*adjacency.starts[i : i + 2])]
+        found[i] = np.count_nonzero(flags[neighbours]) >= HAND_NEIGHBOURS
     return found

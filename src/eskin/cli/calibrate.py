@@ -1,10 +1,9 @@
 """`eskin calibrate` measures the calibration of a skin with a person's help."""
 
-import math
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import tyro
@@ -13,12 +12,8 @@ from eskin.cli.checks import check_writable
 from eskin.cli.guided import (
     Dialogue,
     PressCommand,
-    await_page,
-    build_place,
-    guide_person,
+    guide_presses,
     open_guided_source,
-    open_page,
-    print_line,
     show_result,
 )
 from eskin.cli.skin import describe_taxel
@@ -26,13 +21,7 @@ from eskin.errors import DeviceError, RecordingError
 from eskin.units import format_count
 
 if TYPE_CHECKING:
-    from eskin.calibration import (
-        CalibrationGuide,
-        CalibrationResult,
-        GuideConfig,
-        GuideEvent,
-    )
-    from eskin.page import PressPlace
+    from eskin.calibration import CalibrationGuide, CalibrationResult, PressRequest
     from eskin.skin import Skin
 
 MAX_SECONDS, MAX_PRESSES = 120.0, 50
@@ -73,43 +62,26 @@ class CalibrateCommand(PressCommand):
 
 def run(command: CalibrateCommand) -> dict[str, object]:
     """Guide through the calibration, write the file and return what was measured."""
-    from eskin.calibration import CalibrationGuide
+    from eskin.calibration import CalibrationGuide, GuideConfig
     from eskin.recording import write_calibration
-    from eskin.skin import MountedSkin
 
     check_options(command)
-    config = build_config(command)
-    is_live = command.is_live
+    config = GuideConfig(command.seconds, command.presses, command.patch, command.force)
     with ExitStack() as stack:
-        source = open_guided_source(command, stack)
-        info = source.info
-        robot = info.load_robot(command.robot_urdf)
-        mounted = MountedSkin(info.skin, robot)
-        guide = CalibrationGuide(mounted, info.calibration, config)
-        print(
-            f"{info.uri}: skin '{info.skin.name}', "
-            f"{format_count(info.skin.count, 'taxel')}"
-        )
-        page = open_page(command, mounted, info.rate, stack)
-        scans = await_page(source, page, is_live)
-        wait = command.wait if is_live else math.inf
-        guide_person(scans, CalibrationDialogue(guide), wait, page)
-        source.close()
+        source, mounted = open_guided_source(command, stack)
+        guide = CalibrationGuide(mounted, source.info.calibration, config)
+        page = guide_presses(command, source, CalibrationDialogue(guide), stack)
         if guide.rest is None:
-            raise (DeviceError if is_live else RecordingError)(
-                f"{info.uri} had no {command.seconds:g} s at rest; allowed is that "
-                "time without touch, at its beginning or later; take all hands off "
-                "and repeat"
+            raise (DeviceError if command.is_live else RecordingError)(
+                f"{source.info.uri} had no {command.seconds:g} s at rest; allowed is "
+                "that time without touch, at its beginning or later; take all hands "
+                "off and repeat"
             )
         result = guide.finish()
-        lines = describe_result(result, info.skin)
-        for line in lines:
-            print_line(line)
         write_calibration(command.out, result.calibration)
-        lines.append(f"written to {command.out}")
-        print_line(lines[-1])
-        show_result(page, guide, lines)
-    return summarise(result, info.skin, command)
+        lines = describe_result(result, mounted.skin)
+        show_result(page, guide, [*lines, f"written to {command.out}"])
+    return summarise(result, mounted.skin, command)
 
 
 def check_options(command: CalibrateCommand) -> None:
@@ -139,59 +111,25 @@ def check_options(command: CalibrateCommand) -> None:
     check_writable(command.out)
 
 
-def build_config(command: CalibrateCommand) -> "GuideConfig":
-    """Build what is asked of the person."""
-    from eskin.calibration import GuideConfig
-
-    return GuideConfig(command.seconds, command.presses, command.patch, command.force)
-
-
 @final
 class CalibrationDialogue(Dialogue["CalibrationGuide"]):
     """Puts a calibration into words."""
 
-    def __init__(self, guide: "CalibrationGuide") -> None:
-        """Keep the guide."""
-        self.guide = guide
+    guide: "CalibrationGuide"
 
-    def describe_press(self) -> str:
-        """Describe where to press now; empty where nothing is to be pressed."""
-        guide, request = self.guide, self.guide.request
-        if request is None:
-            return ""
-        count = guide.count_presses(request.patch)
+    def describe_press(self, request: "PressRequest") -> str:
+        """Describe where to press, and which press of the patch it is."""
+        guide = self.guide
+        count = guide.count_presses(int(guide.skin.patch_index[request.taxel]))
         force = "" if request.force is None else f" with {request.force:g} N"
         return (
             f"press {count + 1} of {guide.config.presses}{force}: "
             f"{describe_taxel(guide.skin, request.taxel)}"
         )
 
-    def describe_event(self, event: "GuideEvent") -> str:
-        """Describe what a scan has led to; empty where there is nothing to say."""
-        if event.kind == "touched":
-            return f"{event.text}: hands off, rest begins again"
-        if event.kind == "rested":
-            return "rest is measured"
-        if event.taxel is None:
-            return ""
-        verdict = "felt on" if event.kind == "pressed" else f"{event.text}: not used,"
-        return f"  {verdict} {describe_taxel(self.guide.skin, event.taxel)}"
-
-    def describe_skip(self) -> str:
-        """Describe that the patch asked for is left out."""
-        request = self.guide.request
-        if request is None:
-            return ""
-        return f"patch '{self.guide.skin.patches[request.patch].id}' is left out"
-
-    def find_place(self) -> "PressPlace | None":
-        """Find the place to press now; None where none is to be pressed."""
-        request, mounted = self.guide.request, self.guide.mounted
-        if request is None:
-            return None
-        name = mounted.skin.patches[request.patch].id
-        p_link = mounted.skin.positions[request.taxel]
-        return build_place(name, mounted, request.taxel, p_link)
+    def describe_skip(self, request: "PressRequest") -> str:
+        """Describe that a patch is left out."""
+        return f"patch '{request.name}' is left out"
 
 
 def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
@@ -209,42 +147,31 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
         lines.append(f"  {fault.kind}: patch '{fault.patch}'{text}")
     rows = build_patch_rows(result, skin)
     lines += [
-        f"  patch '{row.id}': gain x {row.gain_ratio:.2f} +- "
-        f"{100 * (row.deviation or 0.0):.0f} %, {format_count(row.presses, 'press')}"
+        f"  patch '{row['id']}': gain x {row['gain_ratio']:.2f} +- "
+        f"{100 * row['deviation']:.0f} %, {format_count(row['presses'], 'press')}"
         for row in rows
-        if row.presses
+        if row["presses"]
     ]
-    unpressed = [row.id for row in rows if not row.presses]
+    unpressed = [row["id"] for row in rows if not row["presses"]]
     if result.presses and unpressed:
         lines.append(f"  not pressed, gain follows the others: {', '.join(unpressed)}")
     return lines
 
 
-@dataclass(frozen=True)
-class PatchRow:
-    """A row holds what presses say of one patch."""
+def build_patch_rows(result: "CalibrationResult", skin: "Skin") -> list[dict[str, Any]]:
+    """Build what presses say of each patch of the skin.
 
-    id: str
-    presses: int
-    gain_ratio: float
-    """Gain over the one that was assumed."""
-    deviation: float | None
-    """Standard deviation of ln gain; None without any press."""
-
-
-def build_patch_rows(result: "CalibrationResult", skin: "Skin") -> list[PatchRow]:
-    """Build one row for each patch of the skin."""
-    counts = [0] * len(skin.patches)
-    for press in result.presses:
-        counts[press.patch] += 1
+    `gain_ratio` is the gain over the one that was assumed, `deviation` the standard
+    deviation of its natural logarithm, None where nothing was pressed.
+    """
     gains = result.gains
     return [
-        PatchRow(
-            patch.id,
-            counts[n],
-            1.0 if gains is None else float(np.exp(gains.ln_gain[n])),
-            None if gains is None else float(gains.gain_deviation[n]),
-        )
+        {
+            "id": patch.id,
+            "presses": sum(press.patch == n for press in result.presses),
+            "gain_ratio": 1.0 if gains is None else float(np.exp(gains.ln_gain[n])),
+            "deviation": None if gains is None else float(gains.gain_deviation[n]),
+        }
         for n, patch in enumerate(skin.patches)
     ]
 
@@ -256,9 +183,7 @@ def summarise(
     calibration, noise = result.calibration, result.rest.noise[result.codes < 0]
     return {
         "taxels": skin.count,
-        "noisy": result.count_taxels("noisy"),
-        "dead": result.count_taxels("dead"),
-        "stuck": result.count_taxels("stuck"),
+        **{kind: result.count_taxels(kind) for kind in ("noisy", "dead", "stuck")},
         "presses": len(result.presses),
         "out": str(command.out),
         "source": calibration.source,
@@ -266,15 +191,12 @@ def summarise(
         "noise_worst": round(float(noise.max()), 3) if len(noise) else None,
         "faults": [
             {
-                "kind": fault.kind,
-                "patch": fault.patch,
-                "row": fault.row,
-                "column": fault.column,
-                "taxel": fault.taxel,
+                key: getattr(fault, key)
+                for key in ("kind", "patch", "row", "column", "taxel")
             }
             for fault in result.faults
         ],
-        "patches": [asdict(row) for row in build_patch_rows(result, skin)],
+        "patches": build_patch_rows(result, skin),
         "exponent": calibration.exponent,
         "exponent_deviation": calibration.exponent_deviation,
         "unfelt": calibration.unfelt,

@@ -2,24 +2,24 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from itertools import dropwhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
 
-import numpy as np
 import tyro
-from jaxtyping import Float
 
+from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError
+from eskin.units import NS_PER_S, format_count
 
 if TYPE_CHECKING:
-    from eskin.calibration import GuideEvent, PressGuide
+    from eskin.calibration import GuideEvent, PressGuide, PressRequest
     from eskin.drivers import Source
     from eskin.page import GuideBoard, PressPlace
-    from eskin.page.calibration_viewer import CalibrationViewer
+    from eskin.page.viewer import CalibrationViewer
     from eskin.skin import MountedSkin
     from eskin.touch import Scan
 
@@ -121,65 +121,76 @@ Guide = TypeVar("Guide", bound="PressGuide[Any]")
 class Dialogue(ABC, Generic[Guide]):
     """A dialogue puts what a guide asks for, and what it has felt, into words."""
 
-    guide: Guide
+    def __init__(self, guide: Guide) -> None:
+        """Put a guide into words."""
+        self.guide = guide
 
     def describe_request(self) -> str:
         """Describe what to do now; empty where nothing is to be done."""
-        guide = self.guide
+        guide, request = self.guide, self.guide.request
         if guide.phase == "rest":
             return f"hands off for {guide.rest_seconds:g} s"
-        return self.describe_press() if guide.phase == "press" else ""
+        if guide.phase == "done" or request is None:
+            return ""
+        return self.describe_press(request)
 
     @abstractmethod
-    def describe_press(self) -> str:
-        """Describe where to press now; empty where nothing is to be pressed."""
+    def describe_press(self, request: "PressRequest") -> str:
+        """Describe where to press."""
 
     @abstractmethod
+    def describe_skip(self, request: "PressRequest") -> str:
+        """Describe that a press is left out."""
+
+    def describe_progress(self) -> str:
+        """Describe what the presses have told so far; empty for nothing."""
+        return ""
+
     def describe_event(self, event: "GuideEvent") -> str:
         """Describe what a scan has led to; empty where there is nothing to say."""
-
-    @abstractmethod
-    def describe_skip(self) -> str:
-        """Describe that what is asked for is left out."""
-
-    @abstractmethod
-    def find_place(self) -> "PressPlace | None":
-        """Find the place to press now; None where none is to be pressed."""
+        if event.kind == "touched":
+            return f"{event.text}: hands off, rest begins again"
+        if event.kind == "rested":
+            return "rest is measured"
+        if event.taxel is None:
+            return ""
+        place = describe_taxel(self.guide.skin, event.taxel)
+        if event.kind == "refused":
+            return f"  {event.text}: not used, {place}"
+        return f"  felt on {place}{self.describe_progress()}"
 
     def build_board(self) -> "GuideBoard":
         """Build what the page shows of the guide."""
         from eskin.page import GuideBoard
 
-        guide = self.guide
-        place = self.find_place() if guide.phase == "press" else None
+        guide, request = self.guide, self.guide.request
+        place = None
+        if guide.phase == "press" and request is not None:
+            place = build_place(request, guide.mounted)
         count = len(guide.presses)
         return GuideBoard(self.describe_request(), guide.progress, place, presses=count)
 
 
-def build_place(
-    name: str, mounted: "MountedSkin", taxel: int, p_link: Float[np.ndarray, "3"]
-) -> "PressPlace":
-    """Build a place to press, with link and normal of a taxel there.
-
-    Args:
-        name: name by which the page asks to leave it out.
-        mounted: the skin on its robot.
-        taxel: taxel there.
-        p_link: the place in the frame of the taxel's link [m].
-    """
+def build_place(request: "PressRequest", mounted: "MountedSkin") -> "PressPlace":
+    """Build the place that the page marks for a request."""
     from eskin.page import PressPlace
 
-    (x, y, z), (nx, ny, nz) = p_link.tolist(), mounted.skin.normals[taxel].tolist()
-    link = int(mounted.taxel_link_index[taxel])
-    return PressPlace(name, link, (x, y, z), (nx, ny, nz))
+    x, y, z = mounted.skin.normals[request.taxel].tolist()
+    link = int(mounted.taxel_link_index[request.taxel])
+    return PressPlace(request.name, link, request.p_link, (x, y, z))
 
 
-def open_guided_source(command: GuidedCommand, stack: ExitStack) -> "Source":
-    """Open a device, or a recording.
+def open_guided_source(
+    command: GuidedCommand, stack: ExitStack
+) -> "tuple[Source, MountedSkin]":
+    """Open a device or a recording, and print which skin it has.
 
     Args:
         command: what is opened.
         stack: what closes it.
+
+    Returns:
+        The source, and its skin on its robot.
 
     Raises:
         DeviceError: the source is neither.
@@ -187,6 +198,7 @@ def open_guided_source(command: GuidedCommand, stack: ExitStack) -> "Source":
     from eskin.app import SourceConfig, open_joints, open_source
     from eskin.drivers import read_key
     from eskin.live import mount_skin
+    from eskin.skin import MountedSkin
 
     check_joints(command.joints, command.q, command.source)
 
@@ -217,7 +229,12 @@ def open_guided_source(command: GuidedCommand, stack: ExitStack) -> "Source":
         robot = mount_skin(command.skin, command.robot_urdf).robot
         joints = open_joints(command.joints, robot, None, command.allow_remote)
         config = replace(config, joints=stack.enter_context(joints))
-    return stack.enter_context(open_source(*command.source, config=config))
+    source = stack.enter_context(open_source(*command.source, config=config))
+    info = source.info
+    mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))
+    taxels = format_count(info.skin.count, "taxel")
+    say(f"{info.uri}: skin '{info.skin.name}', {taxels}")
+    return source, mounted
 
 
 def check_joints(
@@ -241,10 +258,26 @@ def check_joints(
         )
 
 
-def print_line(line: str) -> None:
-    """Print a line at once, unless it is empty."""
+def say(line: str, page: "CalibrationViewer | None" = None) -> None:
+    """Print a line at once unless it is empty, and add it to the log of the page."""
     if line:
         print(line, flush=True)
+    if line and page is not None:
+        page.tell(line)
+
+
+def guide_presses(
+    command: PressCommand,
+    source: "Source",
+    dialogue: Dialogue[Any],
+    stack: ExitStack,
+) -> "CalibrationViewer | None":
+    """Guide through the presses of a source, then close it, and return the page."""
+    page = open_page(command, dialogue.guide.mounted, source.info.rate, stack)
+    scans = await_page(source, page, command.is_live)
+    guide_person(scans, dialogue, command.wait if command.is_live else math.inf, page)
+    source.close()
+    return page
 
 
 def open_page(
@@ -257,15 +290,14 @@ def open_page(
     """
     if not command.view:
         return None
-    from eskin.page.calibration_viewer import CalibrationViewer
-    from eskin.page.link import DEFAULT_PORT, free_port
-    from eskin.page.viewer import ViewerConfig
+    from eskin.page.process import DEFAULT_PORT, free_port
+    from eskin.page.viewer import CalibrationViewer, ViewerConfig
 
     port = free_port(DEFAULT_PORT if command.port is None else command.port)
     config = ViewerConfig(port)
     page = CalibrationViewer(mounted, rate, config)
     stack.callback(page.close)
-    print(f"see {config.link}", flush=True)
+    say(f"see {config.link}")
     return page
 
 
@@ -298,11 +330,8 @@ def guide_person(
             recording, which nobody can be asked for presses.
         page: page that shows the same as the terminal; None without a page.
     """
-    from eskin.units import NS_PER_S
-
     guide = dialogue.guide
-    asks = math.isfinite(wait)
-    print_line(dialogue.describe_request())
+    say(dialogue.describe_request())
     since: int | None = None
     for scan in scans:
         since = scan.stamp if since is None else since
@@ -315,58 +344,51 @@ def guide_person(
             told = dialogue.describe_event(event)
         elif is_late and was_rest:
             return
-        elif is_late or is_skipped(dialogue, page):
-            told = f"{'nothing felt: ' * is_late}{dialogue.describe_skip()}"
+        elif (is_late or is_skipped(guide, page)) and guide.request is not None:
+            left_out = dialogue.describe_skip(guide.request)
+            told = f"{'nothing felt: ' * is_late}{left_out}"
             guide.skip()
-        elif takes_back(guide, page):
+        elif is_withdrawn(guide, page):
             told = "the last press is not used"
             guide.withdraw()
         say(told, page)
         if told and not (event is not None and event.kind == "touched"):
             since = scan.stamp
-            if asks or event is None:
-                print_line(dialogue.describe_request())
+            if math.isfinite(wait) or event is None:
+                say(dialogue.describe_request())
         if page is not None and guide.state is not None and page.wants():
             page.show(guide.state, dialogue.build_board())
         if guide.phase == "done":
             return
 
 
-def is_skipped(dialogue: Dialogue[Any], page: "CalibrationViewer | None") -> bool:
+def is_skipped(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bool:
     """Tell whether the person has left out, in the page, what is asked for."""
-    if page is None or page.skipped is None or dialogue.guide.phase != "press":
+    if page is None or page.skipped is None or guide.phase != "press":
         return False
-    # What was asked of an earlier place is out of date.
+    # A click on a previous place is out of date.
     skipped, page.skipped = page.skipped, None
-    place = dialogue.find_place()
-    return place is not None and place.name == skipped
+    return guide.request is not None and guide.request.name == skipped
 
 
-def takes_back(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bool:
+def is_withdrawn(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bool:
     """Tell whether the person wants, in the page, to repeat the last press."""
     if page is None or page.repeated is None:
         return False
-    # What was asked of an earlier press is out of date.
+    # A click after a previous press is out of date.
     repeated, page.repeated = page.repeated, None
     return guide.phase == "press" and 0 < repeated == len(guide.presses)
 
 
 def show_result(
-    page: "CalibrationViewer | None", guide: "PressGuide[Any]", lines: list[str]
+    page: "CalibrationViewer | None", guide: "PressGuide[Any]", lines: Sequence[str]
 ) -> None:
-    """Show the result in the page until the person closes it there, or by Ctrl-C."""
+    """Print the result, and show it in the page until it is closed, or by Ctrl-C."""
     from eskin.page import GuideBoard
 
-    if page is None:
-        return
-    assert guide.state is not None
-    page.show(guide.state, GuideBoard("finished", 1.0, None, tuple(lines)))
-    with suppress(KeyboardInterrupt):
-        page.wait_closed()
-
-
-def say(line: str, page: "CalibrationViewer | None" = None) -> None:
-    """Print a line unless it is empty, and add it to the log of the page."""
-    print_line(line)
-    if line and page is not None:
-        page.tell(line)
+    for line in lines:
+        say(line)
+    if page is not None and guide.state is not None:
+        page.show(guide.state, GuideBoard("finished", 1.0, None, tuple(lines)))
+        with suppress(KeyboardInterrupt):
+            page.wait_closed()

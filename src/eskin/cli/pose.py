@@ -1,6 +1,5 @@
 """`eskin skin pose` measures where a patch is mounted, with a person's help."""
 
-import math
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,22 +12,17 @@ from eskin.cli.checks import check_folder, check_writable
 from eskin.cli.guided import (
     Dialogue,
     PressCommand,
-    await_page,
-    build_place,
-    guide_person,
+    guide_presses,
     open_guided_source,
-    open_page,
-    print_line,
+    say,
     show_result,
 )
-from eskin.cli.skin import describe_taxel
 from eskin.files import atomic_path
 from eskin.units import format_count
 
 if TYPE_CHECKING:
-    from eskin.calibration import GuideEvent
+    from eskin.calibration import PressRequest
     from eskin.calibration.pose import PoseEstimate, PoseGuide
-    from eskin.page import PressPlace
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,30 +50,22 @@ class PoseCommand(PressCommand):
 def run(command: PoseCommand) -> dict[str, object]:
     """Guide through the presses, write the skin and return what was measured."""
     from eskin.calibration.pose import PoseGuide, move_patch, read_points
-    from eskin.skin import MountedSkin, save_skin
+    from eskin.skin import save_skin
 
     command.check_page_options()
     check_folder(command.out)
     with ExitStack() as stack:
-        source = open_guided_source(command, stack)
-        info = source.info
-        points = read_points(command.points, info.skin)
-        mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))
-        guide = PoseGuide(mounted, info.calibration, points)
-        page = open_page(command, mounted, info.rate, stack)
-        scans = await_page(source, page, command.is_live)
-        wait = command.wait if command.is_live else math.inf
-        guide_person(scans, PoseDialogue(guide), wait, page)
-        source.close()
-        skin, estimates = info.skin, guide.finish()
+        source, mounted = open_guided_source(command, stack)
+        skin = mounted.skin
+        points = read_points(command.points, skin)
+        guide = PoseGuide(mounted, source.info.calibration, points)
+        page = guide_presses(command, source, PoseDialogue(guide), stack)
+        estimates = guide.finish()
         for estimate in estimates:
             skin = move_patch(skin, estimate)
         save_skin(skin, command.out)
         lines = [describe_estimate(estimate, guide) for estimate in estimates]
-        lines.append(f"written to {command.out}")
-        for line in lines:
-            print_line(line)
-        show_result(page, guide, lines)
+        show_result(page, guide, [*lines, f"written to {command.out}"])
     return {
         "presses": len(guide.presses),
         "out": str(command.out),
@@ -127,7 +113,7 @@ def run_points(command: PointsCommand) -> dict[str, object]:
     with atomic_path(command.out) as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
     count = len(lines) - 1
-    print_line(f"{command.out}: {format_count(count, 'point')}; measure where they are")
+    say(f"{command.out}: {format_count(count, 'point')}; measure where they are")
     return {"points": count, "out": str(command.out)}
 
 
@@ -135,30 +121,15 @@ def run_points(command: PointsCommand) -> dict[str, object]:
 class PoseDialogue(Dialogue["PoseGuide"]):
     """Puts presses at known points into words."""
 
-    def __init__(self, guide: "PoseGuide") -> None:
-        """Keep the guide."""
-        self.guide = guide
-
-    def describe_press(self) -> str:
-        """Describe where to press now; empty where nothing is to be pressed."""
-        guide = self.guide
-        point = guide.points[guide.waiting[0]]
-        x, y, z = (1e3 * each for each in point.p_link)
+    def describe_press(self, request: "PressRequest") -> str:
+        """Describe where to press, and how many points are left."""
+        x, y, z = (1e3 * each for each in request.p_link)
+        patch = self.guide.points[self.guide.waiting[0]].patch
+        count = format_count(len(self.guide.waiting), "point")
         return (
             f"press at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of its link, on patch "
-            f"'{point.patch}'; {format_count(len(guide.waiting), 'point')} left"
+            f"'{patch}'; {count} left"
         )
-
-    def describe_event(self, event: "GuideEvent") -> str:
-        """Describe what a scan has led to; empty where there is nothing to say."""
-        if event.kind == "rested":
-            return "rest is measured"
-        if event.taxel is None:
-            return ""
-        if event.kind == "refused":
-            return f"  {event.text}: not used"
-        felt = f"  felt on {describe_taxel(self.guide.skin, event.taxel)}"
-        return f"{felt}{self.describe_progress()}"
 
     def describe_progress(self) -> str:
         """Describe how well the patch of the last press is placed so far."""
@@ -172,21 +143,9 @@ class PoseDialogue(Dialogue["PoseGuide"]):
             f"{np.rad2deg(half[:3].max()):.1f} degrees"
         )
 
-    def describe_skip(self) -> str:
-        """Describe that the point asked for is left out."""
+    def describe_skip(self, request: "PressRequest") -> str:
+        """Describe that a point is left out."""
         return "the point is left out"
-
-    def find_place(self) -> "PressPlace | None":
-        """Find the place to press now; None where none is to be pressed."""
-        guide = self.guide
-        if not guide.waiting:
-            return None
-        number, skin = guide.waiting[0], guide.skin
-        point = guide.points[number]
-        own, p_link = skin.find_taxels(point.patch), np.array(point.p_link)
-        away = np.linalg.norm(skin.positions[own] - p_link, axis=1)
-        taxel = int(own[np.argmin(away)])
-        return build_place(f"point {number + 1}", guide.mounted, taxel, p_link)
 
 
 def describe_estimate(estimate: "PoseEstimate", guide: "PoseGuide") -> str:

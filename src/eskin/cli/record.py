@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import tyro
 
 from eskin.cli.checks import check_writable
-from eskin.cli.guided import GuidedCommand, open_guided_source, print_line
+from eskin.cli.guided import GuidedCommand, open_guided_source, say
 from eskin.errors import RecordingError
 from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.recording import RecordingWriter
-    from eskin.recording.guided import TakeEvent, TakeGuide, TakeReview
+    from eskin.recording.guided import AttemptEvent, AttemptReview, RecordingGuide
     from eskin.touch import Scan
 
 MAX_GESTURES, MAX_TIMES = 50, 1000
@@ -57,20 +57,13 @@ class RecordCommand(GuidedCommand):
 def run(command: RecordCommand) -> dict[str, object]:
     """Record until every gesture was made often enough, and return what there is."""
     from eskin.recording import Metadata, RecordingWriter
-    from eskin.recording.guided import TakeGuide, review_takes
-    from eskin.skin import MountedSkin
+    from eskin.recording.guided import RecordingGuide, review_attempts
 
     check_options(command)
     with ExitStack() as stack:
-        source = open_guided_source(command, stack)
-        info = source.info
-        robot = info.load_robot(command.robot_urdf)
-        mounted = MountedSkin(info.skin, robot)
-        guide = TakeGuide(mounted, info.calibration, command.gestures, command.times)
-        print_line(
-            f"{info.uri}: skin '{info.skin.name}', "
-            f"{format_count(info.skin.count, 'taxel')}"
-        )
+        source, mounted = open_guided_source(command, stack)
+        info, gestures = source.info, command.gestures
+        guide = RecordingGuide(mounted, info.calibration, gestures, command.times)
         writer = stack.enter_context(
             RecordingWriter(
                 command.out,
@@ -83,16 +76,16 @@ def run(command: RecordCommand) -> dict[str, object]:
             )
         )
         with suppress(KeyboardInterrupt):
-            record_takes(source, guide, writer)
+            record_attempts(source, guide, writer)
         write_last_label(guide, writer)
-        if not guide.takes:
+        if not guide.attempts:
             raise RecordingError(
                 f"{info.uri} had no gesture; allowed is one or more; touch the skin "
                 f"when asked to; its scans are kept in {writer.part}"
             )
-    review = review_takes(guide.takes, command.gestures)
+    review = review_attempts(guide.attempts, command.gestures)
     for line in describe_review(review, command):
-        print_line(line)
+        say(line)
     return {
         "out": str(command.out),
         "takes": review.counts,
@@ -126,35 +119,35 @@ def check_options(command: RecordCommand) -> None:
     check_writable(command.out)
 
 
-def record_takes(
-    scans: "Iterable[Scan]", guide: "TakeGuide", writer: "RecordingWriter"
+def record_attempts(
+    scans: "Iterable[Scan]", guide: "RecordingGuide", writer: "RecordingWriter"
 ) -> None:
-    """Write scans until every gesture has its takes, and say what to do.
+    """Write scans until every gesture has its attempts, and say what to do.
 
-    The label of a take is written when the next one is complete, since it may be
+    The label of an attempt is written when the next one is complete, since it may be
     repeated until then.
     """
     keys = listen_to_keys()
-    print_line(f"hands off for a moment; {KEYS}")
+    say(f"hands off for a moment; {KEYS}")
     for scan in scans:
         writer.write(scan)
         event = guide.push(scan)
         if event is not None:
-            if event.take is not None and len(guide.takes) > 1:
-                writer.write_label(guide.takes[-2].label)
-            print_line(describe_event(event))
+            if event.attempt is not None and len(guide.attempts) > 1:
+                writer.write_label(guide.attempts[-2].label)
+            say(describe_event(event))
             if event.kind != "began":
-                print_line(describe_request(guide))
+                say(describe_request(guide))
         while not keys.empty():
             obey_key(keys.get(), guide)
         if guide.is_ready and guide.touch is None and guide.request is None:
             return
 
 
-def write_last_label(guide: "TakeGuide", writer: "RecordingWriter") -> None:
-    """Write the label of the last take, unless that was dropped."""
-    if guide.takes and not guide.is_last_kept:
-        writer.write_label(guide.takes[-1].label)
+def write_last_label(guide: "RecordingGuide", writer: "RecordingWriter") -> None:
+    """Write the label of the last attempt, unless that was dropped."""
+    if guide.attempts and not guide.is_last_kept:
+        writer.write_label(guide.attempts[-1].label)
 
 
 def listen_to_keys() -> "queue.SimpleQueue[str]":
@@ -170,45 +163,45 @@ def listen_to_keys() -> "queue.SimpleQueue[str]":
     return typed
 
 
-def obey_key(key: str, guide: "TakeGuide") -> None:
+def obey_key(key: str, guide: "RecordingGuide") -> None:
     """Do what was typed."""
     if key == "a":
         dropped = guide.again()
-        print_line(
-            "nothing to repeat" if dropped is None else f"{dropped.gesture} is dropped"
-        )
+        say("nothing to repeat" if dropped is None else f"{dropped.gesture} is dropped")
     elif key == "s":
-        print_line(f"{guide.request} is left out")
+        say(f"{guide.request} is left out")
         guide.skip()
     elif key == "q":
         guide.skipped.update(guide.gestures)
     elif key:
-        print_line(f"'{key}' is no key; allowed are {KEYS}")
-    print_line(describe_request(guide))
+        say(f"'{key}' is no key; allowed are {KEYS}")
+    say(describe_request(guide))
 
 
-def describe_request(guide: "TakeGuide") -> str:
+def describe_request(guide: "RecordingGuide") -> str:
     """Describe which gesture to make now; empty where none is missing."""
     gesture = guide.request
     if not guide.is_ready or gesture is None:
         return ""
-    return f"{gesture} ({guide.count_takes(gesture) + 1} of {guide.times}): touch now"
-
-
-def describe_event(event: "TakeEvent") -> str:
-    """Describe what a scan has led to; empty where there is nothing to say."""
-    if event.kind == "refused":
-        return f"  not used: {event.text}"
-    take = event.take
-    if take is None:
-        return ""
     return (
-        f"  {take.seconds:.2f} s, {take.force:.1f} N, "
-        f"{format_count(take.taxels, 'taxel')}"
+        f"{gesture} ({guide.count_attempts(gesture) + 1} of {guide.times}): touch now"
     )
 
 
-def describe_review(review: "TakeReview", command: RecordCommand) -> list[str]:
+def describe_event(event: "AttemptEvent") -> str:
+    """Describe what a scan has led to; empty where there is nothing to say."""
+    if event.kind == "refused":
+        return f"  not used: {event.text}"
+    attempt = event.attempt
+    if attempt is None:
+        return ""
+    return (
+        f"  {attempt.seconds:.2f} s, {attempt.force:.1f} N, "
+        f"{format_count(attempt.taxels, 'taxel')}"
+    )
+
+
+def describe_review(review: "AttemptReview", command: RecordCommand) -> list[str]:
     """Describe what was recorded, and what is missing, in lines."""
     counts = ", ".join(f"{count} of {name}" for name, count in review.counts.items())
     total = sum(review.counts.values())

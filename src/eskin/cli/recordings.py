@@ -303,7 +303,7 @@ class ViewCommand:
 def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
     from eskin.live import Recognizer, load_model
-    from eskin.page.link import format_link, free_port, make_token
+    from eskin.page.process import format_link, free_port, make_token
     from eskin.recording import read_recording
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
@@ -317,11 +317,11 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     urdf = command.robot_urdf
     robot = recording.load_robot() if urdf is None else load_robot(urdf)
     mounted = MountedSkin(recording.skin, robot)
-    detections = recording.detections
+    detections, config = recording.detections, None
     if command.model is not None:
-        recognizer = Recognizer(
-            load_model(command.model), mounted, recording.calibration
-        )
+        model = load_model(command.model)
+        config = model.card.pipeline
+        recognizer = Recognizer(model, mounted, recording.calibration)
         found = [found for scan in recording.scans() for found in recognizer.push(scan)]
         found += recognizer.finish()
         detections = tuple(detection.record() for detection in found)
@@ -330,7 +330,8 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     from eskin.page.server import open_server
     from eskin.page.timeline import Timeline
 
-    replayed, editor = load_replayed(recording), LabelEditor(recording)
+    replayed = load_replayed(recording, mounted, config)
+    editor = LabelEditor(recording)
     token = make_token()
     server = open_server(port, token)
     try:

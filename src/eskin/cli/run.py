@@ -375,7 +375,7 @@ def build_listeners(
         config = RecorderConfig(piece_bytes=piece)
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
-        from eskin.page.link import DEFAULT_PORT, free_port
+        from eskin.page.process import DEFAULT_PORT, free_port
         from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
@@ -453,7 +453,7 @@ def build_publishers(
         publishers.append(Publisher(bus, mounted, gestures, received, drop))
     if command.foxglove:
         from eskin.bus.foxglove import DEFAULT_PORT, FoxgloveBus, build_asset_finder
-        from eskin.page.link import free_port
+        from eskin.page.process import free_port
 
         port = command.foxglove_port
         number = free_port(DEFAULT_PORT if port is None else port)

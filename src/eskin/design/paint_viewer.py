@@ -1,6 +1,7 @@
 """This module lets a person paint regions of a robot's surface in the browser."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from threading import Event as Flag
 from threading import RLock
 from typing import final
@@ -8,17 +9,15 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool
 
-from eskin.page import GuideBoard, Order, PageOrder, PaintOrder, ViewUpdate
+from eskin.page import GuideBoard, Order, PageOrder, PaintOrder
 from eskin.page.appearance import describe_scene
 from eskin.page.process import PageProcess
-from eskin.page.viewer import ViewerConfig, pack_poses
+from eskin.page.viewer import ViewerConfig, build_still
 from eskin.skin import MountedSkin
 
 PAINTED = 60.0
 """Pressure that shows a painted point [kPa]; a point of a keep-out zone is shown as a
 taxel that is not valid."""
-TICK = 0.1
-"""Interval between checks of the page's process [s]."""
 REQUEST = "Drag over the robot to paint, or click; drag beside it to turn the view."
 
 
@@ -35,8 +34,8 @@ class PaintViewer:
         self,
         mounted: MountedSkin,
         on_save: Callable[[tuple[PaintOrder, ...]], str],
-        earlier: Bool[np.ndarray, "2 taxel"],
-        most: int,
+        previous: Bool[np.ndarray, "2 taxel"],
+        max_balls: int,
         config: ViewerConfig | None = None,
     ) -> None:
         """Start the page's process.
@@ -44,19 +43,20 @@ class PaintViewer:
         Args:
             mounted: points of the surface, as the taxels of a skin on its robot.
             on_save: function that writes the balls; it returns a line that says so.
-            earlier: points that were painted before, and points of keep-out zones.
-            most: largest number of balls.
+            previous: points that are painted already, and points of keep-out zones.
+            max_balls: largest number of balls.
             config: configuration of the page.
 
         Raises:
             DeviceError: the port is not available.
         """
         config = config or ViewerConfig()
-        self.mounted, self.on_save, self.earlier = mounted, on_save, earlier
-        self.most, self.note = most, ""
+        self.mounted, self.on_save, self.previous = mounted, on_save, previous
+        self.max_balls, self.note = max_balls, ""
         self.balls: list[PaintOrder] = []
         self.closed, self.lock = Flag(), RLock()
-        scene = describe_scene(mounted, (), paints=True)
+        title = f"{mounted.robot.name}: paint the skin"
+        scene = replace(describe_scene(mounted, ()), title=title, paints=True)
         self.page = PageProcess(scene, config.port, self.take_order, config.token)
         self.show()
 
@@ -65,12 +65,12 @@ class PaintViewer:
         with self.lock:
             self.note = ""
             match order:
-                case PaintOrder() if len(self.balls) < self.most:
+                case PaintOrder() if len(self.balls) < self.max_balls:
                     self.balls.append(order)
                 case PaintOrder():
                     self.note = (
-                        f"not painted: {self.most} balls are painted, and no more are "
-                        "allowed; undo some, or use a larger radius"
+                        f"not painted: {self.max_balls} balls are painted, and no more "
+                        "are allowed; undo some, or use a larger radius"
                     )
                 case PageOrder(kind="undo") if self.balls:
                     last = self.balls[-1].stroke
@@ -83,13 +83,13 @@ class PaintViewer:
 
     def find_painted(self) -> Bool[np.ndarray, "2 taxel"]:
         """Return which points are painted, and which lie in keep-out zones."""
-        found = self.earlier.copy()
+        found = self.previous.copy()
         names = np.array(self.mounted.robot.link_names)
         links = names[self.mounted.taxel_link_index]
         for ball in self.balls:
-            away = self.mounted.skin.positions - np.array(ball.p_link)
-            near = np.linalg.norm(away, axis=1) <= ball.radius
-            found[int(ball.keeps_out)] |= near & (links == ball.link)
+            offsets = self.mounted.skin.positions - np.array(ball.p_link)
+            inside = np.linalg.norm(offsets, axis=1) <= ball.radius
+            found[int(ball.keeps_out)] |= inside & (links == ball.link)
         return found
 
     def show(self) -> None:
@@ -98,34 +98,15 @@ class PaintViewer:
         area = 1e4 * float(self.mounted.skin.areas[painted & ~kept_out].sum())
         strokes = len({ball.stroke for ball in self.balls})
         lines = [f"about {area:.0f} cm2 painted; strokes: {strokes}"]
-        self.page.give(
-            ViewUpdate(
-                seconds=0.0,
-                poses=pack_poses(
-                    self.mounted.kinematics.poses(
-                        np.zeros(len(self.mounted.robot.joint_names))
-                    )
-                ),
-                pressure=np.where(painted, PAINTED, 0.0).astype(np.float16),
-                valid=np.packbits(~kept_out),
-                contacts=(),
-                touches=(),
-                force=0.0,
-                peak=0.0,
-                log_entries=(),
-                rate=0.0,
-                step=0.0,
-                age=0.0,
-                guide=GuideBoard(
-                    REQUEST, 0.0, None, (*lines, *filter(None, [self.note]))
-                ),
-            )
-        )
+        board = GuideBoard(REQUEST, 0.0, None, (*lines, *filter(None, [self.note])))
+        q = np.zeros(len(self.mounted.robot.joint_names))
+        pressure = np.where(painted, PAINTED, 0.0).astype(np.float16)
+        still = build_still(self.mounted, 0.0, q, pressure, ~kept_out)
+        self.page.give(replace(still, guide=board))
 
     def wait_closed(self) -> None:
         """Wait until the person has closed the page, or its process has ended."""
-        while self.page.failure is None and not self.closed.wait(TICK):
-            pass
+        self.page.wait_for(self.closed)
 
     def close(self) -> None:
         """End the page's process."""

@@ -35,31 +35,16 @@ BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
 """Colours of aluminium, of its tubes, and of lids in the blue-grey of a UR."""
 
 
-def describe_scene(
-    mounted: MountedSkin,
-    gestures: tuple[str, ...],
-    touchable: bool = False,
-    skins: tuple[str, ...] = (),
-    is_arm: bool = False,
-    compares: bool = False,
-    calibrates: bool = False,
-    paints: bool = False,
-    warning: str = "",
-    commands: tuple[str, ...] = (),
-    corrects: bool = False,
-    places: tuple[tuple[str, tuple[float, float, float]], ...] = (),
-) -> SceneDescription:
-    """Return the description of a skin on its robot.
+def describe_scene(mounted: MountedSkin, gestures: tuple[str, ...]) -> SceneDescription:
+    """Return the description of a skin on its robot, on a page that offers nothing.
 
-    The other arguments are fields of `SceneDescription`.
+    Its other fields are set by `dataclasses.replace`.
     """
     skin = mounted.skin
     solids = build_link_meshes(mounted)
     view = {} if mounted.robot.name in ROBOT_PRESETS else frame_robot(mounted, solids)
     return SceneDescription(
-        title=f"{mounted.robot.name}: paint the skin"
-        if paints
-        else f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
+        title=f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
         links=mounted.robot.link_names,
         solids=solids,
         taxel_link=mounted.taxel_link_index,
@@ -71,16 +56,6 @@ def describe_scene(
         rows=skin.rows,
         columns=skin.columns,
         gestures=gestures,
-        touchable=touchable,
-        skins=skins,
-        is_arm=is_arm,
-        compares=compares,
-        calibrates=calibrates,
-        paints=paints,
-        warning=warning,
-        commands=commands,
-        corrects=corrects,
-        places=places,
         **view,
     )
 
@@ -90,13 +65,10 @@ def frame_robot(mounted: MountedSkin, solids: tuple[LinkMesh, ...]) -> dict[str,
 
     The result holds `middle`, `distance` and `ground` of `SceneDescription`.
     """
-    T = mounted.kinematics.poses(np.zeros(len(mounted.robot.joint_names)))
-    points = np.concatenate(
-        [
-            *(apply(T[solid.link], solid.vertices) for solid in solids),
-            mounted.place_taxels(np.zeros(len(mounted.robot.joint_names)))[0],
-        ]
-    )
+    q = np.zeros(len(mounted.robot.joint_names))
+    T, (places, _) = mounted.kinematics.poses(q), mounted.place_taxels(q)
+    points = [apply(T[solid.link], solid.vertices) for solid in solids]
+    points = np.concatenate([*points, places])
     low, high = points.min(axis=0), points.max(axis=0)
     x, y, z = ((low + high) / 2).tolist()
     return {
@@ -117,14 +89,10 @@ def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
     solids = []
     for index, link in enumerate(robot.links):
         for body in link.geoms:
-            mesh = (
-                build_rounded_cylinder(body)
-                if isinstance(body.shape, Cylinder)
-                else None
-            )
+            is_cylinder = isinstance(body.shape, Cylinder)
+            mesh = (build_rounded_cylinder if is_cylinder else build_geom_mesh)(body)
             is_tube = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
             colour = TUBE if is_tube else BODY
-            mesh = mesh or build_geom_mesh(body)
             solids.append(LinkMesh(index, mesh.vertices, mesh.faces, colour))
             for end in find_bare_ends(mounted, T_world_link, index, body):
                 mesh = build_lid(body, end)

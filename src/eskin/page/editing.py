@@ -2,8 +2,8 @@
 
 import os
 import shutil
-from bisect import bisect_left
-from collections.abc import Iterable, Sequence
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
@@ -23,7 +23,9 @@ from eskin.recording import (
     select_labels,
     sort_labels,
 )
-from eskin.touch import Calibrator
+from eskin.recording.autolabel import compute_readings
+from eskin.skin import MountedSkin
+from eskin.touch import PipelineConfig
 from eskin.units import NS_PER_S
 
 
@@ -46,7 +48,7 @@ class LabelEditor:
         self.recording = recording
         self.labels = select_labels(recording.labels)
         self.changed = False
-        self.before: list[tuple[Label, ...]] = []
+        self.previous: list[tuple[Label, ...]] = []
 
     def stamp(self, seconds: float) -> int:
         """Return a time since the first reading [s] as a stamp [ns since the epoch]."""
@@ -55,37 +57,6 @@ class LabelEditor:
     def seconds(self, stamp: int) -> float:
         """Return a stamp [ns since the epoch] as a time since the first reading [s]."""
         return (stamp - self.recording.start) / NS_PER_S
-
-    def add(self, gesture: str, start: float, end: float) -> Label:
-        """Add a label.
-
-        Args:
-            gesture: name of the gesture.
-            start: start since the first reading [s].
-            end: first instant after the gesture, since the first reading [s].
-
-        Raises:
-            RecordingError: the label ends before it starts, or overlaps another.
-        """
-        label = Label(self.stamp(start), self.stamp(end), gesture)
-        self.replace_all((*self.labels, label))
-        return label
-
-    def change(self, old: Label, gesture: str, start: float, end: float) -> Label:
-        """Change a label.
-
-        Args:
-            old: label to change, one of `labels`.
-            gesture: new name of the gesture.
-            start: new start since the first reading [s].
-            end: first instant after the gesture, since the first reading [s].
-
-        Raises:
-            RecordingError: the label would end before it starts, or overlap another.
-        """
-        label = Label(self.stamp(start), self.stamp(end), gesture)
-        self.replace_all((*(other for other in self.labels if other != old), label))
-        return label
 
     def set_range(self, gesture: str, start: float, end: float) -> Label:
         """Give a range a gesture: change the label that it overlaps, or add one.
@@ -98,10 +69,12 @@ class LabelEditor:
         Raises:
             RecordingError: the range ends before it starts, or overlaps two labels.
         """
+        label = Label(self.stamp(start), self.stamp(end), gesture)
         inside = self.find_overlapping(start, end)
-        if len(inside) == 1:
-            return self.change(inside[0], gesture, start, end)
-        return self.add(gesture, start, end)
+        replaced = inside if len(inside) == 1 else []
+        kept = (other for other in self.labels if other not in replaced)
+        self.replace_all((*kept, label))
+        return label
 
     def find_overlapping(self, start: float, end: float) -> list[Label]:
         """Return the labels that overlap a range [s since the first reading]."""
@@ -112,9 +85,9 @@ class LabelEditor:
 
     def undo(self) -> bool:
         """Take back the last change, and return whether there was one."""
-        if not self.before:
+        if not self.previous:
             return False
-        self.labels, self.changed = self.before.pop(), True
+        self.labels, self.changed = self.previous.pop(), True
         return True
 
     def remove(self, *labels: Label) -> None:
@@ -125,7 +98,7 @@ class LabelEditor:
         """Replace all labels, unless some of the new ones overlap."""
         found = sort_labels(replace(label, source="true") for label in labels)
         check_no_overlap(found)
-        self.before.append(self.labels)
+        self.previous.append(self.labels)
         self.labels, self.changed = found, True
 
     def save(self) -> Path:
@@ -171,6 +144,13 @@ class Pair:
     """Detection; None for a touch without a detection."""
 
     @property
+    def time(self) -> int:
+        """Start of the label, or onset of the detection [ns since the epoch]."""
+        if self.label is not None:
+            return self.label.start
+        return 0 if self.detection is None else self.detection.onset
+
+    @property
     def is_right(self) -> bool:
         """Return whether the detection has the gesture of the label."""
         if self.label is None or self.detection is None:
@@ -191,72 +171,32 @@ def match_detections(
         labels: labels of the recording.
         detections: detections in the recording.
     """
-    queue = DetectionQueue(found for found in detections if found.gesture != NONE)
-    pairs = []
-    for label in sorted(labels):
-        if label.gesture != NONE:
-            end = label.end + MAX_DETECTION_DELAY
-            best = queue.take(label.start, end, label.gesture)
-            pairs.append(Pair(label, best or queue.take(label.start, end)))
-    pairs += [Pair(None, found) for found in queue.list_left()]
-    return tuple(sorted(pairs, key=find_time))
+    found = sorted(
+        (one for one in detections if one.gesture != NONE), key=lambda one: one.stamp
+    )
+    # Places in `found`, of all gestures and of each. Labels are visited by their start,
+    # so that a detection before one of them is before the others too.
+    left: dict[str | None, deque[int]] = {None: deque(range(len(found)))}
+    for place, one in enumerate(found):
+        left.setdefault(one.gesture, deque()).append(place)
+    taken: set[int] = set()
 
-
-@final
-class DetectionQueue:
-    """Holds detections by time, and gives each of them once, in logarithmic time."""
-
-    def __init__(self, detections: Iterable[DetectionRecord]) -> None:
-        """Sort the detections, of all gestures and of each."""
-        self.detections = sorted(detections, key=lambda found: found.stamp)
-        self.taken = [False] * len(self.detections)
-        everything = list(range(len(self.detections)))
-        self.members: dict[str | None, list[int]] = {None: everything}
-        for number, found in enumerate(self.detections):
-            self.members.setdefault(found.gesture, []).append(number)
-        # From each place, a place at or before the next detection that is left.
-        self.next = {
-            name: list(range(len(members) + 1))
-            for name, members in self.members.items()
-        }
-
-    def take(
-        self, start: int, end: int, gesture: str | None = None
-    ) -> DetectionRecord | None:
-        """Take the first detection left between two stamps [ns], if there is one.
-
-        Args:
-            start: first stamp.
-            end: first stamp after the last.
-            gesture: its gesture; None for any.
-        """
-        members = self.members.get(gesture, [])
-        place = bisect_left(
-            members, start, key=lambda number: self.detections[number].stamp
-        )
-        path = [place]
-        while place < len(members) and self.taken[members[place]]:
-            following = self.next[gesture][place]
-            place = following if following > place else place + 1
-            path.append(place)
-        for passed in path[:-1]:
-            self.next[gesture][passed] = place
-        if place == len(members) or self.detections[members[place]].stamp >= end:
+    def take(label: Label, gesture: str | None) -> DetectionRecord | None:
+        places = left.get(gesture, deque())
+        while places and (places[0] in taken or found[places[0]].stamp < label.start):
+            places.popleft()
+        if not places or found[places[0]].stamp >= label.end + MAX_DETECTION_DELAY:
             return None
-        self.taken[members[place]] = True
-        return self.detections[members[place]]
+        taken.add(places[0])
+        return found[places[0]]
 
-    def list_left(self) -> list[DetectionRecord]:
-        """Return the detections that have not been taken."""
-        pairs = zip(self.detections, self.taken, strict=True)
-        return [found for found, taken in pairs if not taken]
-
-
-def find_time(pair: Pair) -> int:
-    """Return the time of a pair [ns since the epoch]."""
-    if pair.label is not None:
-        return pair.label.start
-    return 0 if pair.detection is None else pair.detection.onset
+    pairs = [
+        Pair(label, take(label, label.gesture) or take(label, None))
+        for label in sorted(labels)
+        if label.gesture != NONE
+    ]
+    pairs += [Pair(None, one) for n, one in enumerate(found) if n not in taken]
+    return tuple(sorted(pairs, key=lambda pair: pair.time))
 
 
 MAX_LOADED_BYTES = 256 << 20
@@ -287,11 +227,20 @@ class LoadedRecording:
         return max(int(np.searchsorted(self.seconds, seconds, "right")) - 1, 0)
 
 
-def load_replayed(recording: Recording) -> LoadedRecording:
-    """Read and calibrate every scan of a recording.
+def load_replayed(
+    recording: Recording,
+    mounted: MountedSkin | None = None,
+    config: PipelineConfig | None = None,
+) -> LoadedRecording:
+    """Compute the readings of a recording as a recogniser sees them.
 
-    Where they take more than `MAX_LOADED_BYTES`, one reading of each group of them is
-    kept, that of greatest peak.
+    Where they take more than `MAX_LOADED_BYTES`, the one of greatest peak of each group
+    of them is kept.
+
+    Args:
+        recording: recording to show.
+        mounted: its skin on its robot; None for the robot of the recording.
+        config: configuration of the pipeline, as of a model; None for the default.
 
     Raises:
         RecordingError: the recording holds no scans.
@@ -300,7 +249,6 @@ def load_replayed(recording: Recording) -> LoadedRecording:
         raise RecordingError(
             f"{recording.path} holds no scans; allowed is one or more; give another"
         )
-    calibrator = Calibrator(recording.skin, recording.calibration)
     areas = 1e3 * recording.skin.areas
     taxels, joints = recording.skin.count, len(recording.joint_names)
     group = count_group(recording.count, taxels, joints)
@@ -310,8 +258,7 @@ def load_replayed(recording: Recording) -> LoadedRecording:
     valid = np.zeros((size, taxels), np.bool_)
     force, peak = np.zeros(size), np.full(size, -1.0)
     rows = 0
-    for number, scan in enumerate(recording.scans()):
-        reading = calibrator.push(scan)
+    for number, reading in enumerate(compute_readings(recording, mounted, config)):
         row, rows = number // group, number // group + 1
         pressures = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
         if number % group == 0:

@@ -1,6 +1,7 @@
-"""This module turns clicks and drags of the mouse into touch orders."""
+"""This module turns clicks and drags of the mouse into touches, or into paint."""
 
 import heapq
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import count
@@ -10,7 +11,13 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.page.messages import Order, SceneDescription, TouchKind, TouchOrder
+from eskin.page.messages import (
+    Order,
+    PaintOrder,
+    SceneDescription,
+    TouchKind,
+    TouchOrder,
+)
 from eskin.page.scene import Scene
 
 MAX_RAY_DISTANCE = 0.015
@@ -74,6 +81,38 @@ class TaxelPicker:
 
 
 TouchMode = Literal["poke", "double pat", "grab", "stroke"]
+DragPhase = Literal["start", "update", "end"]
+
+
+class Mouse(ABC):
+    """A mouse turns clicks and drags on a surface into orders."""
+
+    @abstractmethod
+    def click(
+        self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
+    ) -> None:
+        """Act on a click.
+
+        Args:
+            spot: point on the surface.
+            now: time of any monotonic clock [s].
+            mode: kind of touch that is asked for; None for the current one.
+        """
+
+    @abstractmethod
+    def drag(self, phase: DragPhase, spot: SurfacePoint | None) -> None:
+        """Act on a part of a drag.
+
+        Args:
+            phase: phase of the drag.
+            spot: point on the surface under the mouse; None where there is none.
+        """
+
+    @abstractmethod
+    def tick(self, now: float) -> None:
+        """Send the orders that are due."""
+
+
 DOUBLE_CLICK = 0.35
 """Longest time between two clicks that make a double pat [s]."""
 DOUBLE_CLICK_DISTANCE = 0.05
@@ -87,7 +126,7 @@ STROKE_TICK = 0.05
 
 
 @final
-class MouseHand:
+class MouseHand(Mouse):
     """Turns actions of the mouse into touch orders, each sent at its time.
 
     A click pokes only once it is too late for a second click. Two clicks make a double
@@ -123,13 +162,7 @@ class MouseHand:
     def click(
         self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
     ) -> None:
-        """Touch a point in the current mode, or in another.
-
-        Args:
-            spot: point on the skin.
-            now: time of any monotonic clock [s].
-            mode: mode to use instead of `self.mode`.
-        """
+        """Touch a point in the current mode, or in another."""
         mode = mode or self.mode
         if mode == "stroke":
             self.stroke(spot, now)
@@ -145,10 +178,11 @@ class MouseHand:
         with self.lock:
             self.tick(now)
             first = None if self.waiting_poke is None else self.waiting_poke[1]
-            if first is not None and are_near(first, spot):
-                self.schedule(now, "double_pat", first)
-                self.waiting_poke = None
-                return
+            if first is not None and first.link == spot.link:
+                if np.linalg.norm(first.p_link - spot.p_link) <= DOUBLE_CLICK_DISTANCE:
+                    self.schedule(now, "double_pat", first)
+                    self.waiting_poke = None
+                    return
             if first is not None:
                 self.schedule(now, "poke", first)
             self.waiting_poke = (now + DOUBLE_CLICK, spot)
@@ -173,22 +207,16 @@ class MouseHand:
             along = -along
         steps = round(STROKE_LENGTH / 0.01)
         wanted = spot.p_link + np.linspace(0, STROKE_LENGTH, steps)[:, None] * along
-        away = np.linalg.norm(wanted[:, None] - positions, axis=-1)
-        near = patch[np.argmin(away, axis=1)]
-        return [SurfacePoint(int(t), spot.link, setup.positions[t]) for t in near]
+        distances = np.linalg.norm(wanted[:, None] - positions, axis=-1)
+        taxels = patch[np.argmin(distances, axis=1)]
+        return [SurfacePoint(int(t), spot.link, setup.positions[t]) for t in taxels]
 
-    def drag(
-        self, phase: Literal["start", "update", "end"], spot: SurfacePoint | None
-    ) -> None:
+    def drag(self, phase: DragPhase, spot: SurfacePoint | None) -> None:
         """Drag a finger; while the mouse is off the skin, the finger stays in place.
 
         The finger lands only when it begins to move. A browser that draws slowly
         reports the move long after the press, and a finger that rests before it moves
         makes no stroke.
-
-        Args:
-            phase: phase of the drag.
-            spot: point on the skin under the mouse; None where there is none.
         """
         finger = self.dragged
         if finger is not None and phase == "start":
@@ -231,7 +259,67 @@ class MouseHand:
                 self.send(heapq.heappop(self.scheduled)[2])
 
 
-def are_near(one: SurfacePoint, other: SurfacePoint) -> bool:
-    """Return whether two clicks are near enough for a double pat."""
-    away = np.linalg.norm(one.p_link - other.p_link)
-    return one.link == other.link and bool(away <= DOUBLE_CLICK_DISTANCE)
+BALL_STEP = 0.5
+"""Distance of two balls of a stroke, as a share of their radius."""
+
+
+@final
+class PaintBrush(Mouse):
+    """Turns clicks and drags of the mouse into balls; those of one drag are a stroke.
+
+    Attributes:
+        radius: radius of the next balls [m].
+        keeps_out: whether they mark a zone without skin.
+    """
+
+    def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
+        """Start without strokes.
+
+        Args:
+            setup: description of the scene, whose taxels are points of the surface.
+            send: function called with each ball.
+        """
+        self.setup, self.send = setup, send
+        self.radius, self.keeps_out = 0.04, False
+        self.strokes = 0
+        self.pressed: SurfacePoint | None = None
+        self.last: SurfacePoint | None = None
+
+    def click(
+        self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
+    ) -> None:
+        """Paint one ball at a point, whatever the mode."""
+        self.strokes += 1
+        self.paint(spot)
+
+    def drag(self, phase: DragPhase, spot: SurfacePoint | None) -> None:
+        """Paint along a drag, which begins when the mouse moves."""
+        if phase == "start":
+            self.strokes += 1
+            self.pressed, self.last = spot, None
+            return
+        first, self.pressed = self.pressed, None
+        for each in (first, spot):
+            if each is not None and self.is_spaced(each):
+                self.paint(each)
+
+    def is_spaced(self, spot: SurfacePoint) -> bool:
+        """Return whether a point is far enough from the last ball of the stroke."""
+        last = self.last
+        if last is None or last.link != spot.link:
+            return True
+        return bool(
+            np.linalg.norm(spot.p_link - last.p_link) >= BALL_STEP * self.radius
+        )
+
+    def paint(self, spot: SurfacePoint) -> None:
+        """Send a ball at a point."""
+        x, y, z = np.asarray(spot.p_link, np.float64).tolist()
+        self.last = spot
+        link = self.setup.links[spot.link]
+        self.send(
+            PaintOrder(self.strokes, link, (x, y, z), self.radius, self.keeps_out)
+        )
+
+    def tick(self, now: float) -> None:
+        """Do nothing: every ball is sent at once."""

@@ -101,11 +101,11 @@ def render_gestures(
 def render_instant(
     label: tuple[str, str], model: tuple[str, str], colours: Mapping[str, str]
 ) -> str:
-    """Return the label at an instant beside the model's word, as HTML.
+    """Return the label at an instant beside the detection of the model, as HTML.
 
     Args:
-        label: its gesture, empty without one, and the text.
-        model: that of the detection, and the text.
+        label: gesture of the label, empty without one, and the text.
+        model: gesture of the detection, empty without one, and the text.
         colours: colour of each gesture.
     """
     cells = "".join(

@@ -154,21 +154,21 @@ class ViewUpdate:
     """Pressure of each taxel [kPa]."""
     valid: UInt8[np.ndarray, "byte"]
     """Validity of each taxel, packed into bits."""
-    contacts: tuple[ContactMarker, ...]
+    contacts: tuple[ContactMarker, ...] = ()
     """Contacts, strongest first."""
-    touches: tuple[OpenTouch, ...]
+    touches: tuple[OpenTouch, ...] = ()
     """Open touches, strongest first."""
-    force: float
+    force: float = 0.0
     """Sum of the forces of all contacts [N]."""
-    peak: float
+    peak: float = 0.0
     """Greatest pressure [kPa]."""
-    log_entries: tuple[LogEntry, ...]
+    log_entries: tuple[LogEntry, ...] = ()
     """Log entries since the last update."""
-    rate: float
+    rate: float = 0.0
     """Rate of readings [1/s]."""
-    step: float
+    step: float = 0.0
     """Median time to recognise one reading [s]."""
-    age: float
+    age: float = 0.0
     """Age of the reading when its processing was complete [s]."""
     arm: ArmSummary | None = None
     """Summary of the arm; None without an arm."""
@@ -222,7 +222,7 @@ class SceneDescription:
     """Column of each taxel in its patch."""
     gestures: tuple[str, ...]
     """Vocabulary, in the order of the probabilities."""
-    touchable: bool
+    touchable: bool = False
     """Whether the page may send touches and other orders."""
     skins: tuple[str, ...] = ()
     """Skins offered for selection; the first is the current one."""

@@ -1,6 +1,7 @@
 """This module assembles the page, which shows updates and sends orders."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from time import monotonic
 from typing import final
 
@@ -13,14 +14,12 @@ from viser import (
     ViserServer,
 )
 
-from eskin.page.board import ComparisonPanel
+from eskin.page.boards import ComparisonPanel, GuidePanel, PaintPanel
 from eskin.page.colours import ColourScale
-from eskin.page.guide import CalibrationPanel
-from eskin.page.hand import MouseHand, TaxelPicker, TouchMode
+from eskin.page.hand import Mouse, MouseHand, PaintBrush, TaxelPicker, TouchMode
 from eskin.page.messages import Order, PageOrder, SceneDescription, ViewUpdate
-from eskin.page.paint import PaintBrush, PaintPanel
-from eskin.page.panel import Panel
-from eskin.page.scene import GripperModel, Marks, Scene, TargetMark
+from eskin.page.panel import Panel, TouchPanel
+from eskin.page.scene import GripperModel, Marks, PagePart, Scene, TargetMark
 
 SCALE = 60.0
 """Initial pressure of the lightest colour [kPa]; the user can change it."""
@@ -35,9 +34,26 @@ MISSED = "that click hit no taxel: click on the dots"
 """What the page says of a click beside the skin."""
 
 
+def lay_out(server: ViserServer, setup: SceneDescription, width: int = WIDTH) -> Scene:
+    """Lay out a page with its panel on the right, and draw its scene."""
+    gui = server.gui
+    gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
+    gui.main_panel.dock_right()
+    gui.main_panel.set_width(width)
+    gui.set_panel_label(setup.title)
+    scene = Scene(server, setup, ColourScale(SCALE))
+    scene.set_camera(np.array(setup.middle), setup.distance)
+    server.on_client_connect(scene.turn)
+    return scene
+
+
 @final
 class Page:
-    """Shows the scene and the panel of one server."""
+    """Shows the scene and the panel of one server.
+
+    Attributes:
+        parts: what shows the updates, in this order; the panel is the last.
+    """
 
     def __init__(
         self,
@@ -54,55 +70,34 @@ class Page:
                 touchable, and neither calibrates nor paints.
         """
         self.server = server
-        gui = server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDER if setup.compares else WIDTH)
-        gui.set_panel_label(setup.title)
-        self.scale = ColourScale(SCALE)
-        self.scene = Scene(server, setup, self.scale)
-        self.scene.set_camera(np.array(setup.middle), setup.distance)
-        self.marks = Marks(server, self.scene)
-        self.target = TargetMark(server, self.scene)
-        self.gripper = GripperModel(server, setup) if setup.is_arm else None
-        self.hand = (PaintBrush if setup.paints else MouseHand)(setup, send)
-        self.panel = self.build_panel(setup, send)
+        self.scene = lay_out(server, setup, WIDER if setup.compares else WIDTH)
         self.picker = TaxelPicker(self.scene)
-        self.drawn = -np.inf
-        self.asked: tuple[object, ...] = ()
+        self.mouse, self.panel = build_panel(server, self.scene, send)
+        self.parts: list[PagePart] = [self.scene, Marks(server, self.scene)]
+        self.parts.append(TargetMark(server, self.scene))
+        if setup.is_arm:
+            self.parts.append(GripperModel(server, setup))
+        self.parts.append(self.panel)
+        self.drawn, self.guide = -np.inf, None
         self.seconds, self.hit = 0.0, -np.inf
         if setup.touchable or setup.paints:
             for link, discs in self.scene.discs.items():
                 self.register_events(link, discs)
                 self.register_events(link, self.scene.add_pads(link))
-            server.on_client_disconnect(lambda _: self.hand.drag("end", None))
+            server.on_client_disconnect(lambda _: self.mouse.drag("end", None))
             self.register_misses()
-        server.on_client_connect(self.scene.turn)
         if setup.calibrates:
             server.on_client_connect(lambda _: send(PageOrder("opened")))
 
-    def build_panel(
-        self, setup: SceneDescription, send: Callable[[Order], None]
-    ) -> Panel | ComparisonPanel | CalibrationPanel | PaintPanel:
-        """Lay out the panel beside the scene."""
-        gui = self.server.gui
-        if setup.compares:
-            return ComparisonPanel(gui, setup, self.scale)
-        if setup.calibrates:
-            return CalibrationPanel(gui, setup, self.scale, send)
-        if isinstance(self.hand, PaintBrush):
-            return PaintPanel(gui, self.hand, send)
-        return Panel(gui, setup, self.scale, self.hand)
-
     def register_events(self, link: int, discs: BatchedMeshHandle) -> None:
         """Turn clicks and drags on the discs or pads of a link into touches."""
-        taxels, hand = self.scene.taxels[link], self.hand
+        taxels, mouse = self.scene.taxels[link], self.mouse
 
         def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
             if event.instance_index is not None:
                 self.hit = monotonic()
                 spot = self.picker.pick_taxel(int(taxels[event.instance_index]))
-                hand.click(spot, monotonic(), mode)
+                mouse.click(spot, monotonic(), mode)
 
         @discs.on_click
         async def _(event: SceneNodePointerEvent) -> None:
@@ -120,7 +115,7 @@ class Page:
             else:
                 ray = np.asarray(event.end_position) - eye
                 spot = self.picker.pick_along_ray(eye, ray)
-            hand.drag(event.phase, spot)
+            mouse.drag(event.phase, spot)
 
     def register_misses(self) -> None:
         """Say in the log where a click has hit no taxel."""
@@ -128,28 +123,39 @@ class Page:
         @self.server.scene.on_click()
         def _(event: SceneClickEvent) -> None:
             # A click on a taxel comes just before, as an event of its own.
-            if monotonic() - self.hit > SAME_CLICK and isinstance(self.panel, Panel):
+            if monotonic() - self.hit > SAME_CLICK and isinstance(
+                self.panel, TouchPanel
+            ):
                 self.panel.note(self.seconds, MISSED)
 
     def show(self, update: ViewUpdate) -> None:
         """Show one update."""
         self.seconds = update.seconds
+        guide = update.guide and replace(update.guide, share=0.0)
         with self.server.atomic():
-            self.scene.show(update)
-            self.marks.show(update)
-            self.target.show(None if update.guide is None else update.guide.place)
-            if self.gripper is not None and update.arm is not None:
-                self.gripper.show(update.arm.gripper, update.arm.carrying)
-            self.panel.take(update)
-            guide = update.guide
-            asked = ()
-            if guide is not None:
-                asked = (guide.request, guide.place, guide.presses, guide.result)
+            for part in self.parts:
+                part.update(update)
             passed = update.seconds - self.drawn
-            if asked != self.asked or not 0.0 <= passed < PANEL_PERIOD:
-                self.drawn, self.asked = update.seconds, asked
-                self.panel.draw(update)
+            if guide != self.guide or not 0.0 <= passed < PANEL_PERIOD:
+                self.drawn, self.guide = update.seconds, guide
+                self.panel.render(update)
 
     def tick(self) -> None:
         """Send the touches that are due."""
-        self.hand.tick(monotonic())
+        self.mouse.tick(monotonic())
+
+
+def build_panel(
+    server: ViserServer, scene: Scene, send: Callable[[Order], None]
+) -> tuple[Mouse, Panel]:
+    """Build the mouse and the panel that a scene asks for."""
+    gui, setup, scale = server.gui, scene.setup, scene.scale
+    if setup.paints:
+        brush = PaintBrush(setup, send)
+        return brush, PaintPanel(gui, brush, send)
+    hand = MouseHand(setup, send)
+    if setup.compares:
+        return hand, ComparisonPanel(gui, setup, scale)
+    if setup.calibrates:
+        return hand, GuidePanel(gui, setup, scale, send)
+    return hand, TouchPanel(gui, setup, scale, hand)

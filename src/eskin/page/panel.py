@@ -1,12 +1,14 @@
 """This module lays out the panel beside the scene, with its plot and controls."""
 
+from abc import abstractmethod
 from collections import deque
-from collections.abc import Sequence
-from typing import Literal, cast, final
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Literal, final
 
 import numpy as np
 from jaxtyping import Bool, Float
-from viser import CommandEvent, GuiApi, GuiEvent, GuiHtmlHandle, Icon
+from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
 from viser.uplot import Axis, Axis_Grid, Series, Series_Points
 
 from eskin.page.colours import ColourScale, choose_gesture_colours, render_dot
@@ -32,6 +34,60 @@ from eskin.page.messages import (
     SceneDescription,
     ViewUpdate,
 )
+from eskin.page.scene import PagePart
+
+Key = Literal[
+    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "I", "O", "Z", "S",
+    "delete", "1", "2", "3", "4", "5", "6", "7", "8", "9",
+]  # fmt: skip
+DIGITS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
+
+
+class Panel(PagePart):
+    """A panel shows updates beside the scene, and sends orders."""
+
+    @abstractmethod
+    def update(self, update: ViewUpdate) -> None:
+        """Store what an update holds."""
+
+    @abstractmethod
+    def render(self, update: ViewUpdate) -> None:
+        """Show what is stored and the latest update, about ten times a second."""
+
+
+def obey(register: Callable[[Any], object], act: Callable[[Any], object]) -> None:
+    """Call a function with the value of a control that a person has changed or clicked.
+
+    Args:
+        register: method of the control that registers a handler.
+        act: function that is called, in the loop of the server.
+    """
+
+    async def handle(event: GuiEvent) -> None:
+        # A change made by this program has no client.
+        if event.client_id is not None:
+            act(event.target.value)
+
+    register(handle)
+
+
+def add_key(gui: GuiApi, key: Key, title: str, act: Callable[[], None]) -> None:
+    """Add a key that calls a function, in a thread."""
+    gui.add_command(title, hotkey=key).on_trigger(lambda event: act())
+
+
+def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
+    """Add a slider that changes the maximum of the colour scale."""
+    slider = gui.add_slider(
+        "scale to [kPa]", min=5, max=200, step=5, initial_value=int(scale.maximum)
+    )
+
+    def change(value: float) -> None:
+        scale.maximum = float(value)
+        legend.content = render_block(scale.legend())
+
+    obey(slider.on_update, change)
+
 
 SECONDS = 10.0
 """Duration of the plot [s]."""
@@ -47,7 +103,7 @@ The plot has no missing values, so hidden marks are drawn outside it.
 
 
 @final
-class HistoryPlot:
+class HistoryPlot(Panel):
     """Plots force and peak pressure ten times a second, and marks detections."""
 
     def __init__(self, gui: GuiApi, gestures: Sequence[str]) -> None:
@@ -88,13 +144,13 @@ class HistoryPlot:
             padding=(6, 0, 0, 0),
         )
 
-    def take(self, update: ViewUpdate) -> None:
+    def update(self, update: ViewUpdate) -> None:
         """Store the greatest values between two points."""
         self.force = max(self.force, update.force)
         self.peak = max(self.peak, update.peak)
         self.detected |= {entry.gesture for entry in update.log_entries}
 
-    def draw(self) -> None:
+    def render(self, update: ViewUpdate) -> None:
         """Advance the plot by one point."""
         marks = (HIGH if name in self.detected else OUTSIDE for name in self.names)
         self.points.append((self.force, self.peak, *marks))
@@ -140,15 +196,13 @@ TOUCHED = "the touched one"
 """Choice of the patch that is touched most."""
 MAP_PERIOD = 0.2
 """Interval between redraws of the patch [s]."""
-Digit = Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]
-DIGITS: tuple[Digit, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 KILL_SHARE = 0.1
 """Share of the taxels that one click of `kill` disables."""
 
 
 @final
-class Panel:
-    """Draws the panel beside the scene ten times a second."""
+class TouchPanel(Panel):
+    """Shows touches, their gestures and the skin, with the controls of the mouse."""
 
     def __init__(
         self, gui: GuiApi, setup: SceneDescription, scale: ColourScale, hand: MouseHand
@@ -162,12 +216,10 @@ class Panel:
             hand: hand that receives mode, force and duration; other orders are sent
                 through its `send`.
         """
-        self.gui = gui
-        self.setup = setup
-        self.scale = scale
-        self.hand = hand
+        self.gui, self.setup, self.scale, self.hand = gui, setup, scale, hand
         self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
         self.colours = choose_gesture_colours(setup.gestures)
+        self.names = tuple(name for name in setup.gestures if name != "unknown")
         self.last: LogEntry | None = None
         self.running = True
         self.maps_due, self.mapped = 0.0, 0
@@ -194,47 +246,20 @@ class Panel:
             with tabs.add_tab("Correct", Icon.PENCIL):
                 self.add_correction()
         gui.add_html(render_notice(NOT_CERTIFIED))
-        self.add_keys()
-
-    def add_keys(self) -> None:
-        """Add the keys that the page obeys."""
-        gui, setup = self.gui, self.setup
         if setup.touchable and setup.is_arm:
-            space = gui.add_command("pause or resume the task", hotkey="space")
-
-            @space.on_trigger
-            async def _(event: CommandEvent) -> None:
-                self.order("pause_task" if self.running else "resume_task")
-
-        if setup.corrects:
-            for digit, gesture in zip(DIGITS, self.names, strict=False):
-                self.add_key(digit, f"that was a {to_words(gesture)}", gesture)
-
-    def add_key(self, digit: Digit, title: str, gesture: str) -> None:
-        """Add a key that corrects the last detection."""
-        key = self.gui.add_command(title, hotkey=digit)
-
-        @key.on_trigger
-        async def _(event: CommandEvent) -> None:
-            self.correct(gesture)
+            add_key(gui, "space", "pause or resume the task", self.pause_or_resume)
 
     def add_correction(self) -> None:
-        """Add the controls that correct the last detection."""
+        """Add the controls and keys that correct the last detection."""
         gui = self.gui
         self.corrected = gui.add_html(render_correction(None, self.names, self.colours))
-        words = tuple(map(to_words, self.names))
-        name = gui.add_dropdown("that was a", words)
+        name = gui.add_dropdown("that was a", tuple(map(to_words, self.names)))
         other = gui.add_text("or another", "", hint="name of any gesture of your own")
         keep = gui.add_button("keep in the recording", icon=Icon.TAG)
-
-        @keep.on_click
-        async def _(event: GuiEvent) -> None:
-            self.correct(other.value or name.value)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Gestures that a detection can be corrected to."""
-        return tuple(name for name in self.setup.gestures if name != "unknown")
+        obey(keep.on_click, lambda _: self.correct(other.value or name.value))
+        for digit, gesture in zip(DIGITS, self.names, strict=False):
+            title = f"that was a {to_words(gesture)}"
+            add_key(gui, digit, title, partial(self.correct, gesture))
 
     def correct(self, gesture: str) -> None:
         """Send what the last detected touch was."""
@@ -242,7 +267,7 @@ class Panel:
             self.hand.send(CorrectionOrder(self.last.touch, gesture))
 
     def add_touch_controls(self) -> None:
-        """Add the controls of touches: mode, force and duration."""
+        """Add the controls of touches, and of the task of the arm."""
         gui, hand = self.gui, self.hand
         mode = gui.add_dropdown(
             "click is a",
@@ -257,62 +282,48 @@ class Panel:
         seconds = gui.add_slider(
             "duration [s]", min=0.1, max=3.0, step=0.1, initial_value=hand.seconds
         )
+        obey(mode.on_update, partial(setattr, hand, "mode"))
+        obey(force.on_update, lambda value: setattr(hand, "force", float(value)))
+        obey(seconds.on_update, lambda value: setattr(hand, "seconds", float(value)))
         if self.setup.is_arm:
-            self.add_task_controls()
-
-        @mode.on_update
-        async def _(event: GuiEvent) -> None:
-            hand.mode = cast(TouchMode, event.target.value)
-
-        @force.on_update
-        async def _(event: GuiEvent) -> None:
-            hand.force = float(event.target.value)
-
-        @seconds.on_update
-        async def _(event: GuiEvent) -> None:
-            hand.seconds = float(event.target.value)
-
-    def add_task_controls(self) -> None:
-        """Add the buttons that pause and resume the task of the arm."""
-        task = self.gui.add_button_group("task", ("pause", "resume"))
-
-        @task.on_click
-        async def _(event: GuiEvent) -> None:
-            is_pause = event.target.value == "pause"
-            self.order("pause_task" if is_pause else "resume_task")
+            self.add_orders("task", {"pause": "pause_task", "resume": "resume_task"})
 
     def add_skin_controls(self) -> None:
         """Add the controls of cables, dead taxels, skins and recording."""
         gui, setup = self.gui, self.setup
         patch = gui.add_dropdown("cable of", setup.patches)
-        cable = gui.add_button_group("is to", ("unplug", "plug in"))
-        taxels = gui.add_button_group("taxels", (f"kill {KILL_SHARE:.0%}", "restore"))
-        record = gui.add_button_group("recording", ("record", "stop"))
-
-        @cable.on_click
-        async def _(event: GuiEvent) -> None:
-            self.order(
-                "unplug" if event.target.value == "unplug" else "plug", patch.value
-            )
-
-        @taxels.on_click
-        async def _(event: GuiEvent) -> None:
-            if event.target.value == "restore":
-                self.order("restore")
-            else:
-                self.order("kill", KILL_SHARE)
-
-        @record.on_click
-        async def _(event: GuiEvent) -> None:
-            is_start = event.target.value == "record"
-            self.order("record" if is_start else "stop_recording")
-
+        cable: dict[str, PageKind] = {"unplug": "unplug", "plug in": "plug"}
+        self.add_orders("is to", cable, lambda kind: patch.value)
+        taxels: dict[str, PageKind] = {f"kill {KILL_SHARE:.0%}": "kill"}
+        taxels["restore"] = "restore"
+        self.add_orders("taxels", taxels, {"kill": KILL_SHARE}.get)
+        self.add_orders("recording", {"record": "record", "stop": "stop_recording"})
         if len(setup.skins) > 1:
             skin = gui.add_dropdown("skin", setup.skins)
+            obey(skin.on_update, lambda name: self.order("skin", name))
 
-            @skin.on_update
-            async def _(event: GuiEvent) -> None:
-                self.order("skin", event.target.value)
+    def add_orders(
+        self,
+        name: str,
+        kinds: dict[str, PageKind],
+        find_value: Callable[[PageKind], str | float | None] = lambda kind: None,
+    ) -> None:
+        """Add a group of buttons that send orders.
+
+        Args:
+            name: name of the group.
+            kinds: kind of the order of each button, by its label.
+            find_value: function that returns the value of an order by its kind.
+        """
+        group = self.gui.add_button_group(name, tuple(kinds))
+        obey(
+            group.on_click,
+            lambda label: self.order(kinds[label], find_value(kinds[label])),
+        )
+
+    def pause_or_resume(self) -> None:
+        """Pause the task of the arm while it runs, else resume it."""
+        self.order("pause_task" if self.running else "resume_task")
 
     def order(self, kind: PageKind, value: str | float | None = None) -> None:
         """Send an order other than a touch."""
@@ -322,18 +333,18 @@ class Panel:
         """Add an answer to what was done in the page to the log."""
         self.log_entries.appendleft(LogEntry(seconds, "note", text))
 
-    def take(self, update: ViewUpdate) -> None:
+    def update(self, update: ViewUpdate) -> None:
         """Store the values and log entries of an update."""
-        self.history.take(update)
+        self.history.update(update)
         self.log_entries.extendleft(update.log_entries)
         found = [entry for entry in update.log_entries if entry.kind == "detection"]
         self.last = found[-1] if found else self.last
         self.running = update.arm is None or update.arm.state in ("running", "waiting")
 
-    def draw(self, update: ViewUpdate) -> None:
-        """Draw an update."""
+    def render(self, update: ViewUpdate) -> None:
+        """Show the touches, the log, the plot and the skin."""
         valid = unpack_valid(update, self.setup)
-        self.history.draw()
+        self.history.render(update)
         self.status.content = render_status(update, valid)
         self.bars.content = render_bars(update.touches, self.setup)
         self.log.content = render_log(tuple(self.log_entries), self.colours)
@@ -358,15 +369,3 @@ class Panel:
         self.map.content = render_patch_map(
             setup, self.mapped, update.pressure, valid, self.scale
         )
-
-
-def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
-    """Add a slider that changes the maximum of the colour scale."""
-    slider = gui.add_slider(
-        "scale to [kPa]", min=5, max=200, step=5, initial_value=int(scale.maximum)
-    )
-
-    @slider.on_update
-    async def _(event: GuiEvent) -> None:
-        scale.maximum = float(event.target.value)
-        legend.content = render_block(scale.legend())

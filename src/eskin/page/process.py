@@ -1,21 +1,22 @@
-"""This module starts the page's process and exchanges messages with it."""
+"""This module starts the page's process, makes its link, and talks to it."""
 
 import logging
 import os
+import secrets
 import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import Empty, Full, Queue
-from threading import Condition, Thread
+from threading import Condition, Event, Thread
 from typing import TypeGuard, final
 
 import eskin
 from eskin.errors import DeviceError
-from eskin.page.link import format_link, free_port, make_token
 from eskin.page.messages import (
     ORDER,
     READY,
@@ -30,12 +31,58 @@ from eskin.page.messages import (
     ViewUpdate,
 )
 
+HOST = "127.0.0.1"
+"""Address of the page, which other computers cannot reach.
+
+By default viser would listen on every address.
+"""
+
+DEFAULT_PORT = 8080
+"""TCP port of the page where no other is asked for."""
+TOKEN_BYTES = 24
+"""Size of a token, which nobody can guess [bytes]."""
+
+
+def make_token() -> str:
+    """Make a token: who has it may open the page, so it is printed and never kept."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def format_link(port: int, token: str) -> str:
+    """Return the link that opens the page at a port of this computer."""
+    return f"http://{HOST}:{port}/?token={token}"
+
+
+def free_port(port: int) -> int:
+    """Return the port itself, or a free one where it is 0.
+
+    Raises:
+        DeviceError: the port is taken, or out of range.
+    """
+    if not 0 <= port < 65536:
+        raise DeviceError(
+            f"port is {port}; allowed are 1 to 65535, or 0 for any; change --port"
+        )
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+            return probe.getsockname()[1]
+        except OSError as error:
+            raise DeviceError(
+                f"port {port} of {HOST} is not available ({error.strerror}); allowed "
+                "is a free one; close what uses it or give another with --port"
+            ) from error
+
+
 MAX_IN_FLIGHT = 2
 """Greatest number of updates that are sent and not yet shown."""
 MAX_ORDERS = 64
 """Greatest number of orders that wait for execution; further ones are dropped."""
 END_TIMEOUT = 3.0
 """Longest time to wait for the end of the process, or of a thread [s]."""
+FLAG_TICK = 0.1
+"""Interval between checks for the end of the process [s]."""
 
 logger = logging.getLogger(__name__)
 
@@ -75,11 +122,7 @@ class PageProcess:
             DeviceError: the port is not available.
         """
         port = free_port(port)
-        may_order = (
-            setup.touchable or setup.calibrates or setup.corrects or setup.paints
-        )
-        self.on_order = on_order if may_order else None
-        self.setup = setup
+        self.on_order, self.setup = on_order, setup
         self.changed = Condition()
         self.latest: ViewUpdate | None = None
         self.in_flight = self.updates = self.shown = self.dropped = 0
@@ -112,9 +155,9 @@ class PageProcess:
         """Show an update when the page is ready, unless a later one replaces it."""
         with self.changed:
             self.updates += 1
-            before = self.latest
-            if before is not None and before.log_entries:
-                update = merge_log_entries(update, before)
+            if self.latest is not None:
+                entries = (*self.latest.log_entries, *update.log_entries)
+                update = replace(update, log_entries=entries[-MAX_ORDERS:])
             self.latest = update
             self.changed.notify_all()
 
@@ -195,24 +238,31 @@ class PageProcess:
 
     def is_allowed(self, order: object) -> TypeGuard[Order]:
         """Return whether the page may send an order."""
-        if isinstance(order, CorrectionOrder):
-            return self.setup.corrects
-        if isinstance(order, PaintOrder):
-            return self.setup.paints
-        if isinstance(order, PageOrder):
-            return self.setup.touchable or self.setup.calibrates or self.setup.paints
-        is_touch = isinstance(order, TouchOrder)
-        return is_touch and (self.setup.touchable or self.setup.calibrates)
+        setup = self.setup
+        match order:
+            case CorrectionOrder():
+                return setup.corrects
+            case PaintOrder():
+                return setup.paints
+            case PageOrder():
+                return setup.touchable or setup.calibrates or setup.paints
+            case TouchOrder():
+                return setup.touchable or setup.calibrates
+        return False
 
     def execute_orders(self) -> None:
         """Execute orders one after the other."""
         while (order := self.orders.get()) is not None:
-            if self.on_order is None:
-                continue
             try:
-                self.on_order(order)
+                if self.on_order is not None:
+                    self.on_order(order)
             except Exception:
                 logger.exception("%s failed", order)
+
+    def wait_for(self, flag: Event) -> None:
+        """Wait until a flag is set, or the process has ended by itself."""
+        while self.failure is None and not flag.wait(FLAG_TICK):
+            pass
 
     def report_lost(self) -> None:
         """Log once that the page's process has ended by itself."""
@@ -234,25 +284,14 @@ class PageProcess:
             # A process that is stopped by a signal cannot end by itself.
             self.process.kill()
             self.process.wait(END_TIMEOUT)
-        self.drop_orders()
+        # Orders that wait are dropped; None ends the thread that executes them.
+        with suppress(Empty):
+            while True:
+                self.orders.get_nowait()
+        self.orders.put_nowait(None)
         for thread in self.threads:
             thread.join(END_TIMEOUT)
         self.connection.close()
-
-    def drop_orders(self) -> None:
-        """Drop the orders that wait, and end the thread that executes them."""
-        try:
-            while True:
-                self.orders.get_nowait()
-        except Empty:
-            self.orders.put_nowait(None)
-
-
-def merge_log_entries(update: ViewUpdate, before: ViewUpdate) -> ViewUpdate:
-    """Return an update with the log entries of one before it as well."""
-    return replace(
-        update, log_entries=(*before.log_entries, *update.log_entries)[-MAX_ORDERS:]
-    )
 
 
 def build_environment() -> dict[str, str]:

@@ -1,7 +1,8 @@
 """This module draws the robot, its taxels, its gripper and the marks of touches."""
 
+from abc import ABC, abstractmethod
 from collections import deque
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
@@ -48,8 +49,20 @@ MIN_POSE_CHANGE = 1e-5
 """Change of a pose below which a frame is not moved, per component [1 or m]."""
 
 
+Mesh = tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]
+"""Vertices of a mesh, and their indices in each face."""
+
+
+class PagePart(ABC):
+    """A part of the page shows updates."""
+
+    @abstractmethod
+    def update(self, update: ViewUpdate) -> None:
+        """Show an update, of which there are up to 25 a second."""
+
+
 @final
-class Scene:
+class Scene(PagePart):
     """Draws the robot, its taxels and the ground; sends only what has changed.
 
     Attributes:
@@ -186,22 +199,47 @@ class Scene:
             colours: colour of each disc, or of all.
         """
         setup, taxels = self.setup, self.taxels[link]
-        vertices, faces = build_disc()
         normals = setup.normals[taxels]
+        return self.add_instances(
+            f"{setup.links[link]}/{name}",
+            build_disc(),
+            (compute_rotations_to(normals), setup.positions[taxels] + lift * normals),
+            share * np.sqrt(setup.areas[taxels] / np.pi),
+            colours,
+        )
+
+    def add_instances(
+        self,
+        name: str,
+        mesh: Mesh,
+        poses: tuple[Float[np.ndarray, "one 4"], Float[np.ndarray, "one 3"]],
+        scales: Float[np.ndarray, "one"],
+        colours: UInt8[np.ndarray, "one 3"] | tuple[int, int, int],
+        side: Literal["front", "double"] = "front",
+    ) -> BatchedMeshHandle:
+        """Add several instances of a mesh.
+
+        Args:
+            name: name of the link, and of the instances on it.
+            mesh: vertices and faces.
+            poses: quaternion wxyz and position [m] of each, in the frame of the link.
+            scales: scale of each.
+            colours: colour of each, or of all.
+            side: side of the faces that is seen.
+        """
         return self.server.scene.add_batched_meshes_simple(
-            f"/robot/{setup.links[link]}/{name}",
-            vertices,
-            faces,
-            compute_rotations_to(normals),
-            setup.positions[taxels] + lift * normals,
-            batched_scales=share * np.sqrt(setup.areas[taxels] / np.pi),
+            f"/robot/{name}",
+            *mesh,
+            *poses,
+            batched_scales=scales,
             batched_colors=colours,
             lod="off",
+            side=side,
             cast_shadow=False,
             receive_shadow=False,
         )
 
-    def show(self, update: ViewUpdate) -> None:
+    def update(self, update: ViewUpdate) -> None:
         """Move the links and colour the taxels that have changed."""
         for link, frame in enumerate(self.frames):
             move_frame(frame, self.poses[link], update.poses[link])
@@ -275,7 +313,7 @@ def move_frame(
         frame.position = pose[4:]
 
 
-def build_disc() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
+def build_disc() -> Mesh:
     """Return vertices and faces of a flat disc of radius 1 that faces z."""
     angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(CORNERS)], axis=-1)
@@ -304,7 +342,7 @@ FINGER_OFFSETS = {"open": 0.042, "closed": 0.011}
 
 
 @final
-class GripperModel:
+class GripperModel(PagePart):
     """Draws a gripper on the last link of the robot; only its fingers move."""
 
     def __init__(self, server: ViserServer, setup: SceneDescription) -> None:
@@ -338,13 +376,11 @@ class GripperModel:
         )
         self.shown = "open"
 
-    def show(self, state: str, carrying: bool) -> None:
-        """Open or close the gripper, and show the part in it.
-
-        Args:
-            state: `open` or `closed`.
-            carrying: whether a part is in the gripper.
-        """
+    def update(self, update: ViewUpdate) -> None:
+        """Open or close the gripper, and show the part in it."""
+        if update.arm is None:
+            return
+        state, carrying = update.arm.gripper, update.arm.carrying
         if self.part.visible != carrying:
             self.part.visible = carrying
         if state != self.shown and state in FINGER_OFFSETS:
@@ -374,7 +410,7 @@ LABEL_SECONDS = 2.0
 
 
 @final
-class Marks:
+class Marks(PagePart):
     """Draws rings around contacts and labels at detections."""
 
     def __init__(self, server: ViserServer, scene: Scene) -> None:
@@ -385,36 +421,25 @@ class Marks:
         self.count = 0
         self.labels: deque[tuple[float, LabelHandle, int]] = deque()
         ring, arrow = build_ring(), build_arrow()
-        self.rings = {n: self.add_marks("contacts", n, *ring) for n in scene.discs}
-        self.arrows = {n: self.add_marks("forces", n, *arrow) for n in scene.discs}
+        self.rings = {n: self.add_marks("contacts", n, ring) for n in scene.discs}
+        self.arrows = {n: self.add_marks("forces", n, arrow) for n in scene.discs}
         self.names = [
             server.scene.add_label(f"/contact_{number}", "", visible=False)
             for number in range(NAMED)
         ]
 
-    def add_marks(
-        self,
-        name: str,
-        link: int,
-        vertices: Float32[np.ndarray, "vertex 3"],
-        faces: np.ndarray,
-    ) -> BatchedMeshHandle:
+    def add_marks(self, name: str, link: int, mesh: Mesh) -> BatchedMeshHandle:
         """Add marks of a shape to a link, too small to see until they are used."""
-        return self.server.scene.add_batched_meshes_simple(
-            f"/robot/{self.scene.setup.links[link]}/{name}",
-            vertices,
-            faces,
-            np.tile([1.0, 0.0, 0.0, 0.0], (MAX_RINGS, 1)),
-            np.zeros((MAX_RINGS, 3)),
-            batched_scales=np.full(MAX_RINGS, HIDDEN_RADIUS),
-            batched_colors=tuple(LINEAR[list(RING)].tolist()),
-            lod="off",
+        return self.scene.add_instances(
+            f"{self.scene.setup.links[link]}/{name}",
+            mesh,
+            (np.tile([1.0, 0.0, 0.0, 0.0], (MAX_RINGS, 1)), np.zeros((MAX_RINGS, 3))),
+            np.full(MAX_RINGS, HIDDEN_RADIUS),
+            tuple(LINEAR[list(RING)].tolist()),
             side="double",
-            cast_shadow=False,
-            receive_shadow=False,
         )
 
-    def show(self, update: ViewUpdate) -> None:
+    def update(self, update: ViewUpdate) -> None:
         """Draw the contacts and detections of an update, and remove old labels."""
         self.draw_marks(update.contacts)
         self.draw_names(update.contacts)
@@ -466,9 +491,9 @@ class Marks:
             return
         self.count += 1
         link = self.scene.setup.links[entry.link]
-        for earlier in [found for found in self.labels if found[2] == entry.link]:
-            earlier[1].remove()
-            self.labels.remove(earlier)
+        for previous in [found for found in self.labels if found[2] == entry.link]:
+            previous[1].remove()
+            self.labels.remove(previous)
         label = self.server.scene.add_label(
             f"/robot/{link}/detection_{self.count}",
             entry.text.partition(",")[0],
@@ -493,7 +518,7 @@ CAMERA_HEIGHT = 0.05
 
 
 @final
-class TargetMark:
+class TargetMark(PagePart):
     """Marks the place to press next, and turns the camera to it."""
 
     def __init__(self, server: ViserServer, scene: Scene) -> None:
@@ -503,8 +528,9 @@ class TargetMark:
         self.place: PressPlace | None = None
         self.handles: list[MeshHandle | LabelHandle] = []
 
-    def show(self, place: PressPlace | None) -> None:
-        """Mark a place, or none."""
+    def update(self, update: ViewUpdate) -> None:
+        """Mark the place of the guide, if there is one."""
+        place = None if update.guide is None else update.guide.place
         if place == self.place:
             return
         for handle in self.handles:
@@ -552,7 +578,7 @@ class TargetMark:
         self.scene.set_camera(p_world, distance, direction)
 
 
-def build_ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
+def build_ring() -> Mesh:
     """Return vertices and faces of a flat ring of radius 1 across z."""
     angle = np.arange(SEGMENTS) * 2 * np.pi / SEGMENTS
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(SEGMENTS)], axis=-1)
@@ -566,7 +592,7 @@ def build_ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
     return vertices, np.concatenate(faces).astype(np.uint32)
 
 
-def build_arrow() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
+def build_arrow() -> Mesh:
     """Return vertices and faces of an arrow of length 1 down z, its tip at zero."""
     angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)

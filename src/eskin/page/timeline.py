@@ -2,19 +2,21 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from html import escape
 from threading import RLock
 from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
-from viser import CommandEvent, GuiApi, GuiEvent, Icon, ViserServer
+from viser import GuiApi, Icon, ViserServer
 from viser.uplot import Series
 
 from eskin.errors import RecordingError
 from eskin.page import html
 from eskin.page.appearance import describe_scene
-from eskin.page.colours import ColourScale, choose_gesture_colours
+from eskin.page.colours import choose_gesture_colours
 from eskin.page.editing import (
     LabelEditor,
     LoadedRecording,
@@ -22,11 +24,18 @@ from eskin.page.editing import (
     compute_envelope,
     match_detections,
 )
-from eskin.page.messages import ViewUpdate
-from eskin.page.page import BRAND, SCALE, WIDER
-from eskin.page.panel import add_scale, describe_axis, describe_marks
-from eskin.page.scene import Scene
-from eskin.page.viewer import pack_poses
+from eskin.page.page import WIDER, lay_out
+from eskin.page.panel import (
+    DIGITS,
+    OUTSIDE,
+    Key,
+    add_key,
+    add_scale,
+    describe_axis,
+    describe_marks,
+    obey,
+)
+from eskin.page.viewer import build_still
 from eskin.recording import NONE, DetectionRecord, Label
 from eskin.skin import MountedSkin
 
@@ -70,8 +79,6 @@ class PlaybackClock:
 
 BINS = 500
 """Greatest number of points of the plot."""
-OUTSIDE = -9.0
-"""Height of hidden marks, outside the plot, which has no missing values."""
 PEAK_COLOUR, RANGE_COLOUR, HERE_COLOUR = "#3b4f7a", "rgba(31,39,51,0.14)", "#1f2733"
 
 
@@ -178,10 +185,6 @@ STEP = 0.01
 """Step of the sliders [s]."""
 NUDGE = 0.1
 """Step of the arrow keys [s]."""
-Key = Literal[
-    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "I", "O", "Z", "S",
-    "delete", "1", "2", "3", "4", "5", "6", "7", "8", "9",
-]  # fmt: skip
 KEYS: dict[Key, str] = {
     "space": "play or pause",
     "arrowleft": "back by 0.1 s",
@@ -195,7 +198,6 @@ KEYS: dict[Key, str] = {
     "S": "save",
 }
 """What keys do, besides the digits, which label the range."""
-DIGITS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 HELP = (
     "space plays, arrows move, I and O begin and end the range, 1 to 9 label it, "
     "delete removes, Z undoes, S saves"
@@ -233,16 +235,10 @@ class Timeline:
         self.lock = RLock()
         self.clock = PlaybackClock(float(loaded.seconds[-1]))
         self.shown = -1
-        gui = server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDER)
-        gui.set_panel_label(editor.recording.path.name)
-        self.scale = ColourScale(SCALE)
-        setup = describe_scene(mounted, GESTURES)
-        self.scene = Scene(server, setup, self.scale)
-        self.scene.set_camera(np.array(setup.middle), setup.distance)
-        server.on_client_connect(self.scene.turn)
+        gui, title = server.gui, editor.recording.path.name
+        setup = replace(describe_scene(mounted, GESTURES), title=title)
+        self.scene = lay_out(server, setup, WIDER)
+        scale = self.scene.scale
         self.status = gui.add_html("")
         self.overview = Overview(gui, loaded, editor, detections)
         self.add_transport()
@@ -252,10 +248,14 @@ class Timeline:
         with tabs.add_tab("Compare", Icon.LIST_CHECK):
             self.table = gui.add_html("")
         with tabs.add_tab("Colours", Icon.PALETTE):
-            legend = gui.add_html(html.render_block(self.scale.legend()))
-            add_scale(gui, self.scale, legend)
+            legend = gui.add_html(html.render_block(scale.legend()))
+            add_scale(gui, scale, legend)
         self.note = gui.add_html("")
-        self.add_keys()
+        for key, title in KEYS.items():
+            add_key(gui, key, title, partial(self.press, key))
+        for digit in DIGITS:
+            title = f"label the range with gesture {digit}"
+            add_key(gui, digit, title, partial(self.press, digit))
         self.list_labels()
 
     def add_transport(self) -> None:
@@ -275,28 +275,16 @@ class Timeline:
         )
         keys = gui.add_button_group("go", ("play/pause", "previous", "next"))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        go: dict[str, Key] = {"previous": "arrowup", "next": "arrowdown"}
+        obey(self.slider.on_update, self.seek)
+        obey(self.range.on_update, lambda span: self.draw())
+        obey(keys.on_click, lambda label: self.press(go.get(label, "space")))
+        obey(speed.on_update, lambda value: setattr(clock, "speed", float(value)))
 
-        @self.slider.on_update
-        async def _(event: GuiEvent) -> None:
-            # A change made by `tick` has no client.
-            if event.client_id is not None:
-                with self.lock:
-                    clock.seek(float(event.target.value))
-
-        @self.range.on_update
-        async def _(event: GuiEvent) -> None:
-            if event.client_id is not None:
-                with self.lock:
-                    self.draw()
-
-        @keys.on_click
-        async def _(event: GuiEvent) -> None:
-            go: dict[str, Key] = {"previous": "arrowup", "next": "arrowdown"}
-            self.press(go.get(event.target.value, "space"))
-
-        @speed.on_update
-        async def _(event: GuiEvent) -> None:
-            clock.speed = float(event.target.value)
+    def seek(self, seconds: float) -> None:
+        """Move to a time [s]."""
+        with self.lock:
+            self.clock.seek(float(seconds))
 
     def add_label(self) -> None:
         """Add the controls that label the range, remove, undo and save."""
@@ -308,35 +296,19 @@ class Timeline:
         save = gui.add_button("save", icon=Icon.DEVICE_FLOPPY)
         gui.add_html(html.render_notice(HELP))
 
-        @ends.on_click
-        async def _(event: GuiEvent) -> None:
-            self.press("I" if event.target.value.startswith("begin") else "O")
-
-        @change.on_click
-        async def _(event: GuiEvent) -> None:
-            if event.target.value == "label":
-                self.attempt(lambda: self.label(str(self.gesture.value)))
-            else:
-                self.press("delete" if event.target.value == "remove" else "Z")
-
-        @save.on_click
-        def _(event: GuiEvent) -> None:
-            self.press("S")
-
-    def add_keys(self) -> None:
-        """Add the keys that the page obeys."""
-        for key, title in KEYS.items():
-            self.add_key(key, title)
-        for number, digit in enumerate(DIGITS, 1):
-            self.add_key(digit, f"label the range with gesture {number}")
-
-    def add_key(self, key: Key, title: str) -> None:
-        """Add a key."""
-        command = self.server.gui.add_command(title, hotkey=key)
-
-        @command.on_trigger
-        def _(event: CommandEvent) -> None:
-            self.press(key)
+        marks: dict[str, Key] = {"begin (I)": "I", "end (O)": "O"}
+        changes: dict[str, Key] = {"remove": "delete", "undo": "Z"}
+        obey(ends.on_click, lambda label: self.press(marks[label]))
+        obey(
+            change.on_click,
+            lambda label: (
+                self.press(changes[label])
+                if label in changes
+                else self.attempt(lambda: self.label(str(self.gesture.value)))
+            ),
+        )
+        # In a thread, since it takes a while.
+        save.on_click(lambda event: self.press("S"))
 
     def press(self, key: Key) -> None:
         """Do what a key stands for."""
@@ -393,8 +365,8 @@ class Timeline:
         now = self.editor.stamp(self.clock.seconds)
         labels = self.editor.labels
         after = [label for label in labels if label.start > now]
-        before = [label for label in labels if label.start < now]
-        for label in after[:1] if step > 0 else before[-1:]:
+        previous = [label for label in labels if label.start < now]
+        for label in after[:1] if step > 0 else previous[-1:]:
             start, end = (self.editor.seconds(x) for x in (label.start, label.end))
             self.clock.seek(start)
             self.range.value = (
@@ -463,11 +435,7 @@ class Timeline:
         right = sum(pair.is_right for pair in pairs)
         rows = [
             (
-                self.editor.seconds(pair.label.start)
-                if pair.label
-                else self.editor.seconds(pair.detection.onset)
-                if pair.detection
-                else 0.0,
+                self.editor.seconds(pair.time),
                 pair.label.gesture if pair.label else "-",
                 f"{pair.detection.gesture} {pair.detection.confidence:.0%}"
                 if pair.detection
@@ -486,7 +454,15 @@ class Timeline:
             row = self.loaded.at(self.clock.seconds)
             if row != self.shown:
                 self.shown = row
-                self.scene.show(self.build_update(row))
+                loaded = self.loaded
+                still = build_still(
+                    self.mounted,
+                    float(loaded.seconds[row]),
+                    loaded.q[row],
+                    loaded.pressure[row],
+                    loaded.valid[row],
+                )
+                self.scene.update(still)
                 self.status.content = self.render_status(row)
                 self.draw()
 
@@ -509,22 +485,4 @@ class Timeline:
             (here[-1] if here else "", here[-1] if here else "no label"),
             (found[-1].gesture if found else "", model[0] if model else "-"),
             choose_gesture_colours(self.names),
-        )
-
-    def build_update(self, row: int) -> ViewUpdate:
-        """Return the update for one reading."""
-        loaded = self.loaded
-        return ViewUpdate(
-            seconds=float(loaded.seconds[row]),
-            poses=pack_poses(self.mounted.kinematics.poses(loaded.q[row])),
-            pressure=loaded.pressure[row],
-            valid=np.packbits(loaded.valid[row]),
-            contacts=(),
-            touches=(),
-            force=float(loaded.force[row]),
-            peak=float(loaded.peak[row]),
-            log_entries=(),
-            rate=0.0,
-            step=0.0,
-            age=0.0,
         )

@@ -1,31 +1,40 @@
-"""This module provides the listener that shows a stream in the browser."""
+"""This module shows a stream in the browser, or a calibration."""
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from threading import Event as Flag
 from time import monotonic
-from typing import Protocol, final, runtime_checkable
+from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Float16
 
+from eskin.command import Arm, ArmState
 from eskin.drivers import Event
 from eskin.errors import DeviceError
 from eskin.live import Detection
 from eskin.page.appearance import describe_scene
-from eskin.page.link import format_link, make_token
 from eskin.page.messages import (
     ArmSummary,
     ComparisonBoard,
     ContactMarker,
     CorrectionOrder,
+    GuideBoard,
     LogEntry,
     OpenTouch,
     Order,
+    PageOrder,
     SceneDescription,
     ViewUpdate,
 )
-from eskin.page.process import PageProcess
+from eskin.page.process import (
+    DEFAULT_PORT,
+    FLAG_TICK,
+    PageProcess,
+    format_link,
+    make_token,
+)
 from eskin.skin import MountedSkin
 from eskin.stream import (
     CommandEvent,
@@ -46,61 +55,6 @@ MAX_LOG_ENTRIES = 32
 """Greatest number of log entries that wait for an update; older ones are dropped."""
 MAX_CONTACTS = 8
 """Greatest number of contacts in an update."""
-
-
-@runtime_checkable
-class ArmStatus(Protocol):
-    """Declares the part of an arm's state that the page shows."""
-
-    @property
-    def moving(self) -> bool:
-        """Return whether a joint moves."""
-        ...
-
-    @property
-    def paused(self) -> bool:
-        """Return whether a person requested a pause."""
-        ...
-
-    @property
-    def hold_reason(self) -> str | None:
-        """Reason for a stop without a request; None otherwise."""
-        ...
-
-    @property
-    def speed(self) -> float:
-        """Speed as a share of full speed."""
-        ...
-
-    @property
-    def speed_limit(self) -> float:
-        """Share of full speed that it does not exceed for now."""
-        ...
-
-    @property
-    def gripper(self) -> str:
-        """State of the gripper: `open` or `closed`."""
-        ...
-
-    @property
-    def target(self) -> str:
-        """Name of the target of the motion."""
-        ...
-
-    @property
-    def carrying(self) -> bool:
-        """Return whether a part is in the gripper."""
-        ...
-
-    @property
-    def protective_stop(self) -> bool:
-        """Return whether the robot has stopped itself."""
-        ...
-
-    @property
-    def connected(self) -> bool:
-        """Return whether the robot is connected."""
-        ...
 
 
 @final
@@ -224,6 +178,22 @@ class FrameEncoder:
         return tuple(sorted(found, key=lambda touch: -touch.force))
 
 
+def build_still(
+    mounted: MountedSkin,
+    seconds: float,
+    q: Float[np.ndarray, "joint"],
+    pressure: Float16[np.ndarray, "taxel"],
+    valid: Bool[np.ndarray, "taxel"],
+) -> ViewUpdate:
+    """Return an update that shows pressures [kPa] without contacts and touches."""
+    return ViewUpdate(
+        seconds=seconds,
+        poses=pack_poses(mounted.kinematics.poses(q)),
+        pressure=pressure,
+        valid=np.packbits(valid),
+    )
+
+
 def pack_poses(
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> Float[np.ndarray, "link 7"]:
@@ -247,7 +217,7 @@ REMEDIES = (
 """What ends a stop, by the beginning of its reason."""
 
 
-def describe_arm(arm: ArmStatus, commands: Sequence[str] = ()) -> ArmSummary:
+def describe_arm(arm: ArmState, commands: Sequence[str] = ()) -> ArmSummary:
     """Return the summary of an arm's state, with the reason for a stop and its remedy.
 
     Args:
@@ -298,20 +268,11 @@ RECORDING = "recording to "
 """How a description of a recording begins while it is made; its path follows."""
 
 
-@runtime_checkable
-class ReportsState(Protocol):
-    """Declares the part of an arm that the page needs."""
-
-    def state(self) -> ArmStatus:
-        """Return the current state."""
-        ...
-
-
 @dataclass(frozen=True)
 class ViewerConfig:
     """Configures the port of the page and the actions that it offers."""
 
-    port: int = 8080
+    port: int = DEFAULT_PORT
     """Port of 127.0.0.1; 0 for any free one."""
     touchable: bool = False
     """Whether the page may send touches and other orders.
@@ -357,7 +318,7 @@ class Viewer(Listener):
         recognition: Recognition,
         config: ViewerConfig | None = None,
         on_order: Callable[[Order], None] | None = None,
-        arm: ReportsState | None = None,
+        arm: Arm | None = None,
         board: Callable[[], ComparisonBoard | None] | None = None,
         recording: Callable[[], str] | None = None,
     ) -> None:
@@ -445,9 +406,9 @@ class Viewer(Listener):
 
     def describe_scene(self) -> SceneDescription:
         """Return the description of the scene, which is sent once."""
-        return describe_scene(
-            self.mounted,
-            self.recognition.recognizer.model.card.vocabulary,
+        gestures = self.recognition.recognizer.model.card.vocabulary
+        return replace(
+            describe_scene(self.mounted, gestures),
             touchable=self.config.touchable,
             skins=self.config.skins,
             is_arm=self.arm is not None,
@@ -515,3 +476,105 @@ class Viewer(Listener):
         if self.page is not None:
             self.page.close()
             self.page = None
+
+
+@final
+class CalibrationViewer:
+    """Shows a calibration in the browser, and stores what the person clicks there.
+
+    Attributes:
+        opened: flag set once a browser has opened the page.
+        closed: flag set once the person has closed it by its button.
+        skipped: patch or point that the person wants to leave out; None where nothing
+            is to be left out.
+        repeated: number of presses of which the person wants to repeat the last; None
+            where nothing is to be repeated.
+    """
+
+    def __init__(
+        self, mounted: MountedSkin, rate: float, config: ViewerConfig | None = None
+    ) -> None:
+        """Start the page's process.
+
+        Args:
+            mounted: skin that is calibrated, on its robot.
+            rate: rate of the scans [1/s].
+            config: configuration of the page; nothing can be touched there.
+
+        Raises:
+            DeviceError: the port is not available.
+        """
+        config = config or ViewerConfig()
+        self.rate = rate
+        self.opened, self.closed = Flag(), Flag()
+        self.skipped: str | None = None
+        self.repeated: int | None = None
+        self.encoder: FrameEncoder | None = None
+        self.mounted, self.stamp, self.due = mounted, 0, 0.0
+        scene = replace(
+            describe_scene(mounted, ()), calibrates=True, warning=config.warning
+        )
+        self.page = PageProcess(scene, config.port, self.take_order, config.token)
+
+    def take_order(self, order: Order) -> None:
+        """Store what the person has clicked."""
+        if not isinstance(order, PageOrder):
+            return
+        match order.kind:
+            case "opened":
+                self.opened.set()
+            case "skip":
+                self.skipped = str(order.value)
+            case "again":
+                self.repeated = int(order.value or 0)
+            case "close":
+                self.closed.set()
+
+    @property
+    def is_opened(self) -> bool:
+        """Return whether a browser has opened the page.
+
+        Raises:
+            DeviceError: the page cannot be served.
+        """
+        if self.page.failure is not None and not self.opened.is_set():
+            raise DeviceError(self.page.failure)
+        return self.opened.is_set()
+
+    def wait_opened(self) -> None:
+        """Wait until a browser has opened the page.
+
+        Raises:
+            DeviceError: the page cannot be served.
+        """
+        while not self.is_opened:
+            self.opened.wait(FLAG_TICK)
+
+    def wait_closed(self) -> None:
+        """Wait until the person has closed the page, or its process has ended."""
+        self.page.wait_for(self.closed)
+
+    def wants(self) -> bool:
+        """Return whether the page is to be given the latest scan."""
+        return monotonic() >= self.due and self.page.wants()
+
+    def tell(self, line: str) -> None:
+        """Add a line to the log of the page."""
+        if self.encoder is not None:
+            seconds = self.encoder.seconds(self.stamp)
+            entry = LogEntry(seconds, "event", line.strip())
+            self.encoder.log_entries.append(entry)
+
+    def show(self, state: TouchState, board: GuideBoard) -> None:
+        """Show pressures and contacts of a scan, and what to do next."""
+        self.stamp = state.reading.stamp
+        if self.encoder is None:
+            self.encoder = FrameEncoder(self.mounted, self.stamp)
+        self.due = monotonic() + 1 / MAX_UPDATE_RATE
+        recognised = RecognitionState(state, {}, ())
+        update = self.encoder.build_update(recognised, self.rate, 0.0, 0.0, None)
+        self.page.give(replace(update, guide=board))
+
+    def close(self) -> None:
+        """End the page's process."""
+        self.page.close()

@@ -5,7 +5,7 @@ automatic data labeling method, incorporating a minimum window size to mitigate 
 and prevent issues such as the separation of double-tap gestures" (Data Collection).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import RecordingError
 from eskin.recording.labels import NONE, Label, build_rough_ranges, sort_labels
 from eskin.recording.reader import Recording
-from eskin.touch import Calibrator
+from eskin.skin import MountedSkin
+from eskin.touch import PipelineConfig, Reading, TouchPipeline
 from eskin.units import NS_PER_S
 
 HISTOGRAM_BINS = 128
@@ -285,15 +286,34 @@ def label_recording(
     return AutoLabelResult(stamps, tuple(ranges), found)
 
 
+def compute_readings(
+    recording: Recording,
+    mounted: MountedSkin | None = None,
+    config: PipelineConfig | None = None,
+) -> Iterator[Reading]:
+    """Compute the reading of every scan as a recogniser sees it, one after the other.
+
+    Args:
+        recording: recording that is read.
+        mounted: its skin on its robot; None mounts it on the robot of the recording.
+        config: configuration of the pipeline, as of a model; None for the default.
+
+    Raises:
+        RobotError: the recording does not hold its robot.
+    """
+    mounted = mounted or MountedSkin(recording.skin, recording.load_robot())
+    pipeline = TouchPipeline(mounted, recording.calibration, config)
+    for scan in recording.scans():
+        yield pipeline.push(scan).reading
+
+
 def compute_peak_pressures(
     recording: Recording,
 ) -> tuple[Int[np.ndarray, "reading"], Float[np.ndarray, "reading"]]:
     """Return stamps [ns] and largest valid pressure [kPa] of all readings."""
-    calibrator = Calibrator(recording.skin, recording.calibration)
-    stamps: list[int] = []
-    peaks: list[float] = []
-    for scan in recording.scans():
-        reading = calibrator.push(scan)
-        stamps.append(reading.stamp)
-        peaks.append(float(reading.pressure.max(initial=0.0, where=reading.valid)))
+    pairs = [
+        (reading.stamp, reading.pressure.max(initial=0.0, where=reading.valid))
+        for reading in compute_readings(recording)
+    ]
+    stamps, peaks = zip(*pairs, strict=True) if pairs else ((), ())
     return np.array(stamps, dtype=np.int64), np.array(peaks, dtype=np.float64)

@@ -14,19 +14,19 @@ from eskin.units import NS_PER_S
 
 REST = 2.5
 """Time without touch before the first gesture, in which the skin is tared [s]."""
-LONGEST = 10.0
+MAX_SECONDS = 10.0
 """Longest time that a gesture may last [s]."""
 FULL = 0.99
 """Share of full scale from which a taxel is saturated."""
 MAX_SATURATED = 0.3
 """Largest share of the taxels of a contact that may be saturated at its peak."""
-FEWEST = 5
-"""Number of takes of a gesture from which it can be learned."""
+MIN_ATTEMPTS = 5
+"""Number of attempts of a gesture from which it can be learned."""
 
 
 @dataclass(frozen=True)
-class Take:
-    """A take is one gesture that a person was asked for and made."""
+class RecordingAttempt:
+    """An attempt is one gesture that a person was asked for and made."""
 
     gesture: str
     """Name of the gesture."""
@@ -48,33 +48,33 @@ class Take:
 
     @property
     def label(self) -> Label:
-        """Label of the take."""
+        """Label of the attempt."""
         return Label(self.start, self.end, self.gesture)
 
 
 @dataclass(frozen=True)
-class TakeEvent:
+class AttemptEvent:
     """An event is what a scan has led to."""
 
     kind: Literal["ready", "began", "taken", "refused", "done"]
     """`ready`: the skin is tared, and the first gesture may be made; `began`: a touch
-    began; `taken`: a take was labelled; `refused`: a touch was not, for `text`; `done`:
-    every gesture has its takes."""
+    began; `taken`: an attempt was labelled; `refused`: a touch was not, for `text`;
+    `done`: every gesture has its attempts."""
     text: str = ""
     """Reason for which a touch is refused."""
-    take: Take | None = None
+    attempt: RecordingAttempt | None = None
     """What was labelled."""
 
 
 @final
-class TakeGuide:
+class RecordingGuide:
     """A guide asks for gestures in turn, and labels each from its first contact on.
 
-    It is pushed scan by scan, and knows neither device nor terminal. A take ends when
-    nothing has touched the skin for as long as a touch may pause.
+    It is pushed scan by scan, and knows neither device nor terminal. An attempt ends
+    when nothing has touched the skin for as long as a touch may pause.
 
     Attributes:
-        takes: takes so far.
+        attempts: attempts so far.
         skipped: gestures that are no longer asked for.
     """
 
@@ -91,12 +91,12 @@ class TakeGuide:
             mounted: the skin on its robot.
             calibration: its calibration.
             gestures: names of the gestures, in the order in which they are asked for.
-            times: number of takes of each.
+            times: number of attempts of each.
         """
         self.mounted, self.calibration = mounted, calibration
         self.gestures, self.times = tuple(gestures), times
         self.pipeline = TouchPipeline(mounted, calibration)
-        self.takes: list[Take] = []
+        self.attempts: list[RecordingAttempt] = []
         self.is_last_kept = True
         self.skipped: set[str] = set()
         self.rested_since: int | None = None
@@ -104,9 +104,9 @@ class TakeGuide:
         self.touch: TouchSummary | None = None
         self.requested: str | None = None
 
-    def count_takes(self, gesture: str) -> int:
-        """Return the number of takes of a gesture so far."""
-        return sum(take.gesture == gesture for take in self.takes)
+    def count_attempts(self, gesture: str) -> int:
+        """Return the number of attempts of a gesture so far."""
+        return sum(attempt.gesture == gesture for attempt in self.attempts)
 
     @property
     def request(self) -> str | None:
@@ -115,27 +115,27 @@ class TakeGuide:
         All gestures take turns, so that what changes in time changes for all of them.
         """
         left = [each for each in self.gestures if each not in self.skipped]
-        fewest = min(left, key=self.count_takes, default=None)
-        if fewest is None or self.count_takes(fewest) >= self.times:
+        next_gesture = min(left, key=self.count_attempts, default=None)
+        if next_gesture is None or self.count_attempts(next_gesture) >= self.times:
             return None
-        return fewest
+        return next_gesture
 
-    def again(self) -> Take | None:
-        """Drop the last take, which is asked for anew, and return it.
+    def again(self) -> RecordingAttempt | None:
+        """Drop the last attempt, which is asked for anew, and return it.
 
         None where it has been dropped already: the one before it is kept.
         """
-        if self.is_last_kept or not self.takes:
+        if self.is_last_kept or not self.attempts:
             return None
         self.is_last_kept = True
-        return self.takes.pop()
+        return self.attempts.pop()
 
     def skip(self) -> None:
         """Ask no more for the gesture that is asked for."""
         if self.request is not None:
             self.skipped.add(self.request)
 
-    def push(self, scan: Scan) -> TakeEvent | None:
+    def push(self, scan: Scan) -> AttemptEvent | None:
         """Process the next scan, and return what it has led to."""
         state = self.pipeline.push(scan)
         if not self.is_ready:
@@ -146,7 +146,7 @@ class TakeGuide:
             self.requested = self.request
             self.touch = TouchSummary(min(touch.onset for touch in state.open))
             self.touch.add(scan, state, self.calibration.full_scale)
-            return TakeEvent("began")
+            return AttemptEvent("began")
         if state.open:
             self.touch.add(scan, state, self.calibration.full_scale)
             return None
@@ -155,23 +155,23 @@ class TakeGuide:
         if gesture is None or gesture != self.request:
             text = "another gesture was asked for meanwhile"
         if gesture is None or text:
-            return TakeEvent("refused", text)
-        take = ended.build_take(gesture)
-        self.takes.append(take)
+            return AttemptEvent("refused", text)
+        attempt = ended.build_attempt(gesture)
+        self.attempts.append(attempt)
         self.is_last_kept = False
-        return TakeEvent("taken" if self.request else "done", take=take)
+        return AttemptEvent("taken" if self.request else "done", attempt=attempt)
 
-    def push_rest(self, state: TouchState) -> TakeEvent | None:
+    def push_rest(self, state: TouchState) -> AttemptEvent | None:
         """Wait until the skin has been at rest for long enough."""
         stamp = state.reading.stamp
         if self.rested_since is None or state.open:
             self.rested_since = stamp
         self.is_ready = stamp - self.rested_since >= REST * NS_PER_S
-        return TakeEvent("ready") if self.is_ready else None
+        return AttemptEvent("ready") if self.is_ready else None
 
 
 class TouchSummary:
-    """A summary collects what a take needs to know of the touches of one gesture."""
+    """A summary collects what an attempt needs of the touches of one gesture."""
 
     def __init__(self, onset: int) -> None:
         """Start at the first contact [ns since the epoch]."""
@@ -190,10 +190,10 @@ class TouchSummary:
             return
         self.last, self.after = stamp, None
         strongest = max(contacts, key=lambda contact: contact.force)
-        before, self.strongest = self.strongest, strongest
-        self.pieces += before is None
-        if before is not None and before.link == strongest.link:
-            step = strongest.p_link - before.p_link
+        previous, self.strongest = self.strongest, strongest
+        self.pieces += previous is None
+        if previous is not None and previous.link == strongest.link:
+            step = strongest.p_link - previous.p_link
             self.travelled += float(np.linalg.norm(step))
         taxels = np.concatenate([contact.taxels for contact in contacts])
         self.area = max(self.area, sum(contact.area for contact in contacts))
@@ -204,16 +204,16 @@ class TouchSummary:
             self.saturated = float(np.mean(scan.counts[taxels] >= FULL * full_scale))
 
     def describe_refusal(self) -> str:
-        """Describe why it is no take; empty if it is one."""
+        """Describe why it is no attempt; empty if it is one."""
         seconds = (self.last - self.onset) / NS_PER_S
-        if seconds > LONGEST:
-            return f"it lasted {seconds:.0f} s; allowed are {LONGEST:g}"
+        if seconds > MAX_SECONDS:
+            return f"it lasted {seconds:.0f} s; allowed are {MAX_SECONDS:g}"
         if self.saturated > MAX_SATURATED:
             return "most of the taxels were at full scale; press more lightly"
         return ""
 
-    def build_take(self, gesture: str) -> Take:
-        """Build the take of a gesture."""
+    def build_attempt(self, gesture: str) -> RecordingAttempt:
+        """Build the attempt of a gesture."""
         end = self.after or self.last + 1
         values = (
             (end - self.onset) / NS_PER_S,
@@ -224,48 +224,56 @@ class TouchSummary:
             1e2 * self.travelled + 1.0,
         )
         features = np.log(np.maximum(values, 1e-3))
-        return Take(gesture, self.onset, end, self.force, self.taxels, features)
+        return RecordingAttempt(
+            gesture, self.onset, end, self.force, self.taxels, features
+        )
 
 
 @dataclass(frozen=True)
-class TakeReview:
-    """A review says whether takes are enough, and distinct, to be learned from."""
+class AttemptReview:
+    """A review says whether attempts are enough, and distinct, to be learned from."""
 
     counts: dict[str, int]
-    """Number of takes of each gesture."""
+    """Number of attempts of each gesture."""
     nearest_right: int
-    """Number of takes whose nearest other take is of the same gesture."""
+    """Number of attempts whose nearest other attempt is of the same gesture."""
     confused: tuple[str, str, int] | None
-    """Gesture, the one that its takes are nearest to most often, and how often; None
-    where no take is nearest to another gesture."""
+    """Gesture, the one that its attempts are nearest to most often, and how often; None
+    where no attempt is nearest to another gesture."""
 
     @property
     def few(self) -> tuple[str, ...]:
-        """Gestures with fewer takes than can be learned from."""
-        return tuple(name for name, count in self.counts.items() if count < FEWEST)
+        """Gestures with fewer attempts than can be learned from."""
+        return tuple(
+            name for name, count in self.counts.items() if count < MIN_ATTEMPTS
+        )
 
 
-def review_takes(takes: Sequence[Take], gestures: Sequence[str]) -> TakeReview:
-    """Compare each take to its nearest other one, by features in units of their spread.
+def review_attempts(
+    attempts: Sequence[RecordingAttempt], gestures: Sequence[str]
+) -> AttemptReview:
+    """Compare each attempt to its nearest other one, by features over their spread.
 
     Args:
-        takes: all takes.
+        attempts: all attempts.
         gestures: names of the gestures that were asked for.
     """
-    counts = {name: sum(take.gesture == name for take in takes) for name in gestures}
-    if len(takes) < 2:
-        return TakeReview(counts, 0, None)
-    features = np.array([take.features for take in takes])
+    counts = {
+        name: sum(attempt.gesture == name for attempt in attempts) for name in gestures
+    }
+    if len(attempts) < 2:
+        return AttemptReview(counts, 0, None)
+    features = np.array([attempt.features for attempt in attempts])
     features = features / np.maximum(features.std(axis=0), 0.05)
     distances = np.linalg.norm(features[:, None] - features, axis=2)
     np.fill_diagonal(distances, np.inf)
     pairs = [
-        (take.gesture, takes[other].gesture)
-        for take, other in zip(takes, distances.argmin(axis=1), strict=True)
+        (attempt.gesture, attempts[other].gesture)
+        for attempt, other in zip(attempts, distances.argmin(axis=1), strict=True)
     ]
     wrong = [pair for pair in pairs if pair[0] != pair[1]]
     confused = None
     if wrong:
         pair = max(sorted(set(wrong)), key=wrong.count)
         confused = (*pair, wrong.count(pair))
-    return TakeReview(counts, len(pairs) - len(wrong), confused)
+    return AttemptReview(counts, len(pairs) - len(wrong), confused)

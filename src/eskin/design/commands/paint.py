@@ -11,7 +11,7 @@ import tyro
 from eskin.cli.checks import check_writable
 from eskin.design.commands.design import check_packages
 from eskin.errors import DeviceError, SkinError
-from eskin.page.link import DEFAULT_PORT
+from eskin.page.process import DEFAULT_PORT
 from eskin.robot import load_robot
 from eskin.units import format_count
 
@@ -96,7 +96,7 @@ def open_page(command: PaintCommand, draft: "SpecDraft") -> "PaintViewer":
     from eskin.design.paint_viewer import PaintViewer
     from eskin.design.painting import find_points, sample_surfaces
     from eskin.design.spec import MAX_BALLS, PER_CM2
-    from eskin.page.link import free_port
+    from eskin.page.process import free_port
     from eskin.page.viewer import ViewerConfig
     from eskin.skin import MountedSkin
 

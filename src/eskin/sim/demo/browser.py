@@ -25,7 +25,7 @@ from eskin.drivers import Clock, Event, FixedJoints, HostClock
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
 from eskin.page import Order, PageOrder, TouchOrder
-from eskin.page.link import free_port, make_token
+from eskin.page.process import free_port, make_token
 from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
