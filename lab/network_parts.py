@@ -245,7 +245,7 @@ class PartNetwork(RecogniserNetwork):
     ) -> Float[Tensor, "view window class"]:
         """Return the logits of the views of the part."""
         if self.part.graph_alone:
-            return self.graph_view(e, slot_index)[None]
+            return self.graph_branch(e, slot_index)[None]
         return super().classify(e, slot_index)
 
 
@@ -259,7 +259,7 @@ class PartTrainer(Trainer):
         if not self.network.part.graph_alone:
             return super().compute_loss(batch)
         graphs, slot_index = batch.encoded.graphs, batch.encoded.slot_index
-        logits = self.network.graph_view(self.network.embed(graphs), slot_index)
+        logits = self.network.graph_branch(self.network.embed(graphs), slot_index)
         unused = sum(p.sum() for p in self.network.summary_head.parameters())
         labels, smoothing = batch.labels[: len(logits)], self.config.smoothing
         return cross_entropy(logits, labels, label_smoothing=smoothing) + 0.0 * unused

@@ -36,8 +36,7 @@ from eskin.live import (
     pack_touch_nodes,
 )
 from eskin.live.encoder_kernels import encode
-from eskin.live.logits import LogitStream
-from eskin.live.network import Network
+from eskin.live.network import LogitStream, Network
 from eskin.live.summary_kernels import summarise
 from lab.live_parts import SequenceWindow, compute_features
 
@@ -131,7 +130,7 @@ def list_compiled_parts(
 ) -> list[Callable[[], object]]:
     """List calls of graph, encoder, summary, heads and whole step for one reading."""
     network, stream = Network(model), LogitStream(model, builder)
-    graph = builder.build(*nodes).arrays
+    graph = builder.build(*nodes)
     window = SequenceWindow(network.heads, network.slots)
     weights, memory = network.weights, network.workspace
     encoder = weights.encoder

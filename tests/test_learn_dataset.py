@@ -168,7 +168,7 @@ def test_shear_that_some_skins_lack_is_not_used(tmp_path):
 def test_skins_of_different_size_make_one_data_set(nominal, tmp_path):
     other = record(tmp_path / "small.mcap", ["hold"], size=(2, 3))
     dataset = prepare([nominal.recordings[0].path, other])
-    assert dataset.graphs.count == len(dataset.stamps)
+    assert dataset.graphs.size == len(dataset.stamps)
 
 
 def test_digest_depends_on_the_recordings_but_not_on_their_order(nominal, tmp_path):

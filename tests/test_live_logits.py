@@ -17,7 +17,7 @@ from eskin.live import (
     compute_probabilities,
     pack_touch_nodes,
 )
-from eskin.live.logits import INITIAL_SEQUENCES, LogitStream
+from eskin.live.network import INITIAL_SEQUENCES, LogitStream
 from eskin.live.step_kernels import step
 from eskin.touch import Reading
 from helpers.live import (

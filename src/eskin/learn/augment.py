@@ -1,6 +1,6 @@
 """This module augments training windows: forces of other people, other sensors."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -100,8 +100,7 @@ def augment(
         )
     history = graphs.history.copy()
     history[:, FORCE_COLUMNS] *= person[window, None].astype(np.float32)
-    return replace(
-        graphs,
+    return graphs._replace(
         history=history,
         pressure=np.maximum(graphs.pressure * now - offset, 0.0),
         before=np.maximum(graphs.before * before - offset, 0.0),

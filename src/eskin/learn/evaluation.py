@@ -64,8 +64,8 @@ def compute_log_probabilities(
                 torch.as_tensor(windows.slot[chosen]),
                 min(WINDOW_BATCH, len(ends) - low),
             )
-            views = network.classify(e[torch.as_tensor(place[chosen])], slot_index)
-            logits = views.mean(dim=0) / temperature
+            branches = network.classify(e[torch.as_tensor(place[chosen])], slot_index)
+            logits = branches.mean(dim=0) / temperature
             parts.append(log_softmax(logits, dim=1).numpy())
     return np.concatenate(parts)
 

@@ -54,7 +54,7 @@ class TrainConfig:
     batch: int = 64
     """Windows in a step."""
     encoded: int = 32
-    """Windows of a step whose graphs are encoded, the slowest part; the summary view
+    """Windows of a step whose graphs are encoded, the slowest part; the summary branch
     uses all windows."""
     readings: int = 25
     """Readings of an encoded window whose graphs are encoded, drawn at random."""
@@ -257,9 +257,9 @@ class Trainer:
         )
 
     def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
-        """Return the cross entropy of both views together, plus the mean of each's.
+        """Return the cross entropy of both branches together, plus the mean of each's.
 
-        Without a graph view it is that of the summary view.
+        Without a graph branch it is that of the summary branch.
         """
         network = self.network
 
@@ -269,11 +269,11 @@ class Trainer:
             return cross_entropy(logits, labels, label_smoothing=smoothing)
 
         standardised = network.standardise(batch.summary)
-        by_summary = network.summary_view(standardised, batch.slot_index)
+        by_summary = network.summary_branch(standardised, batch.slot_index)
         if not network.config.width:
             return loss(by_summary)
         embedded = network.embed(batch.encoded.graphs)
-        by_graph = network.graph_view(embedded, batch.encoded.slot_index)
+        by_graph = network.graph_branch(embedded, batch.encoded.slot_index)
         both = (by_summary[: len(by_graph)] + by_graph) / 2
         return loss(both) + (loss(by_summary) + loss(by_graph)) / 2
 

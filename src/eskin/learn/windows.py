@@ -94,8 +94,7 @@ def stretch_time(
     factor = factor.astype(np.float32)
     history = graphs.history.copy()
     history[:, TIME_COLUMNS] *= factor[:, None]
-    stretched = replace(
-        graphs,
+    stretched = graphs._replace(
         history=history,
         seconds=graphs.seconds * factor,
         age=graphs.age * factor[graphs.graph_index],

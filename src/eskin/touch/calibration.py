@@ -1,6 +1,7 @@
 """This module defines the calibration of a skin, which converts counts to pressure."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -9,7 +10,11 @@ from jaxtyping import Float
 
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.skin import Skin
-from eskin.touch.calibration_kernels import MAX_SCALE_SHARE, PressureCurve
+from eskin.touch.calibration_kernels import (
+    PressureCurve,
+    compute_counts,
+    compute_pressures,
+)
 
 VERSION = 1
 MAX_CALIBRATION_BYTES = 8 << 20
@@ -185,48 +190,24 @@ class Calibration:
         self, pressure: float | Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Compute the counts above rest at a pressure [kPa], or at one a taxel."""
-        conductance = self.compute_conductance(pressure)
-        match self.curve:
-            case "linear":
-                return self.full_scale * conductance
-            case "logarithmic":
-                grown = np.log1p(self.span * conductance)
-                return self.full_scale * grown / np.log1p(self.span)
-            case _:
-                return self.full_scale * conductance / (1.0 + conductance)
+        return self.convert(compute_counts, pressure)
 
     def compute_pressure(
         self, above: Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Compute the pressure [kPa] at counts above rest."""
-        share = np.maximum(above, 0.0) / self.full_scale
-        if self.curve == "linear":
-            return self.invert_conductance(share)
-        if self.curve == "logarithmic":
-            grown = np.expm1(np.minimum(share, 1.0) * np.log1p(self.span))
-            return self.invert_conductance(grown / self.span)
-        share = np.minimum(share, MAX_SCALE_SHARE)
-        return self.invert_conductance(share / (1.0 - share))
+        return self.convert(compute_pressures, above)
 
-    def compute_conductance(
-        self, pressure: float | Float[np.ndarray, "*batch taxel"]
+    def convert(
+        self,
+        kernel: Callable[..., None],
+        values: float | Float[np.ndarray, "*batch taxel"],
     ) -> Float[np.ndarray, "*batch taxel"]:
-        """Compute the conductance at a pressure [kPa], relative to that at half scale.
-
-        For a logarithmic device it is relative to that at full scale, and for a linear
-        one it is counts above rest divided by full scale.
-        """
-        felt = np.maximum(pressure - self.unfelt, 0.5 * pressure)
-        linear = felt / (np.asarray(self.gain, np.float64) * self.full_scale)
-        return linear if self.curve == "linear" else linear**self.exponent
-
-    def invert_conductance(
-        self, conductance: Float[np.ndarray, "*batch taxel"]
-    ) -> Float[np.ndarray, "*batch taxel"]:
-        """Compute the pressure [kPa] at a conductance of `compute_conductance`."""
-        power = 1.0 if self.curve == "linear" else 1.0 / self.exponent
-        felt = conductance**power * self.gain * self.full_scale
-        return felt + np.minimum(felt, self.unfelt)
+        """Convert one value, or one a taxel, by a kernel of the pressure curve."""
+        every, gain = np.broadcast_arrays(np.asarray(values, np.float64), self.gain)
+        out = np.empty(every.size)
+        kernel(every.ravel(), gain.ravel(), self.pressure_curve, out)
+        return out.reshape(every.shape)
 
     def to_bytes(self) -> bytes:
         """Encode the constants as JSON text."""

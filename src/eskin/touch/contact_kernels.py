@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.compiled import compiled
 from eskin.touch.records import (
     CONTACT,
-    HELD,
+    LATCHED,
     LOAD,
     KernelReading,
     TrackerContext,
@@ -16,7 +16,7 @@ from eskin.touch.records import (
 )
 
 PA_PER_KPA = 1000.0
-HELD_FLOOR = 0.75
+LATCHED_FLOOR = 0.75
 """Floor of the noise of a taxel that is active, or beside one that rises, in units of
 that of others."""
 Vector = Float[np.ndarray, "3"]
@@ -139,24 +139,24 @@ def select_active(
 ) -> Indices:
     """Select the active taxels among ascending candidates.
 
-    For a taxel that is held, which was active and has not been released, the threshold
-    is the lower one. A taxel that is not received stays held for a short time. Both
-    thresholds rise with the noise of the taxel, and with the recent peak of it and its
-    neighbours, so that the residual of a sensor after a release is no contact. A taxel
-    that rises alone becomes active with the next reading that confirms it, since
-    corrupt values last for one; not so in readings without noise.
+    For a taxel that is latched, which was active and has not been released, the
+    threshold is the lower one. A taxel that is not received stays latched for a short
+    time. Both thresholds rise with the noise of the taxel, and with the recent peak of
+    it and its neighbours, so that the residual of a sensor after a release is no
+    contact. A taxel that rises alone becomes active with the next reading that confirms
+    it, since corrupt values last for one; not so in readings without noise.
     """
     parameters, state = context.parameters, context.state
     chosen = np.empty(len(candidates), np.int64)
     count, now = 0, reading.now
-    since = min(reading.previous, now - parameters.hold_seconds)
+    since = min(reading.previous, now - parameters.dropout_seconds)
     for i in candidates:
         if not reading.valid[i]:
             continue
         taxel, pressure = state.taxels[i], reading.pressure[i]
         recent = compute_recent_peak(taxel, now, parameters.fade_seconds)
-        if taxel.held and taxel.active_at >= since:
-            least = max(parameters.off, HELD_FLOOR * reading.floor[i])
+        if taxel.latched and taxel.active_at >= since:
+            least = max(parameters.off, LATCHED_FLOOR * reading.floor[i])
             enough = pressure >= max(least, parameters.off_share * recent)
         else:
             least = max(parameters.on, reading.floor[i])
@@ -179,7 +179,7 @@ def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool
     span = context.geometry[i].neighbours
     for k in range(span[0], span[1]):
         j = context.neighbours[k]
-        least = max(context.parameters.off, HELD_FLOOR * reading.floor[j])
+        least = max(context.parameters.off, LATCHED_FLOOR * reading.floor[j])
         if reading.valid[j] and reading.pressure[j] >= least:
             return False
     return True
@@ -199,7 +199,7 @@ def update_active(
 ) -> None:
     """Update the states of the active taxels and of their neighbours."""
     parameters, state, now = context.parameters, context.state, reading.now
-    since = min(reading.previous, now - parameters.hold_seconds)
+    since = min(reading.previous, now - parameters.dropout_seconds)
     for i in active:
         taxel, pressure = state.taxels[i], reading.pressure[i]
         if max(taxel.active_at, taxel.risen_at) != reading.previous:
@@ -207,7 +207,7 @@ def update_active(
         if max(taxel.active_at, taxel.risen_at) < since:
             taxel.highest, taxel.moved = 0.0, 0
         change = pressure - taxel.highest
-        least = max(parameters.moves * pressure, reading.floor[i])
+        least = max(parameters.min_rise * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.highest = max(taxel.highest, pressure)
         # A corrupt value is of one reading of one taxel, a press of more.
@@ -225,7 +225,7 @@ def update_active(
         for k in range(span[0], span[1]):
             near = state.taxels[context.neighbours[k]]
             raise_peak(near, peak, now, parameters.fade_seconds)
-    update_held(active, reading.valid, since, state)
+    update_latched(active, reading.valid, since, state)
 
 
 @compiled
@@ -240,23 +240,23 @@ def raise_peak(
 
 @compiled
 @no_type_check
-def update_held(
+def update_latched(
     active: Indices, valid: Bool[np.ndarray, "taxel"], since: float, state: TrackerState
 ) -> None:
     """Hold the active taxels, and keep those not received that were active recently."""
-    taxels, held, count = state.taxels, state.held, 0
-    for k in range(state.counts[HELD]):
-        i = held[k]
+    taxels, latched, count = state.taxels, state.latched, 0
+    for k in range(state.counts[LATCHED]):
+        i = latched[k]
         if valid[i] or taxels[i].active_at < since:
-            taxels[i].held = 0
+            taxels[i].latched = 0
         else:
-            held[count] = i
+            latched[count] = i
             count += 1
     for i in active:
-        taxels[i].held = 1
-        held[count] = i
+        taxels[i].latched = 1
+        latched[count] = i
         count += 1
-    state.counts[HELD] = count
+    state.counts[LATCHED] = count
 
 
 @compiled
@@ -298,15 +298,15 @@ def label_components(
     taxels, count = context.state.taxels, len(active)
     parents = np.arange(count)
     for a in range(count):
-        taxels[active[a]].slot = a
+        taxels[active[a]].scratch_index = a
     for a in range(count):
         span = geometry[active[a]].neighbours
         for k in range(span[0], span[1]):
-            b = taxels[neighbours[k]].slot
+            b = taxels[neighbours[k]].scratch_index
             if b > a:
                 join_sets(parents, a, b)
     for a in range(count):
-        taxels[active[a]].slot = -1
+        taxels[active[a]].scratch_index = -1
     join_links(active, p_world, geometry, parents)
     labels = np.empty(count, np.int64)
     found = 0

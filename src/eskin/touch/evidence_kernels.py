@@ -43,7 +43,7 @@ def weigh_contact(
             return np.inf
         noise = max(reading.floor[load.taxel], MIN_NOISE)
         strength = np.log(max(load.pressure / noise, 1.0))
-        strength = min(strength, parameters.most)
+        strength = min(strength, parameters.max_taxel_llr)
         evidence += strength
         clear += load.pressure >= CLEAR_FACTOR * noise
         if strength > strongest:

@@ -90,7 +90,7 @@ def begin_update(
             if tracks[track].touch == status.id:
                 update.owners[track] = touch
                 goes_on |= track < ongoing
-        pause = parameters.pause_ns if status.confirmed else parameters.doubt_ns
+        pause = parameters.pause_ns if status.confirmed else parameters.timeout_ns
         is_weak = status.evidence < parameters.least_evidence and not status.confirmed
         if is_weak and not goes_on:
             pause = min(pause, MIN_LIFT_NS)
@@ -211,7 +211,7 @@ def group_tracks(
         span = buffer.contacts[tracks[track].contact].loads
         if tracks[track].last == reading.stamp:
             compute_box(points[span[0] : span[1]], boxes[track])
-    regions = ContactRegions(points, boxes, parameters.beside)
+    regions = ContactRegions(points, boxes, parameters.max_separation)
     current = tracks[:ongoing]
     gained, became_sure = weigh_tracks(current, reading, context, buffer)
     for track in range(ongoing):
@@ -250,7 +250,7 @@ def weigh_tracks(
             contact = buffer.contacts[tracks[track].contact]
             before = kept * tracks[track].evidence
             gained[track] = weigh_contact(contact, reading, context, buffer)
-            tracks[track].evidence = min(before + gained[track], parameters.enough)
+            tracks[track].evidence = min(before + gained[track], parameters.confirm_llr)
             became_sure[track] = before < least <= tracks[track].evidence
     return gained, became_sure
 
@@ -318,7 +318,7 @@ def belongs_together(
     end = buffer.contacts[tracks[other].contact]
     start = buffer.contacts[tracks[track].contact].p_world
     T_world_link = reading.T_world_link[end.link]
-    return distance_to_link_point(T_world_link, end.p_link, start) <= parameters.near
+    return distance_to_link_point(T_world_link, end.p_link, start) <= parameters.max_gap
 
 
 @compiled
@@ -457,7 +457,7 @@ def update_open_touches(
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
         lasts = touch.onset < reading.stamp or reading.elapsed > SLOW_NS
         if touch.last == reading.stamp and (lasts or touch.evidence == np.inf):
-            if touch.evidence >= parameters.enough:
+            if touch.evidence >= parameters.confirm_llr:
                 touch.confirmed = 1
         touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
         if reading.stamp - touch.settled_at >= parameters.settle_ns:

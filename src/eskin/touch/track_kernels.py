@@ -195,7 +195,7 @@ def match_overlaps(
         count, most = 0, 0.0
         for k in range(contacts[n].loads[0], contacts[n].loads[1]):
             i = loads[k].taxel
-            track = taxels[i].slot
+            track = taxels[i].scratch_index
             if track == NO_INDEX:
                 continue
             if covered[track] == 0.0:
@@ -217,11 +217,11 @@ def match_overlaps(
 @compiled
 @no_type_check
 def mark_taxels(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None:
-    """Write the index of each track to the slots of its taxels, or reset these."""
+    """Write each track to the scratch index of its taxels, or reset these."""
     for track in range(count):
         span = before.contacts[before.tracks[track].contact].loads
         for k in range(span[0], span[1]):
-            taxels[before.loads[k].taxel].slot = track if on else NO_INDEX
+            taxels[before.loads[k].taxel].scratch_index = track if on else NO_INDEX
 
 
 @compiled

@@ -9,7 +9,7 @@ from torch.nn.functional import silu
 
 from eskin.learn.nn.batch import GraphTensors
 from eskin.live import LENGTH_CM, NODE_SCALARS, NetworkConfig
-from eskin.live.model_file import EDGE_SCALARS
+from eskin.live.model_config import EDGE_SCALARS
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 from torch.nn.functional import conv1d, silu
 
 from eskin.learn.nn.batch import SlotIndex
-from eskin.live.model_file import (
+from eskin.live.model_config import (
     LONG_STRIDE,
     LONG_TAPS,
     SHORT_STRIDE,

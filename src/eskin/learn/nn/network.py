@@ -15,10 +15,11 @@ from eskin.live import MAX_DEVIATIONS, PRESSURE_SUMMARY, SHEAR_SUMMARY, NetworkC
 
 
 class RecogniserNetwork(nn.Module):
-    """A network averages the logits of views of a touch, each with its own head.
+    """A network averages the logits of branches of a touch, each with its own head.
 
-    The *summary* view takes only the summary. The *graph* view takes the summary and
-    the learned embedding of the contact graph; a network of width 0 does not have it.
+    The *summary* branch takes only the summary. The *graph* branch takes the summary
+    and the learned embedding of the contact graph; a network of width 0 does not have
+    it.
     """
 
     def __init__(self, config: NetworkConfig, classes: int, shear: bool) -> None:
@@ -48,10 +49,10 @@ class RecogniserNetwork(nn.Module):
 
     def forward(self, batch: NetworkInput) -> Float[Tensor, "window class"]:
         """Return the logits of each window."""
-        return self.views(batch).mean(dim=0)
+        return self.branches(batch).mean(dim=0)
 
-    def views(self, batch: NetworkInput) -> Float[Tensor, "view window class"]:
-        """Return the logits of each view of each window: summary, then graph."""
+    def branches(self, batch: NetworkInput) -> Float[Tensor, "branch window class"]:
+        """Return the logits of each branch of each window: summary, then graph."""
         return self.classify(self.embed(batch.graphs), batch.slot_index)
 
     def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
@@ -63,21 +64,21 @@ class RecogniserNetwork(nn.Module):
 
     def classify(
         self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
-    ) -> Float[Tensor, "view window class"]:
-        """Return the logits of each view of each window from its readings' features."""
+    ) -> Float[Tensor, "branch window class"]:
+        """Return the logits of each branch and window from its readings' features."""
         return self.classify_slots(*scatter_to_slots(e, slot_index, self.config.slots))
 
     def classify_slots(
         self,
         e: Float[Tensor, "window slot feature"],
         present: Float[Tensor, "window slot"],
-    ) -> Float[Tensor, "view window class"]:
-        """Return the logits of each view of each window from its slots' features."""
+    ) -> Float[Tensor, "branch window class"]:
+        """Return the logits of each branch and window from its slots' features."""
         summary = e[:, :, : len(self.summary_mean)]
-        views = [self.summary_head(summary, present)]
+        branches = [self.summary_head(summary, present)]
         if self.config.width:
-            views.append(self.graph_head(e, present))
-        return torch.stack(views)
+            branches.append(self.graph_head(e, present))
+        return torch.stack(branches)
 
     def standardise(
         self, summary: Float[Tensor, "reading summary"]
@@ -86,14 +87,14 @@ class RecogniserNetwork(nn.Module):
         centred = (summary - self.summary_mean) * self.summary_scale
         return centred.clamp(-MAX_DEVIATIONS, MAX_DEVIATIONS)
 
-    def summary_view(
+    def summary_branch(
         self, summary: Float[Tensor, "reading summary"], slot_index: SlotIndex
     ) -> Float[Tensor, "window class"]:
         """Return the logits from the standardised summary alone."""
         slots = scatter_to_slots(summary, slot_index, self.config.slots)
         return self.summary_head(*slots)
 
-    def graph_view(
+    def graph_branch(
         self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
     ) -> Float[Tensor, "window class"]:
         """Return the logits from summary and embedding."""
