@@ -16,10 +16,10 @@ import numpy as np
 import torch
 import tyro
 
+from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.nn import RecogniserNetwork
-from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import Model, Recognizer, load_model
 from eskin.recording import (
     Recording,

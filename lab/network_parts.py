@@ -31,13 +31,12 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, pad, silu
 
-from eskin.learn.batches import Batch, BatchBuilder, build_sampler
+from eskin.learn.batches import Batch, BatchBuilder, build_sampler, cut_windows
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import find_last_rows, predict_clips
 from eskin.learn.metrics import bootstrap_mean
 from eskin.learn.nn import RecogniserNetwork, SlotIndex
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.learn.windows import cut_windows
 from eskin.live import NetworkConfig, compute_summary
 from eskin.recording import NONE, find_recordings
 from lab.baselines.estimators import GradientBoosting

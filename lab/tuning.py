@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from eskin.learn.augment import AugmentConfig
+from eskin.learn.batches import AugmentConfig
 from eskin.live import NetworkConfig
 from lab.baselines import NETWORKS, FitConfig
 from lab.baselines.estimators import (

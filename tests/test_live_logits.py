@@ -6,8 +6,8 @@ import torch
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 from numba.core.runtime.nrt import rtsys
 
+from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
-from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import (
     NO_HISTORY,
     GraphBuilder,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.learn.augment import NO_AUGMENTATION
+from eskin.learn.batches import NO_AUGMENTATION
 from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig
 from eskin.live import HISTORY, NetworkConfig, create_empty_batch

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn.functional import log_softmax
 
 from eskin.errors import RecordingError, SkinMismatchError
+from eskin.learn.batches import cut_windows
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
 from eskin.learn.metrics import (
@@ -26,7 +27,6 @@ from eskin.learn.nn import (
     SlotIndex,
     build_graph_tensors,
 )
-from eskin.learn.windows import cut_windows
 from eskin.live import ModelCard
 from eskin.live.summary_kernels import N_PER_KPA_CM2
 from eskin.recording import NONE

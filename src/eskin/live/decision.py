@@ -6,7 +6,7 @@ Each touch is reported once: as soon as a gesture is certain, at closing at the 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, final, runtime_checkable
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
@@ -19,31 +19,8 @@ from eskin.units import NS_PER_S
 
 UNKNOWN = "unknown"
 """Gesture reported where no class is probable enough."""
-
-
-@runtime_checkable
-class TouchLike(Protocol):
-    """An object like this tells when a touch happens, as a `Touch` does."""
-
-    @property
-    def id(self) -> int:
-        """Id of the touch."""
-        ...
-
-    @property
-    def onset(self) -> int:
-        """Stamp of its first contact [ns since the epoch]."""
-        ...
-
-    @property
-    def last(self) -> int:
-        """Stamp of its last contact so far [ns since the epoch]."""
-        ...
-
-    @property
-    def merged_into(self) -> int | None:
-        """Id of the touch that it was merged into; None or 0 if it was not."""
-        ...
+AnyTouch = Touch | TouchStatus
+"""A touch, or what is read of it at every reading."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +105,8 @@ class DecisionFilter:
     def push(
         self,
         stamp: int,
-        touches: Sequence[TouchLike],
-        closed: Sequence[TouchLike],
+        touches: Sequence[AnyTouch],
+        closed: Sequence[AnyTouch],
         probabilities: Mapping[int, Float[np.ndarray, "class"]],
     ) -> list[Decision]:
         """Return the decisions at the next reading.
@@ -169,7 +146,7 @@ class DecisionFilter:
     def update(
         self,
         evidence: TouchEvidence,
-        touch: TouchLike,
+        touch: AnyTouch,
         stamp: int,
         probabilities: list[float],
     ) -> Decision | None:
@@ -191,7 +168,7 @@ class DecisionFilter:
             touch.id, evidence.gesture, probabilities[leader], evidence.onset
         )
 
-    def close(self, closed: Sequence[TouchLike]) -> list[Decision]:
+    def close(self, closed: Sequence[AnyTouch]) -> list[Decision]:
         """Return the decisions about touches that have closed."""
         decisions = []
         for touch in closed:
@@ -205,7 +182,7 @@ class DecisionFilter:
         return decisions
 
     def decide(
-        self, touch: TouchLike, onset: int, probabilities: list[float]
+        self, touch: AnyTouch, onset: int, probabilities: list[float]
     ) -> Decision:
         """Return the decision about a touch at closing."""
         leader = find_likeliest(probabilities)
@@ -215,7 +192,7 @@ class DecisionFilter:
         return Decision(touch.id, UNKNOWN, confidence, onset, gesture)
 
 
-def reset_evidence(evidence: TouchEvidence, touch: TouchLike, stamp: int) -> None:
+def reset_evidence(evidence: TouchEvidence, touch: AnyTouch, stamp: int) -> None:
     """Drop the evidence of a touch: later contact is treated as another touch.
 
     A touch without contact that was not reported still waits for its closing.
@@ -378,7 +355,7 @@ class DirectionTracker:
             return "toward_tool" if along > 0 else "toward_base"
         return "right" if across > 0 else "left"
 
-    def forget(self, closed: Sequence[Touch | TouchStatus]) -> None:
+    def forget(self, closed: Sequence[AnyTouch]) -> None:
         """Drop touches that have closed."""
         for touch in closed:
             self.contacts.pop(touch.id, None)

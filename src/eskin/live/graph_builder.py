@@ -356,11 +356,6 @@ class FixedNeighbours:
                 skin.positions[taxels], taxels, self.rank, k
             )
 
-    @property
-    def edge_count(self) -> int:
-        """Number of directed edges."""
-        return int((self.table != NO_NODE).sum())
-
 
 def allocate_search(nodes: int, k: int) -> NeighbourWorkspace:
     """Allocate memory to search for `k` neighbours of so many nodes."""

@@ -30,25 +30,13 @@ DEFAULT_FREE = (*MEASURED, "exponent_deviation", "unfelt_deviation", "source")
 calibration is written as it always was."""
 
 
-def parse_curve(name: object) -> Curve:
-    """Return the curve of a name; raise `ValueError` where there is none."""
-    for curve in get_args(Curve):
-        if name == curve:
-            return curve
-    raise ValueError(
-        f"curve is {name!r}; allowed are {', '.join(get_args(Curve))}; correct it"
-    )
-
-
-def parse_source(name: object) -> CalibrationSource:
-    """Return the source of a name; raise `ValueError` where there is none."""
-    for source in get_args(CalibrationSource):
-        if name == source:
-            return source
-    raise ValueError(
-        f"source is {name!r}; allowed are {', '.join(get_args(CalibrationSource))}; "
-        "correct it"
-    )
+def check_choice(what: str, name: object, choices: object) -> None:
+    """Refuse a name that is none of a `Literal`."""
+    if name not in get_args(choices):
+        raise ValueError(
+            f"{what} is {name!r}; allowed are {', '.join(get_args(choices))}; correct "
+            "it"
+        )
 
 
 def parse_numbers(values: object) -> Float[np.ndarray, "number"] | None:
@@ -142,12 +130,13 @@ class Calibration:
                 f"exponent is {self.exponent}; allowed is a finite positive number; "
                 "correct it"
             )
-        if parse_curve(self.curve) == "logarithmic" and not 0 < self.span < np.inf:
+        check_choice("curve", self.curve, Curve)
+        if self.curve == "logarithmic" and not 0 < self.span < np.inf:
             raise ValueError(
                 f"span is {self.span} with a logarithmic curve; allowed is a finite "
                 "positive number; take it from the data sheet"
             )
-        parse_source(self.source)
+        check_choice("source", self.source, CalibrationSource)
         self.check_measured(len(gain))
 
     def check_measured(self, count: int) -> None:
@@ -243,12 +232,12 @@ class Calibration:
                 shear_gain=float(content["shear_gain"]),
                 shear_rest=int(content["shear_rest"]),
                 floor=float(content["floor"]),
-                curve=parse_curve(content.get("curve", "linear")),
+                curve=content.get("curve", "linear"),
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
                 span=float(content.get("span", 0.0)),
                 matrix=bool(content.get("matrix", False)),
-                source=parse_source(content.get("source", "nominal")),
+                source=content.get("source", "nominal"),
                 **{name: parse_numbers(content.get(name)) for name in MEASURED},
                 exponent_deviation=parse_number(content.get("exponent_deviation")),
                 unfelt_deviation=parse_number(content.get("unfelt_deviation")),

@@ -1,12 +1,9 @@
-"""Compiled kernels that convert counts to pressure and subtract crosstalk.
-
-`no_type_check` keeps the type checks of the tests off compiled functions.
-"""
+"""Compiled kernels that convert counts to pressure and subtract crosstalk."""
 
 import math
 from collections import namedtuple
 from dataclasses import dataclass, fields
-from typing import Annotated, NamedTuple, no_type_check
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
@@ -136,7 +133,6 @@ MAX_SCALE_SHARE = 0.999
 
 
 @compiled
-@no_type_check
 def linearise_counts(above: float, curve: PressureCurve) -> float:
     """Return the counts above rest that a linear device of the same gain would give."""
     if above <= 0.0 or curve.full_scale == np.inf:
@@ -153,21 +149,18 @@ def linearise_counts(above: float, curve: PressureCurve) -> float:
 
 
 @compiled
-@no_type_check
 def compute_felt(pressure: float, curve: PressureCurve) -> float:
     """Return the part of a pressure that changes the counts [kPa]."""
     return max(pressure - curve.unfelt, 0.5 * pressure)
 
 
 @compiled
-@no_type_check
 def add_unfelt(felt: float, curve: PressureCurve) -> float:
     """Return the pressure of which a part changes the counts [kPa]."""
     return felt + min(felt, curve.unfelt)
 
 
 @compiled
-@no_type_check
 def compute_pressures(
     above: Float[np.ndarray, "value"],
     gain: Float[np.ndarray, "value"],
@@ -180,7 +173,6 @@ def compute_pressures(
 
 
 @compiled
-@no_type_check
 def compute_counts(
     pressure: Float[np.ndarray, "value"],
     gain: Float[np.ndarray, "value"],
@@ -201,7 +193,6 @@ def compute_counts(
 
 
 @compiled
-@no_type_check
 def calibrate(
     counts: Int[np.ndarray, "taxel"],
     use: Bool[np.ndarray, "taxel"],
@@ -256,7 +247,6 @@ def calibrate(
 
 
 @compiled
-@no_type_check
 def mark_touched(
     i: int,
     above: float,
@@ -272,7 +262,6 @@ def mark_touched(
 
 
 @compiled
-@no_type_check
 def update_tare(
     i: int,
     count: int,
@@ -306,7 +295,6 @@ def update_tare(
 
 
 @compiled
-@no_type_check
 def is_residual(
     i: int,
     above: float,
@@ -337,7 +325,6 @@ def is_residual(
 
 
 @compiled
-@no_type_check
 def update_baselines(
     counts: Int[np.ndarray, "taxel"],
     use: Bool[np.ndarray, "taxel"],
@@ -471,7 +458,6 @@ class CrosstalkEstimate(NamedTuple):
 
 
 @compiled
-@no_type_check
 def compensate_patch(
     pressure: Float[np.ndarray, "skin"],
     valid: Bool[np.ndarray, "skin"],
@@ -507,7 +493,6 @@ def compensate_patch(
 
 
 @compiled
-@no_type_check
 def write_conductance(
     pressure: Float[np.ndarray, "skin"], curve: PressureCurve, patch: MatrixPatch
 ) -> float:
@@ -524,7 +509,6 @@ def write_conductance(
 
 
 @compiled
-@no_type_check
 def sum_others(patch: MatrixPatch) -> None:
     """Write the conductances of the lines and of the detours of each taxel."""
     own, row_sums, column_sums = patch.own, patch.row_sums, patch.column_sums
@@ -546,7 +530,6 @@ def sum_others(patch: MatrixPatch) -> None:
 
 
 @compiled
-@no_type_check
 def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
     """Return the share of the patch's taxels that count as touched."""
     count = 0
@@ -557,7 +540,6 @@ def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
 
 
 @compiled
-@no_type_check
 def update_estimate(
     valid: Bool[np.ndarray, "skin"], patch: MatrixPatch, estimate: CrosstalkEstimate
 ) -> None:
@@ -580,7 +562,6 @@ def update_estimate(
 
 
 @compiled
-@no_type_check
 def add_observation(
     part: int, shares: Float[np.ndarray, "some"], estimate: CrosstalkEstimate
 ) -> None:

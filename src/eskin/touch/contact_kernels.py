@@ -1,7 +1,5 @@
 """Compiled kernels that find the active taxels and the contacts of a reading."""
 
-from typing import no_type_check
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -27,7 +25,6 @@ Transform = Float[np.ndarray, "4 4"]
 
 
 @compiled
-@no_type_check
 def transform_to_world(
     taxels: Int[np.ndarray, "selected"],
     vectors: Float[np.ndarray, "taxel 3"],
@@ -50,7 +47,6 @@ def transform_to_world(
 
 
 @compiled
-@no_type_check
 def transform_to_link(T_world_link: Transform, p_world: Vector, out: Vector) -> None:
     """Transform a point in the world to the frame of a link [m]."""
     for c in range(3):
@@ -61,7 +57,6 @@ def transform_to_link(T_world_link: Transform, p_world: Vector, out: Vector) -> 
 
 
 @compiled
-@no_type_check
 def distance_to_link_point(
     T_world_link: Transform, p_link: Vector, p_world: Vector
 ) -> float:
@@ -75,7 +70,6 @@ def distance_to_link_point(
 
 
 @compiled
-@no_type_check
 def distance(one: Vector, other: Vector) -> float:
     """Return the distance between two points [m]."""
     squared = 0.0
@@ -85,7 +79,6 @@ def distance(one: Vector, other: Vector) -> float:
 
 
 @compiled
-@no_type_check
 def compute_box(points: Points, box: Box) -> None:
     """Write the bounding box of points: smallest, then largest coordinates."""
     for r in range(3):
@@ -96,7 +89,6 @@ def compute_box(points: Points, box: Box) -> None:
 
 
 @compiled
-@no_type_check
 def box_gap(one: Box, other: Box) -> float:
     """Return the largest gap of two boxes along an axis, a bound of their distance."""
     gap = 0.0
@@ -106,7 +98,6 @@ def box_gap(one: Box, other: Box) -> float:
 
 
 @compiled
-@no_type_check
 def point_gap(point: Vector, box: Box) -> float:
     """Return the largest gap of a point and a box along an axis."""
     gap = 0.0
@@ -116,7 +107,6 @@ def point_gap(point: Vector, box: Box) -> float:
 
 
 @compiled
-@no_type_check
 def find_candidates(
     pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
 ) -> int:
@@ -133,7 +123,6 @@ def find_candidates(
 
 
 @compiled
-@no_type_check
 def select_active(
     candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> Indices:
@@ -173,7 +162,6 @@ def select_active(
 
 
 @compiled
-@no_type_check
 def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool:
     """Return whether no neighbour of a taxel is pressed."""
     span = context.geometry[i].neighbours
@@ -186,14 +174,12 @@ def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool
 
 
 @compiled
-@no_type_check
 def compute_recent_peak(taxel: np.void, now: float, fade_seconds: float) -> float:
     """Return the recent peak of a taxel and its neighbours, which fades [kPa]."""
     return taxel.peak * fade_seconds / (fade_seconds + now - taxel.peak_at)
 
 
 @compiled
-@no_type_check
 def update_active(
     active: Indices, reading: KernelReading, context: TrackerContext
 ) -> None:
@@ -229,7 +215,6 @@ def update_active(
 
 
 @compiled
-@no_type_check
 def raise_peak(
     taxel: np.void, pressure: float, now: float, fade_seconds: float
 ) -> None:
@@ -239,7 +224,6 @@ def raise_peak(
 
 
 @compiled
-@no_type_check
 def update_latched(
     active: Indices, valid: Bool[np.ndarray, "taxel"], since: float, state: TrackerState
 ) -> None:
@@ -260,7 +244,6 @@ def update_latched(
 
 
 @compiled
-@no_type_check
 def sort_by_rank(active: Indices, geometry: np.ndarray) -> Indices:
     """Sort taxels by patch, row and column, which is the order of most skins."""
     for a in range(1, len(active)):
@@ -270,7 +253,6 @@ def sort_by_rank(active: Indices, geometry: np.ndarray) -> Indices:
 
 
 @compiled
-@no_type_check
 def find_root(parents: Indices, i: int) -> int:
     """Return the representative of an element's set (union-find)."""
     while parents[i] != i:
@@ -280,7 +262,6 @@ def find_root(parents: Indices, i: int) -> int:
 
 
 @compiled
-@no_type_check
 def join_sets(parents: Indices, i: int, j: int) -> None:
     """Join the sets of two elements; the earlier one represents both."""
     a, b = find_root(parents, i), find_root(parents, j)
@@ -289,7 +270,6 @@ def join_sets(parents: Indices, i: int, j: int) -> None:
 
 
 @compiled
-@no_type_check
 def label_components(
     active: Indices, p_world: Points, context: TrackerContext
 ) -> Indices:
@@ -320,7 +300,6 @@ def label_components(
 
 
 @compiled
-@no_type_check
 def find_strong(
     active: Indices, labels: Indices, reading: KernelReading, share: float
 ) -> Bool[np.ndarray, "active"]:
@@ -335,7 +314,6 @@ def find_strong(
 
 
 @compiled
-@no_type_check
 def join_links(
     active: Indices, p_world: Points, geometry: np.ndarray, parents: Indices
 ) -> None:
@@ -368,7 +346,6 @@ def join_links(
 
 
 @compiled
-@no_type_check
 def join_near(
     a: int,
     others: range,
@@ -388,7 +365,6 @@ def join_near(
 
 
 @compiled
-@no_type_check
 def find_contacts(
     candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
@@ -436,7 +412,6 @@ def find_contacts(
 
 
 @compiled
-@no_type_check
 def allocate_contacts(labels: Indices, stamp: int) -> np.ndarray:
     """Build a contact for each label, with an empty span where its loads will begin."""
     contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
@@ -453,7 +428,6 @@ def allocate_contacts(labels: Indices, stamp: int) -> np.ndarray:
 
 
 @compiled
-@no_type_check
 def normalise_sums(
     contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> None:

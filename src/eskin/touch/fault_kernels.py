@@ -1,6 +1,6 @@
 """Compiled kernels that update the history of counts for the detection of faults."""
 
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -135,7 +135,6 @@ class CountHistory(NamedTuple):
 
 
 @compiled
-@no_type_check
 def update_history(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
@@ -189,7 +188,6 @@ def update_history(
 
 
 @compiled
-@no_type_check
 def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     """Reset the history of a taxel at its first data or the first after a silence."""
     history.first_received[i] = now
@@ -228,7 +226,6 @@ class NoiseLimits(NamedTuple):
 
 
 @compiled(error_model="numpy")
-@no_type_check
 def update_noise(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
@@ -373,7 +370,6 @@ def update_noise(
 
 
 @compiled
-@no_type_check
 def any_pressed(
     taxels: Int[np.ndarray, "some"],
     level: Float[np.ndarray, "taxel"],
@@ -388,7 +384,6 @@ def any_pressed(
 
 
 @compiled
-@no_type_check
 def update_isolated(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
@@ -452,7 +447,6 @@ def update_isolated(
 
 
 @compiled
-@no_type_check
 def is_alone(
     i: int,
     step: float,
@@ -479,7 +473,6 @@ def is_alone(
 
 
 @compiled
-@no_type_check
 def update_unanswered(
     pressure: Float[np.ndarray, "taxel"],
     valid: Bool[np.ndarray, "taxel"],
@@ -510,7 +503,6 @@ def update_unanswered(
 
 
 @compiled
-@no_type_check
 def find_noisier(
     candidates: Int[np.ndarray, "candidate"],
     factor: float,
