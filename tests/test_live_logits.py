@@ -11,13 +11,14 @@ from eskin.learn.dataset import prepare
 from eskin.live import (
     NO_HISTORY,
     GraphBuilder,
+    LogitStream,
     Network,
     Recognizer,
     TouchNodes,
     compute_probabilities,
     pack_touch_nodes,
 )
-from eskin.live.network import INITIAL_SEQUENCES, LogitStream
+from eskin.live.network import INITIAL_SEQUENCES
 from eskin.live.step_kernels import step
 from eskin.touch import Reading
 from helpers.live import (

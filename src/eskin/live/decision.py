@@ -98,7 +98,7 @@ class DecisionFilter:
             for threshold in self.thresholds
         ]
         self.lift = round(self.config.lift_seconds * NS_PER_S)
-        self.hold = round(self.config.hold_seconds * NS_PER_S)
+        self.dwell = round(self.config.hold_seconds * NS_PER_S)
         self.change_ends = change_ends
         self.evidence: dict[int, TouchEvidence] = {}
 
@@ -141,7 +141,7 @@ class DecisionFilter:
             return False
         if evidence.other_since is None:
             evidence.other_since = stamp
-        return stamp - evidence.other_since >= self.hold
+        return stamp - evidence.other_since >= self.dwell
 
     def update(
         self,
@@ -159,9 +159,9 @@ class DecisionFilter:
         certain = probabilities[leader] >= threshold
         if leader != evidence.leader or not certain:
             evidence.leader, evidence.since = leader if certain else -1, stamp
-        held = evidence.leader >= 0 and stamp - evidence.since >= self.hold
+        dwelt = evidence.leader >= 0 and stamp - evidence.since >= self.dwell
         has_contact = touch.last >= evidence.onset
-        if evidence.gesture is not None or not held or not has_contact:
+        if evidence.gesture is not None or not dwelt or not has_contact:
             return None
         evidence.gesture = self.vocabulary[leader]
         return Decision(
@@ -301,15 +301,15 @@ class DirectionTracker:
     Directions are needed rarely, so they are computed on request.
     """
 
-    def __init__(self, poses: LinkPoseCache, still: float) -> None:
+    def __init__(self, poses: LinkPoseCache, min_travel: float) -> None:
         """Start without touches.
 
         Args:
             poses: poses of the links of the robot that the touches are on.
-            still: travel below which a touch has no direction [m].
+            min_travel: travel below which a touch has no direction [m].
         """
         self.poses = poses
-        self.still = still
+        self.min_travel = min_travel
         self.contacts: dict[int, tuple[TouchState, np.ndarray]] = {}
 
     def update(self, state: TouchState) -> None:
@@ -334,7 +334,7 @@ class DirectionTracker:
         """Return the direction of a TOUCH in its link's frame, zero if it stayed."""
         travel = row["latest"] - row["start"]
         distance = np.linalg.norm(travel)
-        return np.zeros(3) if distance < self.still else travel / distance
+        return np.zeros(3) if distance < self.min_travel else travel / distance
 
     def find_heading(self, touch: int, n_world: Float[np.ndarray, "3"]) -> Heading:
         """Return along or across which side of its link a touch has travelled.

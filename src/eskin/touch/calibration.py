@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -30,13 +30,12 @@ DEFAULT_FREE = (*MEASURED, "exponent_deviation", "unfelt_deviation", "source")
 calibration is written as it always was."""
 
 
-def check_choice(what: str, name: object, choices: object) -> None:
-    """Refuse a name that is none of a `Literal`."""
-    if name not in get_args(choices):
-        raise ValueError(
-            f"{what} is {name!r}; allowed are {', '.join(get_args(choices))}; correct "
-            "it"
-        )
+def parse_choice(what: str, name: object, choices: object) -> Any:  # noqa: ANN401
+    """Return a name that is one of a `Literal`; raise `ValueError` for another."""
+    if name in get_args(choices):
+        return name
+    allowed = ", ".join(get_args(choices))
+    raise ValueError(f"{what} is {name!r}; allowed are {allowed}; correct it")
 
 
 def parse_numbers(values: object) -> Float[np.ndarray, "number"] | None:
@@ -130,13 +129,13 @@ class Calibration:
                 f"exponent is {self.exponent}; allowed is a finite positive number; "
                 "correct it"
             )
-        check_choice("curve", self.curve, Curve)
+        parse_choice("curve", self.curve, Curve)
         if self.curve == "logarithmic" and not 0 < self.span < np.inf:
             raise ValueError(
                 f"span is {self.span} with a logarithmic curve; allowed is a finite "
                 "positive number; take it from the data sheet"
             )
-        check_choice("source", self.source, CalibrationSource)
+        parse_choice("source", self.source, CalibrationSource)
         self.check_measured(len(gain))
 
     def check_measured(self, count: int) -> None:
@@ -232,12 +231,14 @@ class Calibration:
                 shear_gain=float(content["shear_gain"]),
                 shear_rest=int(content["shear_rest"]),
                 floor=float(content["floor"]),
-                curve=content.get("curve", "linear"),
+                curve=parse_choice("curve", content.get("curve", "linear"), Curve),
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
                 span=float(content.get("span", 0.0)),
                 matrix=bool(content.get("matrix", False)),
-                source=content.get("source", "nominal"),
+                source=parse_choice(
+                    "source", content.get("source", "nominal"), CalibrationSource
+                ),
                 **{name: parse_numbers(content.get(name)) for name in MEASURED},
                 exponent_deviation=parse_number(content.get("exponent_deviation")),
                 unfelt_deviation=parse_number(content.get("unfelt_deviation")),
