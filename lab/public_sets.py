@@ -19,7 +19,7 @@ from eskin.learn.sets.conversion import (
     ImportedClip,
     find_files,
 )
-from eskin.learn.sets.socialtouch_classes import GROUPS, HELD
+from eskin.learn.sets.socialtouch import GROUPS, HELD
 from eskin.recording import NONE
 from eskin.units import NS_PER_S
 

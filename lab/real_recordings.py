@@ -35,7 +35,7 @@ from eskin.learn.sets import (
     convert_sleeve,
     convert_socialtouch,
 )
-from eskin.learn.sets.socialtouch_classes import find_group
+from eskin.learn.sets.socialtouch import find_group
 from eskin.learn.training import TrainConfig
 from eskin.live import load_model
 from eskin.recording import NONE, find_recordings

@@ -67,7 +67,7 @@ def test_empty_selection_has_no_graphs():
     batch = random_graphs(np.random.default_rng(0), (3, 0, 2))
     empty = batch.select(np.array([], np.int64))
     assert_same(empty, create_empty_batch(batch.neighbours.shape[1]))
-    assert (empty.count, len(empty.taxels), empty.offsets.tolist()) == (0, 0, [0])
+    assert (empty.size, len(empty.taxels), empty.offsets.tolist()) == (0, 0, [0])
     assert_same(join_graphs([empty, batch, empty]), batch)
     assert not any(len(features(empty)) for features in FEATURES)
 
@@ -87,7 +87,7 @@ def test_sources_are_the_neighbours_of_active_nodes(graphs):
         neighbours = batch.neighbours[node]
         sources = sources[sources >= 0] - first
         assert sorted(sources) == sorted(neighbours[neighbours >= 0])
-    isolated = replace(batch, neighbours=np.full_like(batch.neighbours, -1))
+    isolated = batch._replace(neighbours=np.full_like(batch.neighbours, -1))
     assert isolated.sources.shape == (len(batch.targets), 0)
 
 
@@ -111,7 +111,7 @@ def test_features_of_a_batch_are_those_of_each_graph(graphs, features):
 
 def test_summary_of_an_empty_graph_is_zero():
     empty = random_graph(np.random.default_rng(0), 0)
-    empty = replace(empty, history=np.zeros_like(empty.history))
+    empty = empty._replace(history=np.zeros_like(empty.history))
     assert not pressure_summary(empty).any()
     assert not shear_summary(empty).any()
 
@@ -121,7 +121,7 @@ def feature(batch, name, floor=None):
     names, values = PRESSURE_SUMMARY, pressure_summary(batch)
     if name in SHEAR_SUMMARY:
         names, values = SHEAR_SUMMARY, shear_summary(batch)
-    assert values.shape == (batch.count, len(names))
+    assert values.shape == (batch.size, len(names))
     column = values[:, names.index(name)]
     return column if floor is None else np.expm1(column) * floor
 
@@ -131,7 +131,7 @@ def feature(batch, name, floor=None):
 @pytest.mark.parametrize("touched", [True, False])
 def test_compiled_summary_is_that_of_numpy(nodes, shear, touched):
     batch = random_graph(np.random.default_rng(6), nodes)
-    batch = replace(batch, pressure=batch.pressure * np.float32(touched))
+    batch = batch._replace(pressure=batch.pressure * np.float32(touched))
     found = np.concatenate([summary(batch)[0] for summary in SUMMARIES[: 1 + shear]])
     np.testing.assert_allclose(found, reference_summary(batch, shear), atol=1e-5)
 
@@ -158,11 +158,11 @@ def test_length_breadth_and_depth_are_exact_where_two_are_equal(third):
     """Six nodes on the principal axes, turned in any way."""
     rng, variances = np.random.default_rng(0), np.array([4.0, third, third])
     batch = to_float64(random_graph(rng, 6))
-    batch = replace(batch, pressure=1 / batch.areas)
+    batch = batch._replace(pressure=1 / batch.areas)
     axes = np.diag(np.sqrt(3 * variances))
     want = np.sqrt(variances + 0.01**2) - 0.01
     for Q in (np.eye(3), *(orthogonal(rng, 1) for _ in range(20))):
-        turned_axes = replace(batch, positions=np.concatenate([axes, -axes]) @ Q.T)
+        turned_axes = batch._replace(positions=np.concatenate([axes, -axes]) @ Q.T)
         names = "length", "breadth", "depth"
         found = [feature(turned_axes, name)[0] for name in names]
         np.testing.assert_allclose(found, want, atol=1e-10)

@@ -43,10 +43,10 @@ def test_fixed_neighbours_are_the_nearest_of_the_patch(name, k):
 
 def test_patch_of_few_taxels_joins_them_all():
     neighbours = FixedNeighbours(flat(rows=1, columns=3, patches=2).skin, 4)
-    assert neighbours.edge_count == 2 * 3 * 2
+    assert (neighbours.table >= 0).sum() == 2 * 3 * 2
     assert neighbours.table[1].tolist() == [0, 2, -1, -1]
     assert neighbours.table[5].tolist() == [4, 3, -1, -1]
-    assert FixedNeighbours(flat(rows=1, columns=1).skin, 4).edge_count == 0
+    assert (FixedNeighbours(flat(rows=1, columns=1).skin, 4).table < 0).all()
 
 
 def test_rounding_errors_below_a_micrometre_change_no_neighbour():

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
-from eskin.learn.batches import BatchBuilder, build_sampler
+from eskin.learn.batches import (
+    NO_AUGMENTATION,
+    AugmentConfig,
+    BatchBuilder,
+    build_sampler,
+)
 from eskin.learn.dataset import prepare
 from eskin.live import compute_summary
 from helpers.learning import record, record_people

@@ -82,7 +82,7 @@ def test_a_failed_write_leaves_the_previous_checkpoint(tmp_path, monkeypatch):
         part.write_bytes(b"half")
         raise OSError("no space left")
 
-    monkeypatch.setattr(module.torch, "save", full)
+    monkeypatch.setattr(torch, "save", full)
     with pytest.raises(OSError, match="no space"):
         save_checkpoint(path, replace(CHECKPOINT, step=9))
     found = load_checkpoint(path, CHECKPOINT.facts)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from eskin.errors import RecordingError
-from eskin.learn.dataset import hash_recordings, prepare
-from eskin.learn.holdout import hold_out
-from eskin.live import GraphConfig
+from eskin.learn.dataset import hash_recordings, hold_out, map_graphs, prepare
+from eskin.live import GraphConfig, create_empty_batch, join_graphs
 from eskin.recording import PARTLY_LABELLED
 from eskin.touch import ContactConfig, PipelineConfig
 from helpers.clips import Elsewhere, Placed, generated
+from helpers.graphs import assert_same, random_graph, random_graphs
 from helpers.learning import (
     LASTS,
     SECOND,
@@ -168,7 +168,7 @@ def test_shear_that_some_skins_lack_is_not_used(tmp_path):
 def test_skins_of_different_size_make_one_data_set(nominal, tmp_path):
     other = record(tmp_path / "small.mcap", ["hold"], size=(2, 3))
     dataset = prepare([nominal.recordings[0].path, other])
-    assert dataset.graphs.count == len(dataset.stamps)
+    assert dataset.graphs.size == len(dataset.stamps)
 
 
 def test_digest_depends_on_the_recordings_but_not_on_their_order(nominal, tmp_path):
@@ -223,3 +223,33 @@ def test_every_class_keeps_recordings_to_train_on():
         assert 0 in found.train
         assert not found.held
         assert "0 of 5 recordings" in str(found) and "2 asked for" in str(found)
+
+
+def test_graphs_on_disk_are_those_in_memory(tmp_path):
+    rng = np.random.default_rng(0)
+    empty, sizes = create_empty_batch(6), ((3, 0, 8), (5, 1))
+    some, others = (random_graphs(rng, each) for each in sizes)
+    batches = [empty, some, empty, others]
+    assert_same(map_graphs(batches, tmp_path), join_graphs(batches))
+
+
+def test_what_is_zero_until_late_is_kept(tmp_path):
+    rng = np.random.default_rng(0)
+    touched = random_graph(rng, 7)
+    nothing = np.zeros_like(touched.shear)
+    still = touched._replace(shear=nothing, shear_before=nothing)
+    for batches in ([still, still], [still, touched], [touched, still]):
+        assert_same(map_graphs(batches, tmp_path), join_graphs(batches))
+
+
+def test_graphs_on_disk_leave_no_file_and_cannot_be_changed(tmp_path):
+    rng = np.random.default_rng(0)
+    mapped = map_graphs([random_graph(rng, 4)], tmp_path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ValueError, match="read-only"):
+        mapped.pressure[0] = 1.0
+
+
+def test_no_batch_is_an_error(tmp_path):
+    with pytest.raises(ValueError, match="no graphs to join"):
+        map_graphs([], tmp_path)

@@ -9,6 +9,7 @@ from torch.nn.functional import log_softmax
 
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import evaluation
+from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import (
     compute_log_probabilities,
@@ -18,7 +19,6 @@ from eskin.learn.evaluation import (
     score_segments,
 )
 from eskin.learn.ground_truth import MissedGesture
-from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import ModelCard
 from helpers.clips import clip_at, generated, loaded
 from helpers.learning import NETWORK, record_people

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.compiled import pack
-from eskin.live.detection import DirectionTracker
+from eskin.live import DirectionTracker
 from eskin.touch import (
     NO_TOUCHES,
     TOUCH,
@@ -36,7 +36,7 @@ def find_heading(travel, q):
     tracking = TrackingResult(pack(NO_TOUCHES._replace(touches=rows)), (status,), ())
     state = TouchState(reading, (), np.zeros(SKIN.count, bool), tracking, MOUNTED)
     poses = LinkPoseCache(MOUNTED)
-    tracker = DirectionTracker(poses, still=0.02)
+    tracker = DirectionTracker(poses, min_travel=0.02)
     tracker.update(state)
     n_world = poses.get(q)[FOREARM, :3, :3] @ NORMAL
     return tracker.find_heading(1, n_world)

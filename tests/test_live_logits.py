@@ -6,18 +6,19 @@ import torch
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 from numba.core.runtime.nrt import rtsys
 
+from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
-from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import (
     NO_HISTORY,
     GraphBuilder,
+    LogitStream,
     Network,
     Recognizer,
     TouchNodes,
     compute_probabilities,
     pack_touch_nodes,
 )
-from eskin.live.logits import INITIAL_SEQUENCES, LogitStream
+from eskin.live.network import INITIAL_SEQUENCES
 from eskin.live.step_kernels import step
 from eskin.touch import Reading
 from helpers.live import (

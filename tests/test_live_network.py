@@ -1,6 +1,5 @@
 """Tests of the compiled network: its parts compute what those of torch do."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from eskin.learn.nn import SlotIndex, build_graph_tensors
 from eskin.live import SLOT_NS, Network
-from eskin.live.kernels import activate
+from eskin.live.encoder_kernels import activate
 from helpers.graphs import (
     LOADS,
     add_nodes_at_rest,
@@ -34,7 +33,7 @@ def put_at_rest(rng, graph, share):
     changed = {name: getattr(graph, name).copy() for name in LOADS}
     for values in changed.values():
         values[rest] = 0.0
-    return replace(graph, **changed)
+    return graph._replace(**changed)
 
 
 SIZES = (

@@ -83,14 +83,14 @@ def test_twice_the_density_hardly_changes_embeddings(make_skin):
 
 def test_reading_without_contact_is_embedded_as_zeros():
     rng, net = np.random.default_rng(0), network("shear")
-    released = replace(random_graph(rng, 9), pressure=np.zeros(9, np.float32))
+    released = random_graph(rng, 9)._replace(pressure=np.zeros(9, np.float32))
     batch = join_graphs([random_graph(rng, 0), random_graph(rng, 9), released])
     assert embed(net, batch).any(axis=1).tolist() == [False, True, False]
 
 
 def test_windows_without_contact_or_readings_have_finite_logits_and_gradients():
     rng, net = np.random.default_rng(2), network("shear").train()
-    released = replace(random_graph(rng, 8), pressure=np.zeros(8, np.float32))
+    released = random_graph(rng, 8)._replace(pressure=np.zeros(8, np.float32))
     batch = join_graphs([random_graphs(rng, (0, 0, 0, 8, 8, 8)), released])
     window, slot = np.array([0, 0, 0, 1, 1, 1, 2]), np.array([0, 5, 99, 0, 5, 99, 99])
     found = net(network_input(batch, window, slot, 4, True))
@@ -159,7 +159,7 @@ def test_standardised_features_have_mean_zero_and_scale_one():
 
 def test_extreme_pressure_has_bounded_logits():
     net, batch = network(), stroke_on_grid().graphs()
-    loud = replace(batch, pressure=1e6 * batch.pressure)
+    loud = batch._replace(pressure=1e6 * batch.pressure)
     assert np.abs(logits(net, loud)).max() < 100
 
 

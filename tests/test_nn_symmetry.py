@@ -1,6 +1,5 @@
 """Tests of symmetry: motions, mirror images and numbering change no logit."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -133,6 +132,6 @@ def enlarge_source_at_rest(batch):
 )
 def test_other_changes_change_the_embedding(name, change):
     net, batch = make_network(True), to_float64(make_graphs(name))
-    other = replace(batch, **change(batch))
+    other = batch._replace(**change(batch))
     gap = embed(net, other, torch.float64) - embed(net, batch, torch.float64)
     assert np.abs(gap).max() > 1e-5

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from eskin.errors import GenerationError, ImportSourceError
-from eskin.learn.sets.socialtouch import GESTURES, Repetition
-from eskin.learn.sets.socialtouch_classes import (
+from eskin.learn.sets.socialtouch import (
+    GESTURES,
     GROUP_NUMBERS,
+    Repetition,
     classify_repetition,
     count_presses,
 )

@@ -36,7 +36,8 @@ PRESSURES = arrays(np.float32, SKIN.count, elements=st.floats(0, 200, width=32))
 
 def read_matrix(pressure, leak, ghost, skin=SKIN):
     """Return the reading of a pressure by an array that leaks within each patch."""
-    conductance = MATRIX.compute_conductance(np.asarray(pressure, np.float64))
+    share = MATRIX.compute_counts(np.asarray(pressure, np.float64)) / MATRIX.full_scale
+    conductance = share / (1.0 - share)
     shown = np.zeros(skin.count)
     for patch in np.unique(skin.patch_index):
         taxels = skin.patch_index == patch
@@ -45,7 +46,8 @@ def read_matrix(pressure, leak, ghost, skin=SKIN):
         leaking = np.zeros_like(cells)
         read_array(cells, ghost, leak, leaking)
         shown[taxels] = leaking[skin.rows[taxels], skin.columns[taxels]]
-    return reading_at(0.0, MATRIX.invert_conductance(shown))
+    above = MATRIX.full_scale * shown / (1.0 + shown)
+    return reading_at(0.0, MATRIX.compute_pressure(above))
 
 
 def press_square(row, column, kpa=60.0):

@@ -82,7 +82,8 @@ def test_contact_between_two_touches_merges_them_into_the_older():
 
 
 def test_track_that_splits_off_stays_in_the_touch():
-    pipeline = build_pipeline(WIDE, touches=TouchConfig(beside=0.0, near=0.0))
+    apart = TouchConfig(max_separation=0.0, max_gap=0.0)
+    pipeline = build_pipeline(WIDE, touches=apart)
     scene = [
         np.maximum(*(press_pad(WIDE.skin, (0.1 + x, 0.02)) for x in (-half, half)))
         for half in np.arange(0.0, 0.035, 0.005)

@@ -82,7 +82,7 @@ def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
     column = PRESSURE_SUMMARY.index("length")
     extents = compute_summary(graphs, shear=False)[:, column : column + 2]
     change = np.abs(p - graphs.before) * a / graphs.seconds[graphs.graph_index]
-    peak = np.zeros(graphs.count)
+    peak = np.zeros(graphs.size)
     np.maximum.at(peak, graphs.graph_index, p)
     return np.stack(
         [
@@ -102,7 +102,7 @@ def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
     change = np.linalg.norm(graphs.shear - graphs.shear_before, axis=1)
     axes = [graphs.sum_nodes(graphs.shear[:, axis]) for axis in range(3)]
     net, rate = np.linalg.norm(axes, axis=0), graphs.sum_nodes(change) / graphs.seconds
-    peak = np.zeros(graphs.count)
+    peak = np.zeros(graphs.size)
     np.maximum.at(peak, graphs.graph_index, size)
     return np.stack([graphs.sum_nodes(size), peak, net, rate])
 

@@ -16,7 +16,7 @@ from joblib import Parallel, delayed
 from eskin.compiled import digest_code
 from eskin.errors import EskinError
 from eskin.files import atomic_path
-from eskin.learn.holdout import hold_out
+from eskin.learn.dataset import hold_out
 from eskin.progress import track_progress
 from eskin.touch import PipelineConfig
 from lab.comparison.examples import Examples

@@ -18,7 +18,7 @@ import re
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar, final, no_type_check
+from typing import Any, final, no_type_check
 from uuid import uuid4
 
 from numba import njit, types
@@ -29,8 +29,6 @@ PACKAGE = Path(__file__).parent
 IMPORTS = re.compile(r"^from eskin\.([\w.]+) import", re.MULTILINE)
 """How a module of kernels imports others; never a package, whose file defines
 nothing."""
-
-Parameters = TypeVar("Parameters", bound=tuple)
 
 logger = logging.getLogger(__name__)
 
@@ -100,27 +98,6 @@ def digest_sources(path: Path) -> str:
         else:
             digest.update(imported.read_bytes())
     return digest.hexdigest()
-
-
-def build_parameters(
-    kind: type[Parameters],
-    *configs: Any,  # noqa: ANN401
-    **values: Any,  # noqa: ANN401
-) -> Parameters:
-    """Build a named tuple that compiled code takes, field by field by its name.
-
-    Args:
-        kind: the class of the tuple.
-        configs: objects that have the fields as attributes; the first one counts.
-        values: fields that none of them has.
-    """
-    for name in kind.__annotations__:
-        if name not in values:
-            sources = (
-                getattr(config, name) for config in configs if hasattr(config, name)
-            )
-            values[name] = next(sources)
-    return kind(**values)
 
 
 compiled_fastmath = compiled(

@@ -5,6 +5,7 @@ for a writer, and a device may never end.
 """
 
 import errno
+import math
 import os
 import shutil
 import stat
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, BinaryIO
 
 import yaml
+from annotated_types import Interval
 from pydantic import Field, ValidationError
 
 KINDS = {
@@ -153,6 +155,17 @@ MAX_DIGITS = 400
 # One line without control characters, and without spaces at its ends.
 NAME = r"^[^\s\p{Cc}]([^\p{Cc}\p{Zl}\p{Zp}]*[^\s\p{Cc}])?$"
 Name = Annotated[str, Field(pattern=NAME, max_length=200)]
+
+# Numbers of a file that may come from a stranger. Some are sizes of memory, others
+# become indices in compiled code, which has no bounds checks. The limits leave room for
+# every setting that makes sense.
+Share = Annotated[float, Interval(ge=0.0, le=1.0)]
+Duration = Annotated[float, Interval(ge=0.001, le=86_400.0)]  # [s] up to a day
+Pause = Annotated[float, Interval(ge=0.0, le=60.0)]  # [s]
+Pressure = Annotated[float, Interval(ge=0.001, le=10_000.0)]  # [kPa]
+Distance = Annotated[float, Interval(ge=0.0, le=1.0)]  # [m]
+Factor = Annotated[float, Interval(ge=0.0, le=1000.0)]
+NotNegative = Annotated[float, Interval(ge=0.0, le=math.inf)]
 
 
 def load_plain_yaml(text: str) -> object:

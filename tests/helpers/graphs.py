@@ -3,7 +3,7 @@
 A scene can be moved, mirrored and renumbered; graphs can be rotated and shuffled.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -270,15 +270,15 @@ def renumber_scene(before: Scene, seed=0) -> Scene:
 
 
 def split_graphs(batch: GraphBatch) -> list[GraphBatch]:
-    return [batch.select(np.array([n])) for n in range(batch.count)]
+    return [batch.select(np.array([n])) for n in range(batch.size)]
 
 
 def to_float64(batch: GraphBatch) -> GraphBatch:
-    values = {field.name: getattr(batch, field.name) for field in fields(GraphBatch)}
+    values = batch._asdict()
     real = {
         name: v.astype(np.float64) for name, v in values.items() if v.dtype.kind == "f"
     }
-    return replace(batch, **real)
+    return batch._replace(**real)
 
 
 def turned(batch: GraphBatch, Q: np.ndarray, shift=(0.0, 0.0, 0.0)) -> GraphBatch:
@@ -287,7 +287,7 @@ def turned(batch: GraphBatch, Q: np.ndarray, shift=(0.0, 0.0, 0.0)) -> GraphBatc
     vectors = ("positions", "normals", "shear", "shear_before")
     parts = {name: (getattr(batch, name) @ Q.T).astype(dtype) for name in vectors}
     parts["positions"] = parts["positions"] + np.asarray(shift, dtype)
-    return replace(batch, **parts)
+    return batch._replace(**parts)
 
 
 def shuffle_nodes(batch: GraphBatch, rng) -> GraphBatch:
@@ -298,7 +298,7 @@ def shuffle_nodes(batch: GraphBatch, rng) -> GraphBatch:
         nodes = {name: getattr(graph, name)[order] for name in NODE_FIELDS}
         place = np.append(np.argsort(order), -1)
         nodes["neighbours"] = rng.permuted(place[nodes["neighbours"]], axis=1)
-        parts.append(replace(graph, **nodes))
+        parts.append(graph._replace(**nodes))
     return join_graphs(parts)
 
 
@@ -307,13 +307,13 @@ def add_nodes_at_rest(batch: GraphBatch, rng, count=3) -> GraphBatch:
     parts = []
     for graph in split_graphs(batch):
         rest = random_graph(rng, count, graph.neighbours.shape[1])
-        rest = replace(rest, **{name: 0 * getattr(rest, name) for name in LOADS})
+        rest = rest._replace(**{name: 0 * getattr(rest, name) for name in LOADS})
         pairs = {n: (getattr(graph, n), getattr(rest, n)) for n in NODE_FIELDS}
         nodes = {
             n: np.concatenate([a, b.astype(a.dtype)]) for n, (a, b) in pairs.items()
         }
         bounds = np.array([0, len(nodes["taxels"])])
-        parts.append(replace(graph, **nodes, offsets=bounds))
+        parts.append(graph._replace(**nodes, offsets=bounds))
     return join_graphs(parts)
 
 
@@ -347,10 +347,10 @@ def random_graphs(rng, sizes) -> GraphBatch:
 
 def assert_same(one: GraphBatch, other: GraphBatch) -> None:
     """Check that two batches are equal to the last bit, and of the same types."""
-    for field in fields(GraphBatch):
-        a, b = getattr(one, field.name), getattr(other, field.name)
-        assert np.array_equal(a, b), field.name
-        assert a.dtype.kind == b.dtype.kind and a.shape == b.shape, field.name
+    for name in GraphBatch._fields:
+        a, b = getattr(one, name), getattr(other, name)
+        assert np.array_equal(a, b), name
+        assert a.dtype.kind == b.dtype.kind and a.shape == b.shape, name
 
 
 def pressure_summary(batch: GraphBatch) -> np.ndarray:
@@ -369,8 +369,8 @@ def network_input(batch, window, slot, windows, shear, dtype=torch.float32):
 
 def window_input(net, batch, dtype=torch.float32):
     """Return the network's input with the graphs as the last readings of one window."""
-    slot = np.arange(batch.count) + net.config.slots - batch.count
-    window = np.zeros(batch.count, np.int64)
+    slot = np.arange(batch.size) + net.config.slots - batch.size
+    window = np.zeros(batch.size, np.int64)
     return network_input(batch, window, slot, 1, net.shear, dtype)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.learn.augment import NO_AUGMENTATION
+from eskin.learn.batches import NO_AUGMENTATION
 from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig
 from eskin.live import HISTORY, NetworkConfig, create_empty_batch
@@ -112,8 +112,7 @@ def record_people(folder, names=("ann", "bob", "cleo"), **options) -> list[Path]
 def bare(stamps, sequence) -> Dataset:
     """Return a data set of empty graphs at some stamps [ns]."""
     n = len(stamps)
-    graphs = replace(
-        create_empty_batch(4),
+    graphs = create_empty_batch(4)._replace(
         offsets=np.zeros(n + 1, np.int64),
         seconds=np.full(n, 0.05, np.float32),
         history=np.zeros((n, len(HISTORY)), np.float32),

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.live import SLOT_NS, GraphBatch, Network
-from eskin.live.graph_kernels import GraphArrays
 from eskin.live.head_kernels import HeadWeights, classify
 from eskin.live.network import create_head_state
 from eskin.live.step_kernels import NO_SLOT
@@ -14,16 +13,16 @@ from eskin.live.step_kernels import compute_features as compiled_features
 
 
 def compute_features(
-    network: Network, graph: GraphBatch | GraphArrays
+    network: Network, graph: GraphBatch
 ) -> Float[np.ndarray, "channel"]:
     """Return the standardised summary and the embedding of a batch of one graph.
 
     They are overwritten with those of the next graph.
     """
-    arrays = graph.arrays if isinstance(graph, GraphBatch) else graph
-    network.reserve(int(arrays.offsets[1]), arrays.neighbours.shape[1])
+    graph = graph.for_kernels()
+    network.reserve(int(graph.offsets[1]), graph.neighbours.shape[1])
     compiled_features(
-        arrays, network.shear, network.weights, network.workspace, network.features
+        graph, network.shear, network.weights, network.workspace, network.features
     )
     return network.features
 

@@ -1,4 +1,8 @@
-"""This module draws training windows and makes augmented batches of them."""
+"""This module draws training windows, augments them, and makes batches of them.
+
+A window is the two seconds before a reading. Augmented, it is of another person, whose
+force and speed differ, on another skin.
+"""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -11,19 +15,266 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from eskin.errors import RecordingError
-from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
+from eskin.files import NotNegative, Share
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
-from eskin.learn.nn import NetworkInput, SlotIndex
-from eskin.learn.windows import (
-    build_network_input,
-    build_slot_index,
-    cut_windows,
-    drop_readings,
-    stretch_time,
-    subsample_readings,
+from eskin.learn.nn import NetworkInput, SlotIndex, build_graph_tensors
+from eskin.live import HISTORY, SLOT_NS, GraphBatch, check_limits, compute_summary
+
+TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
+"""Columns of a history that are proportional to the duration of a touch."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows hold the rows of a batch of windows, laid end to end."""
+
+    rows: Int[np.ndarray, "reading"]
+    """Rows of the data set, oldest first in each window."""
+    window: Int[np.ndarray, "reading"]
+    """Number of the window of each row."""
+    slot: Int[np.ndarray, "reading"]
+    """Slot of each row in its window; the last row has the last slot."""
+    count: int
+    """Number of windows."""
+
+    def select(self, kept: Int[np.ndarray, "some"]) -> "Windows":
+        """Return the windows with only some of their rows, given in ascending order."""
+        return Windows(self.rows[kept], self.window[kept], self.slot[kept], self.count)
+
+    def first(self, count: int) -> "Windows":
+        """Return the first `count` windows, or all where there are fewer."""
+        kept = np.flatnonzero(self.window < count)
+        return replace(self.select(kept), count=min(count, self.count))
+
+
+def cut_windows(
+    dataset: Dataset,
+    ends: Int[np.ndarray, "window"],
+    firsts: Int[np.ndarray, "window"],
+    slots: int,
+) -> Windows:
+    """Return the windows that end with the rows `ends`.
+
+    Args:
+        dataset: data set to cut from.
+        ends: last row of each window.
+        firsts: earliest row that each window may hold, of the same sequence.
+        slots: length of a window on the clock of the temporal head.
+    """
+    now = dataset.stamps[ends] // SLOT_NS
+    oldest = (now - slots + 1) * SLOT_NS
+    first_rows = (
+        first + np.searchsorted(dataset.stamps[first : end + 1], stamp)
+        for first, end, stamp in zip(firsts, ends, oldest, strict=True)
+    )
+    lows = np.fromiter(first_rows, np.int64, len(ends))
+    lengths = ends + 1 - lows
+    window = np.repeat(np.arange(len(ends)), lengths)
+    starts = np.cumsum(lengths) - lengths
+    rows = np.arange(lengths.sum()) - starts[window] + lows[window]
+    slot = dataset.stamps[rows] // SLOT_NS - now[window] + slots - 1
+    return Windows(rows, window, slot, len(ends))
+
+
+def stretch_time(
+    windows: Windows,
+    graphs: GraphBatch,
+    spread: float,
+    slots: int,
+    rng: np.random.Generator,
+) -> tuple[Windows, GraphBatch]:
+    """Stretch or compress each window in time, as by a slower or faster person.
+
+    Rows that fall out of a window are left out.
+
+    Args:
+        windows: windows to change.
+        graphs: graphs of their rows.
+        spread: standard deviation of the logarithm of the factor on time.
+        slots: length of a window on the clock of the temporal head.
+        rng: source of the random draws.
+    """
+    factor = np.exp(spread * rng.standard_normal(windows.count))[windows.window]
+    ago = (slots - 1 - windows.slot) * factor
+    kept = np.flatnonzero(ago <= slots - 1)
+    factor = factor.astype(np.float32)
+    history = graphs.history.copy()
+    history[:, TIME_COLUMNS] *= factor[:, None]
+    stretched = graphs._replace(
+        history=history,
+        seconds=graphs.seconds * factor,
+        age=graphs.age * factor[graphs.graph_index],
+    )
+    slot = slots - 1 - np.rint(ago[kept]).astype(np.int64)
+    return replace(windows.select(kept), slot=slot), stretched.select(kept)
+
+
+def drop_readings(
+    windows: Windows, share: float, halved: float, rng: np.random.Generator
+) -> Int[np.ndarray, "reading"]:
+    """Return the indices of the rows left when readings are lost.
+
+    The last reading of a window is never lost.
+
+    Args:
+        windows: windows whose readings are lost.
+        share: largest share of a window's readings that are lost at random.
+        halved: share of windows that keep only every other reading.
+        rng: source of the random draws.
+    """
+    loss = share * rng.random(windows.count)
+    is_halved = rng.random(windows.count) < halved
+    last = np.append(windows.window[1:] != windows.window[:-1], True)
+    ends, rows = np.flatnonzero(last), np.arange(len(last))
+    rows_to_end = ends[np.searchsorted(ends, rows)] - rows
+    kept = rng.random(len(last)) >= loss[windows.window]
+    kept &= ~(is_halved[windows.window] & (rows_to_end % 2 == 1))
+    return np.flatnonzero(kept | last)
+
+
+def subsample_readings(
+    windows: Windows, limit: int, rng: np.random.Generator
+) -> Windows:
+    """Return windows of at most `limit` readings each, drawn at random."""
+    order = np.lexsort((rng.random(len(windows.rows)), windows.window))
+    starts = np.searchsorted(windows.window, np.arange(windows.count))
+    kept = np.sort(order[np.arange(len(order)) - starts[windows.window] < limit])
+    return windows.select(kept)
+
+
+def build_network_input(
+    graphs: GraphBatch,
+    windows: Windows,
+    shear: bool,
+    dtype: torch.dtype = torch.float32,
+) -> NetworkInput:
+    """Return the network's input for windows and the graphs of their rows."""
+    return NetworkInput(
+        build_graph_tensors(graphs, shear, dtype), build_slot_index(windows)
+    )
+
+
+def build_slot_index(windows: Windows) -> SlotIndex:
+    """Return the windows and slots of the rows, for the network."""
+    return SlotIndex(
+        torch.as_tensor(windows.window), torch.as_tensor(windows.slot), windows.count
+    )
+
+
+FORCE_COLUMNS = [HISTORY.index(name) for name in ("impulse", "peak force")]
+
+
+@dataclass(frozen=True)
+class AugmentConfig:
+    """These settings limit how far a training window differs from the recorded one."""
+
+    gain: NotNegative = 0.4
+    """Standard deviation of the logarithm of a person's force."""
+    taxel_gain: NotNegative = 0.15
+    """Standard deviation of the logarithm of each taxel's own gain."""
+    dead: Share = 0.1
+    """Largest share of taxels that read zero in a window."""
+    offset: NotNegative = 2.0
+    """Largest pressure subtracted from every taxel [kPa]."""
+    shear_gain: NotNegative = 0.3
+    """Standard deviation of the logarithm of shear relative to pressure."""
+    noise: NotNegative = 0.0
+    """Standard deviation of noise on each taxel's readings, as a share of its
+    pressure."""
+    patch: Share = 0.0
+    """Share of windows in which one of several touched patches reads zero."""
+    lost: Share = 0.0
+    """Largest share of the readings of a window that are lost."""
+    halved: Share = 0.0
+    """Share of windows that keep only every other reading: half the rate."""
+    stretch: Share = 0.0
+    """Standard deviation of the logarithm of a person's duration of a gesture."""
+    crop: Share = 0.7
+    """Share of windows that hold nothing from before their gesture."""
+
+    def __post_init__(self) -> None:
+        """Reject settings outside their limits."""
+        check_limits(self)
+
+
+NO_AUGMENTATION = AugmentConfig(
+    gain=0.0, taxel_gain=0.0, dead=0.0, offset=0.0, shear_gain=0.0
 )
-from eskin.live import SLOT_NS, compute_summary
+"""Settings that leave windows as they were recorded."""
+
+
+def augment(
+    graphs: GraphBatch,
+    window: Int[np.ndarray, "graph"],
+    rng: np.random.Generator,
+    config: AugmentConfig,
+    patch_index: Int[np.ndarray, "taxel"] | None = None,
+) -> GraphBatch:
+    """Augment pressure and shear: each window is of another person on another skin.
+
+    Args:
+        graphs: graphs of the windows.
+        window: number of the window of each graph.
+        rng: source of the random draws.
+        config: limits of the changes.
+        patch_index: patch of each taxel; None if no patch may read zero.
+    """
+    windows = int(window.max(initial=-1)) + 1
+    node_window = window[graphs.graph_index]
+    person = np.exp(config.gain * rng.standard_normal(windows))
+    taxel_gains = draw_taxel_gains(graphs, windows, rng, config)
+    if patch_index is not None and config.patch > 0:
+        silence_patches(taxel_gains, graphs, node_window, patch_index, config, rng)
+    gain = person[node_window] * taxel_gains[node_window, graphs.taxels]
+    gain = gain.astype(np.float32)
+    offset = (config.offset * rng.random(windows))[node_window].astype(np.float32)
+    shear_gain = np.exp(config.shear_gain * rng.standard_normal(windows))[node_window]
+    shear_factor = (gain * shear_gain)[:, None].astype(np.float32)
+    now = before = gain
+    if config.noise > 0:
+        now, before = (
+            gain
+            * (1 + config.noise * rng.standard_normal(len(gain))).astype(np.float32)
+            for _ in range(2)
+        )
+    history = graphs.history.copy()
+    history[:, FORCE_COLUMNS] *= person[window, None].astype(np.float32)
+    return graphs._replace(
+        history=history,
+        pressure=np.maximum(graphs.pressure * now - offset, 0.0),
+        before=np.maximum(graphs.before * before - offset, 0.0),
+        shear=graphs.shear * shear_factor,
+        shear_before=graphs.shear_before * shear_factor,
+    )
+
+
+def draw_taxel_gains(
+    graphs: GraphBatch, windows: int, rng: np.random.Generator, config: AugmentConfig
+) -> Float[np.ndarray, "window taxel"]:
+    """Draw the gain of each taxel in each window; zero for dead ones."""
+    taxels = int(graphs.taxels.max(initial=-1)) + 1
+    gains = np.exp(config.taxel_gain * rng.standard_normal((windows, taxels)))
+    share = config.dead * rng.random((windows, 1))
+    return gains * (rng.random((windows, taxels)) >= share)
+
+
+def silence_patches(
+    gains: Float[np.ndarray, "window taxel"],
+    graphs: GraphBatch,
+    node_window: Int[np.ndarray, "node"],
+    patch_index: Int[np.ndarray, "every"],
+    config: AugmentConfig,
+    rng: np.random.Generator,
+) -> None:
+    """Set the gains of one patch to zero, in some windows that touch several."""
+    pressed = graphs.pressure > 0
+    for window in np.flatnonzero(rng.random(len(gains)) < config.patch):
+        here = graphs.taxels[pressed & (node_window == window)]
+        patches = np.unique(patch_index[here])
+        if len(patches) > 1:
+            gains[window, patch_index[: gains.shape[1]] == rng.choice(patches)] = 0.0
+
 
 WHOLE_SHARE = 0.5
 """Share of windows that hold all of their gesture, or as much as fits."""

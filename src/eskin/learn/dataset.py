@@ -1,11 +1,16 @@
-"""This module joins prepared recordings into one data set for training and scoring."""
+"""This module joins prepared recordings into one data set for training and scoring.
+
+Contact graphs are laid end to end, in memory or, for sets larger than that, on disk.
+"""
 
 import hashlib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 import numpy as np
 from jaxtyping import Int
@@ -23,7 +28,6 @@ from eskin.learn.ground_truth import (
     find_missed_gestures,
     read_clips,
 )
-from eskin.learn.mapped_graphs import map_graphs
 from eskin.learn.prepared_recording import (
     PreparedRecording,
     load_prepared,
@@ -32,6 +36,8 @@ from eskin.learn.prepared_recording import (
 )
 from eskin.learn.recording_transforms import RecordingTransform
 from eskin.live import (
+    GRAPH_FIELDS,
+    NODE_FIELDS,
     GraphBatch,
     GraphConfig,
     create_empty_batch,
@@ -238,3 +244,160 @@ def hash_recordings(paths: Sequence[Path]) -> str:
     """Return SHA-256 over the bytes of recordings, whatever their order."""
     parts = sorted(hashlib.sha256(path.read_bytes()).hexdigest() for path in paths)
     return hashlib.sha256("".join(parts).encode()).hexdigest()
+
+
+def map_graphs(batches: Iterable[GraphBatch], folder: Path) -> GraphBatch:
+    """Lay batches end to end in files, and return them memory-mapped, read-only.
+
+    The files have no names, so the system deletes them with the last reference or
+    process. Only one batch is in memory at a time. What is zero in all batches, as
+    shear is where no skin measures it, takes no space.
+
+    Args:
+        batches: batches of one data set, whose arrays have equal types and widths.
+        folder: folder on whose disk there is space.
+
+    Raises:
+        ValueError: if there is no batch.
+        OSError: if the disk is full.
+    """
+    sizes: list[np.ndarray] = []
+    with ExitStack() as files:
+        fields = {
+            name: MappedField(folder, files) for name in (*NODE_FIELDS, *GRAPH_FIELDS)
+        }
+        for batch in batches:
+            for name, field in fields.items():
+                field.append(getattr(batch, name))
+            sizes.append(batch.sizes)
+        if not sizes:
+            raise ValueError("no graphs to join; give at least one batch")
+        arrays = {name: field.map() for name, field in fields.items()}
+    offsets = np.concatenate([[0], np.cumsum(np.concatenate(sizes))]).astype(np.int64)
+    return GraphBatch(**arrays, offsets=offsets)
+
+
+class MappedField:
+    """A mapped field collects the rows of an array in a file."""
+
+    def __init__(self, folder: Path, files: ExitStack) -> None:
+        """Create a field without rows, whose file is closed with `files`."""
+        self.folder, self.files = folder, files
+        self.file: IO[bytes] | None = None
+        self.count = 0
+        self.like = np.zeros(0, np.float32)
+
+    def append(self, rows: np.ndarray) -> None:
+        """Append rows; those before the first that is not zero are not written."""
+        self.like = rows[:0].copy()
+        if self.file is None and rows.any():
+            self.file = self.files.enter_context(TemporaryFile(dir=self.folder))
+            self.file.truncate(self.count * self.row_bytes)
+            self.file.seek(0, 2)
+        if self.file is not None:
+            self.file.write(np.ascontiguousarray(rows).data)
+        self.count += len(rows)
+
+    @property
+    def row_bytes(self) -> int:
+        """Size of a row."""
+        return self.like.dtype.itemsize * int(np.prod(self.like.shape[1:]))
+
+    def map(self) -> np.ndarray:
+        """Return all rows, memory-mapped."""
+        shape = self.count, *self.like.shape[1:]
+        if self.file is None:
+            return np.broadcast_to(self.like.dtype.type(0), shape)
+        self.file.flush()
+        mapped = np.memmap(self.file, self.like.dtype, "r", shape=shape)
+        return mapped.view(np.ndarray)
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """A holdout divides recordings, by their indices, into training and validation."""
+
+    train: frozenset[int]
+    """Recordings to train on."""
+    held: frozenset[int]
+    """Recordings to validate on."""
+    wanted: int
+    """Number of recordings that should be held out."""
+
+    def __str__(self) -> str:
+        """Return the number held out, and why it may differ from the one asked for."""
+        count = len(self.train) + len(self.held)
+        recordings = f"recording{'s' * (count != 1)}"
+        text = f"{len(self.held)} of {count} {recordings} held out for validation"
+        if len(self.held) == self.wanted:
+            return text
+        return (
+            f"{text}, {self.wanted} asked for: sessions are held out whole, at most "
+            "half of all recordings, and training keeps every gesture"
+        )
+
+
+def hold_out(
+    sessions: Mapping[int, tuple[str, str]],
+    gestures: Mapping[int, set[str]],
+    share: float,
+    rng: np.random.Generator,
+) -> Holdout:
+    """Hold out whole sessions of a person, or recordings if there is one session.
+
+    Every class keeps recordings to train on.
+
+    Args:
+        sessions: person and session of each recording, by its index.
+        gestures: classes that each recording has examples of.
+        share: share of the recordings to hold out.
+        rng: source of the random order.
+    """
+    order = rng.permutation(sorted(sessions)).tolist()
+    wanted = round(share * len(order))
+    train, held = frozenset(order), frozenset[int]()
+    for group in group_sessions(sessions, order):
+        fits = len(held) + len(group) <= wanted
+        if wanted and not held:
+            fits = fits or 2 * len(group) <= len(order)
+        rest = train - group
+        if fits and find_classes(rest, gestures) == find_classes(train, gestures):
+            train, held = rest, held | group
+    return Holdout(train, held, wanted)
+
+
+def group_sessions(
+    sessions: Mapping[int, tuple[str, str]], order: list[int]
+) -> list[frozenset[int]]:
+    """Return the recordings of each session; each alone if all are of one."""
+    groups: dict[tuple[str, str], set[int]] = {}
+    for index in order:
+        groups.setdefault(sessions[index], set()).add(index)
+    if len(groups) < 2:
+        return [frozenset({index}) for index in order]
+    return [frozenset(group) for group in groups.values()]
+
+
+def find_classes(
+    recordings: frozenset[int], gestures: Mapping[int, set[str]]
+) -> set[str]:
+    """Return the classes that some recordings have examples of."""
+    return {gesture for index in recordings for gesture in gestures.get(index, ())}
+
+
+def find_sessions(
+    dataset: Dataset, recordings: list[int]
+) -> dict[int, tuple[str, str]]:
+    """Return person and session of some recordings."""
+    metadata = [dataset.recordings[index].metadata for index in recordings]
+    pairs = [(each.subject, each.session) for each in metadata]
+    return dict(zip(recordings, pairs, strict=True))
+
+
+def find_gestures(dataset: Dataset, vocabulary: tuple[str, ...]) -> dict[int, set[str]]:
+    """Return the classes that each recording has examples of."""
+    gestures: dict[int, set[str]] = {}
+    for segment in dataset.segments:
+        if segment.gesture in vocabulary:
+            gestures.setdefault(segment.recording, set()).add(segment.gesture)
+    return gestures

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn.functional import log_softmax
 
 from eskin.errors import RecordingError, SkinMismatchError
+from eskin.learn.batches import cut_windows
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
 from eskin.learn.metrics import (
@@ -26,7 +27,6 @@ from eskin.learn.nn import (
     SlotIndex,
     build_graph_tensors,
 )
-from eskin.learn.windows import cut_windows
 from eskin.live import ModelCard
 from eskin.live.summary_kernels import N_PER_KPA_CM2
 from eskin.recording import NONE
@@ -64,8 +64,8 @@ def compute_log_probabilities(
                 torch.as_tensor(windows.slot[chosen]),
                 min(WINDOW_BATCH, len(ends) - low),
             )
-            views = network.classify(e[torch.as_tensor(place[chosen])], slot_index)
-            logits = views.mean(dim=0) / temperature
+            branches = network.classify(e[torch.as_tensor(place[chosen])], slot_index)
+            logits = branches.mean(dim=0) / temperature
             parts.append(log_softmax(logits, dim=1).numpy())
     return np.concatenate(parts)
 

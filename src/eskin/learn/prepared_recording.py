@@ -6,7 +6,7 @@ into files whose names depend on the recording and the settings.
 
 import hashlib
 import json
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -203,9 +203,9 @@ def save_prepared(target: Path, prepared: PreparedRecording) -> None:
     """Write a prepared recording, whole or not at all."""
     shear = prepared.graphs.shear.any() or prepared.graphs.shear_before.any()
     arrays = {
-        each.name: getattr(prepared.graphs, each.name)
-        for each in fields(GraphBatch)
-        if shear or each.name not in SHEAR_FIELDS
+        name: array
+        for name, array in prepared.graphs._asdict().items()
+        if shear or name not in SHEAR_FIELDS
     }
     arrays |= {name: arrays[name].astype(dtype) for name, dtype in SMALL.items()}
     arrays |= {"stamps": prepared.stamps, "sequence": prepared.sequence}

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.compiled import digest_code
+from eskin.files import NotNegative, Share
 from eskin.live import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin
@@ -64,15 +65,6 @@ def replace_counts(
     return replace(scan, counts=merged.astype(scan.counts.dtype))
 
 
-LIMITS = {
-    "patch_gain": (0.0, np.inf),
-    "taxel_gain": (0.0, np.inf),
-    "exponent": (0.0, np.inf),
-    "unfelt": (0.0, np.inf),
-    "noise": (0.0, 1.0),
-}
-"""Smallest and largest values of the settings."""
-
 UNFELT_SCATTER = 0.2
 """Standard deviation of the logarithm of `unfelt` within a patch."""
 
@@ -84,20 +76,20 @@ REFERENCE = 30.0
 class AgingConfig:
     """These settings limit how far an aged skin differs from the one that recorded."""
 
-    patch_gain: float = 0.4
+    patch_gain: NotNegative = 0.4
     """Standard deviation of the logarithm of a patch's gain."""
-    taxel_gain: float = 0.3
+    taxel_gain: NotNegative = 0.3
     """Standard deviation of the logarithm of a taxel's gain within its patch."""
-    exponent: float = 0.15
+    exponent: NotNegative = 0.15
     """Standard deviation of the logarithm of a patch's exponent of pressure."""
-    unfelt: float = 5.0
+    unfelt: NotNegative = 5.0
     """Largest pressure that a patch loses on average [kPa]; its taxels differ."""
-    noise: float = 0.001
+    noise: Share = 0.001
     """Largest standard deviation of white noise, as a share of full scale."""
 
     def __post_init__(self) -> None:
         """Reject settings outside their limits."""
-        check_limits(self, LIMITS)
+        check_limits(self)
 
 
 @final

@@ -4,19 +4,27 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
+from annotated_types import Interval
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
-from eskin.learn.batches import Batch, BatchBuilder, build_sampler, check_classes
+from eskin.files import NotNegative, Share
+from eskin.learn.batches import (
+    NO_AUGMENTATION,
+    AugmentConfig,
+    Batch,
+    BatchBuilder,
+    build_sampler,
+    check_classes,
+)
 from eskin.learn.checkpoint import EarlyStopping, TrainingState
-from eskin.learn.dataset import Dataset
+from eskin.learn.dataset import Dataset, find_gestures, find_sessions, hold_out
 from eskin.learn.evaluation import predict_clips
-from eskin.learn.holdout import find_gestures, find_sessions, hold_out
 from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.processes import ALONE, Processes
 from eskin.live import (
@@ -27,46 +35,33 @@ from eskin.live import (
 )
 from eskin.progress import show_progress
 
-LIMITS = {
-    "epochs": (1, np.inf),
-    "steps": (1, np.inf),
-    "batch": (1, np.inf),
-    "encoded": (1, np.inf),
-    "readings": (1, np.inf),
-    "workers": (1, np.inf),
-    "patience": (0, np.inf),
-    "rate": (1e-9, 1.0),
-    "decay": (0.0, np.inf),
-    "smoothing": (0.0, 1.0),
-    "validation": (0.0, 0.9),
-}
-"""Smallest and largest values of the settings."""
+AtLeastOne = Annotated[int, Interval(ge=1, le=np.inf)]
 
 
 @dataclass(frozen=True)
 class TrainConfig:
     """These settings determine how the recogniser is trained."""
 
-    epochs: int = 10
+    epochs: AtLeastOne = 10
     """Number of epochs of `steps` steps."""
-    steps: int = 40
+    steps: AtLeastOne = 40
     """Steps in an epoch."""
-    batch: int = 64
+    batch: AtLeastOne = 64
     """Windows in a step."""
-    encoded: int = 32
-    """Windows of a step whose graphs are encoded, the slowest part; the summary view
+    encoded: AtLeastOne = 32
+    """Windows of a step whose graphs are encoded, the slowest part; the summary branch
     uses all windows."""
-    readings: int = 25
+    readings: AtLeastOne = 25
     """Readings of an encoded window whose graphs are encoded, drawn at random."""
-    rate: float = 3e-3
+    rate: Annotated[float, Interval(ge=1e-9, le=1.0)] = 3e-3
     """Highest learning rate of the cycle."""
-    decay: float = 0.3
+    decay: NotNegative = 0.3
     """Weight decay."""
-    smoothing: float = 0.1
+    smoothing: Share = 0.1
     """Label smoothing."""
-    patience: int = 5
+    patience: Annotated[int, Interval(ge=0, le=np.inf)] = 5
     """Epochs without a lower validation loss after which one more stops training."""
-    validation: float = 0.15
+    validation: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.15
     """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
     to the end."""
     shares: dict[str, float] = field(default_factory=dict)
@@ -74,7 +69,7 @@ class TrainConfig:
     drawn from it; all other recordings are drawn with equal frequency."""
     shear: bool = True
     """Whether shear is used where every skin measures it."""
-    workers: int = 1
+    workers: AtLeastOne = 1
     """Threads, one a core, that share the gradients of every batch; with dropout and
     more than one, results are not reproducible to the bit."""
     graph: GraphConfig = field(default_factory=GraphConfig)
@@ -94,7 +89,7 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         """Reject settings outside their limits."""
-        check_limits(self, LIMITS)
+        check_limits(self)
         if min(self.shares.values(), default=0.0) < 0 or sum(self.shares.values()) > 1:
             raise ValueError(
                 f"shares are {self.shares}; allowed are numbers from 0 on whose sum is "
@@ -257,9 +252,9 @@ class Trainer:
         )
 
     def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
-        """Return the cross entropy of both views together, plus the mean of each's.
+        """Return the cross entropy of both branches together, plus the mean of each's.
 
-        Without a graph view it is that of the summary view.
+        Without a graph branch it is that of the summary branch.
         """
         network = self.network
 
@@ -269,11 +264,11 @@ class Trainer:
             return cross_entropy(logits, labels, label_smoothing=smoothing)
 
         standardised = network.standardise(batch.summary)
-        by_summary = network.summary_view(standardised, batch.slot_index)
+        by_summary = network.summary_branch(standardised, batch.slot_index)
         if not network.config.width:
             return loss(by_summary)
         embedded = network.embed(batch.encoded.graphs)
-        by_graph = network.graph_view(embedded, batch.encoded.slot_index)
+        by_graph = network.graph_branch(embedded, batch.encoded.slot_index)
         both = (by_summary[: len(by_graph)] + by_graph) / 2
         return loss(both) + (loss(by_summary) + loss(by_graph)) / 2
 

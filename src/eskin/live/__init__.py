@@ -1,8 +1,15 @@
 """This package recognises gestures live, one reading at a time and without torch."""
 
-from eskin.live.decision import UNKNOWN, Decision, DecisionFilter
-from eskin.live.detection import Detection
-from eskin.live.graph_batch import (
+from eskin.live.decision import (
+    UNKNOWN,
+    Decision,
+    DecisionFilter,
+    Detection,
+    DirectionTracker,
+    build_detection,
+)
+from eskin.live.graph import (
+    GRAPH_FIELDS,
     HISTORY,
     NO_HISTORY,
     NODE_FIELDS,
@@ -11,7 +18,16 @@ from eskin.live.graph_batch import (
     create_empty_batch,
     join_graphs,
 )
-from eskin.live.graph_builder import GraphBuilder, GraphConfig
+from eskin.live.graph_builder import (
+    WHOLE_SKIN,
+    FixedNeighbours,
+    GraphBuilder,
+    GraphConfig,
+    GraphStream,
+    TouchNodes,
+    find_live_neighbours,
+    pack_touch_nodes,
+)
 from eskin.live.graph_features import (
     NODE_SCALARS,
     PRESSURE_SUMMARY,
@@ -21,17 +37,15 @@ from eskin.live.graph_features import (
     compute_node_scalars,
     compute_summary,
 )
-from eskin.live.graph_stream import (
-    WHOLE_SKIN,
-    GraphStream,
-    TouchNodes,
-    pack_touch_nodes,
-)
-from eskin.live.logits import compute_probabilities
 from eskin.live.model_config import (
+    EDGE_SCALARS,
     LENGTH_CM,
+    LONG_STRIDE,
+    LONG_TAPS,
     MAX_DEVIATIONS,
     MIN_SLOTS,
+    SHORT_STRIDE,
+    SHORT_TAPS,
     SLOT_NS,
     DecisionConfig,
     ModelCard,
@@ -39,22 +53,27 @@ from eskin.live.model_config import (
     check_limits,
 )
 from eskin.live.model_file import MODELS, Model, check_weights, load_model, save_model
-from eskin.live.neighbours import FixedNeighbours, find_live_neighbours
-from eskin.live.network import Network
-from eskin.live.recognizer import Recognizer, build_detection, mount_skin, warm_up
+from eskin.live.network import LogitStream, Network, compute_probabilities
+from eskin.live.recognizer import Recognizer, mount_skin, warm_up
 
 __all__ = [
     "Decision",
     "DecisionConfig",
     "DecisionFilter",
     "Detection",
+    "DirectionTracker",
+    "EDGE_SCALARS",
     "FixedNeighbours",
+    "GRAPH_FIELDS",
     "GraphBatch",
     "GraphBuilder",
     "GraphConfig",
     "GraphStream",
     "HISTORY",
     "LENGTH_CM",
+    "LONG_STRIDE",
+    "LONG_TAPS",
+    "LogitStream",
     "MAX_DEVIATIONS",
     "MIN_SLOTS",
     "MODELS",
@@ -69,6 +88,8 @@ __all__ = [
     "Recognizer",
     "SHEAR_FIELDS",
     "SHEAR_SUMMARY",
+    "SHORT_STRIDE",
+    "SHORT_TAPS",
     "SLOT_NS",
     "TouchNodes",
     "UNKNOWN",

@@ -1,4 +1,4 @@
-"""This module decides which gesture of a touch to report, and when.
+"""This module decides which gesture of a touch to report, and builds the detection.
 
 Each touch is reported once: as soon as a gesture is certain, at closing at the latest.
 """
@@ -6,42 +6,21 @@ Each touch is reported once: as soon as a gesture is certain, at closing at the 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, final, runtime_checkable
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.live.model_config import DecisionConfig
+from eskin.recording import DetectionRecord
 from eskin.recording.labels import NONE
+from eskin.touch import LinkPoseCache, Touch, TouchState, TouchStatus
 from eskin.units import NS_PER_S
 
 UNKNOWN = "unknown"
 """Gesture reported where no class is probable enough."""
-
-
-@runtime_checkable
-class TouchLike(Protocol):
-    """An object like this tells when a touch happens, as a `Touch` does."""
-
-    @property
-    def id(self) -> int:
-        """Id of the touch."""
-        ...
-
-    @property
-    def onset(self) -> int:
-        """Stamp of its first contact [ns since the epoch]."""
-        ...
-
-    @property
-    def last(self) -> int:
-        """Stamp of its last contact so far [ns since the epoch]."""
-        ...
-
-    @property
-    def merged_into(self) -> int | None:
-        """Id of the touch that it was merged into; None or 0 if it was not."""
-        ...
+AnyTouch = Touch | TouchStatus
+"""A touch, or what is read of it at every reading."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +98,15 @@ class DecisionFilter:
             for threshold in self.thresholds
         ]
         self.lift = round(self.config.lift_seconds * NS_PER_S)
-        self.hold = round(self.config.hold_seconds * NS_PER_S)
+        self.dwell = round(self.config.hold_seconds * NS_PER_S)
         self.change_ends = change_ends
         self.evidence: dict[int, TouchEvidence] = {}
 
     def push(
         self,
         stamp: int,
-        touches: Sequence[TouchLike],
-        closed: Sequence[TouchLike],
+        touches: Sequence[AnyTouch],
+        closed: Sequence[AnyTouch],
         probabilities: Mapping[int, Float[np.ndarray, "class"]],
     ) -> list[Decision]:
         """Return the decisions at the next reading.
@@ -162,12 +141,12 @@ class DecisionFilter:
             return False
         if evidence.other_since is None:
             evidence.other_since = stamp
-        return stamp - evidence.other_since >= self.hold
+        return stamp - evidence.other_since >= self.dwell
 
     def update(
         self,
         evidence: TouchEvidence,
-        touch: TouchLike,
+        touch: AnyTouch,
         stamp: int,
         probabilities: list[float],
     ) -> Decision | None:
@@ -180,16 +159,16 @@ class DecisionFilter:
         certain = probabilities[leader] >= threshold
         if leader != evidence.leader or not certain:
             evidence.leader, evidence.since = leader if certain else -1, stamp
-        held = evidence.leader >= 0 and stamp - evidence.since >= self.hold
+        dwelt = evidence.leader >= 0 and stamp - evidence.since >= self.dwell
         has_contact = touch.last >= evidence.onset
-        if evidence.gesture is not None or not held or not has_contact:
+        if evidence.gesture is not None or not dwelt or not has_contact:
             return None
         evidence.gesture = self.vocabulary[leader]
         return Decision(
             touch.id, evidence.gesture, probabilities[leader], evidence.onset
         )
 
-    def close(self, closed: Sequence[TouchLike]) -> list[Decision]:
+    def close(self, closed: Sequence[AnyTouch]) -> list[Decision]:
         """Return the decisions about touches that have closed."""
         decisions = []
         for touch in closed:
@@ -203,7 +182,7 @@ class DecisionFilter:
         return decisions
 
     def decide(
-        self, touch: TouchLike, onset: int, probabilities: list[float]
+        self, touch: AnyTouch, onset: int, probabilities: list[float]
     ) -> Decision:
         """Return the decision about a touch at closing."""
         leader = find_likeliest(probabilities)
@@ -213,7 +192,7 @@ class DecisionFilter:
         return Decision(touch.id, UNKNOWN, confidence, onset, gesture)
 
 
-def reset_evidence(evidence: TouchEvidence, touch: TouchLike, stamp: int) -> None:
+def reset_evidence(evidence: TouchEvidence, touch: AnyTouch, stamp: int) -> None:
     """Drop the evidence of a touch: later contact is treated as another touch.
 
     A touch without contact that was not reported still waits for its closing.
@@ -240,3 +219,178 @@ def build_thresholds(
     thresholds = dict.fromkeys(vocabulary, config.threshold) | dict(config.thresholds)
     thresholds[NONE] = math.inf
     return [thresholds[name] for name in vocabulary]
+
+
+Heading = Literal["", "toward_tool", "toward_base", "left", "right"]
+"""Direction of travel on a link: along it, or across it as seen by who faces the skin
+there with the tool above."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """A detection reports the gesture of one touch, once, and is never withdrawn."""
+
+    stamp: int
+    """When it was reported: the stamp of the latest reading [ns since the epoch]."""
+    touch: int
+    """Id of the touch."""
+    gesture: str
+    """One of the model's vocabulary, or `unknown`."""
+    confidence: float
+    """Calibrated probability of the gesture; if unknown, of the likeliest."""
+    onset: int
+    """First contact [ns since the epoch]."""
+    end: int
+    """Latest contact by `stamp` [ns since the epoch]."""
+    link: str
+    """Link of the most loaded taxel at `end`."""
+    patch: str
+    """Patch of that taxel."""
+    p_world: Float[np.ndarray, "3"]
+    """Force-weighted centre of the strongest contact at `end` [m]."""
+    n_world: Float[np.ndarray, "3"]
+    """Mean outward normal of that contact."""
+    direction_world: Float[np.ndarray, "3"]
+    """Unit vector of travel at `end`, without the robot's own motion; zero where the
+    touch stayed in its place."""
+    peak_force: float
+    """Greatest force until `stamp` [N]."""
+    heading: Heading = ""
+    """Direction of travel along or across the link; empty where it has none."""
+    likeliest: str = ""
+    """Likeliest class where the gesture is `unknown`, perhaps `none`; else empty."""
+
+    def record(self) -> DetectionRecord:
+        """Return the row that a recording keeps of it."""
+        return DetectionRecord(
+            stamp=self.stamp,
+            gesture=self.gesture,
+            confidence=self.confidence,
+            onset=self.onset,
+            end=self.end,
+            link=self.link,
+            patch=self.patch,
+            p_world=to_tuple(self.p_world),
+            n_world=to_tuple(self.n_world),
+            direction_world=to_tuple(self.direction_world),
+            peak_force=self.peak_force,
+        )
+
+
+def to_tuple(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    """Return a vector as plain numbers."""
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+MIN_HEADING = 0.5
+"""Part of a direction along or across the link from which it counts."""
+
+
+def find_row(state: TouchState, touch: int) -> np.void:
+    """Return the TOUCH with an id."""
+    touches = state.records.touches
+    [row] = touches[touches["id"] == touch]
+    return row
+
+
+@final
+class DirectionTracker:
+    """A tracker keeps the state of every open touch at its latest contact.
+
+    Directions are needed rarely, so they are computed on request.
+    """
+
+    def __init__(self, poses: LinkPoseCache, min_travel: float) -> None:
+        """Start without touches.
+
+        Args:
+            poses: poses of the links of the robot that the touches are on.
+            min_travel: travel below which a touch has no direction [m].
+        """
+        self.poses = poses
+        self.min_travel = min_travel
+        self.contacts: dict[int, tuple[TouchState, np.ndarray]] = {}
+
+    def update(self, state: TouchState) -> None:
+        """Keep the state of the touches that are in contact at this reading."""
+        if not state.tracking.open:
+            return
+        contact = state, self.poses.get(state.reading.q)
+        for touch in state.tracking.open:
+            if touch.last == state.reading.stamp:
+                self.contacts[touch.id] = contact
+
+    def compute_direction(self, touch: int) -> Float[np.ndarray, "3"]:
+        """Return the direction of the touch with that id at its latest contact.
+
+        It is a unit vector in the world, zero where the touch stayed in its place.
+        """
+        state, T_world_link = self.contacts[touch]
+        row = find_row(state, touch)
+        return T_world_link[row["link"], :3, :3] @ self.compute_travel(row)
+
+    def compute_travel(self, row: np.void) -> Float[np.ndarray, "3"]:
+        """Return the direction of a TOUCH in its link's frame, zero if it stayed."""
+        travel = row["latest"] - row["start"]
+        distance = np.linalg.norm(travel)
+        return np.zeros(3) if distance < self.min_travel else travel / distance
+
+    def find_heading(self, touch: int, n_world: Float[np.ndarray, "3"]) -> Heading:
+        """Return along or across which side of its link a touch has travelled.
+
+        Args:
+            touch: id of the touch.
+            n_world: outward normal of the skin at its latest contact.
+        """
+        state, T_world_link = self.contacts[touch]
+        row, robot = find_row(state, touch), state.mounted.robot
+        axis = robot.find_axis(robot.link_names[row["link"]])
+        n_link = T_world_link[row["link"], :3, :3].T @ n_world
+        travel = self.compute_travel(row)
+        along, across = float(travel @ axis), float(travel @ np.cross(axis, n_link))
+        if max(abs(along), abs(across)) < MIN_HEADING:
+            return ""
+        if abs(along) >= abs(across):
+            return "toward_tool" if along > 0 else "toward_base"
+        return "right" if across > 0 else "left"
+
+    def forget(self, closed: Sequence[AnyTouch]) -> None:
+        """Drop touches that have closed."""
+        for touch in closed:
+            self.contacts.pop(touch.id, None)
+
+
+def build_detection(
+    decision: Decision,
+    touch: Touch,
+    stamp: int,
+    direction_world: Float[np.ndarray, "3"],
+    heading: Heading = "",
+) -> Detection:
+    """Return the detection that reports a decision about a touch.
+
+    Args:
+        decision: the decision.
+        touch: the touch that it is about.
+        stamp: stamp of the reading at which it is reported [ns since the epoch].
+        direction_world: unit vector of the touch's travel, or zero.
+        heading: direction of that travel along or across the link.
+    """
+    contact = touch.contact
+    return Detection(
+        stamp=stamp,
+        touch=touch.id,
+        gesture=decision.gesture,
+        confidence=decision.confidence,
+        onset=decision.onset,
+        end=touch.last,
+        link=contact.link,
+        patch=contact.patch,
+        p_world=contact.p_world,
+        n_world=contact.n_world,
+        direction_world=direction_world,
+        peak_force=touch.peak_force,
+        heading=heading,
+        likeliest=decision.likeliest,
+    )

@@ -9,24 +9,34 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.compiled import compiled_fastmath
+from eskin.compiled import compiled, compiled_fastmath
+from eskin.live.graph import GraphBatch
 from eskin.live.graph_features import MAX_AGE
-from eskin.live.graph_kernels import GraphArrays
-from eskin.live.kernels import (
-    BLOCK,
-    activate,
-    add,
-    add_bias,
-    layer_norm,
-    matmul,
-    sigmoid,
-    silu,
-)
+from eskin.live.graph_kernels import NO_NODE
 from eskin.live.model_config import LENGTH_CM
-from eskin.live.neighbour_kernels import NO_NODE
 
 PER_LENGTH = np.float32(1.0 / LENGTH_CM)
-ONE, TWO = np.float32(1.0), np.float32(2.0)
+TWO = np.float32(2.0)
+BLOCK = 256
+"""Rows multiplied at once: few enough that they and their products fit in the cache and
+that BLAS uses one thread, which is faster."""
+
+EPSILON = np.float32(1e-5)
+"""Added to the variance in a normalisation, as in torch."""
+
+# exp2 by a polynomial on [-0.5, 0.5], to a relative error of 2e-7.
+LOG2_E = np.float32(1.4426950408889634)
+MAX_EXPONENT = np.float32(80.0)  # where exp is still a float32 on both sides
+ONE = np.float32(1.0)
+E0 = np.float32(1.000000075)
+E1 = np.float32(0.693147188)
+E2 = np.float32(0.2402210749)
+E3 = np.float32(0.05550357114)
+E4 = np.float32(0.009676031918)
+E5 = np.float32(0.001339086336)
+# Adding this to a small number rounds it to a whole one, in the lowest bits.
+ROUNDER = np.float32(1.5 * 2**23)
+EXPONENT_SHIFT = np.int32(23)
 
 
 class EncoderWeights(NamedTuple):
@@ -88,9 +98,99 @@ class EncoderWorkspace(NamedTuple):
     pooled: Float[np.ndarray, "1 channel"]  # maximum and mean over the active nodes
 
 
+@compiled(fastmath={"contract", "nsz"})
+def exp_negative(x: float) -> np.float32:
+    """Return exp(-x) without a library call, so that loops over it are vectorised.
+
+    Its sums must not be reordered: it rounds by adding and subtracting `ROUNDER`.
+    """
+    z = min(max(x, -MAX_EXPONENT), MAX_EXPONENT)
+    shifted = np.float32(ROUNDER - z * LOG2_E)
+    f = (ROUNDER - shifted) - z * LOG2_E
+    power = np.float32(((((E5 * f + E4) * f + E3) * f + E2) * f + E1) * f + E0)
+    exponent = np.int32(shifted.view(np.int32) << EXPONENT_SHIFT)
+    return np.int32(power.view(np.int32) + exponent).view(np.float32)
+
+
+@compiled_fastmath(inline="always")
+def sigmoid(x: float) -> float:
+    """Return 1 / (1 + exp(-x))."""
+    return ONE / (ONE + exp_negative(x))
+
+
+@compiled_fastmath(inline="always")
+def silu(x: float) -> float:
+    """Return the product of x and its sigmoid."""
+    return x / (ONE + exp_negative(x))
+
+
+@compiled_fastmath
+def matmul(
+    x: Float[np.ndarray, "row input"],
+    weight: Float[np.ndarray, "input output"],
+    out: Float[np.ndarray, "row output"],
+) -> None:
+    """Write x @ weight to `out`."""
+    for first in range(0, len(x), BLOCK):
+        last = min(first + BLOCK, len(x))
+        np.dot(x[first:last], weight, out[first:last])
+
+
+@compiled_fastmath
+def add_bias(
+    x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
+) -> None:
+    """Add the same bias to every row."""
+    for i in range(x.shape[0]):
+        for c in range(x.shape[1]):
+            x[i, c] += bias[c]
+
+
+@compiled_fastmath
+def add(
+    x: Float[np.ndarray, "row channel"], out: Float[np.ndarray, "row channel"]
+) -> None:
+    """Add `x` to `out`."""
+    for i in range(x.shape[0]):
+        for c in range(x.shape[1]):
+            out[i, c] += x[i, c]
+
+
+@compiled_fastmath
+def activate(
+    x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
+) -> None:
+    """Replace each row by silu(row + bias)."""
+    for i in range(x.shape[0]):
+        for c in range(x.shape[1]):
+            x[i, c] = silu(x[i, c] + bias[c])
+
+
+@compiled_fastmath
+def layer_norm(
+    x: Float[np.ndarray, "row channel"],
+    scale: Float[np.ndarray, "channel"],
+    shift: Float[np.ndarray, "channel"],
+    out: Float[np.ndarray, "row channel"],
+) -> None:
+    """Normalise each row to zero mean and unit variance, then scale and shift it."""
+    rows, channels = x.shape
+    for i in range(rows):
+        mean = np.float32(0.0)
+        for c in range(channels):
+            mean += x[i, c]
+        mean /= np.float32(channels)
+        variance = np.float32(0.0)
+        for c in range(channels):
+            variance += (x[i, c] - mean) ** 2
+        inverse = ONE / np.sqrt(variance / np.float32(channels) + EPSILON)
+        for c in range(channels):
+            out[i, c] = (x[i, c] - mean) * inverse * scale[c] + shift[c]
+
+
 @compiled_fastmath
 def encode(
-    graph: GraphArrays,
+    graph: GraphBatch,
     shear: bool,
     weights: EncoderWeights,
     workspace: EncoderWorkspace,
@@ -110,7 +210,7 @@ def encode(
 
 
 @compiled_fastmath
-def find_targets(graph: GraphArrays, workspace: EncoderWorkspace) -> int:
+def find_targets(graph: GraphBatch, workspace: EncoderWorkspace) -> int:
     """List the active nodes, the targets, and return their number."""
     targets = 0
     for node in range(graph.offsets[1]):
@@ -123,7 +223,7 @@ def find_targets(graph: GraphArrays, workspace: EncoderWorkspace) -> int:
 
 
 @compiled_fastmath
-def find_edges(graph: GraphArrays, targets: int, workspace: EncoderWorkspace) -> int:
+def find_edges(graph: GraphBatch, targets: int, workspace: EncoderWorkspace) -> int:
     """List the sources of each target, and return the number of edges."""
     sources, edge_weights = workspace.sources, workspace.edge_weights
     edges = 0
@@ -146,7 +246,7 @@ def find_edges(graph: GraphArrays, targets: int, workspace: EncoderWorkspace) ->
 
 @compiled_fastmath
 def write_coordinates(
-    graph: GraphArrays, shear: bool, workspace: EncoderWorkspace
+    graph: GraphBatch, shear: bool, workspace: EncoderWorkspace
 ) -> None:
     """Write coordinates and, if the network uses it, compressed shear."""
     for node in range(graph.offsets[1]):
@@ -161,7 +261,7 @@ def write_coordinates(
 
 @compiled_fastmath
 def embed_nodes(
-    graph: GraphArrays,
+    graph: GraphBatch,
     targets: int,
     edges: int,
     weights: EncoderWeights,
@@ -189,7 +289,7 @@ def embed_nodes(
 
 @compiled_fastmath
 def write_node_features(
-    graph: GraphArrays, node: int, row: int, workspace: EncoderWorkspace
+    graph: GraphBatch, node: int, row: int, workspace: EncoderWorkspace
 ) -> bool:
     """Write the scalars of a node to a row, and return whether all are zero."""
     scalars = workspace.scalars
@@ -210,7 +310,7 @@ def write_node_features(
 @compiled_fastmath
 def run_layer(
     layer: int,
-    graph: GraphArrays,
+    graph: GraphBatch,
     shear: bool,
     targets: int,
     rows: int,
@@ -247,7 +347,7 @@ def run_layer(
 @compiled_fastmath
 def aggregate(
     layer: int,
-    graph: GraphArrays,
+    graph: GraphBatch,
     shear: bool,
     targets: int,
     weights: EncoderWeights,
@@ -266,7 +366,7 @@ def aggregate(
 @compiled_fastmath
 def aggregate_block(
     layer: int,
-    graph: GraphArrays,
+    graph: GraphBatch,
     shear: bool,
     begin: int,
     end: int,
@@ -365,7 +465,7 @@ def sum_coord_updates(
 
 @compiled_fastmath
 def write_edge_features(
-    graph: GraphArrays, shear: bool, begin: int, end: int, workspace: EncoderWorkspace
+    graph: GraphBatch, shear: bool, begin: int, end: int, workspace: EncoderWorkspace
 ) -> None:
     """Write |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges, r = x_i - x_j."""
     x, n, s, r = workspace.x, graph.normals, workspace.shear, workspace.r
@@ -389,7 +489,7 @@ def write_edge_features(
 
 @compiled_fastmath
 def pool_nodes(
-    graph: GraphArrays,
+    graph: GraphBatch,
     targets: int,
     weights: EncoderWeights,
     workspace: EncoderWorkspace,

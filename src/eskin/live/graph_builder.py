@@ -1,29 +1,41 @@
-"""This module builds the contact graph of a touch from a reading."""
+"""This module builds the contact graphs of touches from readings.
+
+A taxel is joined to the nearest of its own patch, found once, and to the nearest of
+other patches, found at every reading. Ties are broken by (patch, row, column), which
+travels with the taxel, so neither the order of the taxels nor the pose of the robot
+changes the neighbours.
+"""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import final
+from itertools import chain
+from typing import Annotated, NamedTuple, final
 
 import numpy as np
+from annotated_types import Interval
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
-from eskin.live.graph_batch import (
-    NO_HISTORY,
-    NODE_FIELDS,
-    GraphBatch,
-    allocate_graphs,
-)
+from eskin.compiled import Packed, pack, unpack
+from eskin.files import Distance, NotNegative
+from eskin.live.graph import HISTORY, NO_HISTORY, GraphBatch, allocate_graphs
 from eskin.live.graph_kernels import (
+    MICROMETRES,
+    NO_NODE,
     GraphWorkspace,
+    NeighbourWorkspace,
     SkinGeometry,
     TaxelHistory,
     TimeStep,
+    TouchNodeArrays,
     build_graph,
+    collect_touch_nodes,
     update_taxel_history,
+    write_live_neighbours,
 )
-from eskin.live.neighbours import FixedNeighbours, allocate_search
-from eskin.skin import MountedSkin
-from eskin.touch import LinkPoseCache, Reading
+from eskin.skin import MountedSkin, Skin
+from eskin.touch import LinkPoseCache, Reading, TouchState
 
 MAX_STEP = 0.5  # [s] between readings from which a rate is computed
 MIN_STEP = 1e-4  # [s]
@@ -32,20 +44,25 @@ NEVER = -2  # number of the reading of a taxel that has not been active yet
 INITIAL_NODES = 256  # that there is memory for
 NO_SHEAR = np.zeros((0, 2), np.float32)
 CM2_PER_M2 = 1e4
+WHOLE_SKIN = 0
+"""Key of the one sequence of a skin that is not calibrated; ids of touches start at
+1."""
+
+NO_TAXELS = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class GraphConfig:
     """These settings determine how the taxels of a touch become a graph."""
 
-    fixed: int = 8
+    fixed: Annotated[int, Interval(ge=0, le=64)] = 8
     """Number of nearest taxels of the same patch that each taxel is joined to (the
     paper's K)."""
-    live: int = 4
+    live: Annotated[int, Interval(ge=0, le=64)] = 4
     """Number of nearest taxels of other patches, searched for at every reading."""
-    live_reach: float = 0.03
+    live_reach: Distance = 0.03
     """Largest distance at which a taxel of another patch is joined [m]."""
-    shear_on: float = 1.5
+    shear_on: NotNegative = 1.5
     """On a skin that is not calibrated: shear from which a taxel belongs to the graph
     even where its pressure is too low for a contact [kPa]."""
     posed: bool = True
@@ -147,7 +164,7 @@ class GraphBuilder:
             history: history of the touch so far, with the columns `HISTORY`.
         """
         workspace = self.reserve(len(taxels) + len(earlier))
-        nodes = build_graph(
+        build_graph(
             taxels,
             earlier,
             history,
@@ -157,13 +174,7 @@ class GraphBuilder:
             self.taxel_history,
             workspace,
         )
-        graph = workspace.graph
-        return GraphBatch(
-            **{name: getattr(graph, name)[:nodes].copy() for name in NODE_FIELDS},
-            offsets=graph.offsets.copy(),
-            seconds=graph.seconds.copy(),
-            history=graph.history.copy(),
-        )
+        return workspace.graph.select(np.array([0]))
 
 
 def build_skin_geometry(mounted: MountedSkin, config: GraphConfig) -> SkinGeometry:
@@ -209,3 +220,214 @@ def allocate_workspace(nodes: int, geometry: SkinGeometry) -> GraphWorkspace:
         taxel_node=np.zeros(taxels, np.int64),
         marks=np.zeros(taxels // 64 + 1, np.uint64),
     )
+
+
+class TouchNodes(NamedTuple):
+    """Touch nodes are the taxels and the history of a sequence at one reading."""
+
+    taxels: Int[np.ndarray, "active"]
+    """Active taxels now."""
+    earlier: Int[np.ndarray, "earlier"]
+    """Active taxels one reading ago."""
+    history: Float[np.ndarray, "column"]
+    """History of the touch so far, with the columns `HISTORY`."""
+
+
+class PackedTouchNodes(NamedTuple):
+    """This tuple holds the touch nodes of all sequences, packed for kernels."""
+
+    keys: list[int]
+    """Keys of the sequences."""
+    max_taxels: int
+    """Largest number of taxels of a sequence, now and one reading ago together."""
+    packed: Packed
+    """Packed `TouchNodeArrays`."""
+
+
+@final
+class GraphStream:
+    """A graph stream builds the graph of every open touch at every reading.
+
+    The graphs of a touch are one sequence. On a skin that is not calibrated there is
+    one sequence for the whole skin, which goes on even while nothing touches it.
+    """
+
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        config: GraphConfig | None = None,
+        poses: LinkPoseCache | None = None,
+    ) -> None:
+        """Start before the first reading.
+
+        Args:
+            mounted: the skin on its robot.
+            config: settings of the graphs.
+            poses: poses of the robot's links, shared with other users of them.
+        """
+        self.builder = GraphBuilder(mounted, config, poses)
+        self.calibrated = mounted.skin.calibrated
+        self.earlier = NO_TAXELS
+        self.no_nodes = pack_touch_nodes({})
+
+    def get_key(self, touch: int) -> int:
+        """Return the key of the sequence that the touch with that id belongs to."""
+        return touch if self.calibrated else WHOLE_SKIN
+
+    def push(self, state: TouchState) -> dict[int, GraphBatch]:
+        """Return the graph of each sequence at the next reading, by key.
+
+        A touch between two contacts has a graph without pressure.
+        """
+        nodes: TouchNodeArrays = unpack(self.find_touch_nodes(state).packed)
+        self.builder.advance(state.reading, nodes.active)
+        spans = zip(nodes.keys, nodes.active_spans, nodes.earlier_spans, strict=True)
+        return {
+            int(key): self.builder.build(
+                nodes.active[slice(*now)], nodes.earlier[slice(*before)], history
+            )
+            for (key, now, before), history in zip(spans, nodes.histories, strict=True)
+        }
+
+    def find_touch_nodes(self, state: TouchState) -> PackedTouchNodes:
+        """Return the taxels and the history of each sequence at the next reading."""
+        if not self.calibrated:
+            nodes = TouchNodes(self.find_active_taxels(state), self.earlier, NO_HISTORY)
+            self.earlier = nodes.taxels
+            return pack_touch_nodes({WHOLE_SKIN: nodes})
+        if not state.tracking.open:
+            return self.no_nodes
+        packed, max_taxels = collect_touch_nodes(
+            state.tracking.packed, state.reading.stamp
+        )
+        return PackedTouchNodes(
+            [touch.id for touch in state.tracking.open], max_taxels, packed
+        )
+
+    def find_active_taxels(self, state: TouchState) -> Int[np.ndarray, "active"]:
+        """Return all taxels in contact or under shear, whatever their touch."""
+        parts, reading = [contact.taxels for contact in state.contacts], state.reading
+        if reading.shear is not None:
+            size = np.linalg.norm(reading.shear, axis=1)
+            sheared = size >= self.builder.config.shear_on
+            parts.append(np.flatnonzero(sheared & reading.valid))
+        return np.unique(np.concatenate([NO_TAXELS, *parts]))
+
+
+def pack_touch_nodes(nodes: Mapping[int, TouchNodes]) -> PackedTouchNodes:
+    """Pack the taxels and histories of sequences, given by key, for compiled code."""
+    values, keys = list(nodes.values()), list(nodes)
+    active, now = concatenate([each.taxels for each in values])
+    earlier, before = concatenate([each.earlier for each in values])
+    rows = np.array([each.history for each in values], np.float64)
+    histories = rows.reshape(-1, len(HISTORY))
+    key_array = np.array(keys, np.int64)
+    packed = pack(TouchNodeArrays(key_array, active, earlier, now, before, histories))
+    sizes = [len(each.taxels) + len(each.earlier) for each in values]
+    return PackedTouchNodes(keys, max(sizes, default=0), packed)
+
+
+def concatenate(
+    parts: list[np.ndarray],
+) -> tuple[Int[np.ndarray, "load"], Int[np.ndarray, "sequence 2"]]:
+    """Return all parts one after another, and the span of each."""
+    ends = np.cumsum([0, *map(len, parts)])
+    return np.concatenate([NO_TAXELS, *parts]), np.stack([ends[:-1], ends[1:]], axis=1)
+
+
+class FixedNeighbours:
+    """Fixed neighbours are the nearest taxels of the same patch, found once for a skin.
+
+    Attributes:
+        table: (taxel, k) neighbours of each taxel, nearest first; -1 fills up.
+        rank: rank of each taxel when sorted by (patch, row, column).
+    """
+
+    def __init__(self, skin: Skin, k: int) -> None:
+        """Find the `k` nearest neighbours of every taxel of a skin."""
+        ids = np.array([patch.id for patch in skin.patches])[skin.patch_index]
+        order = np.lexsort((skin.columns, skin.rows, ids))
+        self.rank = np.empty_like(order)
+        self.rank[order] = np.arange(skin.count)
+        self.table = np.full((skin.count, k), NO_NODE, dtype=np.int64)
+        for patch in range(len(skin.patches)):
+            taxels = np.flatnonzero(skin.patch_index == patch)
+            self.table[taxels] = find_nearest_in_patch(
+                skin.positions[taxels], taxels, self.rank, k
+            )
+
+
+def allocate_search(nodes: int, k: int) -> NeighbourWorkspace:
+    """Allocate memory to search for `k` neighbours of so many nodes."""
+    return NeighbourWorkspace(
+        boxes=np.zeros((nodes, 2, 3)),
+        patches=np.zeros(nodes, np.int64),
+        candidates=np.zeros(nodes, np.int64),
+        lengths=np.zeros(k),
+    )
+
+
+def find_nearest_in_patch(
+    positions: Float[np.ndarray, "part 3"],
+    taxels: Int[np.ndarray, "part"],
+    rank: Int[np.ndarray, "taxel"],
+    k: int,
+) -> Int[np.ndarray, "part {k}"]:
+    """Return the `k` nearest of `taxels` to each of them, -1 where there are fewer.
+
+    Squared distances are whole numbers of square micrometres, so equal ones are equal
+    to the last bit, however the patch lies.
+    """
+    points = np.rint(positions * MICROMETRES).astype(np.int64)
+    one, other = find_close_pairs(points, k)
+    squared = ((points[one] - points[other]) ** 2).sum(axis=1)
+    order = np.lexsort((rank[taxels[other]], squared, one))
+    one, other = one[order], other[order]
+    place = np.arange(len(one)) - np.searchsorted(one, one)
+    nearest = np.full((len(taxels), k), NO_NODE, dtype=np.int64)
+    kept = place < k
+    nearest[one[kept], place[kept]] = taxels[other[kept]]
+    return nearest
+
+
+def find_close_pairs(
+    points: Int[np.ndarray, "part 3"], k: int
+) -> tuple[Int[np.ndarray, "pair"], Int[np.ndarray, "pair"]]:
+    """Return pairs of each point with all others no farther than its `k`-th nearest.
+
+    All that tie with the `k`-th nearest are included, so that ranks can break ties.
+    """
+    tree = KDTree(points)
+    distances = np.asarray(tree.query(points, k=min(k + 1, len(points)))[0])
+    radius = distances.reshape(len(points), -1)[:, -1]
+    # Half a micrometre more, against rounding errors; surplus points are dropped later.
+    near = tree.query_ball_point(points, radius + 0.5)
+    one = np.repeat(np.arange(len(points)), [len(others) for others in near])
+    other = np.fromiter(chain.from_iterable(near), np.int64, len(one))
+    different = one != other
+    return one[different], other[different]
+
+
+def find_live_neighbours(
+    p_world: Float[np.ndarray, "node 3"],
+    patch: Int[np.ndarray, "node"],
+    rank: Int[np.ndarray, "node"],
+    k: int,
+    reach: float,
+) -> Int[np.ndarray, "node {k}"]:
+    """Return the `k` nearest nodes of other patches by kinematic distance, or -1.
+
+    Distances are compared in whole micrometres, so that a motion of the whole robot
+    neither reorders equal ones nor moves one across the reach.
+
+    Args:
+        p_world: positions in the world [m].
+        patch: the patch of each node.
+        rank: rank of each node, which breaks ties.
+        k: number of neighbours per node.
+        reach: largest distance to a neighbour [m].
+    """
+    nearest = np.empty((len(p_world), k), np.int32)
+    workspace = allocate_search(len(patch), k)
+    write_live_neighbours(p_world, patch, rank, reach, workspace, nearest)
+    return nearest

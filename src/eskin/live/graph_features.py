@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from eskin.live.graph_batch import HISTORY, GraphBatch
+from eskin.live.graph import HISTORY, GraphBatch
 from eskin.live.summary_kernels import (
     LEVELS,
     summarise_all,
@@ -91,8 +91,8 @@ def compute_summary(
         shear: whether the columns `SHEAR_SUMMARY` follow those of `PRESSURE_SUMMARY`.
     """
     features = len(PRESSURE_SUMMARY) + (len(SHEAR_SUMMARY) if shear else 0)
-    out = np.empty((batch.count, features), batch.pressure.dtype)
-    summarise_all(batch.arrays, shear, out)
+    out = np.empty((batch.size, features), batch.pressure.dtype)
+    summarise_all(batch.for_kernels(), shear, out)
     return out
 
 
@@ -103,6 +103,6 @@ def compute_load_motion(
 
     The centre is zero where there is no load, the velocity at first contact.
     """
-    centres, velocities = np.empty((2, batch.count, 3))
-    write_load_motions(batch.arrays, centres, velocities)
+    centres, velocities = np.empty((2, batch.size, 3))
+    write_load_motions(batch.for_kernels(), centres, velocities)
     return centres, velocities

@@ -1,16 +1,20 @@
-"""Compiled kernels that build one contact graph, in time proportional to its size."""
+"""Compiled kernels that build contact graphs, each in time proportional to its size.
 
+They collect the taxels of each touch from the records of touches, build its graph, and
+find the nearest nodes of other patches.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# Fields of records and of packed tuples are known to numba only.
+
+import math
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.compiled import compiled
-from eskin.live.neighbour_kernels import (
-    NO_NODE,
-    NeighbourWorkspace,
-    write_live_neighbours,
-)
+from eskin.compiled import Packed, compiled
+from eskin.live.graph import GraphBatch
 
 CM_PER_M = 100.0
 ZERO = np.float32(0.0)
@@ -22,6 +26,87 @@ BIT_POSITION = np.zeros(WORD, np.int64)
 for place in range(WORD):
     BIT_POSITION[((int(DE_BRUIJN) << place) & (2**WORD - 1)) >> 58] = place
 ONE, NO_BITS = np.uint64(1), np.uint64(0)
+MICROMETRES = 1e6
+NO_NODE = -1
+COLUMNS = 7  # length of `eskin.live.HISTORY`
+S_PER_NS = 1e-9
+
+
+class TouchNodeArrays(NamedTuple):
+    """These arrays hold the taxels and histories of all sequences at one reading.
+
+    A span is the first index and the end of a sequence's taxels.
+    """
+
+    keys: Int[np.ndarray, "sequence"]
+    active: Int[np.ndarray, "load"]  # active taxels now, sequence after sequence
+    earlier: Int[np.ndarray, "load"]  # active taxels one reading ago
+    active_spans: Int[np.ndarray, "sequence 2"]
+    earlier_spans: Int[np.ndarray, "sequence 2"]
+    histories: Float[np.ndarray, "sequence column"]
+
+
+@compiled
+def collect_touch_nodes(packed_records: Packed, stamp: int) -> tuple[Packed, int]:
+    """Return the taxels and the history of each open touch.
+
+    Args:
+        packed_records: `TouchRecords` of a reading.
+        stamp: time of that reading [ns since the epoch].
+
+    Returns:
+        Packed `TouchNodeArrays`, and the largest number of taxels of one touch, now and
+        one reading ago together.
+    """
+    records = packed_records.parts
+    touches, loads = records.touches, records.loads
+    count = 0
+    while count < len(touches) and not touches[count].closed:
+        count += 1
+    active, now = concatenate_spans(touches.loads[:count], loads)
+    earlier, before = concatenate_spans(touches.before[:count], loads)
+    keys, histories = np.empty(count, np.int64), np.empty((count, COLUMNS))
+    max_taxels = 0
+    for n in range(count):
+        keys[n] = touches[n].id
+        write_history(touches[n], stamp, histories[n])
+        taxels = now[n, 1] - now[n, 0] + before[n, 1] - before[n, 0]
+        max_taxels = max(max_taxels, taxels)
+    nodes = TouchNodeArrays(keys, active, earlier, now, before, histories)
+    return Packed(nodes), max_taxels
+
+
+@compiled
+def concatenate_spans(
+    spans: Int[np.ndarray, "touch 2"], loads: np.ndarray
+) -> tuple[Int[np.ndarray, "load"], Int[np.ndarray, "touch 2"]]:
+    """Copy the taxels of spans of loads into one array; return it and its spans."""
+    total = 0
+    for n in range(len(spans)):
+        total += spans[n, 1] - spans[n, 0]
+    taxels, new_spans = np.empty(total, np.int64), np.empty((len(spans), 2), np.int64)
+    end = 0
+    for n in range(len(spans)):
+        new_spans[n, 0] = end
+        for k in range(spans[n, 0], spans[n, 1]):
+            taxels[end] = loads[k].taxel
+            end += 1
+        new_spans[n, 1] = end
+    return taxels, new_spans
+
+
+@compiled
+def write_history(touch: np.void, stamp: int, out: Float[np.ndarray, "column"]) -> None:
+    """Write the columns `eskin.live.HISTORY` of an open touch."""
+    squared = 0.0
+    for d in range(3):
+        squared += (touch.latest[d] - touch.start[d]) ** 2
+    out[0] = (stamp - touch.onset) * S_PER_NS
+    out[1] = (stamp - touch.last) * S_PER_NS
+    out[2] = touch.contacts
+    out[3] = math.sqrt(squared) * CM_PER_M
+    out[4] = touch.farthest * CM_PER_M
+    out[5], out[6] = touch.impulse, touch.peak_force
 
 
 class SkinGeometry(NamedTuple):
@@ -63,31 +148,19 @@ class TimeStep(NamedTuple):
     has_previous: bool  # whether the previous reading is recent enough for a rate
 
 
-class GraphArrays(NamedTuple):
-    """These are the fields of `eskin.live.GraphBatch` for compiled code, in its order.
+class NeighbourWorkspace(NamedTuple):
+    """A workspace is the memory of a search for neighbours of other patches."""
 
-    Arrays of nodes may be longer than the last offset; kernels ignore the rest.
-    """
-
-    taxels: np.ndarray
-    pressure: np.ndarray
-    before: np.ndarray
-    age: np.ndarray
-    areas: np.ndarray
-    positions: np.ndarray
-    normals: np.ndarray
-    shear: np.ndarray
-    shear_before: np.ndarray
-    neighbours: np.ndarray
-    offsets: np.ndarray
-    seconds: np.ndarray
-    history: np.ndarray
+    boxes: Float[np.ndarray, "box 2 3"]  # least and greatest coordinates of a patch [m]
+    patches: Int[np.ndarray, "box"]  # patch of each box
+    candidates: Int[np.ndarray, "node"]  # nodes near other patches
+    lengths: Float[np.ndarray, "neighbour"]  # distances of the nearest so far [um]
 
 
 class GraphWorkspace(NamedTuple):
     """A workspace is memory in which one graph is built, whatever it held before."""
 
-    graph: GraphArrays  # a batch of one
+    graph: GraphBatch  # a batch of one
     p_world: Float[np.ndarray, "node 3"]  # positions in the world [m]
     position_sum: Float[np.ndarray, "3"]  # sum of those [m]
     patch: Int[np.ndarray, "node"]  # index of the patch
@@ -347,3 +420,130 @@ def rotate_axis(
         + T_world_link[link, d, 1] * vectors[taxel, 1]
         + T_world_link[link, d, 2] * vectors[taxel, 2]
     )
+
+
+@compiled
+def write_live_neighbours(
+    p_world: Float[np.ndarray, "node 3"],
+    patch: Int[np.ndarray, "node"],
+    rank: Int[np.ndarray, "node"],
+    reach: float,
+    workspace: NeighbourWorkspace,
+    out: Int[np.ndarray, "node k"],
+) -> None:
+    """Write the neighbours of each node; see `find_live_neighbours` for arguments."""
+    out[:] = NO_NODE
+    max_length = np.rint(reach * MICROMETRES)
+    search_radius = (max_length + 1.0) / MICROMETRES
+    count = find_candidates(p_world, patch, search_radius, workspace)
+    candidates, lengths = workspace.candidates, workspace.lengths
+    last = out.shape[1] - 1
+    if last < 0:
+        return
+    for a in range(count):
+        n = candidates[a]
+        lengths[:] = np.inf
+        radius = search_radius  # shrinks to the distance of the last of the nearest
+        for b in range(count):
+            m = candidates[b]
+            if patch[m] == patch[n]:
+                continue
+            x = p_world[n, 0] - p_world[m, 0]
+            y = p_world[n, 1] - p_world[m, 1]
+            z = p_world[n, 2] - p_world[m, 2]
+            squared = x * x + y * y + z * z
+            if squared > radius * radius:
+                continue
+            length = np.rint(np.sqrt(squared) * MICROMETRES)
+            if length <= max_length:
+                insert_neighbour(m, length, rank, lengths, n, out)
+                radius = min(search_radius, (lengths[last] + 1.0) / MICROMETRES)
+
+
+@compiled
+def find_candidates(
+    p_world: Float[np.ndarray, "node 3"],
+    patch: Int[np.ndarray, "node"],
+    reach: float,
+    workspace: NeighbourWorkspace,
+) -> int:
+    """List the nodes within reach of the box around another patch; return their number.
+
+    Only these, few of all nodes, are compared with each other.
+    """
+    box_count = write_boxes(p_world, patch, workspace)
+    count, boxes, patches = 0, workspace.boxes, workspace.patches
+    if box_count < 2:
+        return count
+    for n in range(len(patch)):
+        for b in range(box_count):
+            if patches[b] == patch[n]:
+                continue
+            gap = 0.0
+            for d in range(3):
+                low, high = boxes[b, 0, d], boxes[b, 1, d]
+                gap = max(gap, low - p_world[n, d], p_world[n, d] - high)
+            if gap <= reach:
+                workspace.candidates[count] = n
+                count += 1
+                break
+    return count
+
+
+@compiled
+def write_boxes(
+    p_world: Float[np.ndarray, "node 3"],
+    patch: Int[np.ndarray, "node"],
+    workspace: NeighbourWorkspace,
+) -> int:
+    """Write the box around the nodes of each patch; return the number of boxes."""
+    boxes, patches = workspace.boxes, workspace.patches
+    count, b = 0, 0
+    for n in range(len(patch)):
+        if count == 0 or patches[b] != patch[n]:  # not in the box of the previous node
+            b = 0
+            while b < count and patches[b] != patch[n]:
+                b += 1
+        if b == count:
+            patches[b] = patch[n]
+            for d in range(3):
+                boxes[b, 0, d], boxes[b, 1, d] = p_world[n, d], p_world[n, d]
+            count += 1
+        for d in range(3):
+            boxes[b, 0, d] = min(boxes[b, 0, d], p_world[n, d])
+            boxes[b, 1, d] = max(boxes[b, 1, d], p_world[n, d])
+    return count
+
+
+@compiled
+def insert_neighbour(
+    node: int,
+    length: float,
+    rank: Int[np.ndarray, "node"],
+    lengths: Float[np.ndarray, "k"],
+    target: int,
+    out: Int[np.ndarray, "node k"],
+) -> None:
+    """Insert a node among the nearest of node `target` if it is one of them."""
+    last = out.shape[1] - 1
+    k = last + 1
+    while k > 0 and is_nearer(node, length, out[target, k - 1], lengths[k - 1], rank):
+        k -= 1
+    for other in range(last, k, -1):
+        out[target, other], lengths[other] = out[target, other - 1], lengths[other - 1]
+    if k <= last:
+        out[target, k], lengths[k] = node, length
+
+
+@compiled
+def is_nearer(
+    one: int,
+    length: float,
+    other: int,
+    other_length: float,
+    rank: Int[np.ndarray, "node"],
+) -> bool:
+    """Return whether one node is nearer than another, or as near and lower in rank."""
+    if other == NO_NODE or length != other_length:
+        return length < other_length
+    return rank[one] < rank[other]

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled_fastmath
-from eskin.live.kernels import add_vecmat, dot, silu
-from eskin.live.model_file import (
+from eskin.live.encoder_kernels import silu
+from eskin.live.model_config import (
     LONG_STRIDE,
     LONG_TAPS,
     SHORT_STRIDE,
@@ -25,18 +25,18 @@ ZERO = np.float32(0.0)
 
 
 class HeadWeights(NamedTuple):
-    """These are the parameters of all heads; a *track* is a channel of one of them.
+    """Parameters of all heads, whose channels lie side by side, a branch's together.
 
     Inputs that a head does not take have zeros for weights.
     """
 
-    project_weight: Float[np.ndarray, "input track"]
-    project_bias: Float[np.ndarray, "track"]
-    short_weight: Float[np.ndarray, "view tap*channel channel"]
-    short_bias: Float[np.ndarray, "track"]
-    long_weight: Float[np.ndarray, "view tap*channel channel"]
-    long_bias: Float[np.ndarray, "track"]
-    classify_weight: Float[np.ndarray, "class scale*statistic*track"]  # for the mean
+    project_weight: Float[np.ndarray, "input channel"]
+    project_bias: Float[np.ndarray, "channel"]
+    short_weight: Float[np.ndarray, "branch tap*width width"]
+    short_bias: Float[np.ndarray, "channel"]
+    long_weight: Float[np.ndarray, "branch tap*width width"]
+    long_bias: Float[np.ndarray, "channel"]
+    classify_weight: Float[np.ndarray, "class scale*statistic*channel"]  # for the mean
     classify_bias: Float[np.ndarray, "class"]
 
 
@@ -50,13 +50,43 @@ class HeadState(NamedTuple):
 
     newest: Float[np.ndarray, "input"]  # features of the newest slot
     fine_seen: Bool[np.ndarray, "slot"]
-    fine: Float[np.ndarray, "slot track"]  # projection of the features
+    fine: Float[np.ndarray, "slot channel"]  # projection of the features
     short_seen: Bool[np.ndarray, "slot"]
-    short: Float[np.ndarray, "slot track"]  # output of the short convolution
+    short: Float[np.ndarray, "slot channel"]  # output of the short convolution
     long_seen: Bool[np.ndarray, "slot"]
-    long: Float[np.ndarray, "slot track"]  # output of the long convolution
+    long: Float[np.ndarray, "slot channel"]  # output of the long convolution
     indices: Int[np.ndarray, "slot"]  # indices of the outputs that statistics are over
-    statistics: Float[np.ndarray, "scale*statistic track"]  # of the window
+    statistics: Float[np.ndarray, "scale*statistic channel"]  # of the window
+
+
+@compiled_fastmath
+def add_vecmat(
+    x: Float[np.ndarray, "input"],
+    weight: Float[np.ndarray, "input output"],
+    out: Float[np.ndarray, "output"],
+) -> None:
+    """Add x @ weight to `out`, four inputs at a time."""
+    inputs, outputs = weight.shape
+    fours = inputs - inputs % 4
+    for c in range(0, fours, 4):
+        x0, x1, x2, x3 = x[c], x[c + 1], x[c + 2], x[c + 3]
+        w0, w1, w2, w3 = weight[c], weight[c + 1], weight[c + 2], weight[c + 3]
+        for o in range(outputs):
+            out[o] += x0 * w0[o] + x1 * w1[o] + x2 * w2[o] + x3 * w3[o]
+    for c in range(fours, inputs):
+        for o in range(outputs):
+            out[o] += x[c] * weight[c, o]
+
+
+@compiled_fastmath
+def dot(
+    x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]
+) -> np.float32:
+    """Return the sum of products, for short vectors faster than BLAS."""
+    total = np.float32(0.0)
+    for c in range(len(x)):
+        total += x[c] * weight[c]
+    return total
 
 
 @compiled_fastmath
@@ -137,11 +167,11 @@ def convolve_taps(
     kernel: int,
     spacing: int,
     seen: Bool[np.ndarray, "slot"],
-    x: Float[np.ndarray, "slot track"],
-    weight: Float[np.ndarray, "view tap_and_channel channel"],
-    bias: Float[np.ndarray, "track"],
+    x: Float[np.ndarray, "slot channel"],
+    weight: Float[np.ndarray, "branch tap_and_width width"],
+    bias: Float[np.ndarray, "channel"],
     out_seen: Bool[np.ndarray, "slot"],
-    out: Float[np.ndarray, "slot track"],
+    out: Float[np.ndarray, "slot channel"],
 ) -> None:
     """Compute the output of a partial convolution whose last tap is a slot.
 
@@ -157,22 +187,22 @@ def convolve_taps(
         out: output of the convolution.
     """
     slots, here = len(seen), slot % len(seen)
-    views, channels = weight.shape[0], weight.shape[2]
+    branches, width = weight.shape[0], weight.shape[2]
     count = 0
     for k in range(kernel):
         count += seen[(slot - (kernel - 1 - k) * spacing) % slots]
     out_seen[here] = count > 0
     if count == 0:
         return
-    for view in range(views):
-        y = out[here, view * channels : (view + 1) * channels]
+    for branch in range(branches):
+        y = out[here, branch * width : (branch + 1) * width]
         y[:] = ZERO
         for k in range(kernel):
             index = (slot - (kernel - 1 - k) * spacing) % slots
             if seen[index]:
                 add_vecmat(
-                    x[index, view * channels : (view + 1) * channels],
-                    weight[view, k * channels : (k + 1) * channels],
+                    x[index, branch * width : (branch + 1) * width],
+                    weight[branch, k * width : (k + 1) * width],
                     y,
                 )
     activate_scaled(out[here], np.float32(kernel / count), bias)
@@ -180,7 +210,7 @@ def convolve_taps(
 
 @compiled_fastmath
 def activate_scaled(
-    x: Float[np.ndarray, "track"], scale: float, bias: Float[np.ndarray, "track"]
+    x: Float[np.ndarray, "channel"], scale: float, bias: Float[np.ndarray, "channel"]
 ) -> None:
     """Replace x by silu(scale x + bias)."""
     for c in range(len(x)):
@@ -236,10 +266,10 @@ def find_outputs(
 
 @compiled_fastmath
 def compute_statistics(
-    x: Float[np.ndarray, "slot track"],
+    x: Float[np.ndarray, "slot channel"],
     indices: Int[np.ndarray, "output"],
     share: float,
-    out: Float[np.ndarray, "4 track"],
+    out: Float[np.ndarray, "4 channel"],
 ) -> None:
     """Compute mean, spread, maximum and integral over some outputs, in one pass.
 
@@ -265,11 +295,11 @@ def compute_statistics(
 
 @compiled_fastmath
 def accumulate(
-    x: Float[np.ndarray, "track"],
-    first: Float[np.ndarray, "track"],
-    total: Float[np.ndarray, "track"],
-    squares: Float[np.ndarray, "track"],
-    largest: Float[np.ndarray, "track"],
+    x: Float[np.ndarray, "channel"],
+    first: Float[np.ndarray, "channel"],
+    total: Float[np.ndarray, "channel"],
+    squares: Float[np.ndarray, "channel"],
+    largest: Float[np.ndarray, "channel"],
 ) -> None:
     """Add the difference of `x` from the first, and its square; update the maximum."""
     for c in range(len(x)):
@@ -281,12 +311,12 @@ def accumulate(
 
 @compiled_fastmath
 def accumulate_four(
-    x: Float[np.ndarray, "slot track"],
+    x: Float[np.ndarray, "slot channel"],
     indices: Int[np.ndarray, "4"],
-    first: Float[np.ndarray, "track"],
-    total: Float[np.ndarray, "track"],
-    squares: Float[np.ndarray, "track"],
-    largest: Float[np.ndarray, "track"],
+    first: Float[np.ndarray, "channel"],
+    total: Float[np.ndarray, "channel"],
+    squares: Float[np.ndarray, "channel"],
+    largest: Float[np.ndarray, "channel"],
 ) -> None:
     """Accumulate four outputs at once, with a quarter of the writes."""
     x0, x1, x2, x3 = x[indices[0]], x[indices[1]], x[indices[2]], x[indices[3]]

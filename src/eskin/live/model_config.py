@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import cache
+from typing import Annotated, ClassVar, Literal, TypeVar, get_type_hints
 
 import numpy as np
+from annotated_types import Interval, MaxLen
+from pydantic import ConfigDict
 
-from eskin.files import Name
+from eskin.files import Name, NotNegative, Pause
 from eskin.live.graph_builder import GraphConfig
 from eskin.touch import PipelineConfig
 
@@ -14,17 +17,21 @@ Limits = Mapping[str, tuple[int | float, int | float]]
 """Smallest and largest value of each setting; infinite where there is no largest."""
 
 
-def check_limits(settings: object, limits: Limits, prefix: str = "") -> None:
+def check_limits(
+    settings: object, limits: Limits | None = None, prefix: str = ""
+) -> None:
     """Refuse settings outside their limits.
 
     Args:
         settings: object whose attributes they are.
-        limits: smallest and largest value of each, by its name.
+        limits: smallest and largest value of each, by its name; None for those in the
+            types of a dataclass, each an `Interval`.
         prefix: what stands before the name in a message, `--` for options.
 
     Raises:
         ValueError: naming the first setting that is not finite or not within.
     """
+    limits = read_limits(type(settings)) if limits is None else limits
     for name, (low, high) in limits.items():
         value = getattr(settings, name)
         if not (low <= value <= high and value != np.inf):
@@ -34,28 +41,44 @@ def check_limits(settings: object, limits: Limits, prefix: str = "") -> None:
             )
 
 
+@cache
+def read_limits(kind: type) -> Limits:
+    """Return the limits of the fields of a dataclass that have some in their types."""
+    return {
+        name: (part.ge, part.le)
+        for name, hint in get_type_hints(kind, include_extras=True).items()
+        for part in getattr(hint, "__metadata__", ())
+        if isinstance(part, Interval)
+    }
+
+
+Entries = TypeVar("Entries")
+Few = Annotated[Entries, MaxLen(1000)]
+"""Entries of a card of which there may not be many."""
+
+
 @dataclass(frozen=True)
 class DecisionConfig:
     """These settings determine when a gesture is reported."""
 
-    threshold: float = 0.8
+    threshold: NotNegative = 0.8
     """Probability from which a gesture is reported while the touch is open."""
-    thresholds: Mapping[str, float] = field(default_factory=dict)
+    thresholds: Few[Mapping[str, NotNegative]] = field(default_factory=dict)
     """Thresholds of single gestures, in place of `threshold`; above 1 waits for the
     touch to close."""
-    lifted: float = 1.1
+    lifted: NotNegative = 1.1
     """Threshold once there has been no contact for `lift_seconds`, if it is lower: most
     of the evidence has been seen by then."""
-    lift_seconds: float = 0.2
+    lift_seconds: Pause = 0.2
     """Time without contact after which `lifted` applies [s]; a second pat may still
     come."""
-    hold_seconds: float = 0.06
+    hold_seconds: Pause = 0.06
     """Time that a probability must stay above its threshold; on a skin that is not
     calibrated also the time that another class must be likeliest to count as another
     touch [s]."""
-    least: float = 0.3
+    least: NotNegative = 0.3
     """Probability below which a touch is unknown when it closes; 0 never abstains."""
-    still: float = 0.02
+    still: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.02
     """Travel below which a touch has no direction [m]."""
 
 
@@ -72,34 +95,34 @@ MIN_SLOTS = 25
 MAX_DEVIATIONS = 4.0
 """Standard deviations from the mean at which summary features are clipped."""
 
-LIMITS = {
-    "width": (0, np.inf),
-    "layers": (0, np.inf),
-    "channels": (1, np.inf),
-    "dropout": (0.0, 0.9),
-    "slots": (MIN_SLOTS, np.inf),
-}
-"""Smallest and largest values of the settings of `NetworkConfig`."""
+EDGE_SCALARS = 6
+"""Number of invariants of an edge."""
+
+SHORT_TAPS, LONG_TAPS = 9, 5
+"""Taps of the head's two convolutions."""
+
+SHORT_STRIDE, LONG_STRIDE = 4, 2
+"""Strides of the two convolutions, each in steps of its own input."""
 
 
 @dataclass(frozen=True)
 class NetworkConfig:
     """These settings determine the size of the recogniser's network."""
 
-    width: int = 8
+    width: Annotated[int, Interval(ge=0, le=256)] = 8
     """Number of channels of a node; without any, the summary alone is classified."""
-    layers: int = 2
+    layers: Annotated[int, Interval(ge=0, le=16)] = 2
     """Number of equivariant layers."""
-    channels: int = 32
+    channels: Annotated[int, Interval(ge=1, le=256)] = 32
     """Number of channels of a temporal head."""
-    dropout: float = 0.3
+    dropout: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.3
     """Share of features dropped in training."""
-    slots: int = 100
+    slots: Annotated[int, Interval(ge=MIN_SLOTS, le=1000)] = 100
     """Number of slots of 20 ms in a window; 100 are 2 s."""
 
     def __post_init__(self) -> None:
-        """Refuse sizes outside `LIMITS`."""
-        check_limits(self, LIMITS)
+        """Refuse sizes outside their limits."""
+        check_limits(self)
 
 
 FORMAT = "eskin-model-1"
@@ -109,7 +132,10 @@ FORMAT = "eskin-model-1"
 class ModelCard:
     """A card holds the settings of recognition and the origin of the weights."""
 
-    vocabulary: tuple[Name, ...]
+    # A metric may be NaN, for which JSON has no number.
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")
+
+    vocabulary: Few[tuple[Name, ...]]
     """Classes in the order of the logits; `none` is one of them."""
     kind: Literal["pressure", "shear"] = "pressure"
     """Quantity that the skin must measure."""
@@ -121,13 +147,13 @@ class ModelCard:
     """Settings of the pipeline from counts to contacts."""
     decision: DecisionConfig = field(default_factory=DecisionConfig)
     """Settings that determine when a gesture is reported."""
-    temperature: float = 1.0
+    temperature: Annotated[float, Interval(ge=0.01, le=100.0)] = 1.0
     """Divisor of the logits that calibrates the probabilities."""
-    training: dict[str, str] = field(default_factory=dict)
+    training: Few[dict[str, str]] = field(default_factory=dict)
     """The training configuration, as text."""
     data_digest: str = ""
     """SHA-256 of the recordings trained on."""
-    metrics: dict[str, float] = field(default_factory=dict)
+    metrics: Few[dict[str, float]] = field(default_factory=dict)
     """Metrics measured at the end of training."""
     format: Literal["eskin-model-1"] = FORMAT
     """Version of this card."""

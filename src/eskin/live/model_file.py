@@ -8,19 +8,22 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
-from pydantic_core import to_json
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from eskin.errors import ModelError
-from eskin.files import atomic_path, open_file
+from eskin.files import atomic_path, open_file, shorten
 from eskin.live.graph_features import (
     NODE_SCALARS,
     PRESSURE_SUMMARY,
     SHEAR_SUMMARY,
 )
-from eskin.live.model_config import ModelCard
-from eskin.live.model_limits import find_limit_problem
+from eskin.live.model_config import (
+    EDGE_SCALARS,
+    LONG_TAPS,
+    SHORT_TAPS,
+    ModelCard,
+)
 from eskin.recording.labels import NONE
 
 CARD = "eskin"
@@ -61,8 +64,7 @@ class Model:
 
 def save_model(path: Path, model: Model) -> None:
     """Write a model file atomically."""
-    # A metric may be NaN, for which JSON has no number.
-    card = to_json(model.card, inf_nan_mode="strings").decode()
+    card = CARD_ADAPTER.dump_json(model.card, by_alias=True).decode()
     weights = {name: np.asarray(w, order="C") for name, w in model.weights.items()}
     with atomic_path(path) as part:
         save_file(weights, part, metadata={CARD: card})
@@ -129,36 +131,22 @@ def check_size(path: Path) -> None:
 
 
 def read_card(text: str | None, path: Path) -> ModelCard:
-    """Parse a card; an error names the entry that is wrong."""
+    """Parse a card and check its limits; an error names the entry that is wrong."""
     if text is None:
         raise ModelError(
             f"{path} has no card '{CARD}' in its metadata; allowed are models written "
             "by eskin train; train it again"
         )
     try:
-        card = CARD_ADAPTER.validate_json(text)
+        return CARD_ADAPTER.validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        what = f"card entry '{place}'" if place else "its card"
+        what = f"card entry {shorten(place)}" if place else "its card"
         raise ModelError(
-            f"{path}: {what} is {first['input']!r:.80}: {first['msg']}; "
+            f"{path}: {what} is {shorten(first['input'])}: {first['msg']}; "
             "train the model again with this version of eskin"
         ) from None
-    problem = find_limit_problem(card)
-    if problem is not None:
-        raise ModelError(f"{path}: card entry {problem}; train the model again")
-    return card
-
-
-EDGE_SCALARS = 6
-"""Number of invariants of an edge."""
-
-SHORT_TAPS, LONG_TAPS = 9, 5
-"""Taps of the head's two convolutions."""
-
-SHORT_STRIDE, LONG_STRIDE = 4, 2
-"""Strides of the two convolutions, each in steps of its own input."""
 
 
 Shapes = dict[str, tuple[int, ...]]

@@ -1,24 +1,37 @@
-"""This module lays out a model's weights and working memory for compiled code."""
+"""This module runs the compiled network on a stream of readings.
+
+It lays out a model's weights and working memory for compiled code.
+"""
 
 from collections.abc import Mapping
 from typing import final
 
 import numpy as np
+from jaxtyping import Float
 
-from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace
+from eskin.compiled import Packed, pack
+from eskin.live.encoder_kernels import BLOCK, EncoderWeights, EncoderWorkspace
+from eskin.live.graph_builder import GraphBuilder, PackedTouchNodes
 from eskin.live.graph_features import NODE_SCALARS
 from eskin.live.head_kernels import SCALES, STATISTICS, HeadState, HeadWeights
-from eskin.live.kernels import BLOCK
-from eskin.live.model_config import NetworkConfig
+from eskin.live.model_config import EDGE_SCALARS, SLOT_NS, NetworkConfig
 from eskin.live.model_file import (
-    EDGE_SCALARS,
     Model,
     check_weights,
     encoder_shapes,
     layer_shapes,
     prefix_names,
 )
-from eskin.live.step_kernels import FREE_ROW, NO_SLOT, FeatureWeights, SequencePool
+from eskin.live.step_kernels import (
+    FREE_ROW,
+    NO_SLOT,
+    FeatureWeights,
+    SequencePool,
+    StepParts,
+    step,
+    write_probabilities,
+)
+from eskin.touch import Reading
 
 Weights = Mapping[str, np.ndarray]
 """Parameters by name, as in the state of the torch network."""
@@ -26,9 +39,14 @@ Weights = Mapping[str, np.ndarray]
 INITIAL_NODES, INITIAL_NEIGHBOURS = 256, 16
 """Size of the graphs that there is memory for at first."""
 
-VIEWS = ("summary", "graph")
+BRANCHES = ("summary", "graph")
 """Names of the heads, side by side in every array: the first takes the summary alone,
 the second, which a network may lack, also the embedding."""
+
+PerClass = Float[np.ndarray, "class"]
+
+INITIAL_SEQUENCES = 8
+"""Number of sequences that there is memory for at first."""
 
 
 @final
@@ -128,11 +146,11 @@ def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspac
 
 def build_head_weights(weights: Weights) -> HeadWeights:
     """Lay out the parameters of the heads, `summary_head.` and maybe `graph_head.`."""
-    views = [view for view in VIEWS if f"{view}_head.project.bias" in weights]
-    mean = np.float32(1.0 / len(views))
+    branches = [name for name in BRANCHES if f"{name}_head.project.bias" in weights]
+    mean = np.float32(1.0 / len(branches))
 
     def every(name: str) -> list[np.ndarray]:
-        return [weights[f"{view}_head.{name}"] for view in views]
+        return [weights[f"{branch}_head.{name}"] for branch in branches]
 
     def filters(name: str) -> np.ndarray:
         turned = [weight.transpose(2, 1, 0) for weight in every(name)]
@@ -160,10 +178,10 @@ def build_head_weights(weights: Weights) -> HeadWeights:
 
 def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState:
     """Return the state of one sequence, or of a pool, before the first reading."""
-    inputs, tracks = weights.project_weight.shape
+    inputs, channels = weights.project_weight.shape
 
     def ring() -> np.ndarray:
-        return np.zeros((*pool, slots, tracks), np.float32)
+        return np.zeros((*pool, slots, channels), np.float32)
 
     def seen() -> np.ndarray:
         return np.zeros((*pool, slots), np.bool_)
@@ -177,7 +195,7 @@ def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState
         long_seen=seen(),
         long=ring(),
         indices=np.zeros((*pool, slots), np.int64),
-        statistics=np.zeros((*pool, SCALES * STATISTICS, tracks), np.float32),
+        statistics=np.zeros((*pool, SCALES * STATISTICS, channels), np.float32),
     )
 
 
@@ -198,3 +216,101 @@ def grow_pool(pool: SequencePool, weights: HeadWeights, rows: int) -> SequencePo
     for source, target in zip(old, new, strict=True):
         target[: len(source)] = source
     return larger
+
+
+@final
+class LogitStream:
+    """A logit stream classifies the graphs of readings, each encoded only once.
+
+    Attributes:
+        network: the network.
+        builder: the builder of the graphs.
+        logits: logits of each sequence at the latest reading, by its key.
+        probabilities: calibrated probabilities, by the same keys.
+    """
+
+    def __init__(self, model: Model, builder: GraphBuilder) -> None:
+        """Start before the first reading.
+
+        Raises:
+            ModelError: the weights do not fit the model's card.
+        """
+        self.network = Network(model)
+        self.builder = builder
+        self.temperature = model.card.temperature
+        self.classes = len(self.network.heads.classify_bias)
+        self.logits: dict[int, PerClass] = {}
+        self.probabilities: dict[int, PerClass] = {}
+        self.workspace = builder.workspace
+        self.parts = self.pack_parts()
+        self.pool = create_pool(
+            self.network.heads, self.network.slots, INITIAL_SEQUENCES
+        )
+        self.packed_pool = pack(self.pool)
+
+    def push(self, reading: Reading, nodes: PackedTouchNodes) -> None:
+        """Compute the logits at the next reading.
+
+        A sequence that is not among `nodes` has ended.
+
+        Args:
+            reading: reading later than the previous one.
+            nodes: taxels and history of each sequence.
+        """
+        shear = self.builder.start_step(reading)
+        keys = nodes.keys
+        if not keys:
+            self.pool.keys.fill(FREE_ROW)
+            self.logits, self.probabilities = {}, {}
+            return
+        self.reserve(nodes)
+        builder = self.builder
+        out = np.empty((len(keys), 2, self.classes), np.float32)
+        step(
+            self.parts,
+            self.packed_pool,
+            nodes.packed,
+            reading.pressure,
+            shear,
+            builder.T_world_link,
+            builder.time_step,
+            reading.stamp // SLOT_NS,
+            out,
+        )
+        self.logits = dict(zip(keys, out[:, 0], strict=True))
+        self.probabilities = dict(zip(keys, out[:, 1], strict=True))
+
+    def reserve(self, nodes: PackedTouchNodes) -> None:
+        """Allocate more memory where a graph or the number of sequences needs it."""
+        workspace = self.builder.reserve(nodes.max_taxels)
+        if workspace is not self.workspace:
+            self.workspace, self.parts = workspace, self.pack_parts()
+        count = len(nodes.keys)
+        if count > len(self.pool.keys):
+            self.pool = grow_pool(self.pool, self.network.heads, 2 * count)
+            self.packed_pool = pack(self.pool)
+
+    def pack_parts(self) -> Packed:
+        """Pack everything that a step needs, again whenever memory has grown."""
+        builder, network = self.builder, self.network
+        network.reserve(*builder.workspace.graph.neighbours.shape)
+        return pack(
+            StepParts(
+                geometry=builder.geometry,
+                history=builder.taxel_history,
+                workspace=builder.workspace,
+                shear=network.shear,
+                weights=network.weights,
+                encoder=network.workspace,
+                features=network.features,
+                heads=network.heads,
+                temperature=self.temperature,
+            )
+        )
+
+
+def compute_probabilities(logits: PerClass, temperature: float) -> PerClass:
+    """Return the softmax of logits divided by a temperature."""
+    probabilities = np.empty_like(logits)
+    write_probabilities(logits, temperature, probabilities)
+    return probabilities

@@ -8,16 +8,17 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import ReadingError, SkinMismatchError
-from eskin.live.decision import Decision, DecisionFilter
-from eskin.live.detection import Detection, DirectionTracker, Heading
-from eskin.live.graph_stream import GraphStream
-from eskin.live.logits import LogitStream
-from eskin.live.model_config import DecisionConfig, ModelCard
-from eskin.live.model_file import (
-    MODELS,
-    Model,
-    load_model,
+from eskin.live.decision import (
+    Decision,
+    DecisionFilter,
+    Detection,
+    DirectionTracker,
+    build_detection,
 )
+from eskin.live.graph_builder import GraphStream
+from eskin.live.model_config import DecisionConfig, ModelCard
+from eskin.live.model_file import MODELS, Model, load_model
+from eskin.live.network import LogitStream
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin, load_robot_for_skin, load_skin
 from eskin.touch import (
@@ -121,7 +122,7 @@ class Recognizer:
             change_ends=not mounted.skin.calibrated,
         )
         self.directions = DirectionTracker(
-            poses if poses.posed else LinkPoseCache(mounted),
+            poses if poses.use_kinematics else LinkPoseCache(mounted),
             self.decision_filter.config.still,
         )
         self.state: TouchState | None = None
@@ -228,41 +229,6 @@ class Recognizer:
                 f"reading at {sample.stamp} ns has no shear, which the model needs; "
                 "allowed are readings with shear; use a model for pressure alone"
             )
-
-
-def build_detection(
-    decision: Decision,
-    touch: Touch,
-    stamp: int,
-    direction_world: Float[np.ndarray, "3"],
-    heading: Heading = "",
-) -> Detection:
-    """Return the detection that reports a decision about a touch.
-
-    Args:
-        decision: the decision.
-        touch: the touch that it is about.
-        stamp: stamp of the reading at which it is reported [ns since the epoch].
-        direction_world: unit vector of the touch's travel, or zero.
-        heading: direction of that travel along or across the link.
-    """
-    contact = touch.contact
-    return Detection(
-        stamp=stamp,
-        touch=touch.id,
-        gesture=decision.gesture,
-        confidence=decision.confidence,
-        onset=decision.onset,
-        end=touch.last,
-        link=contact.link,
-        patch=contact.patch,
-        p_world=contact.p_world,
-        n_world=contact.n_world,
-        direction_world=direction_world,
-        peak_force=touch.peak_force,
-        heading=heading,
-        likeliest=decision.likeliest,
-    )
 
 
 WARM_UP_PERIOD = 20_000_000

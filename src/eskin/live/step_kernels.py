@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 
 from eskin.compiled import Packed, compiled_fastmath
 from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
+from eskin.live.graph import GraphBatch
 from eskin.live.graph_kernels import (
-    GraphArrays,
     GraphWorkspace,
     SkinGeometry,
     TaxelHistory,
@@ -149,7 +149,7 @@ def step_sequence(
 
 @compiled_fastmath
 def compute_features(
-    graph: GraphArrays,
+    graph: GraphBatch,
     shear: bool,
     weights: FeatureWeights,
     workspace: EncoderWorkspace,

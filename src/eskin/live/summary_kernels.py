@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.compiled import compiled_fastmath
-from eskin.live.graph_kernels import GraphArrays
+from eskin.live.graph import GraphBatch
 
 LEVELS = (20.0, 50.0, 90.0)
 """Pressures above which the area is measured [kPa]."""
@@ -39,7 +39,7 @@ Vector = tuple[float, float, float]
 
 @compiled_fastmath
 def summarise_all(
-    graphs: GraphArrays, shear: bool, out: Float[np.ndarray, "graph feature"]
+    graphs: GraphBatch, shear: bool, out: Float[np.ndarray, "graph feature"]
 ) -> None:
     """Write the summary of every graph; see `summarise`."""
     for index in range(len(graphs.seconds)):
@@ -48,7 +48,7 @@ def summarise_all(
 
 @compiled_fastmath
 def summarise(
-    graphs: GraphArrays, index: int, shear: bool, out: Float[np.ndarray, "feature"]
+    graphs: GraphBatch, index: int, shear: bool, out: Float[np.ndarray, "feature"]
 ) -> None:
     """Write the columns of `PRESSURE_SUMMARY`, and with shear those of `SHEAR_SUMMARY`.
 
@@ -69,7 +69,7 @@ def summarise(
 
 @compiled_fastmath
 def write_load_motions(
-    graphs: GraphArrays,
+    graphs: GraphBatch,
     centres: Float[np.ndarray, "graph 3"],
     velocities: Float[np.ndarray, "graph 3"],
 ) -> None:
@@ -81,9 +81,7 @@ def write_load_motions(
 
 
 @compiled_fastmath
-def compute_load_motion(
-    graphs: GraphArrays, index: int
-) -> tuple[float, Vector, Vector]:
+def compute_load_motion(graphs: GraphBatch, index: int) -> tuple[float, Vector, Vector]:
     """Return the force of the load [N], its centre [cm] and its velocity [cm/s].
 
     The earlier load is placed where its taxels are now, so a load that rides on a
@@ -123,7 +121,7 @@ def compute_load_motion(
 
 @compiled_fastmath
 def summarise_pressure(
-    graphs: GraphArrays,
+    graphs: GraphBatch,
     index: int,
     force: float,
     centre: Vector,
@@ -200,7 +198,7 @@ def summarise_pressure(
 
 @compiled_fastmath
 def summarise_shear(
-    graphs: GraphArrays,
+    graphs: GraphBatch,
     index: int,
     force: float,
     centre: Vector,

@@ -18,7 +18,7 @@ class SkinProblem:
     """A problem says one thing that is wrong with a skin, and where."""
 
     text: str
-    """What is wrong, what was got and what is allowed."""
+    """The problem, the value that was found and those that are allowed."""
     patch: str | None = None
     taxel: int | None = None
 

@@ -2,27 +2,28 @@
 
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import MAX_CALIBRATION_BYTES, Calibration
-from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
+from eskin.touch.calibration_kernels import CalibrationConfig
+from eskin.touch.calibrator import Calibrator, CrosstalkCompensator
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
 from eskin.touch.records import (
     NO_TOUCHES,
     TOUCH,
+    ContactConfig,
+    TouchConfig,
     TouchRecord,
     TouchRecords,
     TouchStatus,
+    TrackConfig,
     TrackingResult,
 )
 from eskin.touch.touches import (
     Contact,
-    ContactConfig,
     PressDetector,
     Touch,
-    TouchConfig,
     TouchState,
     Track,
-    TrackConfig,
 )
 
 __all__ = [

@@ -1,15 +1,20 @@
 """This module defines the calibration of a skin, which converts counts to pressure."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.skin import Skin
-from eskin.touch.calibration_kernels import MAX_SCALE_SHARE, PressureCurve
+from eskin.touch.calibration_kernels import (
+    PressureCurve,
+    compute_counts,
+    compute_pressures,
+)
 
 VERSION = 1
 MAX_CALIBRATION_BYTES = 8 << 20
@@ -25,25 +30,12 @@ DEFAULT_FREE = (*MEASURED, "exponent_deviation", "unfelt_deviation", "source")
 calibration is written as it always was."""
 
 
-def parse_curve(name: object) -> Curve:
-    """Return the curve of a name; raise `ValueError` where there is none."""
-    for curve in get_args(Curve):
-        if name == curve:
-            return curve
-    raise ValueError(
-        f"curve is {name!r}; allowed are {', '.join(get_args(Curve))}; correct it"
-    )
-
-
-def parse_source(name: object) -> CalibrationSource:
-    """Return the source of a name; raise `ValueError` where there is none."""
-    for source in get_args(CalibrationSource):
-        if name == source:
-            return source
-    raise ValueError(
-        f"source is {name!r}; allowed are {', '.join(get_args(CalibrationSource))}; "
-        "correct it"
-    )
+def parse_choice(what: str, name: object, choices: object) -> Any:  # noqa: ANN401
+    """Return a name that is one of a `Literal`; raise `ValueError` for another."""
+    if name in get_args(choices):
+        return name
+    allowed = ", ".join(get_args(choices))
+    raise ValueError(f"{what} is {name!r}; allowed are {allowed}; correct it")
 
 
 def parse_numbers(values: object) -> Float[np.ndarray, "number"] | None:
@@ -137,12 +129,13 @@ class Calibration:
                 f"exponent is {self.exponent}; allowed is a finite positive number; "
                 "correct it"
             )
-        if parse_curve(self.curve) == "logarithmic" and not 0 < self.span < np.inf:
+        parse_choice("curve", self.curve, Curve)
+        if self.curve == "logarithmic" and not 0 < self.span < np.inf:
             raise ValueError(
                 f"span is {self.span} with a logarithmic curve; allowed is a finite "
                 "positive number; take it from the data sheet"
             )
-        parse_source(self.source)
+        parse_choice("source", self.source, CalibrationSource)
         self.check_measured(len(gain))
 
     def check_measured(self, count: int) -> None:
@@ -185,48 +178,24 @@ class Calibration:
         self, pressure: float | Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Compute the counts above rest at a pressure [kPa], or at one a taxel."""
-        conductance = self.compute_conductance(pressure)
-        match self.curve:
-            case "linear":
-                return self.full_scale * conductance
-            case "logarithmic":
-                grown = np.log1p(self.span * conductance)
-                return self.full_scale * grown / np.log1p(self.span)
-            case _:
-                return self.full_scale * conductance / (1.0 + conductance)
+        return self.convert(compute_counts, pressure)
 
     def compute_pressure(
         self, above: Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Compute the pressure [kPa] at counts above rest."""
-        share = np.maximum(above, 0.0) / self.full_scale
-        if self.curve == "linear":
-            return self.invert_conductance(share)
-        if self.curve == "logarithmic":
-            grown = np.expm1(np.minimum(share, 1.0) * np.log1p(self.span))
-            return self.invert_conductance(grown / self.span)
-        share = np.minimum(share, MAX_SCALE_SHARE)
-        return self.invert_conductance(share / (1.0 - share))
+        return self.convert(compute_pressures, above)
 
-    def compute_conductance(
-        self, pressure: float | Float[np.ndarray, "*batch taxel"]
+    def convert(
+        self,
+        kernel: Callable[..., None],
+        values: float | Float[np.ndarray, "*batch taxel"],
     ) -> Float[np.ndarray, "*batch taxel"]:
-        """Compute the conductance at a pressure [kPa], relative to that at half scale.
-
-        For a logarithmic device it is relative to that at full scale, and for a linear
-        one it is counts above rest divided by full scale.
-        """
-        felt = np.maximum(pressure - self.unfelt, 0.5 * pressure)
-        linear = felt / (np.asarray(self.gain, np.float64) * self.full_scale)
-        return linear if self.curve == "linear" else linear**self.exponent
-
-    def invert_conductance(
-        self, conductance: Float[np.ndarray, "*batch taxel"]
-    ) -> Float[np.ndarray, "*batch taxel"]:
-        """Compute the pressure [kPa] at a conductance of `compute_conductance`."""
-        power = 1.0 if self.curve == "linear" else 1.0 / self.exponent
-        felt = conductance**power * self.gain * self.full_scale
-        return felt + np.minimum(felt, self.unfelt)
+        """Convert one value, or one a taxel, by a kernel of the pressure curve."""
+        every, gain = np.broadcast_arrays(np.asarray(values, np.float64), self.gain)
+        out = np.empty(every.size)
+        kernel(every.ravel(), gain.ravel(), self.pressure_curve, out)
+        return out.reshape(every.shape)
 
     def to_bytes(self) -> bytes:
         """Encode the constants as JSON text."""
@@ -262,12 +231,14 @@ class Calibration:
                 shear_gain=float(content["shear_gain"]),
                 shear_rest=int(content["shear_rest"]),
                 floor=float(content["floor"]),
-                curve=parse_curve(content.get("curve", "linear")),
+                curve=parse_choice("curve", content.get("curve", "linear"), Curve),
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
                 span=float(content.get("span", 0.0)),
                 matrix=bool(content.get("matrix", False)),
-                source=parse_source(content.get("source", "nominal")),
+                source=parse_choice(
+                    "source", content.get("source", "nominal"), CalibrationSource
+                ),
                 **{name: parse_numbers(content.get(name)) for name in MEASURED},
                 exponent_deviation=parse_number(content.get("exponent_deviation")),
                 unfelt_deviation=parse_number(content.get("unfelt_deviation")),

@@ -1,15 +1,17 @@
-"""Compiled kernels that convert counts to pressure and subtract crosstalk.
-
-`no_type_check` keeps the type checks of the tests off compiled functions.
-"""
+"""Compiled kernels that convert counts to pressure and subtract crosstalk."""
 
 import math
-from typing import NamedTuple, no_type_check
+from collections import namedtuple
+from dataclasses import dataclass, fields
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 from jaxtyping import Bool, Float, Int
+from pydantic import Field
 
 from eskin.compiled import compiled
+from eskin.files import Duration, Factor, Pause, Pressure, Share
 
 
 class PressureCurve(NamedTuple):
@@ -25,29 +27,64 @@ class PressureCurve(NamedTuple):
     """Range of a logarithmic converter; 0 for other devices."""
 
 
-class BaselineParameters(NamedTuple):
-    """Parameters of `calibrate` are fields of `CalibrationConfig`."""
+@dataclass(frozen=True)
+class CalibrationConfig:
+    """Settings describe how baselines are tared and tracked. All times are in [s]."""
 
-    tare_seconds: float
-    tare_samples: int
-    tare_rank: float
-    drift_seconds: float
-    low_seconds: float
-    freeze_seconds: float
-    longest_seconds: float
-    stale_seconds: float
-    after_fraction: float
-    fade_seconds: float
-    steady_seconds: float
-    residual: float
-    alone_seconds: float
-    dip_seconds: float
-    dip_share: float
-    still: float
-    kept: float
-    settle_seconds: float
-    relearn_seconds: float
-    silence_seconds: float
+    tare_seconds: Duration = 2.0
+    """Duration of the tare, which begins when a taxel is first received."""
+    tare_samples: Annotated[int, Interval(ge=1, le=1000)] = 16
+    """Number of samples of the tare."""
+    tare_rank: Annotated[float, Interval(ge=0.0, le=0.99)] = 0.25
+    """Quantile of the samples that is the baseline: low, to exclude touches."""
+    margin: Pressure = 1.5
+    """Pressure above the baseline from which a taxel may be touched [kPa]; where it is
+    as far below, the baseline is too high."""
+    drift_seconds: Duration = 10.0
+    """Time constant of tracking the drift of an untouched taxel."""
+    low_seconds: Duration = 0.3
+    """Time constant of lowering a baseline that is too high."""
+    freeze_seconds: Duration = 3.0
+    """How long after a touch the baselines of a taxel and its neighbours stay fixed."""
+    longest_seconds: Duration = 120.0
+    """Duration from which an uninterrupted touch counts as a change of the baseline."""
+    stale_seconds: Duration = 5.0
+    """Time constant of tracking such a change."""
+    after_fraction: Share = 0.1
+    """Residual of a released taxel that is no touch, over its recent peak above the
+    baseline in counts."""
+    fade_seconds: Duration = 20.0
+    """Time constant of the decay of the recent peak."""
+    steady_seconds: Duration = 1.0
+    """Time without change above the baseline from which a taxel counts as at rest. No
+    finger keeps so still, while the residual after a touch, or the response to a bend
+    of the skin, remains."""
+    residual: Share = 0.25
+    """Largest residual of a touch, in units of its peak."""
+    alone_seconds: Duration = 1.0
+    """Time without change from which a single taxel above the baseline, beside which
+    none is touched, has a new offset [s]."""
+    dip_seconds: Pause = 20.0
+    """Time after a touch in which counts may be below the baseline, to which they
+    recover [s]."""
+    dip_share: Share = 0.15
+    """Largest such dip, in units of the peak of the touch."""
+    steady_band: Annotated[Factor, Field(alias="still")] = 0.25
+    """Largest difference that counts as no change, in units of `margin`."""
+    kept: Factor = 5.0
+    """Largest residual that is expected of a sensor, in units of `margin`."""
+    settle_seconds: Duration = 0.3
+    """Time constant of tracking counts that do not change."""
+    relearn_seconds: Duration = 2.0
+    """Time constant of tracking the residual of a released taxel."""
+    silence_seconds: Duration = 10.0
+    """Time without data after which a taxel is tared again: its patch may be new."""
+
+
+BaselineParameters = namedtuple(
+    "BaselineParameters", [field.name for field in fields(CalibrationConfig)]
+)
+"""The fields of a `CalibrationConfig` for compiled code."""
 
 
 class BaselineState(NamedTuple):
@@ -96,7 +133,6 @@ MAX_SCALE_SHARE = 0.999
 
 
 @compiled
-@no_type_check
 def linearise_counts(above: float, curve: PressureCurve) -> float:
     """Return the counts above rest that a linear device of the same gain would give."""
     if above <= 0.0 or curve.full_scale == np.inf:
@@ -113,7 +149,50 @@ def linearise_counts(above: float, curve: PressureCurve) -> float:
 
 
 @compiled
-@no_type_check
+def compute_felt(pressure: float, curve: PressureCurve) -> float:
+    """Return the part of a pressure that changes the counts [kPa]."""
+    return max(pressure - curve.unfelt, 0.5 * pressure)
+
+
+@compiled
+def add_unfelt(felt: float, curve: PressureCurve) -> float:
+    """Return the pressure of which a part changes the counts [kPa]."""
+    return felt + min(felt, curve.unfelt)
+
+
+@compiled
+def compute_pressures(
+    above: Float[np.ndarray, "value"],
+    gain: Float[np.ndarray, "value"],
+    curve: PressureCurve,
+    out: Float[np.ndarray, "value"],
+) -> None:
+    """Write the pressures [kPa] at counts above rest."""
+    for i in range(len(above)):
+        out[i] = add_unfelt(linearise_counts(above[i], curve) * gain[i], curve)
+
+
+@compiled
+def compute_counts(
+    pressure: Float[np.ndarray, "value"],
+    gain: Float[np.ndarray, "value"],
+    curve: PressureCurve,
+    out: Float[np.ndarray, "value"],
+) -> None:
+    """Write the counts above rest at pressures [kPa]."""
+    scale = curve.full_scale
+    for i in range(len(pressure)):
+        out[i] = compute_felt(pressure[i], curve) / gain[i]
+        if scale < np.inf:
+            conductance = (out[i] / scale) ** curve.exponent
+            if curve.span > 0.0:
+                grown = math.log1p(curve.span * conductance)
+                out[i] = scale * grown / math.log1p(curve.span)
+            else:
+                out[i] = scale * conductance / (1.0 + conductance)
+
+
+@compiled
 def calibrate(
     counts: Int[np.ndarray, "taxel"],
     use: Bool[np.ndarray, "taxel"],
@@ -123,7 +202,7 @@ def calibrate(
     margin: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
-    held: Int[np.ndarray, "held"],
+    latched: Int[np.ndarray, "latched"],
     state: BaselineState,
     parameters: BaselineParameters,
     out: Float[np.ndarray, "taxel"],
@@ -131,8 +210,8 @@ def calibrate(
     """Update the baselines with one scan and write the pressures [kPa] to `out`.
 
     `starts` and `neighbours` are those of `Adjacency`; taxels with `use` False are not
-    received or faulty; `margin` is in counts; `held` are those that were in contact at
-    the last reading.
+    received or faulty; `margin` is in counts; `latched` are those that were in contact
+    at the last reading.
     """
     # Local references to the arrays make the compiled loops faster.
     baseline, peak = state.baseline, state.peak
@@ -150,8 +229,7 @@ def calibrate(
             update_tare(i, counts[i], now, margin[i], state, parameters)
         above = counts[i] - baseline[i]
         state.above[i] = above
-        felt = linearise_counts(above, curve) * gain[i]
-        out[i] = felt + min(felt, curve.unfelt)
+        out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
         if above > margin[i] and above > after * peak[i]:
             if touched_since[i] == np.inf:
                 touched_since[i] = now
@@ -160,7 +238,7 @@ def calibrate(
                 mark_touched(i, above, now, near, state)
         else:
             touched_since[i] = np.inf
-    for i in held:
+    for i in latched:
         above = counts[i] - baseline[i]
         near = neighbours[starts[i] : starts[i + 1]]
         if use[i] and not is_residual(i, above, now, near, margin, state, parameters):
@@ -169,7 +247,6 @@ def calibrate(
 
 
 @compiled
-@no_type_check
 def mark_touched(
     i: int,
     above: float,
@@ -185,7 +262,6 @@ def mark_touched(
 
 
 @compiled
-@no_type_check
 def update_tare(
     i: int,
     count: int,
@@ -219,7 +295,6 @@ def update_tare(
 
 
 @compiled
-@no_type_check
 def is_residual(
     i: int,
     above: float,
@@ -237,7 +312,7 @@ def is_residual(
     steady = now - state.steady_since[i]
     if steady <= parameters.steady_seconds:
         return False
-    if above <= parameters.still * margin[i]:
+    if above <= parameters.steady_band * margin[i]:
         return False
     is_alone, is_pressed = True, False
     for j in near:
@@ -250,7 +325,6 @@ def is_residual(
 
 
 @compiled
-@no_type_check
 def update_baselines(
     counts: Int[np.ndarray, "taxel"],
     use: Bool[np.ndarray, "taxel"],
@@ -282,7 +356,7 @@ def update_baselines(
         if sample_count[i] < size:
             continue
         above = counts[i] - baseline[i]
-        if abs(counts[i] - steady_level[i]) > parameters.still * margin[i]:
+        if abs(counts[i] - steady_level[i]) > parameters.steady_band * margin[i]:
             steady_level[i], steady_since[i] = counts[i], now
         was_low, since = low[i], low_since[i]
         low[i] = low_since[i] = np.inf
@@ -384,7 +458,6 @@ class CrosstalkEstimate(NamedTuple):
 
 
 @compiled
-@no_type_check
 def compensate_patch(
     pressure: Float[np.ndarray, "skin"],
     valid: Bool[np.ndarray, "skin"],
@@ -416,19 +489,17 @@ def compensate_patch(
             0.0,
         )
         felt = own ** (1.0 / curve.exponent) * patch.half_scale[k]
-        pressure[patch.taxels[k]] = felt + min(felt, curve.unfelt)
+        pressure[patch.taxels[k]] = add_unfelt(felt, curve)
 
 
 @compiled
-@no_type_check
 def write_conductance(
     pressure: Float[np.ndarray, "skin"], curve: PressureCurve, patch: MatrixPatch
 ) -> float:
     """Write the measured conductance of each taxel, and return the largest."""
     largest = 0.0
     for k in range(len(patch.taxels)):
-        p = np.float64(pressure[patch.taxels[k]])
-        felt = max(p - curve.unfelt, 0.5 * p)
+        felt = compute_felt(np.float64(pressure[patch.taxels[k]]), curve)
         conductance = 0.0
         if felt > 0.0:
             conductance = (felt / patch.half_scale[k]) ** curve.exponent
@@ -438,7 +509,6 @@ def write_conductance(
 
 
 @compiled
-@no_type_check
 def sum_others(patch: MatrixPatch) -> None:
     """Write the conductances of the lines and of the detours of each taxel."""
     own, row_sums, column_sums = patch.own, patch.row_sums, patch.column_sums
@@ -460,7 +530,6 @@ def sum_others(patch: MatrixPatch) -> None:
 
 
 @compiled
-@no_type_check
 def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
     """Return the share of the patch's taxels that count as touched."""
     count = 0
@@ -471,7 +540,6 @@ def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
 
 
 @compiled
-@no_type_check
 def update_estimate(
     valid: Bool[np.ndarray, "skin"], patch: MatrixPatch, estimate: CrosstalkEstimate
 ) -> None:
@@ -494,7 +562,6 @@ def update_estimate(
 
 
 @compiled
-@no_type_check
 def add_observation(
     part: int, shares: Float[np.ndarray, "some"], estimate: CrosstalkEstimate
 ) -> None:

@@ -1,12 +1,11 @@
 """This module computes readings from scans: baselines, pressure, crosstalk."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.compiled import build_parameters
 from eskin.errors import SkinError
 from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency
@@ -16,13 +15,13 @@ from eskin.touch.calibration_kernels import (
     LEAK,
     BaselineParameters,
     BaselineState,
+    CalibrationConfig,
     CrosstalkEstimate,
     MatrixPatch,
     calibrate,
     compensate_patch,
 )
 from eskin.touch.fault_kernels import CLEAR_FACTOR
-from eskin.touch.known_rest import KnownRest
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.units import NS_PER_S
 
@@ -34,60 +33,92 @@ MAX_OBSERVATIONS = 200
 MAX_CELLS_PER_TAXEL, FREE_CELLS = 20, 1000
 """Largest number of crossings of the rows and columns of a patch for each of its
 taxels, beyond some that are free."""
+LOW_RANK = 0.1
+"""Quantile of the counts above rest at which the lowest taxels of a patch lie: dead
+ones may lie below."""
+EVEN = 0.5
+"""Ratio of this quantile to the median from which all taxels have drifted alike: under
+a hand they differ more."""
+AT_REST_SIGMAS = 4.0
+"""Largest distance from rest of an untouched taxel, in units of its noise."""
 
 
-@dataclass(frozen=True)
-class CalibrationConfig:
-    """Settings describe how baselines are tared and tracked. All times are in [s]."""
+@final
+class KnownRest:
+    """The counts of a skin at rest, as a calibration holds them.
 
-    tare_seconds: float = 2.0
-    """Duration of the tare, which begins when a taxel is first received."""
-    tare_samples: int = 16
-    """Number of samples of the tare."""
-    tare_rank: float = 0.25
-    """Quantile of the samples that is the baseline: low, to exclude touches."""
-    margin: float = 1.5
-    """Pressure above the baseline from which a taxel may be touched [kPa]; where it is
-    as far below, the baseline is too high."""
-    drift_seconds: float = 10.0
-    """Time constant of tracking the drift of an untouched taxel."""
-    low_seconds: float = 0.3
-    """Time constant of lowering a baseline that is too high."""
-    freeze_seconds: float = 3.0
-    """How long after a touch the baselines of a taxel and its neighbours stay fixed."""
-    longest_seconds: float = 120.0
-    """Duration from which an uninterrupted touch counts as a change of the baseline."""
-    stale_seconds: float = 5.0
-    """Time constant of tracking such a change."""
-    after_fraction: float = 0.1
-    """Residual of a released taxel that is no touch, over its recent peak above the
-    baseline in counts."""
-    fade_seconds: float = 20.0
-    """Time constant of the decay of the recent peak."""
-    steady_seconds: float = 1.0
-    """Time without change above the baseline from which a taxel counts as at rest. No
-    finger keeps so still, while the residual after a touch, or the response to a bend
-    of the skin, remains."""
-    residual: float = 0.25
-    """Largest residual of a touch, in units of its peak."""
-    alone_seconds: float = 1.0
-    """Time without change from which a single taxel above the baseline, beside which
-    none is touched, has a new offset [s]."""
-    dip_seconds: float = 20.0
-    """Time after a touch in which counts may be below the baseline, to which they
-    recover [s]."""
-    dip_share: float = 0.15
-    """Largest such dip, in units of the peak of the touch."""
-    still: float = 0.25
-    """Largest difference that counts as no change, in units of `margin`."""
-    kept: float = 5.0
-    """Largest residual that is expected of a sensor, in units of `margin`."""
-    settle_seconds: float = 0.3
-    """Time constant of tracking counts that do not change."""
-    relearn_seconds: float = 2.0
-    """Time constant of tracking the residual of a released taxel."""
-    silence_seconds: float = 10.0
-    """Time without data after which a taxel is tared again: its patch may be new."""
+    A hand may lie on a skin that is switched on. Its taxels lie above their rest, the
+    others at it. The rest of a whole patch also drifts, by about the same for all
+    taxels, and is another one where a patch was replaced.
+    """
+
+    def __init__(self, skin: Skin, calibration: Calibration) -> None:
+        """Store rest and noise; a noise that is not known is taken as one count.
+
+        Raises:
+            ValueError: the calibration has no rest.
+        """
+        if calibration.rest is None:
+            raise ValueError(
+                "the calibration has no rest; allowed is one with it; measure it with "
+                "eskin calibrate"
+            )
+        self.rest = calibration.rest
+        noise = np.ones(skin.count) if calibration.noise is None else calibration.noise
+        self.near = AT_REST_SIGMAS * noise
+        index = np.asarray(skin.patch_index)
+        self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
+
+    def compare(
+        self,
+        counts: Int[np.ndarray, "taxel"],
+        use: Bool[np.ndarray, "taxel"],
+        margin: Float[np.ndarray, "taxel"],
+        adjacency: Adjacency,
+    ) -> tuple[Float[np.ndarray, "taxel"], Bool[np.ndarray, "taxel"]]:
+        """Return the rest of each taxel after drift, and where it is plausible.
+
+        It is plausible where the counts lie at it, or above it together with those of
+        a neighbour. A taxel that is neither has an offset of its own.
+
+        Args:
+            counts: first counts.
+            use: which taxels were received and are not faulty.
+            margin: counts above rest from which a taxel may be touched.
+            adjacency: neighbours of the taxels.
+        """
+        rest = self.rest.copy()
+        known = np.zeros(len(rest), bool)
+        for members in self.members:
+            seen = members[use[members]]
+            if len(seen):
+                drift = find_drift(counts[seen] - rest[seen], margin[seen])
+                rest[seen] += drift or 0.0
+                known[seen] = drift is not None
+        above = counts - rest
+        pressed = known & (above > margin)
+        for i in np.flatnonzero(pressed):
+            near = adjacency.neighbours[slice(*adjacency.starts[i : i + 2])]
+            known[i] = pressed[near].any()
+        return rest, known & (pressed | (np.abs(above) <= self.near))
+
+
+def find_drift(
+    above: Float[np.ndarray, "some"], margin: Float[np.ndarray, "some"]
+) -> float | None:
+    """Return the common drift of a patch [counts]; None for another rest.
+
+    Args:
+        above: counts above the calibrated rest.
+        margin: counts above rest from which a taxel may be touched.
+    """
+    low, middle = np.quantile(above, (LOW_RANK, 0.5))
+    limit = float(np.median(margin))
+    if low < -limit:
+        return None
+    if low > limit:
+        return None if low >= EVEN * middle else 0.0
+    return float(np.median(above[above <= low + limit]))
 
 
 @final
@@ -118,7 +149,7 @@ class Calibrator:
         self.known_rest = (
             None if calibration.rest is None else KnownRest(skin, calibration)
         )
-        self.parameters = build_parameters(BaselineParameters, self.config)
+        self.parameters = BaselineParameters(**vars(self.config))
         self.state = build_baseline_state(skin.count, self.config.tare_samples)
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
         self.first: int | None = None
@@ -137,15 +168,15 @@ class Calibrator:
         self,
         scan: Scan,
         faulty: Bool[np.ndarray, "taxel"] | None = None,
-        held: Int[np.ndarray, "held"] | None = None,
+        latched: Int[np.ndarray, "latched"] | None = None,
     ) -> Reading:
         """Calibrate the next scan.
 
         Args:
             scan: the scan.
             faulty: faulty taxels, which are not valid and not tracked.
-            held: indices of the taxels that were in contact at the last reading: their
-                baselines stay.
+            latched: indices of the taxels that were in contact at the last reading:
+                their baselines stay.
         """
         check_count(scan, self.skin)
         check_order(self.last, scan.stamp)
@@ -167,7 +198,7 @@ class Calibrator:
             self.margin,
             self.adjacency.starts,
             self.adjacency.neighbours,
-            NO_TAXELS if held is None else held,
+            NO_TAXELS if latched is None else latched,
             self.state,
             self.parameters,
             pressure,

@@ -1,14 +1,12 @@
 """Compiled kernels that find the active taxels and the contacts of a reading."""
 
-from typing import no_type_check
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
 from eskin.touch.records import (
     CONTACT,
-    HELD,
+    LATCHED,
     LOAD,
     KernelReading,
     TrackerContext,
@@ -16,7 +14,7 @@ from eskin.touch.records import (
 )
 
 PA_PER_KPA = 1000.0
-HELD_FLOOR = 0.75
+LATCHED_FLOOR = 0.75
 """Floor of the noise of a taxel that is active, or beside one that rises, in units of
 that of others."""
 Vector = Float[np.ndarray, "3"]
@@ -27,7 +25,6 @@ Transform = Float[np.ndarray, "4 4"]
 
 
 @compiled
-@no_type_check
 def transform_to_world(
     taxels: Int[np.ndarray, "selected"],
     vectors: Float[np.ndarray, "taxel 3"],
@@ -50,7 +47,6 @@ def transform_to_world(
 
 
 @compiled
-@no_type_check
 def transform_to_link(T_world_link: Transform, p_world: Vector, out: Vector) -> None:
     """Transform a point in the world to the frame of a link [m]."""
     for c in range(3):
@@ -61,7 +57,6 @@ def transform_to_link(T_world_link: Transform, p_world: Vector, out: Vector) -> 
 
 
 @compiled
-@no_type_check
 def distance_to_link_point(
     T_world_link: Transform, p_link: Vector, p_world: Vector
 ) -> float:
@@ -75,7 +70,6 @@ def distance_to_link_point(
 
 
 @compiled
-@no_type_check
 def distance(one: Vector, other: Vector) -> float:
     """Return the distance between two points [m]."""
     squared = 0.0
@@ -85,7 +79,6 @@ def distance(one: Vector, other: Vector) -> float:
 
 
 @compiled
-@no_type_check
 def compute_box(points: Points, box: Box) -> None:
     """Write the bounding box of points: smallest, then largest coordinates."""
     for r in range(3):
@@ -96,7 +89,6 @@ def compute_box(points: Points, box: Box) -> None:
 
 
 @compiled
-@no_type_check
 def box_gap(one: Box, other: Box) -> float:
     """Return the largest gap of two boxes along an axis, a bound of their distance."""
     gap = 0.0
@@ -106,7 +98,6 @@ def box_gap(one: Box, other: Box) -> float:
 
 
 @compiled
-@no_type_check
 def point_gap(point: Vector, box: Box) -> float:
     """Return the largest gap of a point and a box along an axis."""
     gap = 0.0
@@ -116,7 +107,6 @@ def point_gap(point: Vector, box: Box) -> float:
 
 
 @compiled
-@no_type_check
 def find_candidates(
     pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
 ) -> int:
@@ -133,30 +123,29 @@ def find_candidates(
 
 
 @compiled
-@no_type_check
 def select_active(
     candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> Indices:
     """Select the active taxels among ascending candidates.
 
-    For a taxel that is held, which was active and has not been released, the threshold
-    is the lower one. A taxel that is not received stays held for a short time. Both
-    thresholds rise with the noise of the taxel, and with the recent peak of it and its
-    neighbours, so that the residual of a sensor after a release is no contact. A taxel
-    that rises alone becomes active with the next reading that confirms it, since
-    corrupt values last for one; not so in readings without noise.
+    For a taxel that is latched, which was active and has not been released, the
+    threshold is the lower one. A taxel that is not received stays latched for a short
+    time. Both thresholds rise with the noise of the taxel, and with the recent peak of
+    it and its neighbours, so that the residual of a sensor after a release is no
+    contact. A taxel that rises alone becomes active with the next reading that confirms
+    it, since corrupt values last for one; not so in readings without noise.
     """
     parameters, state = context.parameters, context.state
     chosen = np.empty(len(candidates), np.int64)
     count, now = 0, reading.now
-    since = min(reading.previous, now - parameters.hold_seconds)
+    since = min(reading.previous, now - parameters.dropout_seconds)
     for i in candidates:
         if not reading.valid[i]:
             continue
         taxel, pressure = state.taxels[i], reading.pressure[i]
         recent = compute_recent_peak(taxel, now, parameters.fade_seconds)
-        if taxel.held and taxel.active_at >= since:
-            least = max(parameters.off, HELD_FLOOR * reading.floor[i])
+        if taxel.latched and taxel.active_at >= since:
+            least = max(parameters.off, LATCHED_FLOOR * reading.floor[i])
             enough = pressure >= max(least, parameters.off_share * recent)
         else:
             least = max(parameters.on, reading.floor[i])
@@ -173,33 +162,30 @@ def select_active(
 
 
 @compiled
-@no_type_check
 def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool:
     """Return whether no neighbour of a taxel is pressed."""
     span = context.geometry[i].neighbours
     for k in range(span[0], span[1]):
         j = context.neighbours[k]
-        least = max(context.parameters.off, HELD_FLOOR * reading.floor[j])
+        least = max(context.parameters.off, LATCHED_FLOOR * reading.floor[j])
         if reading.valid[j] and reading.pressure[j] >= least:
             return False
     return True
 
 
 @compiled
-@no_type_check
 def compute_recent_peak(taxel: np.void, now: float, fade_seconds: float) -> float:
     """Return the recent peak of a taxel and its neighbours, which fades [kPa]."""
     return taxel.peak * fade_seconds / (fade_seconds + now - taxel.peak_at)
 
 
 @compiled
-@no_type_check
 def update_active(
     active: Indices, reading: KernelReading, context: TrackerContext
 ) -> None:
     """Update the states of the active taxels and of their neighbours."""
     parameters, state, now = context.parameters, context.state, reading.now
-    since = min(reading.previous, now - parameters.hold_seconds)
+    since = min(reading.previous, now - parameters.dropout_seconds)
     for i in active:
         taxel, pressure = state.taxels[i], reading.pressure[i]
         if max(taxel.active_at, taxel.risen_at) != reading.previous:
@@ -207,7 +193,7 @@ def update_active(
         if max(taxel.active_at, taxel.risen_at) < since:
             taxel.highest, taxel.moved = 0.0, 0
         change = pressure - taxel.highest
-        least = max(parameters.moves * pressure, reading.floor[i])
+        least = max(parameters.min_rise * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.highest = max(taxel.highest, pressure)
         # A corrupt value is of one reading of one taxel, a press of more.
@@ -225,11 +211,10 @@ def update_active(
         for k in range(span[0], span[1]):
             near = state.taxels[context.neighbours[k]]
             raise_peak(near, peak, now, parameters.fade_seconds)
-    update_held(active, reading.valid, since, state)
+    update_latched(active, reading.valid, since, state)
 
 
 @compiled
-@no_type_check
 def raise_peak(
     taxel: np.void, pressure: float, now: float, fade_seconds: float
 ) -> None:
@@ -239,28 +224,26 @@ def raise_peak(
 
 
 @compiled
-@no_type_check
-def update_held(
+def update_latched(
     active: Indices, valid: Bool[np.ndarray, "taxel"], since: float, state: TrackerState
 ) -> None:
     """Hold the active taxels, and keep those not received that were active recently."""
-    taxels, held, count = state.taxels, state.held, 0
-    for k in range(state.counts[HELD]):
-        i = held[k]
+    taxels, latched, count = state.taxels, state.latched, 0
+    for k in range(state.counts[LATCHED]):
+        i = latched[k]
         if valid[i] or taxels[i].active_at < since:
-            taxels[i].held = 0
+            taxels[i].latched = 0
         else:
-            held[count] = i
+            latched[count] = i
             count += 1
     for i in active:
-        taxels[i].held = 1
-        held[count] = i
+        taxels[i].latched = 1
+        latched[count] = i
         count += 1
-    state.counts[HELD] = count
+    state.counts[LATCHED] = count
 
 
 @compiled
-@no_type_check
 def sort_by_rank(active: Indices, geometry: np.ndarray) -> Indices:
     """Sort taxels by patch, row and column, which is the order of most skins."""
     for a in range(1, len(active)):
@@ -270,7 +253,6 @@ def sort_by_rank(active: Indices, geometry: np.ndarray) -> Indices:
 
 
 @compiled
-@no_type_check
 def find_root(parents: Indices, i: int) -> int:
     """Return the representative of an element's set (union-find)."""
     while parents[i] != i:
@@ -280,7 +262,6 @@ def find_root(parents: Indices, i: int) -> int:
 
 
 @compiled
-@no_type_check
 def join_sets(parents: Indices, i: int, j: int) -> None:
     """Join the sets of two elements; the earlier one represents both."""
     a, b = find_root(parents, i), find_root(parents, j)
@@ -289,7 +270,6 @@ def join_sets(parents: Indices, i: int, j: int) -> None:
 
 
 @compiled
-@no_type_check
 def label_components(
     active: Indices, p_world: Points, context: TrackerContext
 ) -> Indices:
@@ -298,15 +278,15 @@ def label_components(
     taxels, count = context.state.taxels, len(active)
     parents = np.arange(count)
     for a in range(count):
-        taxels[active[a]].slot = a
+        taxels[active[a]].scratch_index = a
     for a in range(count):
         span = geometry[active[a]].neighbours
         for k in range(span[0], span[1]):
-            b = taxels[neighbours[k]].slot
+            b = taxels[neighbours[k]].scratch_index
             if b > a:
                 join_sets(parents, a, b)
     for a in range(count):
-        taxels[active[a]].slot = -1
+        taxels[active[a]].scratch_index = -1
     join_links(active, p_world, geometry, parents)
     labels = np.empty(count, np.int64)
     found = 0
@@ -320,7 +300,6 @@ def label_components(
 
 
 @compiled
-@no_type_check
 def find_strong(
     active: Indices, labels: Indices, reading: KernelReading, share: float
 ) -> Bool[np.ndarray, "active"]:
@@ -335,7 +314,6 @@ def find_strong(
 
 
 @compiled
-@no_type_check
 def join_links(
     active: Indices, p_world: Points, geometry: np.ndarray, parents: Indices
 ) -> None:
@@ -368,7 +346,6 @@ def join_links(
 
 
 @compiled
-@no_type_check
 def join_near(
     a: int,
     others: range,
@@ -388,7 +365,6 @@ def join_near(
 
 
 @compiled
-@no_type_check
 def find_contacts(
     candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
@@ -436,7 +412,6 @@ def find_contacts(
 
 
 @compiled
-@no_type_check
 def allocate_contacts(labels: Indices, stamp: int) -> np.ndarray:
     """Build a contact for each label, with an empty span where its loads will begin."""
     contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
@@ -453,7 +428,6 @@ def allocate_contacts(labels: Indices, stamp: int) -> np.ndarray:
 
 
 @compiled
-@no_type_check
 def normalise_sums(
     contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> None:

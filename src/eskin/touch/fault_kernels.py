@@ -1,6 +1,6 @@
 """Compiled kernels that update the history of counts for the detection of faults."""
 
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,17 +27,17 @@ MEDIAN_SHARE = 0.85
 """Median of the deviations of white noise, in units of their mean."""
 CLEAR_FACTOR = 2.0
 """Smallest signal that is clearly no noise, in units of what may be noise."""
-WANDER_SPEED, WANDER_STEP = 0.1, 0.002
+SLOW_NOISE_SPEED, SLOW_NOISE_STEP = 0.1, 0.002
 """Largest change of the running median of the depth below rest, in a second and in a
 scan, in units of itself or of the counts at which contact begins, whichever is
 larger."""
-WANDER_START_FACTOR, WANDER_START_SECONDS = 20.0, 5.0
+SLOW_NOISE_START_FACTOR, SLOW_NOISE_START_SECONDS = 20.0, 5.0
 """Factor of that change after the first data, and the time from it on [s]."""
-WANDER_SECONDS = 2.0
+SLOW_NOISE_SECONDS = 2.0
 """Longest time below rest that is slow noise, and not another rest [s]."""
-WANDER_DEPTH = 4.0
+SLOW_NOISE_DEPTH = 4.0
 """Greatest depth that is, in units of the counts at which contact begins."""
-PRESS_CONTACTS, PRESS_WANDERS = 4.0, 6.0
+PRESS_CONTACTS, PRESS_SLOW_NOISES = 4.0, 6.0
 """Smallest mean counts above rest of a press, in units of those at which contact begins
 and of the running median of the depth below rest, whichever is larger."""
 DIP_SECONDS = 20.0
@@ -48,7 +48,7 @@ START_SECONDS = 1.0
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
 MAX_STEPS = 3.0
-"""Largest number of lone steps that is remembered."""
+"""Largest number of isolated steps that is remembered."""
 STEP_FACTOR = 4.0
 """Smallest step, in units of the running median of the deviations."""
 RECENT = 4
@@ -59,18 +59,18 @@ FLAT = 0.25
 """Largest change of the counts before and after a step, in units of the step."""
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
-MIN_LONE_STEP, LONE_FACTOR = 16.0, 20.0
-"""Smallest lone step after which a taxel is followed: in counts, and in units of the
-running median of the deviations; noise hides whether a smaller one is flat."""
-LONE_FLAT = 0.1
+MIN_ISOLATED_STEP, ISOLATED_FACTOR = 16.0, 20.0
+"""Smallest isolated step after which a taxel is followed: in counts, and in units of
+the running median of the deviations; noise hides whether a smaller one is flat."""
+ISOLATED_FLAT = 0.1
 """Largest change of the counts of such a taxel, in units of the step."""
-LONE_SECONDS, SLOW_LONE_SECONDS = 0.15, 0.3
+ISOLATED_SECONDS, SLOW_ISOLATED_SECONDS = 0.15, 0.3
 """Time of flat counts after which such a taxel is a fault [s]; the second where a scan
 takes longer than `MAX_STEP_INTERVAL`."""
-MAX_LONE_INTERVAL = 0.042
+MAX_ISOLATED_INTERVAL = 0.042
 """Largest time between two scans at which flat counts alone are a fault [s]."""
 FLAT_STEPS = 2.0
-"""Lone steps that a taxel counts for which stays flat after one."""
+"""Isolated steps that a taxel counts for which stays flat after one."""
 NEVER = -1e9
 """Time before all others [s]."""
 
@@ -111,7 +111,7 @@ class CountHistory(NamedTuple):
     start_noise: np.ndarray
     """Noise at the first data and after a long silence, as calibrated; 0 where it is
     learned from the first second."""
-    wander: np.ndarray
+    slow_noise: np.ndarray
     """Running median of the depth below rest of a taxel that wanders about it: slow
     noise is as large above rest, while a hand presses above it alone."""
     last_above: np.ndarray
@@ -120,22 +120,21 @@ class CountHistory(NamedTuple):
     """Time of the latest press."""
     level: np.ndarray
     """Mean counts above rest of the latest scans."""
-    under_hand: np.ndarray
+    in_contact: np.ndarray
     """Whether a taxel and a neighbour are pressed."""
     last_straight: np.ndarray
     """Time at which the deviation was last below what is noisy."""
     steps: np.ndarray
-    """Number of lone steps, each of which counts for less as it becomes older."""
-    lone_since: np.ndarray
-    """Time of the lone step since which the counts are flat; `NEVER` without."""
-    lone_level: np.ndarray
+    """Number of isolated steps, each of which counts for less as it becomes older."""
+    isolated_since: np.ndarray
+    """Time of the isolated step since which the counts are flat; `NEVER` without."""
+    isolated_level: np.ndarray
     """Counts after that step."""
-    lone_step: np.ndarray
+    isolated_step: np.ndarray
     """Size of that step [counts]."""
 
 
 @compiled
-@no_type_check
 def update_history(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
@@ -189,7 +188,6 @@ def update_history(
 
 
 @compiled
-@no_type_check
 def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     """Reset the history of a taxel at its first data or the first after a silence."""
     history.first_received[i] = now
@@ -204,13 +202,13 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.recent[:, i] = np.nan
     history.deviation[i] = 0.0
     history.noise[i] = history.start_noise[i]
-    history.wander[i] = 0.0
+    history.slow_noise[i] = 0.0
     history.last_above[i] = history.last_pressed[i] = NEVER
     history.level[i] = 0.0
-    history.under_hand[i] = False
+    history.in_contact[i] = False
     history.last_straight[i] = now
     history.steps[i] = 0.0
-    history.lone_since[i] = NEVER
+    history.isolated_since[i] = NEVER
 
 
 class NoiseLimits(NamedTuple):
@@ -224,11 +222,10 @@ class NoiseLimits(NamedTuple):
     """Counts (taxel) that a converter which cuts small values may swing by about
     zero."""
     step_seconds: float
-    """Time constant with which a lone step counts for less [s]."""
+    """Time constant with which an isolated step counts for less [s]."""
 
 
 @compiled(error_model="numpy")
-@no_type_check
 def update_noise(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
@@ -239,7 +236,7 @@ def update_noise(
     elapsed: float,
     turn: int,
     limits: NoiseLimits,
-    away: Float[np.ndarray, "taxel"],
+    rest_band: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     history: CountHistory,
@@ -261,7 +258,7 @@ def update_noise(
         elapsed: time since the last scan [s].
         turn: index of the scan in `CountHistory.recent`.
         limits: what is noisy.
-        away: counts from which a taxel is away from rest.
+        rest_band: counts from which a taxel is away from rest.
         starts: first neighbour of each taxel, as in `Adjacency`.
         neighbours: neighbouring taxels, as in `Adjacency`.
         history: updated.
@@ -276,12 +273,12 @@ def update_noise(
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
-    wander, last_above = history.wander, history.last_above
+    slow_noise, last_above = history.slow_noise, history.last_above
     last_pressed = history.last_pressed
-    under_hand = history.under_hand
+    in_contact = history.in_contact
     contacts, noisy, cut = limits.contact, limits.deviation, limits.cut
     speed = min(DEVIATION_SPEED * elapsed, DEVIATION_STEP)
-    wander_speed = min(WANDER_SPEED * elapsed, WANDER_STEP)
+    slow_speed = min(SLOW_NOISE_SPEED * elapsed, SLOW_NOISE_STEP)
     keep = LEVEL_SECONDS / (LEVEL_SECONDS + elapsed)
     forget = np.exp(-elapsed / limits.step_seconds)
     if elapsed > MAX_GAP:
@@ -295,7 +292,7 @@ def update_noise(
         count, contact, usual = float(counts[i]), contacts[i], deviation[i]
         latest[i] = count
         above = count - rest[i]
-        low += above < -away[i]
+        low += above < -rest_band[i]
         bend = abs(count - 2.0 * first[i] + second[i])
         highest = max(count, first[i], second[i])
         is_cut = count * first[i] * second[i] == 0.0 and highest < cut[i]
@@ -312,38 +309,41 @@ def update_noise(
             part = elapsed / (since + elapsed)
             if not np.isnan(bend):
                 noise[i] += part * (MEDIAN_SHARE * bend - noise[i])
-        elif under_hand[i]:
+        elif in_contact[i]:
             # Noise is that at rest; that of touched taxels may be ten times as large.
             pass
         elif bend < noise[i]:
-            fall = slow * BELOW_FACTOR if above < -away[i] else slow
+            fall = slow * BELOW_FACTOR if above < -rest_band[i] else slow
             noise[i] = max(noise[i] - fall, bend)
         elif bend > noise[i]:
             noise[i] = min(noise[i] + slow, bend)
         if above >= 0.0:
             last_above[i] = now
-        elif now - last_above[i] < WANDER_SECONDS and above > -WANDER_DEPTH * contact:
-            most = wander_speed * max(contact, wander[i])
-            if now - first_received[i] < WANDER_START_SECONDS:
-                most *= WANDER_START_FACTOR
+        elif (
+            now - last_above[i] < SLOW_NOISE_SECONDS
+            and above > -SLOW_NOISE_DEPTH * contact
+        ):
+            most = slow_speed * max(contact, slow_noise[i])
+            if now - first_received[i] < SLOW_NOISE_START_SECONDS:
+                most *= SLOW_NOISE_START_FACTOR
             elif now - last_pressed[i] < DIP_SECONDS:
                 most = 0.0
-            wander[i] += min(max(-above - wander[i], -most), most)
+            slow_noise[i] += min(max(-above - slow_noise[i], -most), most)
         level[i] = keep * level[i] + (1.0 - keep) * max(above, 0.0)
-        if level[i] > max(PRESS_CONTACTS * contact, PRESS_WANDERS * wander[i]):
+        if level[i] > max(PRESS_CONTACTS * contact, PRESS_SLOW_NOISES * slow_noise[i]):
             last_pressed[i] = now
-        if under_hand[i]:
+        if in_contact[i]:
             if level[i] < contact:
-                under_hand[i] = False
+                in_contact[i] = False
                 usual = deviation[i] = min(usual, noise[i])
         elif level[i] >= contact and usual < level[i]:
             near = neighbours[starts[i] : starts[i + 1]]
-            under_hand[i] = any_pressed(near, level, deviation, contacts)
+            in_contact[i] = any_pressed(near, level, deviation, contacts)
         if usual < noisy[i]:
             last_straight[i] = now
         steps[i] *= forget
         step = abs(first[i] - second[i])
-        least = max(contact, away[i], STEP_FACTOR * usual)
+        least = max(contact, rest_band[i], STEP_FACTOR * usual)
         if is_slow or is_cut or step < least:
             continue
         stays = min(abs(count - first[i]), abs(count - second[i]))
@@ -351,7 +351,7 @@ def update_noise(
         if stays <= flat and abs(second[i] - third[i]) <= flat:
             if is_alone(i, step, first, second, starts, neighbours):
                 steps[i] = min(steps[i] + 1.0, MAX_STEPS)
-    update_lone(
+    update_isolated(
         counts,
         received,
         mask,
@@ -361,7 +361,7 @@ def update_noise(
         elapsed,
         turn,
         limits,
-        away,
+        rest_band,
         starts,
         neighbours,
         history,
@@ -370,7 +370,6 @@ def update_noise(
 
 
 @compiled
-@no_type_check
 def any_pressed(
     taxels: Int[np.ndarray, "some"],
     level: Float[np.ndarray, "taxel"],
@@ -385,8 +384,7 @@ def any_pressed(
 
 
 @compiled
-@no_type_check
-def update_lone(
+def update_isolated(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
     mask: Bool[np.ndarray, "taxel"],
@@ -396,7 +394,7 @@ def update_lone(
     elapsed: float,
     turn: int,
     limits: NoiseLimits,
-    away: Float[np.ndarray, "taxel"],
+    rest_band: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
     history: CountHistory,
@@ -405,7 +403,7 @@ def update_lone(
 
     So does a taxel whose contact is intermittent. What touches goes on to press harder
     or more lightly, within a scan or two. A taxel that stays flat for longer counts as
-    if it had made `FLAT_STEPS` lone steps. Where scans are slower, a finger lands
+    if it had made `FLAT_STEPS` isolated steps. Where scans are slower, a finger lands
     within one; at full scale all that presses is flat.
 
     The arguments are those of `update_noise`, which has updated the history.
@@ -413,10 +411,16 @@ def update_lone(
     latest = history.recent[turn]
     first = history.recent[(turn - 1) % RECENT]
     second = history.recent[(turn - 2) % RECENT]
-    since, level, size = history.lone_since, history.lone_level, history.lone_step
+    since, level, size = (
+        history.isolated_since,
+        history.isolated_level,
+        history.isolated_step,
+    )
     deviation, contacts = history.deviation, limits.contact
-    longest = LONE_SECONDS if elapsed <= MAX_STEP_INTERVAL else SLOW_LONE_SECONDS
-    if elapsed > MAX_LONE_INTERVAL:
+    longest = (
+        ISOLATED_SECONDS if elapsed <= MAX_STEP_INTERVAL else SLOW_ISOLATED_SECONDS
+    )
+    if elapsed > MAX_ISOLATED_INTERVAL:
         since[:] = NEVER
         return
     for i in range(len(counts)):
@@ -425,7 +429,7 @@ def update_lone(
             continue
         count, usual = latest[i], deviation[i]
         if since[i] > NEVER:
-            flat = max(LONE_FLAT * size[i], STEP_FACTOR * usual)
+            flat = max(ISOLATED_FLAT * size[i], STEP_FACTOR * usual)
             if abs(count - level[i]) > min(flat, FLAT * size[i]):
                 since[i] = NEVER
             elif now - since[i] >= longest:
@@ -433,15 +437,16 @@ def update_lone(
                 since[i] = NEVER
             continue
         step = count - first[i]
-        least = max(contacts[i], away[i], MIN_LONE_STEP, LONE_FACTOR * usual)
+        least = max(
+            contacts[i], rest_band[i], MIN_ISOLATED_STEP, ISOLATED_FACTOR * usual
+        )
         rises = step >= least and count - rest[i] >= least
-        if rises and abs(first[i] - second[i]) <= LONE_FLAT * step:
+        if rises and abs(first[i] - second[i]) <= ISOLATED_FLAT * step:
             if is_alone(i, step, latest, first, starts, neighbours):
                 since[i], level[i], size[i] = now, count, step
 
 
 @compiled
-@no_type_check
 def is_alone(
     i: int,
     step: float,
@@ -468,7 +473,6 @@ def is_alone(
 
 
 @compiled
-@no_type_check
 def update_unanswered(
     pressure: Float[np.ndarray, "taxel"],
     valid: Bool[np.ndarray, "taxel"],
@@ -499,7 +503,6 @@ def update_unanswered(
 
 
 @compiled
-@no_type_check
 def find_noisier(
     candidates: Int[np.ndarray, "candidate"],
     factor: float,
@@ -518,13 +521,13 @@ def find_noisier(
         neighbours: neighbours of all taxels, one taxel after the other.
         history: deviation of each taxel, and which are under a hand.
     """
-    deviation, under_hand = history.deviation, history.under_hand
+    deviation, in_contact = history.deviation, history.in_contact
     found = np.zeros(len(candidates), np.bool_)
     for n, taxel in enumerate(candidates):
         near = neighbours[starts[taxel] : starts[taxel + 1]]
-        if under_hand[taxel]:
-            near = near[under_hand[near]]
+        if in_contact[taxel]:
+            near = near[in_contact[near]]
         usual = np.median(deviation[near]) if len(near) else 0.0
-        is_compared = len(near) > 0 or not under_hand[taxel]
+        is_compared = len(near) > 0 or not in_contact[taxel]
         found[n] = is_compared and deviation[taxel] >= factor * usual
     return candidates[found]

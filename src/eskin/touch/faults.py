@@ -160,7 +160,7 @@ class FaultConfig:
     noisy_level: float = 0.25
     """The same, in units of the mean counts above rest: a taxel that is touched may
     deviate more."""
-    lone_steps: float = 1.5
+    isolated_steps: float = 1.5
     """Number of steps within one scan, in which no neighbour takes part, that makes a
     taxel noisy. One after which it stays flat counts for two."""
     step_seconds: float = 10.0
@@ -170,7 +170,7 @@ class FaultConfig:
     nothing else. Six standard deviations of such noise are 1.8 times what makes
     contact."""
     doubtful_steps: float = 1.2
-    """Number of lone steps from which it is."""
+    """Number of isolated steps from which it is."""
     swing_share: float = 0.25
     """Share of a patch that is above rest by more than noise, and soon after below it,
     as no hand does."""
@@ -332,7 +332,7 @@ class FaultDetector:
             elapsed,
             self.turn,
             self.limits,
-            self.noise.away,
+            self.noise.rest_band,
             self.adjacency.starts,
             self.adjacency.neighbours,
             self.history,
@@ -340,8 +340,8 @@ class FaultDetector:
         if now >= MIN_LEARNED and (low_count or self.swings.going):
             above, received = scan.counts - rest, scan.received
             high, low = (
-                received & (above > self.noise.away),
-                received & (above < -self.noise.away),
+                received & (above > self.noise.rest_band),
+                received & (above < -self.noise.rest_band),
             )
             self.swings.update(high, low, now)
             self.doubt_mixed_lines(high, low, now)
@@ -423,7 +423,7 @@ class FaultDetector:
         found = np.zeros(self.skin.count, bool)
         masked = np.flatnonzero((self.code == NOISY) | (self.code == SATURATED))
         highest = self.history.recent[:, masked].max(axis=0)
-        found[masked] = highest < rest[masked] - self.noise.away[masked]
+        found[masked] = highest < rest[masked] - self.noise.rest_band[masked]
         return found
 
     def doubt_mixed_lines(
@@ -454,7 +454,7 @@ class FaultDetector:
     ) -> None:
         """Doubt rows and columns that are pressed evenly from end to end."""
         config = self.config
-        high = received & (above > self.noise.away)
+        high = received & (above > self.noise.rest_band)
         if np.count_nonzero(high) < config.line_size:
             return
         for groups in (self.grouper.rows, self.grouper.columns):
@@ -532,7 +532,7 @@ class FaultDetector:
         history, config = self.history, self.config
         level = config.noisy_level * history.level
         deviation = history.deviation / np.maximum(self.limits.deviation, level)
-        noisy = self.swings.found | (history.steps >= config.lone_steps)
+        noisy = self.swings.found | (history.steps >= config.isolated_steps)
         noisy |= self.find_noisier(deviation >= 1.0, NOISIER)
         doubtful = noisy | (history.steps >= config.doubtful_steps)
         deviates = deviation >= config.doubtful / config.noisy
@@ -574,8 +574,8 @@ def build_count_history(count: int) -> CountHistory:
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
     history["recent"] = np.full((RECENT, count), np.nan)
-    history["under_hand"] = np.zeros(count, np.bool_)
-    zeros = ("deviation", "noise", "start_noise", "wander", "level", "steps")
-    for name in (*zeros, "lone_level", "lone_step"):
+    history["in_contact"] = np.zeros(count, np.bool_)
+    zeros = ("deviation", "noise", "start_noise", "slow_noise", "level", "steps")
+    for name in (*zeros, "isolated_level", "isolated_step"):
         history[name] = np.zeros(count)
     return CountHistory(**history)

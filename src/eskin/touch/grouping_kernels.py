@@ -5,7 +5,7 @@ the previous reading, `buffer` has the contacts and loads of this one, and `upda
 touches while they are updated.
 """
 
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,7 +19,7 @@ from eskin.touch.contact_kernels import (
     point_gap,
     transform_to_link,
 )
-from eskin.touch.evidence_kernels import FADE_SECONDS, SLOW_NS, weigh_contact
+from eskin.touch.fault_kernels import CLEAR_FACTOR, MAX_STEP_INTERVAL
 from eskin.touch.records import (
     NEXT_TOUCH,
     NO_INDEX,
@@ -33,6 +33,13 @@ from eskin.touch.records import (
 from eskin.touch.track_kernels import RecordBuffer
 from eskin.units import NS_PER_S
 
+SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
+"""Time between two readings from which a touch may last for one of them [ns]."""
+FADE_SECONDS = 2.0
+"""Time constant with which the evidence of a track fades [s]: what has given none for
+some seconds may be a taxel that does not return to its rest, and joins no other."""
+MIN_NOISE = 0.1
+"""Smallest pressure that is taken for noise [kPa]."""
 MIN_LIFT_NS = 60_000_000
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
@@ -61,7 +68,6 @@ class TouchUpdate(NamedTuple):
 
 
 @compiled
-@no_type_check
 def begin_update(
     tracks: np.ndarray,
     ongoing: int,
@@ -90,7 +96,7 @@ def begin_update(
             if tracks[track].touch == status.id:
                 update.owners[track] = touch
                 goes_on |= track < ongoing
-        pause = parameters.pause_ns if status.confirmed else parameters.doubt_ns
+        pause = parameters.pause_ns if status.confirmed else parameters.timeout_ns
         is_weak = status.evidence < parameters.least_evidence and not status.confirmed
         if is_weak and not goes_on:
             pause = min(pause, MIN_LIFT_NS)
@@ -103,7 +109,6 @@ def begin_update(
 
 
 @compiled
-@no_type_check
 def find_survivor(touch: int, update: TouchUpdate) -> int:
     """Return the touch into which one was merged, directly or not, else itself."""
     while update.survivors[touch] != NO_INDEX:
@@ -112,7 +117,6 @@ def find_survivor(touch: int, update: TouchUpdate) -> int:
 
 
 @compiled
-@no_type_check
 def start_touch(
     track: np.void, state: TrackerState, buffer: RecordBuffer, update: TouchUpdate
 ) -> int:
@@ -139,7 +143,6 @@ def start_touch(
 
 
 @compiled
-@no_type_check
 def merge_touches(older: int, younger: int, restart: float, update: TouchUpdate) -> int:
     """Merge two touches into the older one, or into the one that is far stronger.
 
@@ -163,7 +166,6 @@ def merge_touches(older: int, younger: int, restart: float, update: TouchUpdate)
 
 
 @compiled
-@no_type_check
 def close_touch(touch: int, merged_into: int, update: TouchUpdate) -> None:
     """Close a touch that was merged into the one of an id, 0 for none."""
     update.touches[touch].closed = 1
@@ -184,7 +186,6 @@ class ContactRegions(NamedTuple):
 
 
 @compiled
-@no_type_check
 def group_tracks(
     tracks: np.ndarray,
     ongoing: int,
@@ -211,7 +212,7 @@ def group_tracks(
         span = buffer.contacts[tracks[track].contact].loads
         if tracks[track].last == reading.stamp:
             compute_box(points[span[0] : span[1]], boxes[track])
-    regions = ContactRegions(points, boxes, parameters.beside)
+    regions = ContactRegions(points, boxes, parameters.max_separation)
     current = tracks[:ongoing]
     gained, became_sure = weigh_tracks(current, reading, context, buffer)
     for track in range(ongoing):
@@ -224,7 +225,37 @@ def group_tracks(
 
 
 @compiled
-@no_type_check
+def weigh_contact(
+    contact: np.void,
+    reading: KernelReading,
+    context: TrackerContext,
+    buffer: RecordBuffer,
+) -> float:
+    """Return the evidence of a contact in one reading that it is no noise.
+
+    Each taxel adds the logarithm of its pressure in units of its noise, within limits.
+    Where only one of them is well above its noise, that counts only while its pressure
+    rises above what it was before, since the offset of a taxel may jump, and then stays
+    or swings. In readings without noise every contact is evidence enough.
+    """
+    parameters, state = context.parameters, context.state
+    evidence, clear, strongest, changed = 0.0, 0, 0.0, False
+    span = contact.loads
+    for k in range(span[0], span[1]):
+        load = buffer.loads[k]
+        if reading.floor[load.taxel] == 0.0:
+            return np.inf
+        noise = max(reading.floor[load.taxel], MIN_NOISE)
+        strength = np.log(max(load.pressure / noise, 1.0))
+        strength = min(strength, parameters.max_taxel_llr)
+        evidence += strength
+        clear += load.pressure >= CLEAR_FACTOR * noise
+        if strength > strongest:
+            strongest, changed = strength, state.taxels[load.taxel].changed
+    return evidence if clear > 1 or changed else 0.0
+
+
+@compiled
 def weigh_tracks(
     tracks: np.ndarray,
     reading: KernelReading,
@@ -250,13 +281,12 @@ def weigh_tracks(
             contact = buffer.contacts[tracks[track].contact]
             before = kept * tracks[track].evidence
             gained[track] = weigh_contact(contact, reading, context, buffer)
-            tracks[track].evidence = min(before + gained[track], parameters.enough)
+            tracks[track].evidence = min(before + gained[track], parameters.confirm_llr)
             became_sure[track] = before < least <= tracks[track].evidence
     return gained, became_sure
 
 
 @compiled
-@no_type_check
 def assign_touch(
     track: int,
     tracks: np.ndarray,
@@ -298,7 +328,6 @@ def assign_touch(
 
 
 @compiled
-@no_type_check
 def belongs_together(
     track: int,
     other: int,
@@ -318,11 +347,10 @@ def belongs_together(
     end = buffer.contacts[tracks[other].contact]
     start = buffer.contacts[tracks[track].contact].p_world
     T_world_link = reading.T_world_link[end.link]
-    return distance_to_link_point(T_world_link, end.p_link, start) <= parameters.near
+    return distance_to_link_point(T_world_link, end.p_link, start) <= parameters.max_gap
 
 
 @compiled
-@no_type_check
 def are_near(
     one: int,
     other: int,
@@ -346,7 +374,6 @@ def are_near(
 
 
 @compiled
-@no_type_check
 def merge_near(
     tracks: np.ndarray,
     regions: ContactRegions,
@@ -373,7 +400,6 @@ def merge_near(
 
 
 @compiled
-@no_type_check
 def restart_touches(
     tracks: np.ndarray,
     reading: KernelReading,
@@ -412,7 +438,6 @@ def restart_touches(
 
 
 @compiled
-@no_type_check
 def update_open_touches(
     tracks: np.ndarray,
     gained: Float[np.ndarray, "track"],
@@ -457,7 +482,7 @@ def update_open_touches(
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
         lasts = touch.onset < reading.stamp or reading.elapsed > SLOW_NS
         if touch.last == reading.stamp and (lasts or touch.evidence == np.inf):
-            if touch.evidence >= parameters.enough:
+            if touch.evidence >= parameters.confirm_llr:
                 touch.confirmed = 1
         touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
         if reading.stamp - touch.settled_at >= parameters.settle_ns:

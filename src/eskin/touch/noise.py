@@ -18,17 +18,17 @@ deviation: that of the second difference is the square root of 6, and its median
 0.674 of that."""
 FLOOR_SIGMAS = 6.0
 """Signal that may be noise, in units of the standard deviation."""
-WANDER_SIGMAS = 4.0
+SLOW_NOISE_SIGMAS = 4.0
 """The same of the slow noise of a taxel that wanders about its rest."""
-WANDER_MEDIAN = 0.6745
+SLOW_NOISE_MEDIAN = 0.6745
 """Median depth of such noise below rest, in units of its standard deviation."""
-WANDER_SHARE = 0.7
+SLOW_NOISE_SHARE = 0.7
 """Smallest slow noise of a taxel, in units of the median of its patch: where rest was
 learned too low, no noise is seen below it."""
-MAX_AWAY = 4.0
+MAX_REST_BAND = 4.0
 """Largest distance from rest that is left to noise, in units of the counts at which
 contact begins: a patch that swings further feels no touch."""
-MAX_WANDER = 1.5
+MAX_SLOW_NOISE = 1.5
 """The same of slow noise: swings beyond it, as of mains hum, remain a fault."""
 
 
@@ -39,7 +39,7 @@ class NoiseFloor:
     Attributes:
         counts: (taxel) counts above rest up to which they are noise.
         floor: (taxel) the same as pressure, larger while it is learned [kPa].
-        away: (taxel) counts from which a taxel is away from rest, for faults.
+        rest_band: (taxel) counts from which a taxel is away from rest, for faults.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class NoiseFloor:
         if calibration.noise is not None:
             history.start_noise[:] = SIGMA_DEVIATION * calibration.noise
         self.counts = self.measure_noise(history.start_noise)
-        self.away = contact / 2.0
+        self.rest_band = contact / 2.0
         self.floor = np.full(len(contact), start_floor)
 
     def measure_noise(
@@ -81,7 +81,7 @@ class NoiseFloor:
         least = np.clip(MIN_NOISE_CONTACTS * self.contact, *MIN_NOISE)
         return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, least)
 
-    def measure_wander(
+    def measure_slow_noise(
         self, mask: Bool[np.ndarray, "taxel"]
     ) -> Float[np.ndarray, "taxel"]:
         """Return the median depth below rest of each taxel [counts].
@@ -92,14 +92,14 @@ class NoiseFloor:
         Args:
             mask: faulty taxels, which do not count for their patch.
         """
-        wander, contact = self.history.wander, self.contact
-        ratio, usual = wander / contact, np.zeros(len(self.contact))
+        slow_noise, contact = self.history.slow_noise, self.contact
+        ratio, usual = slow_noise / contact, np.zeros(len(self.contact))
         for members in self.members:
             used = members[~mask[members]]
             if len(used):
                 middle = len(used) // 2
                 usual[members] = np.partition(ratio[used], middle)[middle]
-        return np.maximum(wander, WANDER_SHARE * usual * contact)
+        return np.maximum(slow_noise, SLOW_NOISE_SHARE * usual * contact)
 
     def update(self, mask: Bool[np.ndarray, "taxel"], now: float) -> None:
         """Update what may be noise by the history at a time [s].
@@ -109,12 +109,12 @@ class NoiseFloor:
             now: time since the first scan [s].
         """
         fast = self.measure_noise(self.history.noise)
-        slow = WANDER_SIGMAS / WANDER_MEDIAN * self.measure_wander(mask)
+        slow = SLOW_NOISE_SIGMAS / SLOW_NOISE_MEDIAN * self.measure_slow_noise(mask)
         self.counts = np.maximum(fast, slow)
         floor = self.calibration.compute_pressure(self.counts)
         contact = self.contact
-        away = np.maximum(fast, np.minimum(slow, MAX_WANDER * contact))
-        self.away = np.clip(away, contact / 2.0, MAX_AWAY * contact)
+        rest_band = np.maximum(fast, np.minimum(slow, MAX_SLOW_NOISE * contact))
+        self.rest_band = np.clip(rest_band, contact / 2.0, MAX_REST_BAND * contact)
         starts = now - self.history.first_received < START_SECONDS
         learns = starts & (self.history.start_noise == 0.0)
         least = np.maximum(floor, self.start_floor)

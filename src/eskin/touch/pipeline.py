@@ -6,10 +6,10 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.compiled import build_parameters, pack
+from eskin.compiled import pack
 from eskin.errors import ReadingError
 from eskin.skin import MountedSkin
-from eskin.touch.adjacency import MICROMETRE, Adjacency
+from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibrator import (
     CalibrationConfig,
@@ -21,24 +21,21 @@ from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
-    HELD,
+    LATCHED,
     NO_TOUCHES,
+    ContactConfig,
     KernelReading,
+    TouchConfig,
     TouchStatus,
+    TrackConfig,
     TrackerContext,
-    TrackingParameters,
     TrackingResult,
     build_taxel_geometry,
     build_tracker_state,
+    build_tracking_parameters,
 )
 from eskin.touch.touch_kernels import track_touches
-from eskin.touch.touches import (
-    ContactConfig,
-    Touch,
-    TouchConfig,
-    TouchState,
-    TrackConfig,
-)
+from eskin.touch.touches import Touch, TouchState
 from eskin.units import NS_PER_S
 
 
@@ -46,15 +43,15 @@ from eskin.units import NS_PER_S
 class LinkPoseCache:
     """A cache holds the link poses at the latest q, computed once q changes."""
 
-    def __init__(self, mounted: MountedSkin, posed: bool = True) -> None:
+    def __init__(self, mounted: MountedSkin, use_kinematics: bool = True) -> None:
         """Start without a pose.
 
         Args:
             mounted: the skin on its robot.
-            posed: whether q is used; else every joint is taken as 0.
+            use_kinematics: whether q is used; else every joint is taken as 0.
         """
         self.mounted = mounted
-        self.posed = posed
+        self.use_kinematics = use_kinematics
         self.joints = len(mounted.robot.joint_names)
         self.q: bytes | None = None
         self.T_world_link = np.empty((0, 4, 4))
@@ -64,7 +61,7 @@ class LinkPoseCache:
         key = q.tobytes()
         if key != self.q:
             self.check(q)
-            used = q if self.posed else np.zeros_like(q)
+            used = q if self.use_kinematics else np.zeros_like(q)
             self.T_world_link = self.mounted.kinematics.poses(used)
             self.q = key
         return self.T_world_link
@@ -111,21 +108,8 @@ class TouchTracker:
         self.candidates = np.empty(skin.count, np.int64)
         self.no_floor = np.zeros(skin.count)
         self.state = build_tracker_state(skin.count)
-        parameters = build_parameters(
-            TrackingParameters,
-            contacts,
-            tracks,
-            restart=touches.restart,
-            enough=touches.enough,
-            least_evidence=touches.least_evidence,
-            most=touches.most,
-            moves=touches.moves,
-            doubt_ns=round(touches.doubt_seconds * NS_PER_S),
-            near=touches.near + MICROMETRE,
-            pause_ns=round(touches.pause_seconds * NS_PER_S),
-            beside=touches.beside + MICROMETRE,
-            settle_ns=round(touches.settle_seconds * NS_PER_S),
-            calibrated=skin.calibrated,
+        parameters = build_tracking_parameters(
+            contacts, tracks, touches, skin.calibrated
         )
         geometry = build_taxel_geometry(mounted, adjacency)
         self.context = pack(
@@ -154,7 +138,7 @@ class TouchTracker:
         check_order(self.last, reading.stamp)
         found = find_candidates(reading.pressure, self.least, self.candidates)
         touched = self.result is not self.no_touches
-        if found or touched or self.state.counts[HELD]:
+        if found or touched or self.state.counts[LATCHED]:
             floor = self.no_floor if floor is None else floor
             self.result = self.track(reading, self.candidates[:found], floor)
         self.first = reading.stamp if self.first is None else self.first
@@ -187,9 +171,9 @@ class TouchTracker:
         return TrackingResult(packed, statuses[:open_count], statuses[open_count:])
 
     @property
-    def held(self) -> Int[np.ndarray, "held"]:
+    def latched(self) -> Int[np.ndarray, "latched"]:
         """Indices of the taxels that were in contact at the last reading."""
-        return self.state.held[: self.state.counts[HELD]]
+        return self.state.latched[: self.state.counts[LATCHED]]
 
     def finish(self) -> TrackingResult:
         """Drop all tracks and touches, and return the touches of the last reading."""
@@ -276,7 +260,7 @@ class TouchPipeline:
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
         invalid = self.faults.mask | (scan.counts < 0)
-        reading = self.calibrator.push(scan, invalid, self.find_held())
+        reading = self.calibrator.push(scan, invalid, self.find_latched())
         rest = self.calibrator.state.baseline
         mask, faults = self.faults.push(scan, reading.pressure, rest)
         self.calibrator.set_noise(self.faults.noise.counts)
@@ -284,13 +268,13 @@ class TouchPipeline:
             reading = replace(reading, valid=reading.valid & ~mask)
         return self.crosstalk.compensate(reading), faults
 
-    def find_held(self) -> Int[np.ndarray, "held"]:
+    def find_latched(self) -> Int[np.ndarray, "latched"]:
         """Find the taxels that are in contact, and clearly above their noise."""
-        held = self.tracker.held
-        if self.reading is None or not len(held):
-            return held
-        pressure, floor = self.reading.pressure[held], self.faults.noise.floor[held]
-        return held[pressure >= CLEAR_FACTOR * floor]
+        latched, floor = self.tracker.latched, self.faults.noise.floor
+        if self.reading is None or not len(latched):
+            return latched
+        pressure = self.reading.pressure[latched]
+        return latched[pressure >= CLEAR_FACTOR * floor[latched]]
 
     def push_reading(
         self,
@@ -327,6 +311,8 @@ class TouchPipeline:
         self, reading: Reading, faults: tuple[Fault, ...], result: TrackingResult
     ) -> TouchState:
         """Build the state at a reading."""
-        posed = self.tracker.poses.posed
+        use_kinematics = self.tracker.poses.use_kinematics
         doubtful = self.faults.doubtful
-        return TouchState(reading, faults, doubtful, result, self.mounted, posed)
+        return TouchState(
+            reading, faults, doubtful, result, self.mounted, use_kinematics
+        )

@@ -5,14 +5,20 @@ is none. A span is the begin and the end of a part of another array. The records
 reading are not changed once it has been processed.
 """
 
+import math
 from collections import namedtuple
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
+from pydantic import Field
 
 from eskin.compiled import Packed
+from eskin.files import Distance, Duration, Factor, Pause, Pressure, Share
 from eskin.skin import MountedSkin
-from eskin.touch.adjacency import Adjacency
+from eskin.touch.adjacency import MICROMETRE, Adjacency
+from eskin.units import NS_PER_S
 
 NO_INDEX = -1
 """Index of no contact, track or touch."""
@@ -156,12 +162,12 @@ TAXEL_STATE = np.dtype(
         ("peak_at", "f8"),
         ("pressure", "f8"),
         ("onset", "i8"),
-        ("held", "i8"),
+        ("latched", "i8"),
         ("highest", "f8"),
         ("changed", "i8"),
         ("moved", "i8"),
         ("risen_at", "f8"),
-        ("slot", "i8"),
+        ("scratch_index", "i8"),
     ]
 )
 """State of a taxel: when it was last active [s], its recent peak and its pressure at
@@ -169,9 +175,9 @@ that time [kPa], the stamp from which it was active [ns], whether it has not bee
 released since, its highest pressure since it became active [kPa], and an index that
 kernels use as a temporary variable and reset to -1."""
 
-HELD, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
-"""Indices of `TrackerState.counts`: number of held taxels, id of the next track and of
-the next touch."""
+LATCHED, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
+"""Indices of `TrackerState.counts`: number of latched taxels, id of the next track and
+of the next touch."""
 
 
 class TrackerState(NamedTuple):
@@ -179,41 +185,116 @@ class TrackerState(NamedTuple):
 
     taxels: np.ndarray
     """(taxel) TAXEL_STATE."""
-    held: np.ndarray
-    """(taxel) indices of the held taxels, then unused space."""
+    latched: np.ndarray
+    """(taxel) indices of the latched taxels, then unused space."""
     counts: np.ndarray
-    """(3) see `HELD`, `NEXT_TRACK`, `NEXT_TOUCH`."""
+    """(3) see `LATCHED`, `NEXT_TRACK`, `NEXT_TOUCH`."""
 
 
-class TrackingParameters(NamedTuple):
-    """Parameters of the tracking kernels are fields of their configurations.
+@dataclass(frozen=True)
+class ContactConfig:
+    """Thresholds define when a taxel is active, and when two belong to one contact."""
 
-    See `ContactConfig`, `TrackConfig` and `TouchConfig`. `pause_ns` is
-    `TouchConfig.pause_seconds` in ns; `calibrated` is `Skin.calibrated`.
-    """
+    on: Pressure = 0.7
+    """Pressure from which a taxel becomes active [kPa]."""
+    off: Pressure = 0.5
+    """Pressure from which an active taxel stays active [kPa]."""
+    on_share: Share = 0.25
+    """Fraction of the recent peak of it and its neighbours that a released taxel must
+    reach to become active."""
+    off_share: Share = 0.2
+    """Fraction of that peak that an active taxel must reach to stay active."""
+    peak_share: Share = 0.2
+    """Fraction of the greatest pressure of its contact that an active taxel reaches."""
+    fade_seconds: Duration = 5.0
+    """Time after which the recent peak counts half [s]."""
+    dropout_seconds: Annotated[Pause, Field(alias="hold_seconds")] = 0.1
+    """Time for which a taxel that is not received still counts as active [s]."""
+    reach: Annotated[float, Interval(ge=0.0, le=4.0)] = 1.6
+    """Distance within which active taxels connect, in units of the local spacing;
+    pairs of taxels grow with its square."""
+    least_reach: Annotated[float, Interval(ge=0.0, le=0.05)] = 0.018
+    """Smallest such distance [m], so that they connect across seams of patches."""
 
-    on: float
-    off: float
-    on_share: float
-    off_share: float
-    peak_share: float
-    fade_seconds: float
-    hold_seconds: float
-    gate: float
-    speed: float
-    coast_seconds: float
-    gap_seconds: float
-    near: float
-    pause_ns: int
-    beside: float
-    restart: float
-    settle_ns: int
-    enough: float
-    least_evidence: float
-    most: float
-    moves: float
-    doubt_ns: int
-    calibrated: bool
+    def with_floor(self, floor: float) -> "ContactConfig":
+        """Return a copy with `on` at least a floor [kPa], and `off` in proportion."""
+        factor = max(1.0, floor / self.on)
+        return replace(self, on=self.on * factor, off=self.off * factor)
+
+
+@dataclass(frozen=True)
+class TrackConfig:
+    """Limits define how far a contact may move between two readings."""
+
+    gate: Distance = 0.03
+    """Distance that the centre may move, even without time in between [m]."""
+    speed: Annotated[float, Interval(ge=0.0, le=100.0)] = 1.0
+    """Increase of that distance with the time between readings [m/s]."""
+    coast_seconds: Pause = 0.2
+    """Time for which a track goes on while most of its taxels are not received [s]."""
+    gap_seconds: Pause = 0.5
+    """Time without a reading after which all tracks end [s]."""
+
+
+@dataclass(frozen=True)
+class TouchConfig:
+    """Limits define which tracks belong to one touch."""
+
+    max_gap: Annotated[Distance, Field(alias="near")] = 0.08
+    """Largest distance from the end of a track to the start of the next [m], in the
+    frame of the link of the first."""
+    pause_seconds: Pause = 0.5
+    """Largest time between the two, and time without contact after which a touch closes
+    [s]."""
+    max_separation: Annotated[Distance, Field(alias="beside")] = 0.1
+    """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
+    restart: Annotated[float, Interval(ge=1.0, le=math.inf)] = 5.0
+    """Force at which a touch begins anew, and with which a younger touch outlives an
+    older one with which it merges, in units of the greatest force of the first so
+    far."""
+    settle_seconds: Pause = 0.15
+    """Time after which a force counts for that [s]."""
+    confirm_llr: Annotated[Factor, Field(alias="enough")] = 5.0
+    """Evidence from which a touch is confirmed: the sum over readings and taxels of the
+    natural logarithm of the pressure in units of what may be noise."""
+    least_evidence: Factor = 1.0
+    """Such evidence of a track alone from which it may be of one touch with others, and
+    be paired with contacts at a distance."""
+    max_taxel_llr: Annotated[Factor, Field(alias="most")] = 3.0
+    """Largest evidence of one taxel in one reading."""
+    min_rise: Annotated[Share, Field(alias="moves")] = 0.12
+    """Smallest rise of a single pressed taxel, above what it was before, that is
+    evidence, in units of its pressure."""
+    unconfirmed_timeout: Annotated[Pause, Field(alias="doubt_seconds")] = 0.5
+    """Time without contact after which a touch that is not confirmed closes [s]; one
+    without evidence closes as its contact ends."""
+
+
+CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
+TrackingParameters = namedtuple(
+    "TrackingParameters",
+    [field.name for config in CONFIGS for field in fields(config)]
+    + ["pause_ns", "settle_ns", "timeout_ns", "calibrated"],
+)
+"""Parameters of the tracking kernels: the fields of their configurations, three of its
+times in ns, and `Skin.calibrated`."""
+
+
+def build_tracking_parameters(
+    contacts: ContactConfig, tracks: TrackConfig, touches: TouchConfig, calibrated: bool
+) -> TrackingParameters:
+    """Build the parameters of the tracking kernels."""
+    values = vars(contacts) | vars(tracks) | vars(touches)
+    # Equal distances stay equal where the pose rounds them.
+    for name in ("max_gap", "max_separation"):
+        values[name] += MICROMETRE
+    return TrackingParameters(
+        **values,
+        pause_ns=round(touches.pause_seconds * NS_PER_S),
+        settle_ns=round(touches.settle_seconds * NS_PER_S),
+        timeout_ns=round(touches.unconfirmed_timeout * NS_PER_S),
+        calibrated=calibrated,
+    )
 
 
 class TrackerContext(NamedTuple):
@@ -269,5 +350,5 @@ def build_tracker_state(count: int) -> TrackerState:
     taxels = np.zeros(count, TAXEL_STATE)
     for name in ("active_at", "peak_at", "risen_at"):
         taxels[name] = -np.inf
-    taxels["slot"] = -1
+    taxels["scratch_index"] = -1
     return TrackerState(taxels, np.empty(count, np.int64), np.array([0, 1, 1]))

@@ -5,8 +5,6 @@ They run the stages of a reading, and write the records of its touches. `before`
 and `update` the touches while they are updated.
 """
 
-from typing import no_type_check
-
 import numpy as np
 from jaxtyping import Int
 
@@ -41,7 +39,6 @@ STATUS_SIZE = len(TouchStatus._fields)
 
 
 @compiled
-@no_type_check
 def write_spans(
     tracks: np.ndarray,
     ongoing: int,
@@ -71,7 +68,6 @@ def write_spans(
 
 
 @compiled
-@no_type_check
 def write_loads(
     n: int, tracks: np.ndarray, stamp: int, buffer: RecordBuffer, update: TouchUpdate
 ) -> None:
@@ -92,7 +88,6 @@ def write_loads(
 
 
 @compiled
-@no_type_check
 def write_previous_loads(
     n: int, before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
 ) -> None:
@@ -106,7 +101,6 @@ def write_previous_loads(
 
 
 @compiled
-@no_type_check
 def write_members(
     tracks: np.ndarray, before: TouchRecords, update: TouchUpdate
 ) -> Int[np.ndarray, "member"]:
@@ -140,7 +134,6 @@ def write_members(
 
 
 @compiled
-@no_type_check
 def count_members(
     touch: int, count: int, ends: Int[np.ndarray, "touch_and_one"], update: TouchUpdate
 ) -> None:
@@ -151,7 +144,6 @@ def count_members(
 
 
 @compiled
-@no_type_check
 def add_member(
     touch: int, track: int, members: Int[np.ndarray, "member"], update: TouchUpdate
 ) -> None:
@@ -164,7 +156,6 @@ def add_member(
 
 
 @compiled
-@no_type_check
 def track_touches(
     candidates: Int[np.ndarray, "candidate"],
     reading: KernelReading,
@@ -202,7 +193,6 @@ def track_touches(
 
 
 @compiled
-@no_type_check
 def build_statuses(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
     """Return the `TouchStatus` of each touch as a row."""
     statuses = np.empty((len(touches), STATUS_SIZE), np.int64)
@@ -215,7 +205,6 @@ def build_statuses(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
 
 
 @compiled
-@no_type_check
 def collect_touches(
     before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
 ) -> np.ndarray:

@@ -46,36 +46,6 @@ class Contact:
     """Patch of the most loaded taxel."""
 
 
-@dataclass(frozen=True)
-class ContactConfig:
-    """Thresholds define when a taxel is active, and when two belong to one contact."""
-
-    on: float = 0.7
-    """Pressure from which a taxel becomes active [kPa]."""
-    off: float = 0.5
-    """Pressure from which an active taxel stays active [kPa]."""
-    on_share: float = 0.25
-    """Fraction of the recent peak of it and its neighbours that a released taxel must
-    reach to become active."""
-    off_share: float = 0.2
-    """Fraction of that peak that an active taxel must reach to stay active."""
-    peak_share: float = 0.2
-    """Fraction of the greatest pressure of its contact that an active taxel reaches."""
-    fade_seconds: float = 5.0
-    """Time after which the recent peak counts half [s]."""
-    hold_seconds: float = 0.1
-    """Time for which a taxel that is not received still counts as active [s]."""
-    reach: float = 1.6
-    """Distance within which active taxels connect, in units of the local spacing."""
-    least_reach: float = 0.018
-    """Smallest such distance [m], so that they connect across seams of patches."""
-
-    def with_floor(self, floor: float) -> "ContactConfig":
-        """Return a copy with `on` at least a floor [kPa], and `off` in proportion."""
-        factor = max(1.0, floor / self.on)
-        return replace(self, on=self.on * factor, off=self.off * factor)
-
-
 @dataclass(frozen=True, eq=False)
 class Track:
     """A track is a contact through time; it keeps its id across patches and links."""
@@ -94,20 +64,6 @@ class Track:
     """Id of the track with which it was merged when their contacts became one."""
     ended: bool = False
     """True once its contact has ended."""
-
-
-@dataclass(frozen=True)
-class TrackConfig:
-    """Limits define how far a contact may move between two readings."""
-
-    gate: float = 0.03
-    """Distance that the centre may move, even without time in between [m]."""
-    speed: float = 1.0
-    """Increase of that distance with the time between readings [m/s]."""
-    coast_seconds: float = 0.2
-    """Time for which a track goes on while most of its taxels are not received [s]."""
-    gap_seconds: float = 0.5
-    """Time without a reading after which all tracks end [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,40 +103,6 @@ class Touch:
         return self.latest - self.start
 
 
-@dataclass(frozen=True)
-class TouchConfig:
-    """Limits define which tracks belong to one touch."""
-
-    near: float = 0.08
-    """Largest distance from the end of a track to the start of the next [m], in the
-    frame of the link of the first."""
-    pause_seconds: float = 0.5
-    """Largest time between the two, and time without contact after which a touch closes
-    [s]."""
-    beside: float = 0.1
-    """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
-    restart: float = 5.0
-    """Force at which a touch begins anew, and with which a younger touch outlives an
-    older one with which it merges, in units of the greatest force of the first so
-    far."""
-    settle_seconds: float = 0.15
-    """Time after which a force counts for that [s]."""
-    enough: float = 5.0
-    """Evidence from which a touch is confirmed: the sum over readings and taxels of the
-    natural logarithm of the pressure in units of what may be noise."""
-    least_evidence: float = 1.0
-    """Such evidence of a track alone from which it may be of one touch with others, and
-    be paired with contacts at a distance."""
-    most: float = 3.0
-    """Largest evidence of one taxel in one reading."""
-    moves: float = 0.12
-    """Smallest rise of a single pressed taxel, above what it was before, that is
-    evidence, in units of its pressure."""
-    doubt_seconds: float = 0.5
-    """Time without contact after which a touch that is not confirmed closes [s]; one
-    without evidence closes as its contact ends."""
-
-
 @dataclass(frozen=True, eq=False)
 class TouchState:
     """A state holds contacts, tracks, touches and faults at one instant.
@@ -196,7 +118,7 @@ class TouchState:
     tracking: TrackingResult
     """Contacts, tracks and touches as the kernels returned them."""
     mounted: MountedSkin
-    posed: bool = True
+    use_kinematics: bool = True
     """Whether contacts were found in the robot's pose. Else they were found with every
     joint at 0; the objects built here, but not the records, are moved to its pose."""
 
@@ -279,7 +201,9 @@ class TouchState:
             )
             for row in self.records.contacts
         )
-        return contacts if self.posed else tuple(map(self.move_to_pose, contacts))
+        return (
+            contacts if self.use_kinematics else tuple(map(self.move_to_pose, contacts))
+        )
 
     def move_to_pose(self, contact: Contact) -> Contact:
         """Move a contact found with every joint at 0 to the robot's pose."""

@@ -5,7 +5,7 @@
 its id in each contact, `parents` the track of which each contact covers most.
 """
 
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -48,7 +48,6 @@ class RecordBuffer(NamedTuple):
 
 
 @compiled
-@no_type_check
 def build_buffer(
     contacts: np.ndarray, loads: np.ndarray, before: TouchRecords
 ) -> RecordBuffer:
@@ -69,7 +68,6 @@ def build_buffer(
 
 
 @compiled
-@no_type_check
 def copy_contact_with_loads(
     old: int, before: TouchRecords, buffer: RecordBuffer
 ) -> int:
@@ -84,7 +82,6 @@ def copy_contact_with_loads(
 
 
 @compiled
-@no_type_check
 def copy_contact(old: int, before: TouchRecords, buffer: RecordBuffer) -> int:
     """Copy a previous contact without its loads, and return its new index."""
     if buffer.copied_to[old] == NO_INDEX:
@@ -97,7 +94,6 @@ def copy_contact(old: int, before: TouchRecords, buffer: RecordBuffer) -> int:
 
 
 @compiled
-@no_type_check
 def append_loads(loads: np.ndarray, buffer: RecordBuffer) -> int:
     """Append loads to the buffer, and return their end."""
     end = buffer.used[LOADS] + len(loads)
@@ -107,7 +103,6 @@ def append_loads(loads: np.ndarray, buffer: RecordBuffer) -> int:
 
 
 @compiled
-@no_type_check
 def track_contacts(
     contacts: np.ndarray,
     loads: np.ndarray,
@@ -167,7 +162,6 @@ def track_contacts(
 
 
 @compiled
-@no_type_check
 def count_ongoing(tracks: np.ndarray) -> int:
     """Count the ongoing tracks, which come first."""
     count = 0
@@ -177,7 +171,6 @@ def count_ongoing(tracks: np.ndarray) -> int:
 
 
 @compiled
-@no_type_check
 def match_overlaps(
     contacts: np.ndarray,
     loads: np.ndarray,
@@ -195,7 +188,7 @@ def match_overlaps(
         count, most = 0, 0.0
         for k in range(contacts[n].loads[0], contacts[n].loads[1]):
             i = loads[k].taxel
-            track = taxels[i].slot
+            track = taxels[i].scratch_index
             if track == NO_INDEX:
                 continue
             if covered[track] == 0.0:
@@ -215,17 +208,15 @@ def match_overlaps(
 
 
 @compiled
-@no_type_check
 def mark_taxels(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None:
-    """Write the index of each track to the slots of its taxels, or reset these."""
+    """Write each track to the scratch index of its taxels, or reset these."""
     for track in range(count):
         span = before.contacts[before.tracks[track].contact].loads
         for k in range(span[0], span[1]):
-            taxels[before.loads[k].taxel].slot = track if on else NO_INDEX
+            taxels[before.loads[k].taxel].scratch_index = track if on else NO_INDEX
 
 
 @compiled
-@no_type_check
 def pair_nearest(
     contacts: np.ndarray,
     before: TouchRecords,
@@ -260,7 +251,6 @@ def pair_nearest(
 
 
 @compiled
-@no_type_check
 def find_nearest(
     old: np.void,
     contacts: np.ndarray,
@@ -283,7 +273,6 @@ def find_nearest(
 
 
 @compiled
-@no_type_check
 def find_owners(
     successor: Int[np.ndarray, "track"],
     count: int,
@@ -313,7 +302,6 @@ def find_owners(
 
 
 @compiled
-@no_type_check
 def write_ongoing(
     successor: Int[np.ndarray, "track"],
     owner: Int[np.ndarray, "contact"],
@@ -339,7 +327,6 @@ def write_ongoing(
 
 
 @compiled
-@no_type_check
 def is_coasting(
     track: np.void,
     before: TouchRecords,
@@ -357,7 +344,6 @@ def is_coasting(
 
 
 @compiled
-@no_type_check
 def start_track(
     contact: int,
     parent: int,
@@ -380,7 +366,6 @@ def start_track(
 
 
 @compiled
-@no_type_check
 def write_ended(
     successor: Int[np.ndarray, "track"],
     owner: Int[np.ndarray, "contact"],

@@ -7,8 +7,7 @@ from eskin.learn.nn.batch import (
     build_graph_tensors,
 )
 from eskin.learn.nn.encoder import Encoder
-from eskin.learn.nn.head import TemporalHead
-from eskin.learn.nn.network import RecogniserNetwork
+from eskin.learn.nn.network import RecogniserNetwork, TemporalHead
 
 __all__ = [
     "Encoder",

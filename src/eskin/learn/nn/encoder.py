@@ -8,8 +8,7 @@ from torch import Tensor, nn
 from torch.nn.functional import silu
 
 from eskin.learn.nn.batch import GraphTensors
-from eskin.live import LENGTH_CM, NODE_SCALARS, NetworkConfig
-from eskin.live.model_file import EDGE_SCALARS
+from eskin.live import EDGE_SCALARS, LENGTH_CM, NODE_SCALARS, NetworkConfig
 
 
 @dataclass(frozen=True)

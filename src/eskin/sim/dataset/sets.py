@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from eskin.learn.sets.socialtouch_classes import GROUPS
+from eskin.learn.sets.socialtouch import GROUPS
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
 from eskin.sim.people.recorded import RECORDED_CLASSES

@@ -19,16 +19,14 @@ from eskin.learn.sets.conversion import find_files
 from eskin.learn.sets.socialtouch import (
     COLUMNS,
     FULL_SCALE,
+    GROUPS,
     ROWS,
     SUFFIXES,
     TOUCHED_COUNTS,
     Repetition,
-    read_repetitions,
-)
-from eskin.learn.sets.socialtouch_classes import (
-    GROUPS,
     classify_repetition,
     find_group,
+    read_repetitions,
 )
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.movie import compute_movie_force, find_middle

@@ -1,13 +1,10 @@
 """This module defines contact graphs and operations on batches of them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-
-from eskin.live.graph_kernels import GraphArrays
 
 HISTORY = ("age", "pause", "contacts", "travel", "farthest", "impulse", "peak force")
 """Columns of the history of a touch: time since onset [s], time since the last contact
@@ -17,12 +14,12 @@ over time [N s], greatest force [N]. On a skin that is not calibrated all are ze
 NO_HISTORY = np.zeros(len(HISTORY))
 
 
-@dataclass(frozen=True)
-class GraphBatch:
+class GraphBatch(NamedTuple):
     """A batch holds contact graphs laid end to end.
 
     A node is an active taxel of the touch, now or one reading ago, or a fixed neighbour
-    of one. One touch at one reading is a batch of one graph.
+    of one. One touch at one reading is a batch of one graph. In compiled code, arrays
+    of nodes may be longer than the last offset; kernels ignore the rest.
     """
 
     taxels: Int[np.ndarray, "node"]
@@ -53,7 +50,7 @@ class GraphBatch:
     """History of the touch so far, with the columns `HISTORY`."""
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """Number of graphs."""
         return len(self.seconds)
 
@@ -65,9 +62,9 @@ class GraphBatch:
     @property
     def graph_index(self) -> Int[np.ndarray, "node"]:
         """Index of the graph of each node."""
-        return np.repeat(np.arange(self.count), self.sizes)
+        return np.repeat(np.arange(self.size), self.sizes)
 
-    @cached_property
+    @property
     def targets(self) -> Int[np.ndarray, "target"]:
         """Active nodes, the only ones that receive messages."""
         return np.flatnonzero(self.pressure > 0)
@@ -78,20 +75,20 @@ class GraphBatch:
 
         Columns without any source are left out.
         """
-        neighbours = self.neighbours[self.targets]
+        targets = self.targets
+        neighbours = self.neighbours[targets]
         neighbours = neighbours[:, (neighbours >= 0).any(axis=0)]
-        first = np.repeat(self.offsets[:-1], self.sizes)[self.targets, None]
+        first = np.repeat(self.offsets[:-1], self.sizes)[targets, None]
         return np.where(neighbours >= 0, neighbours + first, -1)
 
-    @property
-    def arrays(self) -> GraphArrays:
-        """Fields in the types that compiled code takes, copied where they differ."""
+    def for_kernels(self) -> "GraphBatch":
+        """Return the batch in the types that compiled code takes, copied if needed."""
         types = {"taxels": np.int64, "neighbours": np.int32, "offsets": np.int64}
         real = self.pressure.dtype
-        return GraphArrays(
+        return GraphBatch(
             *(
-                np.require(getattr(self, name), types.get(name, real), ["C", "W"])
-                for name in GraphArrays._fields
+                np.require(array, types.get(name, real), ["C", "W"])
+                for name, array in self._asdict().items()
             )
         )
 
@@ -103,9 +100,8 @@ class GraphBatch:
         nodes = np.repeat(self.offsets[graphs], sizes) + within
         return GraphBatch(
             **{name: getattr(self, name)[nodes] for name in NODE_FIELDS},
+            **{name: getattr(self, name)[graphs] for name in GRAPH_FIELDS},
             offsets=offsets,
-            seconds=self.seconds[graphs],
-            history=self.history[graphs],
         )
 
     def sum_nodes(
@@ -121,11 +117,10 @@ class GraphBatch:
 
 SHEAR_FIELDS = ("shear", "shear_before")
 """Fields of the shear at each node."""
-NODE_FIELDS = tuple(
-    field.name
-    for field in fields(GraphBatch)
-    if field.name not in ("offsets", "seconds", "history")
-)
+NODE_FIELDS = GraphBatch._fields[:-3]
+"""Fields that hold a value of each node."""
+GRAPH_FIELDS = ("seconds", "history")
+"""Fields that hold a value of each graph."""
 
 
 def join_graphs(batches: Iterable[GraphBatch]) -> GraphBatch:
@@ -148,23 +143,23 @@ def join_graphs(batches: Iterable[GraphBatch]) -> GraphBatch:
         return np.concatenate(arrays)
 
     return GraphBatch(
-        **{name: join(name) for name in (*NODE_FIELDS, "seconds", "history")},
+        **{name: join(name) for name in (*NODE_FIELDS, *GRAPH_FIELDS)},
         offsets=np.concatenate([[0], np.cumsum(join("sizes"))]).astype(np.int64),
     )
 
 
 def create_empty_batch(neighbours: int) -> GraphBatch:
     """Return a batch without graphs; `neighbours` is the width of its table."""
-    return GraphBatch(*allocate_graphs(0, 0, neighbours))
+    return allocate_graphs(0, 0, neighbours)
 
 
-def allocate_graphs(graphs: int, nodes: int, neighbours: int) -> GraphArrays:
+def allocate_graphs(graphs: int, nodes: int, neighbours: int) -> GraphBatch:
     """Return arrays of zeros for so many graphs, nodes and neighbours of each node."""
 
     def real(*shape: int) -> np.ndarray:
         return np.zeros(shape, np.float32)
 
-    return GraphArrays(
+    return GraphBatch(
         taxels=np.zeros(nodes, np.int64),
         pressure=real(nodes),
         before=real(nodes),
