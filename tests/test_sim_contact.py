@@ -17,7 +17,7 @@ from eskin.sim.contact.pressure import (
     share_load,
     spread_through_film,
 )
-from eskin.sim.people.hand import mirror_pads
+from eskin.sim.people.person import mirror_pads
 from eskin.skin import Plane
 from eskin.skin.presets import build_ur5_skin
 from helpers.contacts import (

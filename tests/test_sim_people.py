@@ -15,9 +15,8 @@ from eskin.sim.people.gesture_sample import (
     draw_duration,
     draw_force,
 )
-from eskin.sim.people.hand import HAND_PADS
 from eskin.sim.people.perform import perform
-from eskin.sim.people.person import STYLE_CONSTANTS
+from eskin.sim.people.person import HAND_PADS, STYLE_CONSTANTS
 from eskin.skin import Tube
 from helpers.simulation import CONSTANTS, SITE, draw_people, perform_many
 

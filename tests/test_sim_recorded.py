@@ -14,8 +14,8 @@ from eskin.learn.sets.socialtouch_classes import (
 )
 from eskin.recording import find_recordings, read_recording
 from eskin.sim import load_constants
-from eskin.sim.contact.movie import compute_movie_field, compute_movie_force
 from eskin.sim.contact.press import ContactSite, MoviePress
+from eskin.sim.contact.pressure import compute_movie_field, compute_movie_force
 from eskin.sim.dataset import GenerationSettings, generate, read_index
 from eskin.sim.people.recorded import (
     RecordedPeople,

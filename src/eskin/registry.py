@@ -89,7 +89,7 @@ MOVED = {
 }
 """Commands and options that belong to the laboratory, with their commands there."""
 
-SOURCES = {"sim": "sim.interactive.source:open_simulation"}
+SOURCES = {"sim": "sim.interactive.player:open_simulation"}
 """Functions that open the sources of leaves, by the kind of their URI."""
 
 EXPORTS = {"onnx": "learn.onnx_export:export_onnx"}

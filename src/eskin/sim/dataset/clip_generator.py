@@ -5,15 +5,31 @@ from dataclasses import dataclass
 from typing import final
 
 from eskin.sim.constants import Constants
-from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
+from eskin.sim.contact.press import TrueTouch
+from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip, simulate_touches
 from eskin.sim.dataset.pairs import simulate_pair
-from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan
+from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.session_plan import IDLE
+from eskin.sim.dataset.staging import (
+    ClipSetup,
+    draw_start,
+    get_person,
+    place_touch,
+    set_up_clip,
+)
+from eskin.sim.people.recorded import (
+    RecordedPeople,
+    draw_recorded_touch,
+    play_recorded_touch,
+    read_recorded_touches,
+)
 from eskin.sim.scene.environment import (
     build_environment,
     describe_wearer,
     load_environment,
     mount_skin,
 )
+from eskin.sim.scene.placement import draw_site
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration
 
@@ -89,3 +105,79 @@ class SimulatorFactory:
     def __call__(self, skin: str) -> Simulator:
         """Build the simulator of a skin."""
         return Simulator(skin, robot=self.robot)
+
+
+@final
+class RecordedSimulator(ClipGenerator):
+    """This simulator generates clips of recorded people who touch a skin.
+
+    Where they stand, and how tall they are, is drawn anew for each session, since the
+    recordings do not tell.
+    """
+
+    def __init__(
+        self,
+        recorded: RecordedPeople,
+        skin: str,
+        constants: Constants | None = None,
+        robot: str | None = None,
+    ) -> None:
+        """Prepare the skin, and read the recorded touches.
+
+        Args:
+            recorded: people and where their touches are.
+            skin: name of a preset, or folder of a skin.
+            constants: constants of the simulation; the published ones by default.
+            robot: name of a robot, or path of a URDF; None for that of a preset.
+
+        Raises:
+            EskinError: there is no such skin, or its robot is not known.
+            ImportSourceError: the recorded touches cannot be read.
+        """
+        self.simulator = Simulator(skin, constants, robot)
+        self.robot_name, self.mounted = (
+            self.simulator.robot_name,
+            self.simulator.mounted,
+        )
+        self.urdf = self.simulator.urdf
+        self.env = self.simulator.env
+        self.touches = read_recorded_touches(recorded.folder, recorded.grouped)
+
+    def make(self, plan: ClipPlan) -> SimulatedClip:
+        """Simulate the clip of a plan."""
+        if plan.kind == IDLE:
+            return self.simulator.make(plan)
+        setup = set_up_clip(plan, "", self.env, plan.rng())
+        return simulate_touches(setup, (self.draw_touch(setup),))
+
+    def draw_touch(self, setup: ClipSetup) -> TrueTouch:
+        """Draw the recorded touch of a clip, and its place in it.
+
+        One that is longer than the clip begins in it, and is cut at its end.
+        """
+        plan, rng, constants = setup.plan, setup.rng, self.env.constants
+        gesture = plan.gesture or ""
+        chosen = draw_recorded_touch(self.touches, plan.person.name, gesture, rng)
+        body = get_person(Origin(plan.person.name, (*plan.session.seed, 1)), self.env)
+        site = draw_site(self.env, setup.q[setup.lead], body, gesture, rng)
+        touch = play_recorded_touch(chosen, site, constants, rng)
+        start = draw_start(touch, setup.steps, constants, rng)
+        return place_touch(setup, touch, setup.lead + start)
+
+    def calibration(self, build: BuildOrigin) -> Calibration:
+        """Return the calibration that the user of a build has."""
+        return self.simulator.calibration(build)
+
+
+@dataclass(frozen=True)
+class RecordedSimulatorFactory:
+    """This factory builds the simulator of recorded people, in any process."""
+
+    recorded: RecordedPeople
+    """People and where their touches are."""
+    robot: str | None = None
+    """Name of the robot, or path of its URDF; None for those of presets."""
+
+    def __call__(self, skin: str) -> RecordedSimulator:
+        """Build the simulator of a skin."""
+        return RecordedSimulator(self.recorded, skin, robot=self.robot)

@@ -21,9 +21,12 @@ from typing import Protocol
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
-from eskin.sim.dataset.clip_generator import ClipGenerator, SimulatorFactory
+from eskin.sim.dataset.clip_generator import (
+    ClipGenerator,
+    RecordedSimulatorFactory,
+    SimulatorFactory,
+)
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
-from eskin.sim.dataset.recorded import RecordedSimulatorFactory
 from eskin.sim.dataset.session_file import write_session
 from eskin.sim.dataset.session_plan import SessionPlan
 from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_folder

@@ -37,8 +37,14 @@ from eskin.sim.dataset.staging import (
     get_person,
     perform_planned,
 )
-from eskin.sim.people.hand import HAND_PADS, HEADS, HEEL, mirror_pads, select_pads
-from eskin.sim.people.person import Person
+from eskin.sim.people.person import (
+    HAND_PADS,
+    HEADS,
+    HEEL,
+    Person,
+    mirror_pads,
+    select_pads,
+)
 from eskin.sim.scene.environment import (
     SimEnvironment,
     load_environment,

@@ -19,10 +19,9 @@ from eskin.command import (
 from eskin.drivers import Clock, ManualClock
 from eskin.errors import DeviceError
 from eskin.live import Recognizer, load_model
-from eskin.sim.demo.live_source import LiveSource
+from eskin.sim.demo.live_source import FaultStorm, LiveSource, StormConfig
 from eskin.sim.demo.score import CommandScore, ScoreListener
 from eskin.sim.demo.simulated_user import SimulatedUser, SimulatedUserConfig
-from eskin.sim.demo.storm import FaultStorm, StormConfig
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.scene import Wearer
 from eskin.sim.sensor.build import BuildKind

@@ -15,7 +15,7 @@ from eskin.sim.people.gesture_sample import (
     draw_force,
     scale_to_peak,
 )
-from eskin.sim.people.hand import build_body
+from eskin.sim.people.person import build_body
 
 
 def draw_poke(sample: GestureSample) -> tuple[Press, ...]:

@@ -27,7 +27,7 @@ from eskin.sim.people.gestures import (
     draw_sliding_force,
     draw_stroke_direction,
 )
-from eskin.sim.people.hand import build_body
+from eskin.sim.people.person import build_body
 
 FINGER_GROUPS = ("one_tip", "two_tips")
 """Pad groups whose brief push is a poke."""

@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM
 from eskin.sim.contact.press import ContactSite, Press, TrueTouch
-from eskin.sim.people.hand import mirror_pads
-from eskin.sim.people.person import Person
+from eskin.sim.people.person import Person, mirror_pads
 from eskin.sim.scene.environment import SimEnvironment, build_site, compute_surface_axes
 from eskin.sim.scene.kernels import find_facing_points
 from eskin.sim.scene.placement import build_view
