@@ -47,9 +47,8 @@ from eskin.learn.evaluation import evaluate
 from eskin.learn.metrics import bootstrap_mean
 from eskin.live import load_model
 from eskin.sim.dataset import GenerationSettings, Simulator
-from eskin.sim.dataset.plan import BuildOrigin
+from eskin.sim.dataset.plan import BuildOrigin, build_seed
 from eskin.sim.dataset.session_file import write_session
-from eskin.sim.dataset.session_plan import build_seed
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.interactive.hand import LinkPoint
 from eskin.sim.sensor.build import BuildKind, SensorBuild, compute_nominal_half

@@ -11,8 +11,8 @@ from joblib import Parallel, delayed, parallel_config
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import ClipPlan, Simulator
 from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.dataset.plan import SessionPlan, plan_clips, plan_sessions
 from eskin.sim.dataset.session_file import compute_rest_counts
-from eskin.sim.dataset.session_plan import SessionPlan, plan_clips, plan_sessions
 from eskin.sim.dataset.sets import CLASSES, load_set, resize_set
 from eskin.touch import Calibration
 from lab.simulation.features import clip_features

@@ -1,4 +1,4 @@
-"""This module computes the pressure on taxels from a press.
+"""This module computes the pressure on taxels from a press, or from a recorded movie.
 
 The pads of a body share its load as springs that sink together, each makes an ellipse
 of a size that depends on its load, and the pressure in it is an inverted paraboloid

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.contact.press import TrueTouch
-from eskin.sim.dataset.plan import QUIET, BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.sets import QUIET
 from eskin.sim.dataset.staging import (
     ClipSetup,
     draw_second_touch,

@@ -1,4 +1,4 @@
-"""Clip generators simulate clips from their plans."""
+"""Clip generators simulate clips of people, or of recorded people, from plans."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from eskin.sim.constants import Constants
 from eskin.sim.contact.press import TrueTouch
 from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip, simulate_touches
 from eskin.sim.dataset.pairs import simulate_pair
-from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan, Origin
-from eskin.sim.dataset.session_plan import IDLE
+from eskin.sim.dataset.plan import IDLE, BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.sets import SOURCE_SKINS
 from eskin.sim.dataset.staging import (
     ClipSetup,
     draw_start,

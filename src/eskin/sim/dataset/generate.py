@@ -27,8 +27,8 @@ from eskin.sim.dataset.clip_generator import (
     SimulatorFactory,
 )
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
+from eskin.sim.dataset.plan import SessionPlan
 from eskin.sim.dataset.session_file import write_session
-from eskin.sim.dataset.session_plan import SessionPlan
 from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_folder
 
 

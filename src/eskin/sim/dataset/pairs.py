@@ -22,15 +22,14 @@ from eskin.sim.dataset.clip import (
     get_session,
     simulate_clip,
 )
-from eskin.sim.dataset.plan import (
+from eskin.sim.dataset.plan import ClipPlan, plan_single_pair
+from eskin.sim.dataset.sets import (
     NONE_KINDS,
     PAIR_SIDES,
     SIDE_SKINS,
-    ClipPlan,
     PairKind,
     parse_pair_kind,
 )
-from eskin.sim.dataset.session_plan import plan_single_pair
 from eskin.sim.dataset.staging import (
     count_clip_steps,
     draw_start,

@@ -5,10 +5,51 @@ from typing import Literal
 
 from eskin.learn.sets.socialtouch_classes import GROUPS
 from eskin.sim.constants import Constants
-from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
 from eskin.sim.people.recorded import RECORDED_CLASSES
 from eskin.sim.sensor.build import BuildKind
 from eskin.sim.sensor.flaws import FAMILIES
+
+ACCIDENTS, QUIET = "accidents", "quiet"
+"""Kinds of streams: with accidental contacts only, and without any contact."""
+
+PairKind = Literal["bending", "merging"]
+Side = Literal["bent", "flat", "folded", "apart"]
+
+PAIR_SIDES: dict[PairKind, tuple[Side, Side]] = {
+    "bending": ("bent", "flat"),
+    "merging": ("folded", "apart"),
+}
+"""Sides of each kind of pair: the first shows the gesture, the second shows `none`."""
+
+SIDES: tuple[Side, ...] = ("bent", "flat", "folded", "apart")
+"""All sides; each has a folder of its own."""
+
+SIDE_SKINS: dict[str, str] = {"bent": "bent", "flat": "flat"}
+"""Preset skins of the sides that have their own."""
+
+SOURCE_SKINS = {"flat": "bent"}
+"""Preset skin on which the counts of another are simulated."""
+
+NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
+"""Kind of `none` on the second side that has the counts of each gesture."""
+
+
+def parse_pair_kind(name: str) -> PairKind:
+    """Return the kind of pair of a name.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
+    for kind in PAIR_SIDES:
+        if kind == name:
+            return kind
+    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(PAIR_SIDES)}")
+
+
+def find_pair_kind(side: Side) -> PairKind:
+    """Return the kind of pair that a side belongs to."""
+    return "bending" if side in PAIR_SIDES["bending"] else "merging"
+
 
 PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
 """Gestures of the paper."""

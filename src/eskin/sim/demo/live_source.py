@@ -1,4 +1,4 @@
-"""This module reads a simulated skin on a moving arm as a source of scans."""
+"""This module reads a simulated skin on a moving arm as a source, and makes it fail."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The touch player simulates a person who touches a skin, as an endless stream."""
+"""The touch player simulates a person who touches a skin, as an endless source."""
 
 import itertools
 from collections import deque
@@ -16,8 +16,7 @@ from eskin.sim.constants import load_constants
 from eskin.sim.dataset import Simulator
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
-from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.dataset.session_plan import build_seed
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, build_seed
 from eskin.sim.dataset.sets import get_pose_groups
 from eskin.touch import Scan
 from eskin.units import NS_PER_S

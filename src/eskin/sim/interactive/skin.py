@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 
 from eskin.robot import Wrench
 from eskin.sim.dataset.clip import get_build
-from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng
-from eskin.sim.dataset.session_plan import build_seed
+from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng, build_seed
 from eskin.sim.interactive.hand import InteractiveHand
 from eskin.sim.interactive.touches import MotionTrack
 from eskin.sim.people.person import Person, draw_person

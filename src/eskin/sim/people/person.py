@@ -1,4 +1,7 @@
-"""This module draws people: their sizes, their strength and how they touch."""
+"""This module draws people: their hands, their strength and how they touch.
+
+A hand is 20 pads that bear load; any other body is one pad.
+"""
 
 from dataclasses import dataclass, replace
 

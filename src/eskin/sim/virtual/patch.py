@@ -1,4 +1,4 @@
-"""This module simulates the module of one patch, which sends packets."""
+"""This module simulates the module of one patch: its packets, answers and seals."""
 
 import struct
 import zlib
