@@ -93,11 +93,6 @@ class Sheet(Surface):
         """Return the tree of the taxels on the link."""
         return KDTree(self.positions)
 
-    @cached_property
-    def mean_curvatures(self) -> Float[np.ndarray, "2"]:
-        """Return the mean smallest and largest curvature [1/m], of absolute value."""
-        return np.linalg.eigvalsh(self.curvatures).mean(axis=0)
-
     def wrap(self, unrolled: Unrolled) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] on the surface."""
         taxels, weights = find_nearest(self.in_plane, unrolled)

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.sensor.build import SensorBuild
-from eskin.sim.sensor.families import number_rows
 from eskin.sim.sensor.flaw_kernels import (
     Coupling,
     Drift,
@@ -17,7 +16,7 @@ from eskin.sim.sensor.flaw_kernels import (
     move_rest,
     repeat_readings,
 )
-from eskin.sim.sensor.flaws import Flaws
+from eskin.sim.sensor.flaws import Flaws, number_rows
 from eskin.sim.sensor.kernels import SensorLayer, TaxelArrays
 from eskin.sim.sensor.model import SensorSession, SensorStages
 from eskin.sim.sensor.noise import NOISE_BLOCK, WORD_BITS
