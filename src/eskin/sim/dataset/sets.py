@@ -166,6 +166,9 @@ RECORDED, RECORDED_GROUPS = "recorded", "recorded-groups"
 RECORDED_SETS = {RECORDED: RECORDED_CLASSES, RECORDED_GROUPS: tuple(GROUPS)}
 """Classes of these sets: some of the paper's, or the groups of SocialTouch."""
 
+ALL_SETS = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS)
+"""Names of all sets."""
+
 
 def load_set(name: str, constants: Constants) -> ClipSet:
     """Build the published set of a name.
@@ -182,8 +185,7 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     if name in FAMILY_SETS:
         return build_family_set(name, constants)
     if name not in SETS:
-        allowed = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS)
-        raise ValueError(f"no set '{name}'; allowed are {', '.join(allowed)}")
+        raise ValueError(f"no set '{name}'; allowed are {', '.join(ALL_SETS)}")
     if name.startswith("paper"):
         return build_paper_set(name, constants)
     if name.startswith("streams"):
