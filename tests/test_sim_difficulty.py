@@ -6,12 +6,8 @@ import pytest
 from eskin.sim.dataset import GenerationSettings
 from eskin.touch import Calibration
 from helpers.worlds import SMALL_POOL
-from lab.simulation.ceiling import wilson_interval
 from lab.simulation.clips import as_tap, calibrate_counts, simulate_session
-from lab.simulation.confusion import counted, pairs_check
 from lab.simulation.features import NAMES, clip_features
-from lab.simulation.forest import compute_spread
-from lab.simulation.leakage import over_people
 from lab.simulation.remains import EDGES, compute_histogram
 from lab.simulation.true_features import true_features
 
@@ -68,43 +64,6 @@ def test_true_features_are_finite_and_do_not_depend_on_the_place():
         np.testing.assert_allclose(features, true_features(there), atol=1e-9)
         sizes.add(len(features))
     assert len(sizes) == 1
-
-
-def test_spread_of_people_beyond_counting_is_found():
-    rng = np.random.default_rng(0)
-    people = np.repeat([f"p{i}" for i in range(200)], 50)
-    alike = compute_spread(rng.random(10_000) < 0.8, people)
-    assert 0.04 < alike.deviation < 0.07
-    assert alike.beyond < 0.02
-    share = np.repeat(rng.uniform(0.6, 1.0, 200), 50)
-    assert 0.09 < compute_spread(rng.random(10_000) < share, people).beyond < 0.14
-
-
-def test_wilson_interval_holds_its_share_and_shrinks():
-    low, high = wilson_interval(90, 100)
-    assert low < 0.9 < high
-    assert np.ptp(wilson_interval(9_000, 10_000)) < (high - low) / 5
-
-
-def test_interval_over_people_holds_the_accuracy():
-    rng = np.random.default_rng(0)
-    labels, guess = (rng.choice(list("abcde"), 2000) for _ in "lg")
-    people = np.repeat([f"p{i}" for i in range(40)], 50)
-    low, high = over_people(labels, guess, people, 0)
-    assert low <= 0.2 <= high
-    assert over_people(labels, labels, people, 0) == (1.0, 1.0)
-
-
-def test_confused_pairs_are_counted_both_ways():
-    rows = [("grab", "squeeze", 2), ("squeeze", "grab", 1), ("stroke", "rub", 2)]
-    rows += [("double_pat", "tap", 1), ("tap", "tap", 5), ("rub", "rub", 5)]
-    labels, guess, count = zip(*rows, strict=True)
-    labels, guess = np.repeat(labels, count), np.repeat(guess, count)
-    check = pairs_check(labels, guess)
-    assert counted(labels, guess).sum() == len(labels)
-    assert check.met
-    assert check.measured.startswith("squeeze-grab 3, stroke-rub 2")
-    assert not pairs_check(labels, np.where(labels == "grab", "rub", guess)).met
 
 
 @pytest.mark.slow
