@@ -237,12 +237,18 @@ class GestureSample:
     def build_press(
         self,
         pads: ContactPads,
-        tissue: SoftTissue,
         force: Series,
-        path: Float[np.ndarray, "time 2"],
-        angle: float | Series,
+        path: Float[np.ndarray, "time 2"] | None = None,
+        tissue: SoftTissue | None = None,
+        angle: float | Series | None = None,
     ) -> Press:
-        """Build a press at the site, `path` away from its centre."""
+        """Build a press at the site, `path` away from its centre.
+
+        A hand that stays in place, its tissue and its angle are drawn unless given.
+        """
+        tissue = tissue or self.draw_tissue()
+        path = self.draw_wander(len(force)) if path is None else path
+        angle = self.draw_angle() if angle is None else angle
         turned = np.broadcast_to(np.asarray(angle, dtype=np.float64), force.shape)
         centre = np.asarray(self.site.centre) + path
         return Press(self.site.chart, 0, force, centre, turned.copy(), pads, tissue)

@@ -40,7 +40,7 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
     series = scale_to_peak(shape * sample.draw_held_noise(steps), force)
     tissue = replace(sample.person.tissue, conformity=sample.draw("poke.conformity"))
     path, angle = sample.draw_wander(steps), sample.draw_angle()
-    return (sample.build_press(draw_poking_pads(sample), tissue, series, path, angle),)
+    return (sample.build_press(draw_poking_pads(sample), series, path, tissue, angle),)
 
 
 def draw_poking_pads(sample: GestureSample) -> ContactPads:
@@ -110,7 +110,7 @@ def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...
             shift_hand(sample, path, start - apart + length, start)
     keep_contact(sample, series, min(firm), length // 2, len(series) - length // 2)
     tissue, angle = sample.draw_tissue(), sample.draw_angle()
-    return (sample.build_press(sample.draw_pads(group), tissue, series, path, angle),)
+    return (sample.build_press(sample.draw_pads(group), series, path, tissue, angle),)
 
 
 def draw_pat_interval(sample: GestureSample) -> float:
@@ -169,13 +169,8 @@ def draw_hold(
     twist = sample.draw("grab.twist") * build_minimum_jerk(steps)
     series = np.minimum(series, most * firmer)
     pads = sample.person.select_pads(group, sample.draw("grab.splay"))
-    return sample.build_press(
-        pads,
-        draw_closed_tissue(sample),
-        series,
-        path,
-        draw_angle_across(sample) + twist,
-    )
+    tissue, angle = draw_closed_tissue(sample), draw_angle_across(sample) + twist
+    return sample.build_press(pads, series, path, tissue, angle)
 
 
 def draw_closed_tissue(sample: GestureSample) -> SoftTissue:
@@ -239,8 +234,7 @@ def build_stroke(
 ) -> Press:
     """Build the press of a hand that strokes along a path with some force [N]."""
     path = path + sample.draw_wander(len(series))
-    pads, tissue = sample.draw_pads(sample.kind), sample.draw_tissue()
-    return sample.build_press(pads, tissue, series, path, sample.draw_angle())
+    return sample.build_press(sample.draw_pads(sample.kind), series, path)
 
 
 def draw_stroke_direction(sample: GestureSample) -> Float[np.ndarray, "2"]:
