@@ -69,7 +69,7 @@ class Line:
 
     @property
     def length(self) -> float:
-        """Return its length [mm], that of the closing piece left out."""
+        """Return its length without the closing piece [mm]."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
 

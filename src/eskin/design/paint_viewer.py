@@ -35,8 +35,8 @@ class PaintViewer:
         self,
         mounted: MountedSkin,
         on_save: Callable[[tuple[PaintOrder, ...]], str],
-        earlier: Bool[np.ndarray, "2 taxel"],
-        most: int,
+        existing: Bool[np.ndarray, "2 taxel"],
+        max_balls: int,
         config: ViewerConfig | None = None,
     ) -> None:
         """Start the page's process.
@@ -44,16 +44,16 @@ class PaintViewer:
         Args:
             mounted: points of the surface, as the taxels of a skin on its robot.
             on_save: function that writes the balls; it returns a line that says so.
-            earlier: points that were painted before, and points of keep-out zones.
-            most: largest number of balls.
+            existing: points that were painted before, and points of keep-out zones.
+            max_balls: largest number of balls.
             config: configuration of the page.
 
         Raises:
             DeviceError: the port is not available.
         """
         config = config or ViewerConfig()
-        self.mounted, self.on_save, self.earlier = mounted, on_save, earlier
-        self.most, self.note = most, ""
+        self.mounted, self.on_save, self.existing = mounted, on_save, existing
+        self.max_balls, self.note = max_balls, ""
         self.balls: list[PaintOrder] = []
         self.closed, self.lock = Flag(), RLock()
         scene = describe_scene(mounted, (), paints=True)
@@ -65,7 +65,7 @@ class PaintViewer:
         with self.lock:
             self.note = ""
             match order:
-                case PaintOrder() if len(self.balls) < self.most:
+                case PaintOrder() if len(self.balls) < self.max_balls:
                     self.balls.append(order)
                 case PaintOrder():
                     self.note = (
@@ -83,7 +83,7 @@ class PaintViewer:
 
     def find_painted(self) -> Bool[np.ndarray, "2 taxel"]:
         """Return which points are painted, and which lie in keep-out zones."""
-        found = self.earlier.copy()
+        found = self.existing.copy()
         names = np.array(self.mounted.robot.link_names)
         links = names[self.mounted.taxel_link_index]
         for ball in self.balls:

@@ -29,7 +29,7 @@ MAX_SKIPPED = 0.04
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns to the neighbours whose distances are measured."""
 MARGIN = 0.98
-"""Size of the square of a cell that lies in its region, over that of the cell."""
+"""Size of the square of a cell that lies in its region, over the cell's."""
 MAX_DENSITY_ERROR = 0.09
 """Largest relative error of the area of a patch, and so of its density."""
 CELL_POINTS = 4
@@ -309,9 +309,9 @@ def cut_into_boards(
                 yield build_layout(region, patch, task.pitch)
 
 
-def divide(low: int, high: int, most: int) -> list[tuple[int, int]]:
+def divide(low: int, high: int, max_length: int) -> list[tuple[int, int]]:
     """Divide a range into the fewest parts of at most some length, of even lengths."""
-    parts = ceil((high - low) / most)
+    parts = ceil((high - low) / max_length)
     ends = np.linspace(low, high, parts + 1).round().astype(int).tolist()
     return list(zip(ends[:-1], ends[1:], strict=True))
 

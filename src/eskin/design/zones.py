@@ -35,7 +35,7 @@ SWEEP_STEP = 0.2
 SLIDE_STEPS = 9
 """Number of positions of a prismatic joint in a sweep."""
 STRETCH = 1.5
-"""Range of sampled positions over that of a joint; those beyond are at its limits."""
+"""Range of sampled positions over the joint's; positions beyond are at its limits."""
 
 
 class Zone(ABC):
@@ -305,7 +305,7 @@ def sample_positions(robot: Robot, count: int) -> Float[np.ndarray, "sample join
 
 
 def sample_joint(joint: Joint) -> Float[np.ndarray, "sample"]:
-    """Return values of a joint [rad] or [m], at most those of a full turn."""
+    """Return values of a joint [rad] or [m], over a full turn at most."""
     if joint.kind == "prismatic":
         return np.linspace(joint.lower, joint.upper, SLIDE_STEPS)
     low = joint.lower if np.isfinite(joint.lower) else -np.pi

@@ -38,7 +38,7 @@ MAX_CURVATURE = 200.0
 MAX_STEP = 0.02
 """Distance from a taxel up to which its curvature counts [m]."""
 LENGTH_SHARE = 0.05
-"""Weight of the extent of a sheet, beside that of its normals, in choosing its axis."""
+"""Weight of the extent of a sheet, over the weight of its normals, in its axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +162,11 @@ def find_nearest(
 
 
 def shorten_steps(
-    offset: Float[np.ndarray, "*batch 2"], most: float
+    offset: Float[np.ndarray, "*batch 2"], max_length: float
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return offsets, those that are longer than `most` [m] shortened to it."""
+    """Return offsets, those that are longer than `max_length` [m] shortened to it."""
     length = np.linalg.norm(offset, axis=-1, keepdims=True)
-    return offset * np.minimum(1.0, most / np.maximum(length, 1e-12))
+    return offset * np.minimum(1.0, max_length / np.maximum(length, 1e-12))
 
 
 def normalise(vectors: Points) -> Points:

@@ -122,7 +122,7 @@ def draw_meeting_poses(
         ValueError: no such poses were found.
     """
     value = env.constants.value
-    near, far = value("pairs.near") * MM, value("pairs.far") * MM
+    max_gap, min_separation = value("pairs.near") * MM, value("pairs.far") * MM
     poses = find_meeting_poses(env)
     low, high = compute_joint_limits(env)
     for _ in range(int(value("pairs.tries")) if len(poses) else 0):
@@ -132,8 +132,8 @@ def draw_meeting_poses(
         found = [
             sites
             for sites in find_fold_sites(env, folded, person)
-            if compute_site_gap(env, folded, *sites) <= near
-            and compute_site_gap(env, apart, *sites) >= far
+            if compute_site_gap(env, folded, *sites) <= max_gap
+            and compute_site_gap(env, apart, *sites) >= min_separation
         ]
         if found:
             return folded, apart, found[rng.integers(len(found))]
@@ -257,10 +257,10 @@ def draw_shared_touch(
     """
     assert plan.pair is not None
     draw = draw_shared_pat if plan.pair.gesture == "double_pat" else draw_hook
-    least = env.constants.value("pairs.felt")
+    min_pressure = env.constants.value("pairs.felt")
     for _ in range(int(env.constants.value("pairs.touches"))):
         touch = draw(plan, env, person, sites, rng)
-        if touch is not None and min(compute_press_peaks(touch, env)) >= least:
+        if touch is not None and min(compute_press_peaks(touch, env)) >= min_pressure:
             return touch
     return None
 

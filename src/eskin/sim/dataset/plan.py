@@ -90,7 +90,7 @@ class ClipPlan:
     build: BuildOrigin
     """Build of the sensor."""
     session: Origin
-    """Origin of what is constant during a session, such as the drift of the gains."""
+    """Origin of the constants of a session, such as the drift of the gains."""
     at: float = 0.0
     """Start of the clip since the start of the session [s]."""
     seconds: float
@@ -141,7 +141,7 @@ class SessionPlan:
     build: BuildOrigin
     """Build of the sensor."""
     session: Origin
-    """Origin of what is constant during the session."""
+    """Origin of the constants of the session."""
     start: int
     """Stamp of its first reading [ns since the epoch]."""
 
@@ -215,9 +215,9 @@ def split_clips(
 ) -> Iterator[tuple[int, int]]:
     """Split the clips of a part into sessions; yield person and number of clips."""
     name = "sets.family_session" if clip_set.families else "clip.most"
-    most = int(constants.value(name)) if clip_set.classes else 1
+    max_clips = int(constants.value(name)) if clip_set.classes else 1
     for subject, share in enumerate(split_evenly(clips, clip_set.subjects)):
-        for count in split_evenly(share, -(-share // most)):
+        for count in split_evenly(share, -(-share // max_clips)):
             yield subject, count
 
 
@@ -265,7 +265,7 @@ def plan_clips(
             gesture=gesture,
             kind=clip_set.stream,
             pose=draw_pose_seed(clip_set, seed, rng),
-            moving=bool(rng.random() >= clip_set.still),
+            moving=bool(rng.random() >= clip_set.stopped),
             fold_share=constants.value("clip.fold"),
             concurrent=min(concurrent, constants.value("difficulty.most")),
         )

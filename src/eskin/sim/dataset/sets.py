@@ -93,7 +93,7 @@ class ClipSet:
     """Pose groups."""
     poses: int | None = None
     """Number of poses; None draws a new one for each clip."""
-    still: float
+    stopped: float
     """Share of clips in which the robot stands still."""
     classes: tuple[str, ...]
     """Gestures, equally often; empty for streams, which have touches of many kinds."""
@@ -203,7 +203,7 @@ def load_set(name: str, constants: Constants) -> ClipSet:
         build_count=int(constants.value(f"sets.builds.{kind}")),
         build_kind=kind,
         groups=get_pose_groups(constants, groups),
-        still=0.0 if name == "test-m" else constants.value("sets.still"),
+        stopped=0.0 if name == "test-m" else constants.value("sets.still"),
         classes=CLASSES,
         parts=(SetPart("", int(constants.value(f"sets.clips.{size}"))),),
     )
@@ -230,7 +230,7 @@ def build_paper_set(name: str, constants: Constants) -> ClipSet:
         build_kind="fresh",
         groups=get_pose_groups(constants, "known", "new"),
         poses=int(constants.value("sets.poses.paper")),
-        still=1.0,
+        stopped=1.0,
         classes=PAPER_GESTURES if name == "paper" else CLASSES,
         parts=(SetPart("train", int(train)), SetPart("test", int(test))),
     )
@@ -247,7 +247,7 @@ def build_stream_set(name: str, constants: Constants) -> ClipSet:
         build_count=int(constants.value(f"sets.builds.{kind}")),
         build_kind=kind,
         groups=get_pose_groups(constants, "known", "new"),
-        still=constants.value("sets.still"),
+        stopped=constants.value("sets.still"),
         classes=(),
         parts=(SetPart("", int(constants.value("sets.clips.streams"))),),
     )
@@ -259,7 +259,7 @@ def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
         build_stream_set("streams", constants),
         name=name,
         people=name,
-        still=constants.value("sets.still_gestureless"),
+        stopped=constants.value("sets.still_gestureless"),
         parts=(SetPart("", int(constants.value(f"sets.clips.{name}"))),),
         stream=name,
     )
@@ -273,7 +273,7 @@ def build_family_set(name: str, constants: Constants) -> ClipSet:
     return replace(
         like,
         name=name,
-        still=0.0 if name == TRAIN_MOVING else like.still,
+        stopped=0.0 if name == TRAIN_MOVING else like.stopped,
         people=role,
         builds=role,
         families=of_test or FAMILIES,
@@ -318,7 +318,7 @@ def build_pair_set(constants: Constants) -> ClipSet:
         build_count=int(constants.value("sets.builds.fresh")),
         build_kind="fresh",
         groups=get_pose_groups(constants, "known"),
-        still=1.0,
+        stopped=1.0,
         classes=(*NONE_KINDS, "none"),
         parts=tuple(SetPart(side, pairs) for side in SIDES),
     )
@@ -349,10 +349,10 @@ def resize_set(
             f"{total} clips requested for set '{clip_set.name}'; allowed are at least "
             f"{len(clip_set.parts)}; ask for more with --clips"
         )
-    least = int(constants.value("sets.least")) if clip_set.classes else 1
+    min_clips = int(constants.value("sets.least")) if clip_set.classes else 1
     people = subjects
     if people is None:
-        people = min(clip_set.subjects, max(1, total // least))
+        people = min(clip_set.subjects, max(1, total // min_clips))
     if not 1 <= people <= total:
         raise ValueError(
             f"{people} people requested for set '{clip_set.name}' of {total} clips; "

@@ -102,7 +102,7 @@ class LiveSource(Source):
 
 @dataclass(frozen=True)
 class StormConfig:
-    """Sets which faults of the skin come beside those of its build."""
+    """Sets which faults of the skin come beside the faults of its build."""
 
     loss: float = 0.0
     """Probability that a scan of a patch is lost, beside the losses of the build."""

@@ -63,7 +63,7 @@ def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "long
 
 
 def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
-    """Resample a series to so many steps, since durations are those of whole pokes."""
+    """Resample a series to so many steps, since durations are of whole pokes."""
     places = np.linspace(0, len(shape) - 1, steps)
     return scale_to_peak(np.interp(places, np.arange(len(shape)), shape), 1.0)
 
@@ -156,8 +156,8 @@ def draw_hold(
     sample: GestureSample, duration: float, group: str, firmer: float = 1.0
 ) -> Press:
     """Draw a hand round a tube for some time [s], `firmer` than in a grab."""
-    most = compute_max_grip(sample) / firmer
-    force = firmer * draw_force(sample, "grab.force", "grab", most)
+    max_grip = compute_max_grip(sample) / firmer
+    force = firmer * draw_force(sample, "grab.force", "grab", max_grip)
     steps = sample.count_steps(duration)
     smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
     rise, fall = sample.draw("grab.rise"), sample.draw("grab.fall")
@@ -167,7 +167,7 @@ def draw_hold(
     )
     path = sample.draw_wander(steps)
     twist = sample.draw("grab.twist") * build_minimum_jerk(steps)
-    series = np.minimum(series, most * firmer)
+    series = np.minimum(series, max_grip * firmer)
     pads = sample.person.select_pads(group, sample.draw("grab.splay"))
     tissue, angle = draw_closed_tissue(sample), draw_angle_across(sample) + twist
     return sample.build_press(pads, series, path, tissue, angle)

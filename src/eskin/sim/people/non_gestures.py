@@ -57,9 +57,9 @@ def build_ramp(sample: GestureSample, steps: int, up: float, down: float) -> Ser
     """Build a series that rises in some time [s], holds, and falls in some time [s]."""
     whole = (steps - 1) * sample.step
     smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
-    most = 1 / 2
+    max_share = 1 / 2
     return build_trapezoid(
-        steps, min(up / whole, most), min(down / whole, most), smooth
+        steps, min(up / whole, max_share), min(down / whole, max_share), smooth
     )
 
 

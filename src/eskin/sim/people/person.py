@@ -165,7 +165,7 @@ def draw_tissue(
 def draw_style(
     name: str, constants: Constants, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Draw a person's own weights around those of the population."""
+    """Draw a person's own weights around the population's."""
     weights = constants.weights(name)
     concentration = constants.value("person.style_concentration")
     own = rng.dirichlet(concentration * np.array(list(weights.values())))

@@ -38,9 +38,9 @@ class PatchSamples:
 def sample_patches(env: SimEnvironment) -> PatchSamples:
     """Sample the taxels that folds and reachable skin are computed with."""
     skin = env.mounted.skin
-    most = int(env.constants.value("fold.points"))
+    max_points = int(env.constants.value("fold.points"))
     own = [chart.taxels[chart.own] for chart in env.charts]
-    chosen = [taxels[:: -(-len(taxels) // most)] for taxels in own]
+    chosen = [taxels[:: -(-len(taxels) // max_points)] for taxels in own]
     spheres = []
     for taxels in chosen:
         positions = skin.positions[taxels]

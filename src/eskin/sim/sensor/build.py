@@ -34,7 +34,7 @@ from eskin.touch import Calibration
 BuildKind = Literal[
     "fresh", "shifted", "divider", "logarithmic", "capacitive", "linear"
 ]
-"""Laws that a build is drawn from: those of the first sets, or those of a family."""
+"""Laws that a build is drawn from: of the first sets, or of a family."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +86,9 @@ class SensorBuild:
         velostat = self.velostat
         exponent = float(velostat.exponent.mean())
         # Creep and play do not change what a taxel reads at the time of calibration.
-        held = float(np.sum(velostat.play_weights * (1.0 - velostat.play_widths)))
+        passed = float(np.sum(velostat.play_weights * (1.0 - velostat.play_widths)))
         grown = velostat.gain * self.compute_calibrated_creep()
-        half = velostat.half_pressure / held * grown ** (-1.0 / velostat.exponent)
+        half = velostat.half_pressure / passed * grown ** (-1.0 / velostat.exponent)
         activation = float(velostat.activation.mean())
         return replace(
             self.build_calibration(half, exponent, activation), source="exact"

@@ -13,7 +13,7 @@ from eskin.touch.calibration import Curve
 
 @dataclass(frozen=True, eq=False)
 class Electronics:
-    """The electronics hold what is fixed of the readout."""
+    """The electronics hold the constants of the readout."""
 
     bits: int
     """Resolution of the converter."""
@@ -49,7 +49,7 @@ class Electronics:
     step: float
     """Time between two values of the incoming pressure [s]."""
     curve: Curve = "divider"
-    """Level over conductance: that of a divider, in proportion, or logarithmic."""
+    """Level over conductance: of a divider, in proportion, or logarithmic."""
     span: float = 0.0
     """Conductance at full scale of a logarithmic converter by that from which levels
     grow as its logarithm; 0 of other converters."""
@@ -156,8 +156,8 @@ def draw_base(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
     drawn = np.exp(scatter * draw.rng.standard_normal(skin.count))
     if not draw.has("offset"):
         return np.full(skin.count, nominal)
-    most = draw.constants.value("flaw.offset_most")
-    return np.minimum(draw.take("offset", "offset") * drawn, most)
+    max_base = draw.constants.value("flaw.offset_most")
+    return np.minimum(draw.take("offset", "offset") * drawn, max_base)
 
 
 def draw_noise(draw: FlawDraw) -> float:
@@ -168,5 +168,7 @@ def draw_noise(draw: FlawDraw) -> float:
     """
     factors = ("noisy_taxels", "touched_noise", "line_noise")
     level = "typical" if any(draw.has(flaw) for flaw in factors) else "low"
-    least = draw.constants.at_level(draw.find_name("flaw.noise"), level)
-    return max(draw.take("noise", "noise", least), least * (draw.levels is not None))
+    min_noise = draw.constants.at_level(draw.find_name("flaw.noise"), level)
+    return max(
+        draw.take("noise", "noise", min_noise), min_noise * (draw.levels is not None)
+    )

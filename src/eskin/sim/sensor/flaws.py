@@ -85,7 +85,7 @@ class Flaws:
     proximity_times: tuple[float, float]
     """Time constants with which it grows before a contact and falls after it [s]."""
     noise_factor: Float[np.ndarray, "taxel"]
-    """Noise of each taxel by that of the electronics."""
+    """Noise of each taxel over the noise of the electronics."""
     touched_noise: float
     """Noise that a touch adds, by full scale, the same at every level."""
     line_noise: float
@@ -111,7 +111,7 @@ class Flaws:
     corrupt: float
     """Share of values that are wrong in one reading."""
     corrupt_size: tuple[float, float]
-    """Least and largest size of what is added to them, by full scale."""
+    """Least and largest number that is added to them, by full scale."""
     repeated: float
     """Share of readings of a patch that repeat its last one."""
     stamp_jitter: float
@@ -259,7 +259,7 @@ def draw_some(draw: FlawDraw, skin: Skin, flaw: str) -> Bool[np.ndarray, "taxel"
 
 
 def draw_noise_factor(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
-    """Draw the noise of taxels by that of the median; a share of them is noisy."""
+    """Draw the noise of taxels over the median taxel's; a share of them is noisy."""
     constants, rng = draw.constants, draw.rng
     scatter = constants.value("flaw.noise_scatter") * draw.has("noisy_taxels")
     factor = np.exp(scatter * rng.standard_normal(skin.count))
@@ -274,10 +274,10 @@ def draw_noise_factor(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
 
 
 def draw_touched_noise(draw: FlawDraw, noise: float) -> float:
-    """Draw the noise that a touch adds to that of a usual taxel, by full scale."""
+    """Draw the noise that a touch adds to a usual taxel, by full scale."""
     factor = draw.take("touched_noise", "touched_noise", 1.0)
-    most = draw.constants.value("flaw.touched_most")
-    return min(noise * float(np.sqrt(max(factor**2 - 1.0, 0.0))), most)
+    max_noise = draw.constants.value("flaw.touched_most")
+    return min(noise * float(np.sqrt(max(factor**2 - 1.0, 0.0))), max_noise)
 
 
 def draw_drift(draw: FlawDraw) -> Float[np.ndarray, "process"]:

@@ -123,7 +123,7 @@ def draw_exponent(
 def draw_gain(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Draw gains about that of their patch."""
+    """Draw gains about the gain of their patch."""
     patches = rng.standard_normal(len(skin.patches))[skin.patch_index]
     taxels = rng.standard_normal(skin.count)
     between = constants.value(f"sensor.gain_patch.{kind}")
@@ -134,7 +134,7 @@ def draw_gain(
 def draw_activation(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Draw activation pressures about that of their patch."""
+    """Draw activation pressures about the pressure of their patch."""
     mean = draw_per_patch(f"sensor.activation.{kind}", skin, constants, rng)
     scatter = np.log(constants.value("sensor.activation_scatter"))
     return mean * np.exp(scatter * rng.standard_normal(skin.count))
@@ -196,7 +196,7 @@ def draw_family_velostat(
     creep = draw_family_creep(draw, skin, creep_times, risen)
     own = exponent * np.exp(draw_exponent_deviation(draw, skin))
     grown = 1.0 + creep @ risen
-    held = float(np.sum(weights * (1.0 - play)))
+    passed = float(np.sum(weights * (1.0 - play)))
     return replace(
         build_nominal_velostat(skin, constants),
         half_pressure=half_pressure,
@@ -206,7 +206,7 @@ def draw_family_velostat(
         exponent=own,
         creep=creep,
         creep_times=creep_times,
-        gain=draw_family_gain(draw, skin) / grown / held**own,
+        gain=draw_family_gain(draw, skin) / grown / passed**own,
         session_gain=(0.0, 0.04 if draw.has("gain") else 0.0),
         temperature=draw.take("thermal", "temperature"),
         temperature_gain=draw.take("thermal", "thermal_gain"),
@@ -248,7 +248,7 @@ def draw_family_creep(
 
 
 def draw_family_gain(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
-    """Draw the gains of taxels, about those of their lines, patches and device."""
+    """Draw the gains of taxels, about the gains of lines, patches and device."""
     rng = draw.rng
     ln = np.full(skin.count, draw.take_signed("gain", "gain_device"))
     for name, group in (
@@ -264,7 +264,7 @@ def draw_family_gain(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
 def draw_family_activation(
     draw: FlawDraw, skin: Skin, nominal: float
 ) -> Float[np.ndarray, "taxel"]:
-    """Draw activation pressures about those of their patches and their device."""
+    """Draw activation pressures about the pressures of patches and device."""
     device = draw.take("activation", "activation", nominal)
     patches = draw.rng.standard_normal(len(skin.patches))[skin.patch_index]
     taxels = draw.rng.standard_normal(skin.count)

@@ -45,7 +45,7 @@ class VirtualPatch:
     Attributes:
         address: address that it sends under.
         serial_number: serial number of the module that is plugged in.
-        away: number of faults that keep it away; it sends while there is none.
+        absences: number of faults that keep it away; it sends while there is none.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class VirtualPatch:
         self.address = patch.address
         self.serial_number = serial_number
         self.us_per_ns = (1.0 + clock_error * 1e-6) / 1000.0
-        self.away = 0
+        self.absences = 0
         self.version = version
         self.session = None if key is None else PatchSession(key)
         self.max_counts = MAX_COUNTS if key is None else MAX_SEALED_COUNTS
@@ -159,7 +159,7 @@ class VirtualPatch:
         opens = session is not None and not session.is_open
         if session is not None and not session.admit(request, data, time):
             return []
-        echo = self.seal(build_echo(request, self.scan, time, held=0))
+        echo = self.seal(build_echo(request, self.scan, time, delay=0))
         return [self.build_hello(at), echo] if opens else [echo]
 
     def measure(
@@ -232,11 +232,11 @@ class PatchSession:
         """Forget the session, and count packets from 0."""
         self.seal = self.unopened
         self.is_open = False
-        self.number = self.heard_at = self.counter = 0
+        self.number = self.last_received = self.counter = 0
 
     def expire(self, device_time: int) -> None:
         """End the session when no request has come for 2 s."""
-        silence = (device_time - self.heard_at) % DEVICE_TIME_SPAN
+        silence = (device_time - self.last_received) % DEVICE_TIME_SPAN
         if self.is_open and silence > SESSION_TIMEOUT:
             self.is_open, self.seal = False, self.unopened
 
@@ -264,20 +264,20 @@ class PatchSession:
         if not is_another and 0 < self.number >= request.number:
             return False
         self.seal, self.is_open, self.number = seal, True, request.number
-        self.heard_at = device_time
+        self.last_received = device_time
         return True
 
 
-def build_echo(request: Request, scan: int, device_time: int, held: int) -> bytes:
+def build_echo(request: Request, scan: int, device_time: int, delay: int) -> bytes:
     """Return the answer to a request, without a seal.
 
     Args:
         request: the request.
         scan: number of the latest scan.
         device_time: device time when the request arrived [us].
-        held: time since then [us].
+        delay: time since then [us].
     """
     echo = Echo(
-        request.address, scan, device_time, request.number, request.challenge, held
+        request.address, scan, device_time, request.number, request.challenge, delay
     )
     return encode_packet(echo, 2)
