@@ -80,8 +80,8 @@ def run(command: DemoCommand) -> dict[str, object]:
     shortest, longest = command.pause
     if not 0 <= shortest <= longest < float("inf"):
         raise DeviceError(
-            f"--pause is {least:g} {longest:g}; allowed are two times in their order, "
-            "not negative; change them"
+            f"--pause is {shortest:g} {longest:g}; allowed are two times in their "
+            "order, not negative; change them"
         )
     if command.import_functions and command.commands is None:
         raise DeviceError(

@@ -139,7 +139,8 @@ def draw_meeting_poses(
             return folded, apart, found[rng.integers(len(found))]
     raise ValueError(
         f"no poses found that bring patches of robot '{env.mounted.robot.name}' "
-        f"within {near} m of each other and {far} m apart; take a skin on a longer arm"
+        f"within {max_gap} m of each other and {min_separation} m apart; take a skin "
+        "on a longer arm"
     )
 
 

@@ -221,13 +221,13 @@ def build_paper_set(name: str, constants: Constants) -> ClipSet:
     `paper` and `paper-5` share people, poses and build.
     """
     train, test = constants.array("sets.clips.paper")
-    return ClipSet(
+    return replace(
+        load_set("train", constants),
         name=name,
         people="paper",
         subjects=int(constants.value("sets.people.paper")),
         builds="paper",
         build_count=1,
-        build_kind="fresh",
         groups=get_pose_groups(constants, "known", "new"),
         poses=int(constants.value("sets.poses.paper")),
         stopped=1.0,
@@ -239,15 +239,12 @@ def build_paper_set(name: str, constants: Constants) -> ClipSet:
 def build_stream_set(name: str, constants: Constants) -> ClipSet:
     """Build a set of streams on builds of the tests; `streams-fresh` on training's."""
     kind = "fresh" if name == "streams-fresh" else "shifted"
-    return ClipSet(
+    return replace(
+        load_set("train" if kind == "fresh" else "test-x", constants),
         name=name,
         people="streams",
         subjects=int(constants.value("sets.people.streams")),
-        builds=kind,
-        build_count=int(constants.value(f"sets.builds.{kind}")),
-        build_kind=kind,
         groups=get_pose_groups(constants, "known", "new"),
-        stopped=constants.value("sets.still"),
         classes=(),
         parts=(SetPart("", int(constants.value("sets.clips.streams"))),),
     )
@@ -310,14 +307,10 @@ def build_recorded_set(name: str, constants: Constants) -> ClipSet:
 def build_pair_set(constants: Constants) -> ClipSet:
     """Build the set of pairs, with as many clips on each side."""
     pairs = int(constants.value("pairs.pairs"))
-    return ClipSet(
+    return replace(
+        load_set("test-s", constants),
         name=PAIRS,
         people=PAIRS,
-        subjects=int(constants.value("sets.people.test")),
-        builds="fresh",
-        build_count=int(constants.value("sets.builds.fresh")),
-        build_kind="fresh",
-        groups=get_pose_groups(constants, "known"),
         stopped=1.0,
         classes=(*NONE_KINDS, "none"),
         parts=tuple(SetPart(side, pairs) for side in SIDES),
