@@ -26,7 +26,7 @@ from eskin.sim.bench.latency import (
     pin_to_one_core,
 )
 from eskin.sim.bench.scene import BenchScene, find_forearm_taxels, large_skin
-from eskin.sim.commands.bench_latency import print_rows
+from eskin.sim.commands.bench import print_latency
 from eskin.skin import MountedSkin
 from lab.baselines import (
     BASELINES,
@@ -168,7 +168,7 @@ def main(command: Command) -> dict[str, object]:
     use_one_thread()
     with pin_to_one_core():
         rows = measure(command)
-    print_rows(rows)
+    print_latency(rows)
     return {"rows": [row.as_dict() for row in rows]}
 
 

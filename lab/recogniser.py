@@ -29,8 +29,7 @@ from eskin.learn.events import (
 from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.live import Model, load_model
 from eskin.recording import find_recordings, read_recording
-from eskin.sim.dataset.plan import PAIR_SIDES
-from eskin.sim.dataset.sets import FINAL_SETS
+from eskin.sim.dataset.sets import FINAL_SETS, PAIR_SIDES
 from lab.simulated_sets import made_set
 from lab.tables import format_head, format_row
 

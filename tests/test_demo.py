@@ -177,7 +177,6 @@ def test_demo_command_without_commands_prints_no_delay(capsys):
         ("--headless --pause -1 1", "--pause is -1 1"),
         ("--headless --pause 1 inf", "--pause is 1 inf"),
         ("--headless --seconds 0", "--seconds is 0"),
-        ("--same-touch --dynamics", "dynamics on"),
         ("--headless --import-functions", "without --commands"),
     ],
 )

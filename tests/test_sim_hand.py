@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.sim import load_constants
-from eskin.sim.people.hand import (
+from eskin.sim.people.person import (
     HAND_PADS,
     PAD_GROUPS,
     build_body,

@@ -116,10 +116,11 @@ def test_hand_does_not_lag_behind_a_still_robot():
         np.testing.assert_array_equal(moved.angle, press.angle)
 
 
-@pytest.mark.parametrize("first", [50, -60])
-def test_hand_lags_by_the_displacement_of_an_even_motion(first):
+@pytest.mark.parametrize(("first", "delay"), [(50, 0.2), (-60, 0.2), (0, np.inf)])
+def test_hand_lags_by_the_displacement_of_an_even_motion(first, delay):
+    """What hangs in the world, with an endless delay, slides as far as the link."""
     # The skin of the ring moves along s alone.
-    speed, delay, ring = 0.4, 0.2, find_ring()
+    speed, ring = 0.4, find_ring()
     press = build_press(ring, 100, first)
     moved = follow_with_delay(press, world(), turn_wrist(speed, 200), delay)
     slid = (moved.centre - press.centre)[:, 0]
@@ -130,35 +131,10 @@ def test_hand_lags_by_the_displacement_of_an_even_motion(first):
     assert moved.force is press.force and moved.pads is press.pads
 
 
-def test_hanging_thing_slides_as_far_as_the_link_moves():
-    ring = find_ring()
-    press = build_press(ring, 100)
-    moved = follow_with_delay(press, world(), turn_wrist(0.3, 100), np.inf)
-    expected = world().charts[ring].radius * np.sin(0.3 * STEP * np.arange(100))
-    slid = np.abs((moved.centre - press.centre)[:, 0])
-    np.testing.assert_allclose(slid, expected, atol=1e-9)
-
-
-def test_lag_is_that_of_the_target_through_the_kinematics():
-    q, series = draw_motions(1, seed=6)[0]
-    site = draw_site(world(), q, people(1)[0], "grab", np.random.default_rng(0))
-    press = build_press(site.chart, 60, first=80, centre=site.centre)
-    moved = follow_with_delay(press, world(), series, 0.2)
-    chart, link = world().charts[site.chart], world().links[site.chart]
-    wrapped = chart.surface.wrap(press.centre[:1])
-    axes = (wrapped.tangents[0], np.cross(wrapped.normals[0], wrapped.tangents[0]))
-    for step in (30, 45, 59):
-        T_now, T_then = world().poses(series[[80 + step, 60 + step]])[:, link]
-        back = np.linalg.inv(T_now) @ T_then @ np.append(wrapped.positions[0], 1.0)
-        slid = [(back[:3] - wrapped.positions[0]) @ axis for axis in axes]
-        found = moved.centre[step] - press.centre[step]
-        np.testing.assert_allclose(found, slid, atol=1e-9)
-
-
 @pytest.mark.slow
 def test_hand_lands_on_its_target_and_slides_some_millimetres():
     slides = []
-    for (q, series), person in zip(draw_motions(30), people(30), strict=True):
+    for (q, series), person in zip(draw_motions(15), people(15), strict=True):
         site = draw_site(world(), q, person, "poke", np.random.default_rng(0))
         press = build_press(site.chart, 50, first=90, centre=site.centre)
         moved = follow_with_delay(press, world(), series, 0.22).centre - press.centre
@@ -169,5 +145,5 @@ def test_hand_lands_on_its_target_and_slides_some_millimetres():
             slides.append(np.linalg.norm(moved, axis=1).max())
     assert max(slides) <= 0.22 * 1.2 * world().constants.value("motion.fastest")
     # Wanted: 5-30 mm where the link moves. Some move along the normal only.
-    assert len(slides) > 5
+    assert len(slides) > 3
     assert 0.005 < np.median(slides) < 0.03

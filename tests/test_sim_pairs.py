@@ -20,7 +20,7 @@ from eskin.sim.dataset import (
     read_index,
     remake_clip,
 )
-from eskin.sim.dataset.plan import PAIR_SIDES, SIDES
+from eskin.sim.dataset.sets import PAIR_SIDES, SIDES
 from eskin.sim.scene import load_environment
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import TouchPipeline

@@ -229,21 +229,3 @@ def test_contacts_without_a_law_of_places_take_those_of_the_gestures_evenly():
     for name in REGIONS:
         expected = np.mean(together == name)
         assert np.mean(none == name) == pytest.approx(expected, abs=0.13)
-
-
-def test_hand_points_away_from_the_person_or_up():
-    for q, person, site in draw_sites("poke")[:80]:
-        position, s_axis, t_axis, normal = compute_axes(q, site)
-        ahead = -np.sin(site.angle) * s_axis + np.cos(site.angle) * t_axis
-        reach = position - build_view(world(), q, person).shoulder
-        up = world().constants.value("place.upward") * np.eye(3)[2]
-        wish = reach / np.linalg.norm(reach) + up
-        flat = wish - (wish @ normal) * normal
-        assert ahead @ flat == pytest.approx(np.linalg.norm(flat), abs=1e-9)
-
-
-def test_tall_people_reach_higher():
-    heights = [person.acromion_height for person in people(20)]
-    views = [build_view(world(), poses(1)[0], person) for person in people(20)]
-    tops = [view.heights[1] for view in views]
-    assert np.array_equal(np.argsort(heights), np.argsort(tops))

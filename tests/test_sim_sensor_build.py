@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from eskin.sim.sensor.build import draw_build
-from eskin.sim.sensor.defects import find_line_taxels
-from eskin.sim.sensor.electrical import ELECTRICAL_EVENTS, add_electrical_event
+from eskin.sim.sensor.faults import (
+    ELECTRICAL_EVENTS,
+    add_electrical_event,
+    find_line_taxels,
+)
 from eskin.sim.sensor.kernels import read_array
 from eskin.sim.sensor.sensor import sense
 from eskin.sim.sensor.velostat import count_steps_from_edge
@@ -160,7 +163,9 @@ RECEIVED = np.ones(REST.shape, bool)
 
 def add_event(kind, seed):
     rng = np.random.default_rng(seed)
-    return add_electrical_event(kind, REST, RECEIVED, SKIN, BUILD, rng)
+    return add_electrical_event(
+        kind, REST, RECEIVED, SKIN, BUILD.electronics, rng, CONSTANTS
+    )
 
 
 def test_electrical_events_are_those_with_a_weight():

@@ -9,7 +9,7 @@ import pytest
 
 from eskin.sim import load_constants
 from eskin.sim.dataset import GenerationSettings
-from eskin.sim.dataset.session_plan import plan_clips, plan_sessions
+from eskin.sim.dataset.plan import plan_clips, plan_sessions
 from eskin.sim.dataset.sets import (
     CLASSES,
     FAMILY_SETS,

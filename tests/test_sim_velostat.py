@@ -83,19 +83,6 @@ def test_loop_of_a_ramp_is_as_wide_as_measured(seconds, least, most):
     assert least < (back - up).max() / g.max() < most
 
 
-def test_pat_reads_a_quarter_less_than_a_press_of_the_same_force():
-    pat = 20.0 * np.clip(np.sin(np.pi * np.arange(14) / 13), 0.0, 1.0) ** 1.5
-    short = read_conductance(np.concatenate([np.zeros(10), pat, np.zeros(20)])).max()
-    long = read_conductance(step_load(20.0, 0.8)).max()
-    assert short / long == pytest.approx(0.725, abs=0.03)
-
-
-def test_second_of_two_equal_pats_reads_more():
-    series = np.concatenate([step_load(20.0, 0.13), np.zeros(15), np.full(13, 20.0)])
-    g = read_conductance(np.append(series, np.zeros(10)))
-    assert 1.05 < g[19:].max() / g[:19].max() < 1.10
-
-
 def test_presses_of_two_sessions_repeat_as_the_logged_ones():
     rng = np.random.default_rng(2)
     build = draw_build("b", "fresh", build_grid_skin(20, 20), CONSTANTS, rng)

@@ -10,9 +10,8 @@ from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactPads, ContactSite, Press, SoftTissue
 from eskin.sim.contact.pressure import compute_pressure_field
-from eskin.sim.people.hand import build_hand, select_pads
 from eskin.sim.people.perform import perform
-from eskin.sim.people.person import Person, draw_person
+from eskin.sim.people.person import Person, build_hand, draw_person, select_pads
 from eskin.skin import SKIN_PRESETS, MountedSkin, Plane, Surface
 from lab.simulation.check import BandCheck, within
 

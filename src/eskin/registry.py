@@ -73,10 +73,10 @@ COMMANDS = {
         "design",
     ),
     "bench latency": Entry(
-        "sim.commands.bench_latency:run", "time one step of the recogniser"
+        "sim.commands.bench:run_latency", "time one step of the recogniser"
     ),
     "bench throughput": Entry(
-        "sim.commands.bench_throughput:run", "recognise at a rate"
+        "sim.commands.bench:run_throughput", "recognise at a rate"
     ),
     "doctor": Entry("cli.doctor:run", "check the installation, compile all code"),
 }
@@ -89,7 +89,7 @@ MOVED = {
 }
 """Commands and options that belong to the laboratory, with their commands there."""
 
-SOURCES = {"sim": "sim.interactive.source:open_simulation"}
+SOURCES = {"sim": "sim.interactive.player:open_simulation"}
 """Functions that open the sources of leaves, by the kind of their URI."""
 
 EXPORTS = {"onnx": "learn.onnx_export:export_onnx"}

@@ -144,5 +144,5 @@ class Slow(StandIn):
     """Sleeps before every clip."""
 
     def make(self, plan):
-        time.sleep(0.02)
+        time.sleep(0.1)
         return super().make(plan)

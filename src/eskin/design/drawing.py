@@ -69,7 +69,7 @@ class Line:
 
     @property
     def length(self) -> float:
-        """Return its length [mm], that of the closing piece left out."""
+        """Return its length without the closing piece [mm]."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
 
@@ -140,8 +140,8 @@ def draw_patch(name: str, layout: PatchLayout) -> PatchDrawing:
     present = np.ones((grid.rows, grid.columns), bool)
     if grid.present is not None:
         present = grid.present
-    x = MM * TaxelAxis(grid.columns, grid.column_pitch).centres
-    y = MM * TaxelAxis(grid.rows, grid.row_pitch).centres
+    x = centre_lines(grid.columns, grid.column_pitch)
+    y = centre_lines(grid.rows, grid.row_pitch)
     row, column = find_spine(present)
     lines = [
         Line("OUTLINE", build_outline(centres, pitch, x[column], y[0]), closed=True),
@@ -177,18 +177,9 @@ def draw_patch(name: str, layout: PatchLayout) -> PatchDrawing:
     )
 
 
-@dataclass(frozen=True)
-class TaxelAxis:
-    """An axis holds the rows or the columns of a grid, centred on 0."""
-
-    count: int
-    pitch: float
-    """Distance of neighbours [m]."""
-
-    @property
-    def centres(self) -> Float[np.ndarray, "line"]:
-        """Return the coordinate of every row or column [m]."""
-        return (np.arange(self.count) - (self.count - 1) / 2) * self.pitch
+def centre_lines(count: int, pitch: float) -> Float[np.ndarray, "line"]:
+    """Return coordinates of rows or columns a pitch [m] apart, centred on 0 [mm]."""
+    return MM * ((np.arange(count) - (count - 1) / 2) * pitch)
 
 
 def find_spine(present: Bool[np.ndarray, "row column"]) -> tuple[int, int]:

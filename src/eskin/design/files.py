@@ -2,8 +2,12 @@
 
 import csv
 import json
+from collections.abc import Sequence
 from io import StringIO
+from math import ceil
 from pathlib import Path
+
+import numpy as np
 
 from eskin.design.design import SkinDesign
 from eskin.design.drawing import (
@@ -14,7 +18,8 @@ from eskin.design.drawing import (
     save_svg,
 )
 from eskin.design.maps import save_map
-from eskin.design.report import build_report
+from eskin.design.spec import PER_CM2
+from eskin.drivers.packet import CRC, DATA_BODY, HEADER, MAX_COUNTS
 from eskin.files import atomic_path
 from eskin.skin import save_skin
 
@@ -78,3 +83,87 @@ def format_table(design: SkinDesign, number: int) -> str:
             ]
         )
     return out.getvalue()
+
+
+BYTES_PER_COUNT = 2
+BITS_PER_BYTE = 8
+
+
+def build_report(
+    design: SkinDesign, drawings: Sequence[PatchDrawing]
+) -> dict[str, object]:
+    """Build the report of a design, as plain data.
+
+    Args:
+        design: the design.
+        drawings: drawings of its patches, in order.
+    """
+    skin = design.skin
+    covered = PER_CM2 * float(skin.areas.sum())
+    allowed = PER_CM2 * sum(result.allowed_area for result in design.regions)
+    area = PER_CM2 * sum(result.area for result in design.regions)
+    counts = np.bincount(skin.patch_index, minlength=len(skin.patches))
+    close = np.bincount(skin.patch_index[design.close], minlength=len(skin.patches))
+    return {
+        "name": skin.name,
+        "taxels": skin.count,
+        "boards": len(skin.patches),
+        "area_cm2": round(area, 1),
+        "allowed_cm2": round(allowed, 1),
+        "covered_cm2": round(covered, 1),
+        "coverage": round(covered / area, 4),
+        "coverage_of_allowed": round(covered / allowed, 4),
+        "density_per_cm2": round(skin.count / covered, 4),
+        "distortion_max": round(max(p.distortion for p in design.layouts), 4),
+        "wiring_m": round(1e-3 * sum(d.trace_length for d in drawings), 2),
+        "trace_pitch_mm": round(min(d.trace_pitch for d in drawings), 4),
+        "bandwidth_mbit_s": round(
+            1e-6 * design.spec.limits.rate * sum(map(count_scan_bits, counts.tolist())),
+            3,
+        ),
+        "rate_hz": design.spec.limits.rate,
+        "combined_poses": design.spec.limits.poses,
+        "taxels_close": int(design.close.sum()),
+        "regions": [build_region_row(design, i) for i in range(len(design.regions))],
+        "patches": [
+            {
+                "id": patch.id,
+                "rows": patch.rows,
+                "columns": patch.columns,
+                "taxels": int(counts[number]),
+                "taxels_close": int(close[number]),
+                "distortion": round(design.layouts[number].distortion, 4),
+                "wiring_mm": round(drawings[number].trace_length, 1),
+            }
+            for number, patch in enumerate(skin.patches)
+        ],
+        "warnings": list(design.warnings),
+    }
+
+
+def build_region_row(design: SkinDesign, number: int) -> dict[str, object]:
+    """Build the figures of one region."""
+    result, skin = design.regions[number], design.skin
+    own = np.isin(skin.patch_index, result.patches)
+    covered = PER_CM2 * float(skin.areas[own].sum())
+    distortions = [design.layouts[i].distortion for i in result.patches]
+    return {
+        "link": result.region.zone.link,
+        "asked_per_cm2": round(result.region.density / PER_CM2, 4),
+        "density_per_cm2": round(int(own.sum()) / covered, 4) if covered else 0.0,
+        "area_cm2": round(PER_CM2 * result.area, 2),
+        "allowed_cm2": round(PER_CM2 * result.allowed_area, 2),
+        "covered_cm2": round(covered, 2),
+        "taxels": int(own.sum()),
+        "taxels_close": int(design.close[own].sum()),
+        "patches": len(result.patches),
+        "distortion_max": round(max(distortions, default=0.0), 4),
+    }
+
+
+def count_scan_bits(taxels: int) -> int:
+    """Return the bits that the device protocol sends for one scan of a patch."""
+    overhead = HEADER.size + DATA_BODY.size + CRC.size
+    return BITS_PER_BYTE * (
+        BYTES_PER_COUNT * taxels + overhead * ceil(taxels / MAX_COUNTS)
+    )

@@ -86,11 +86,7 @@ def sample_surfaces(robot: Robot, links: Sequence[str] = ()) -> Skin:
 def thin_vertices(surface: LinkSurface, spacing: float) -> Float[np.ndarray, "point 7"]:
     """Return position, normal and area of the mean vertex in each cube of a grid."""
     areas = compute_vertex_areas(surface)
-    normals = np.zeros_like(surface.vertices)
-    corners = surface.corners
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    for corner in surface.faces.T:
-        np.add.at(normals, corner, across)
+    normals = surface.sum_at_vertices(surface.doubled_normals)
     length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     normals /= length
     # Faces of a thin plate that share a cube are told apart by their normals.
@@ -115,13 +111,7 @@ def thin_vertices(surface: LinkSurface, spacing: float) -> Float[np.ndarray, "po
 
 def compute_vertex_areas(surface: LinkSurface) -> Float[np.ndarray, "vertex"]:
     """Return a third of the area of the triangles at each vertex [m2]."""
-    corners = surface.corners
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    thirds = np.linalg.norm(across, axis=1) / 6
-    areas = np.zeros(len(surface.vertices))
-    for corner in surface.faces.T:
-        np.add.at(areas, corner, thirds)
-    return areas
+    return surface.sum_at_vertices(np.linalg.norm(surface.doubled_normals, axis=1) / 6)
 
 
 def find_tangents(

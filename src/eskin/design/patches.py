@@ -29,7 +29,7 @@ MAX_SKIPPED = 0.04
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns to the neighbours whose distances are measured."""
 MARGIN = 0.98
-"""Size of the square of a cell that lies in its region, over that of the cell."""
+"""Size of the square of a cell that lies in its region, over the cell's."""
 MAX_DENSITY_ERROR = 0.09
 """Largest relative error of the area of a patch, and so of its density."""
 CELL_POINTS = 4
@@ -75,10 +75,8 @@ def find_adjacency(surface: LinkSurface, max_bend: float) -> Int[np.ndarray, "pa
     order = np.lexsort(edges.T)
     # A closed manifold surface has every edge twice.
     pairs = (order // 3).reshape(-1, 2)
-    corners = surface.corners
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals /= np.maximum(length, 1e-30)
+    length = np.linalg.norm(surface.doubled_normals, axis=1, keepdims=True)
+    normals = surface.doubled_normals / np.maximum(length, 1e-30)
     cosine = np.sum(normals[pairs[:, 0]] * normals[pairs[:, 1]], axis=1)
     # Triangles without area have no angle.
     thin = (length[pairs, 0] < 1e-13).any(axis=1)
@@ -311,9 +309,9 @@ def cut_into_boards(
                 yield build_layout(region, patch, task.pitch)
 
 
-def divide(low: int, high: int, most: int) -> list[tuple[int, int]]:
+def divide(low: int, high: int, max_length: int) -> list[tuple[int, int]]:
     """Divide a range into the fewest parts of at most some length, of even lengths."""
-    parts = ceil((high - low) / most)
+    parts = ceil((high - low) / max_length)
     ends = np.linspace(low, high, parts + 1).round().astype(int).tolist()
     return list(zip(ends[:-1], ends[1:], strict=True))
 
@@ -405,11 +403,9 @@ def bisect(
     Planes through the middle are tried, across the principal axes of the triangles and
     of their normals. The flatness of a half is the length of its mean normal.
     """
-    corners = task.surface.vertices[task.surface.faces[piece]]
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    weights = np.linalg.norm(doubled, axis=1)
-    weights = np.maximum(weights, 1e-30)
-    centres = corners.mean(axis=1)
+    doubled = task.surface.doubled_normals[piece]
+    weights = np.maximum(np.linalg.norm(doubled, axis=1), 1e-30)
+    centres = task.surface.vertices[task.surface.faces[piece]].mean(axis=1)
     centres = centres - np.average(centres, axis=0, weights=weights)
     unit = doubled / weights[:, None]
     axes = [

@@ -51,7 +51,7 @@ class UnrolledMesh(Surface):
 
     @property
     def T_link_surface(self) -> Float[np.ndarray, "4 4"]:  # type: ignore[override]  # noqa: N802
-        """Return the identity: the surface's own frame is that of the link."""
+        """Return the identity: the surface's own frame is the link's."""
         return np.eye(4)
 
     @cached_property

@@ -35,7 +35,7 @@ SWEEP_STEP = 0.2
 SLIDE_STEPS = 9
 """Number of positions of a prismatic joint in a sweep."""
 STRETCH = 1.5
-"""Range of sampled positions over that of a joint; those beyond are at its limits."""
+"""Range of sampled positions over the joint's; positions beyond are at its limits."""
 
 
 class Zone(ABC):
@@ -121,22 +121,18 @@ def compute_exposure(
         surface: surface whose vertices are looked at.
         obstacle: the same surface, of fewer triangles.
     """
-    corners = surface.corners
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
-    normals /= np.maximum(areas, 1e-30)[:, None]
-    origins = corners.mean(axis=1) + LIFT * normals
+    areas = np.linalg.norm(surface.doubled_normals, axis=1)
+    normals = surface.doubled_normals / np.maximum(areas, 1e-30)[:, None]
+    origins = surface.corners.mean(axis=1) + LIFT * normals
     directions = build_directions(DIRECTIONS)
     face, direction = np.nonzero(normals @ directions.T > MIN_COSINE)
     mesh = trimesh.Trimesh(obstacle.vertices, obstacle.faces, process=False)
     blocked = mesh.ray.intersects_any(origins[face], directions[direction])
-    tried = np.bincount(face, minlength=len(corners))
-    free = np.bincount(face[~blocked], minlength=len(corners)) / np.maximum(tried, 1)
-    around, total = np.zeros((2, len(surface.vertices)))
-    for corner in surface.faces.T:
-        np.add.at(around, corner, areas * free)
-        np.add.at(total, corner, areas)
-    return around / np.maximum(total, 1e-30)
+    count = len(areas)
+    tried = np.bincount(face, minlength=count)
+    free = np.bincount(face[~blocked], minlength=count) / np.maximum(tried, 1)
+    total = surface.sum_at_vertices(areas)
+    return surface.sum_at_vertices(areas * free) / np.maximum(total, 1e-30)
 
 
 def build_directions(count: int) -> Float[np.ndarray, "direction 3"]:
@@ -309,7 +305,7 @@ def sample_positions(robot: Robot, count: int) -> Float[np.ndarray, "sample join
 
 
 def sample_joint(joint: Joint) -> Float[np.ndarray, "sample"]:
-    """Return values of a joint [rad] or [m], at most those of a full turn."""
+    """Return values of a joint [rad] or [m], over a full turn at most."""
     if joint.kind == "prismatic":
         return np.linspace(joint.lower, joint.upper, SLIDE_STEPS)
     low = joint.lower if np.isfinite(joint.lower) else -np.pi

@@ -64,8 +64,8 @@ def run(command: PaintCommand) -> dict[str, object]:
             f"--density is {command.density:g}; allowed are numbers above 0 up to 1e4"
         )
     check_writable(command.spec)
-    before = read_spec_file(command.spec) if command.spec.exists() else SpecFile()
-    draft = SpecDraft(command.spec, before, command.density)
+    original = read_spec_file(command.spec) if command.spec.exists() else SpecFile()
+    draft = SpecDraft(command.spec, original, command.density)
     page = open_page(command, draft)
     try:
         print(f"paint at {page.page.wait_ready(WAIT)}", flush=True)
@@ -75,7 +75,7 @@ def run(command: PaintCommand) -> dict[str, object]:
             raise DeviceError(page.page.failure)
     finally:
         page.close()
-    written, is_saved = draft.written, draft.written is not before
+    written, is_saved = draft.written, draft.written is not original
     print(
         f"{command.spec}: {format_count(len(written.regions), 'region')}, "
         f"{format_count(len(written.keep_out), 'keep-out zone')}"
@@ -103,13 +103,15 @@ def open_page(command: PaintCommand, draft: "SpecDraft") -> "PaintViewer":
     config = ViewerConfig(free_port(command.port))
     robot = load_robot(command.robot, mimics=not command.no_mimics)
     points = sample_surfaces(robot, command.links)
-    before = draft.before
-    regions, keep_outs = before.build(PER_CM2)
+    original = draft.original
+    regions, keep_outs = original.build(PER_CM2)
     zones = [region.zone for region in regions], keep_outs
-    earlier = np.stack([find_points(points, each) for each in zones])
-    used = sum(len(zone.balls_mm or ()) for zone in (*before.regions, *before.keep_out))
+    existing = np.stack([find_points(points, each) for each in zones])
+    used = sum(
+        len(zone.balls_mm or ()) for zone in (*original.regions, *original.keep_out)
+    )
     mounted = MountedSkin(points, robot)
-    return PaintViewer(mounted, draft.save, earlier, MAX_BALLS - used, config)
+    return PaintViewer(mounted, draft.save, existing, MAX_BALLS - used, config)
 
 
 @final
@@ -117,21 +119,21 @@ class SpecDraft:
     """A draft is a specification to which painted balls are added when they are saved.
 
     Attributes:
-        before: specification before anything was painted.
-        written: specification as it was saved last; `before` until then.
+        original: specification before anything was painted.
+        written: specification as it was saved last; `original` until then.
     """
 
-    def __init__(self, path: Path, before: "SpecFile", density: float | None) -> None:
+    def __init__(self, path: Path, original: "SpecFile", density: float | None) -> None:
         """Start with nothing painted.
 
         Args:
             path: file that is written.
-            before: what it holds already.
+            original: what it holds already.
             density: density of the painted regions [1/cm2]; None for that of the
                 command that designs the skin.
         """
         self.path, self.density = path, density
-        self.before = self.written = before
+        self.original = self.written = original
 
     def save(self, orders: "tuple[PaintOrder, ...]") -> str:
         """Write what was painted; return a line that says whether it could be."""
@@ -143,7 +145,7 @@ class SpecDraft:
             for order in orders
         ]
         density = None if self.density is None else PER_CM2 * self.density
-        entries = add_painted(self.before, balls, density)
+        entries = add_painted(self.original, balls, density)
         try:
             write_spec_file(self.path, entries)
         except OSError as error:

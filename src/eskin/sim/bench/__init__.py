@@ -1,4 +1,4 @@
-"""This package times the recogniser: one step, and bytes to detections."""
+"""This package measures the recogniser: one step, and bytes to detections."""
 
 from eskin.sim.bench.scene import BenchScene, large_skin
 

@@ -44,7 +44,7 @@ class LatencyRow:
     steps: int
     """Number of steps timed."""
     ratio: float
-    """Median divided by that of the first row: the engine on the configured contact."""
+    """Median over the median of the first row: the engine on the configured contact."""
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields as plain rounded values."""
@@ -142,12 +142,12 @@ def pin_to_one_core() -> Iterator[None]:
         if not hasattr(os, "sched_setaffinity"):
             yield
             return
-        before = os.sched_getaffinity(0)
-        os.sched_setaffinity(0, {max(before)})
+        all_cores = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, {max(all_cores)})
         try:
             yield
         finally:
-            os.sched_setaffinity(0, before)
+            os.sched_setaffinity(0, all_cores)
 
 
 LIGHT_TAXELS, GRAB_TAXELS = 20, 83

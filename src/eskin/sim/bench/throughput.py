@@ -138,13 +138,16 @@ def measure_throughput(
         with short_switch_interval(), Stream(source, [recognition]) as stream:
             stream.wait(SETTLE_S)
             recognition.age, recognition.step = DurationHistogram(), DurationHistogram()
-            earlier, before = recognition.detections, count_losses(source, stream)
+            first_detections, first_counts = (
+                recognition.detections,
+                count_losses(source, stream),
+            )
             busy, start = time.process_time(), time.perf_counter()
             stream.wait(seconds)
             busy, wall = time.process_time() - busy, time.perf_counter() - start
             after = count_losses(source, stream)
     gc.unfreeze()
-    found = {key: after[key] - before[key] for key in after}
+    found = {key: after[key] - first_counts[key] for key in after}
     used = found.pop("used") / len(mounted.skin.patches)
     age, lost = recognition.age, {key: n for key, n in found.items() if n}
     return ThroughputResult(
@@ -157,7 +160,7 @@ def measure_throughput(
         age_ms_p99=1e3 * age.quantile(0.99),
         age_ms_max=1e3 * age.longest,
         step_ms_p50=1e3 * recognition.step.quantile(0.5),
-        detections=recognition.detections - earlier,
+        detections=recognition.detections - first_detections,
         lost=lost,
     )
 

@@ -77,11 +77,11 @@ def run(command: DemoCommand) -> dict[str, object]:
         raise DeviceError(
             f"--seconds is {command.seconds}; allowed are above 0; change it"
         )
-    least, longest = command.pause
-    if not 0 <= least <= longest < float("inf"):
+    shortest, longest = command.pause
+    if not 0 <= shortest <= longest < float("inf"):
         raise DeviceError(
-            f"--pause is {least:g} {longest:g}; allowed are two times in their order, "
-            "not negative; change them"
+            f"--pause is {shortest:g} {longest:g}; allowed are two times in their "
+            "order, not negative; change them"
         )
     if command.import_functions and command.commands is None:
         raise DeviceError(

@@ -37,7 +37,7 @@ class Chart:
     rim: float = np.inf
     """Distance that the surface goes on beyond its taxels [m]."""
     others: Bool[np.ndarray, "part"] | None = None
-    """Which of its taxels are those of another chart; None where none are."""
+    """Which of its taxels belong to another chart; None where none do."""
 
     @cached_property
     def own(self) -> Int[np.ndarray, "own"]:

@@ -76,9 +76,9 @@ def compute_loads(
 @compiled
 @no_type_check
 def compute_covered_area(
-    ellipses: ContactEllipses, least: float, spots: Float[np.ndarray, "spot 2"]
+    ellipses: ContactEllipses, min_pressure: float, spots: Float[np.ndarray, "spot 2"]
 ) -> Float[np.ndarray, "time"]:
-    """Return the area [m2] that ellipses cover together above the pressure `least`.
+    """Return the area [m2] that ellipses cover together above a pressure [kPa].
 
     A point that lies in n ellipses counts for 1/n in each of them.
     """
@@ -89,7 +89,7 @@ def compute_covered_area(
     for t in range(steps):
         for k in range(parts):
             peak = ellipses.peak_pressure[t, k]
-            shrunk = np.sqrt(1.0 - least / peak) if peak > least else 0.0
+            shrunk = np.sqrt(1.0 - min_pressure / peak) if peak > min_pressure else 0.0
             size[k] = shrunk * ellipses.semi_axes[t, k]
         for k in range(parts):
             a, b = size[k]

@@ -45,7 +45,7 @@ class SoftTissue:
     m: float
     """Growth of the stiffness with depth d [1/m]."""
     area_scale: float
-    """Contact area relative to that of the average body."""
+    """Contact area over the contact area of the average body."""
     area_exponent: float
     """Growth of the contact area with force."""
     conformity: float

@@ -38,7 +38,7 @@ MAX_CURVATURE = 200.0
 MAX_STEP = 0.02
 """Distance from a taxel up to which its curvature counts [m]."""
 LENGTH_SHARE = 0.05
-"""Weight of the extent of a sheet, beside that of its normals, in choosing its axis."""
+"""Weight of the extent of a sheet, over the weight of its normals, in its axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +92,6 @@ class Sheet(Surface):
     def on_link(self) -> KDTree:
         """Return the tree of the taxels on the link."""
         return KDTree(self.positions)
-
-    @cached_property
-    def mean_curvatures(self) -> Float[np.ndarray, "2"]:
-        """Return the mean smallest and largest curvature [1/m], of absolute value."""
-        return np.linalg.eigvalsh(self.curvatures).mean(axis=0)
 
     def wrap(self, unrolled: Unrolled) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] on the surface."""
@@ -167,11 +162,11 @@ def find_nearest(
 
 
 def shorten_steps(
-    offset: Float[np.ndarray, "*batch 2"], most: float
+    offset: Float[np.ndarray, "*batch 2"], max_length: float
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return offsets, those that are longer than `most` [m] shortened to it."""
+    """Return offsets, those that are longer than `max_length` [m] shortened to it."""
     length = np.linalg.norm(offset, axis=-1, keepdims=True)
-    return offset * np.minimum(1.0, most / np.maximum(length, 1e-12))
+    return offset * np.minimum(1.0, max_length / np.maximum(length, 1e-12))
 
 
 def normalise(vectors: Points) -> Points:

@@ -5,8 +5,7 @@ from eskin.sim.dataset.clip_generator import ClipGenerator, Simulator
 from eskin.sim.dataset.generate import GenerationResult, generate
 from eskin.sim.dataset.index import ClipRow, read_index, remake_clip
 from eskin.sim.dataset.pairs import ClipPair, make_pair, simulate_pair
-from eskin.sim.dataset.plan import ClipPlan
-from eskin.sim.dataset.session_plan import build_seed, plan_single_pair
+from eskin.sim.dataset.plan import ClipPlan, build_seed, plan_single_pair
 from eskin.sim.dataset.settings import GenerationSettings
 
 __all__ = [

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.contact.press import TrueTouch
-from eskin.sim.dataset.plan import QUIET, BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.sets import QUIET
 from eskin.sim.dataset.staging import (
     ClipSetup,
     draw_second_touch,
@@ -31,7 +32,7 @@ from eskin.sim.scene.scene import (
     find_reading_edges,
 )
 from eskin.sim.sensor.build import SensorBuild, draw_build
-from eskin.sim.sensor.electrical import ELECTRICAL_EVENTS, add_electrical_event
+from eskin.sim.sensor.faults import ELECTRICAL_EVENTS, add_electrical_event
 from eskin.sim.sensor.model import SensorSession, SensorStages, draw_session
 from eskin.sim.sensor.sensor import draw_reading_times, sense
 
@@ -130,7 +131,7 @@ def add_event(
         clip.counts,
         clip.received,
         setup.env.mounted.skin,
-        build,
+        build.electronics,
         setup.rng,
         setup.env.constants,
         onset,

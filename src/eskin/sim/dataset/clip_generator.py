@@ -1,19 +1,37 @@
-"""Clip generators simulate clips from their plans."""
+"""Clip generators simulate clips of people, or of recorded people, from plans."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
 from eskin.sim.constants import Constants
-from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
+from eskin.sim.contact.press import TrueTouch
+from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip, simulate_touches
 from eskin.sim.dataset.pairs import simulate_pair
-from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan
+from eskin.sim.dataset.plan import IDLE, BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.sets import SOURCE_SKINS
+from eskin.sim.dataset.staging import (
+    ClipSetup,
+    draw_start,
+    get_person,
+    place_touch,
+    set_up_clip,
+)
+from eskin.sim.people.recorded import (
+    RecordedPeople,
+    RecordedTouch,
+    draw_recorded_touch,
+    play_recorded_touch,
+    read_recorded_touches,
+)
 from eskin.sim.scene.environment import (
     build_environment,
     describe_wearer,
     load_environment,
     mount_skin,
 )
+from eskin.sim.scene.placement import draw_site
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration
 
@@ -39,24 +57,31 @@ class ClipGenerator(ABC):
 
 @final
 class Simulator(ClipGenerator):
-    """The simulator generates clips of people who touch a skin."""
+    """The simulator generates clips of people who touch a skin.
+
+    They are drawn, or recorded ones. Where recorded people stand, and how tall they
+    are, is drawn anew for each session, since the recordings do not tell.
+    """
 
     def __init__(
         self,
         skin: str = "ur5",
         constants: Constants | None = None,
         robot: str | None = None,
+        recorded: RecordedPeople | None = None,
     ) -> None:
-        """Prepare the skin.
+        """Prepare the skin, and read the recorded touches if any.
 
         Args:
             skin: name of a preset, or folder of a skin.
             constants: constants of the simulation; the published ones by default.
             robot: name of a robot, or path of a URDF; None for that of a preset.
+            recorded: people whose recorded touches are played; None draws touches.
 
         Raises:
             SkinError: there is no such skin.
             SkinMismatchError: the robot of the skin is not known, or lacks its links.
+            ImportSourceError: the recorded touches cannot be read.
         """
         source = SOURCE_SKINS.get(skin, skin)
         if constants is None:
@@ -66,17 +91,38 @@ class Simulator(ClipGenerator):
         self.mounted = self.env.mounted if source == skin else mount_skin(skin, robot)
         wearer = describe_wearer(skin, robot, self.mounted)
         self.robot_name, self.urdf = wearer.name, wearer.urdf
+        self.touches = None
+        if recorded is not None:
+            self.touches = read_recorded_touches(recorded.folder, recorded.grouped)
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
         """Simulate the clip of a plan, or the stream of a plan without gesture."""
         if plan.pair is not None:
             pair = simulate_pair(plan, self.env)
             return pair.second if plan.pair.is_second else pair.first
-        return make_clip(plan, self.env)
+        if self.touches is None or plan.kind == IDLE:
+            return make_clip(plan, self.env)
+        setup = set_up_clip(plan, "", self.env, plan.rng())
+        return simulate_touches(setup, (draw_played_touch(setup, self.touches),))
 
     def calibration(self, build: BuildOrigin) -> Calibration:
         """Return the calibration that the user of a build has."""
         return get_build(build, self.env).calibration(self.mounted.skin)
+
+
+def draw_played_touch(setup: ClipSetup, touches: Sequence[RecordedTouch]) -> TrueTouch:
+    """Draw the recorded touch of a clip, and its place in it.
+
+    One that is longer than the clip begins in it, and is cut at its end.
+    """
+    plan, env, rng = setup.plan, setup.env, setup.rng
+    gesture = plan.gesture or ""
+    chosen = draw_recorded_touch(touches, plan.person.name, gesture, rng)
+    body = get_person(Origin(plan.person.name, (*plan.session.seed, 1)), env)
+    site = draw_site(env, setup.q[setup.lead], body, gesture, rng)
+    touch = play_recorded_touch(chosen, site, env.constants, rng)
+    start = draw_start(touch, setup.steps, env.constants, rng)
+    return place_touch(setup, touch, setup.lead + start)
 
 
 @dataclass(frozen=True)
@@ -85,7 +131,9 @@ class SimulatorFactory:
 
     robot: str | None = None
     """Name of the robot, or path of its URDF; None for those of presets."""
+    recorded: RecordedPeople | None = None
+    """People whose recorded touches are played; None draws touches."""
 
     def __call__(self, skin: str) -> Simulator:
         """Build the simulator of a skin."""
-        return Simulator(skin, robot=self.robot)
+        return Simulator(skin, robot=self.robot, recorded=self.recorded)

@@ -22,7 +22,7 @@ from eskin.sim.dataset.generate import (
     write_file,
 )
 from eskin.sim.dataset.index import ClipRow
-from eskin.sim.dataset.session_plan import SessionPlan
+from eskin.sim.dataset.plan import SessionPlan
 from eskin.sim.dataset.settings import GenerationSettings
 
 AUTO = "auto"

@@ -21,11 +21,13 @@ from typing import Protocol
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
-from eskin.sim.dataset.clip_generator import ClipGenerator, SimulatorFactory
+from eskin.sim.dataset.clip_generator import (
+    ClipGenerator,
+    SimulatorFactory,
+)
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
-from eskin.sim.dataset.recorded import RecordedSimulatorFactory
+from eskin.sim.dataset.plan import SessionPlan
 from eskin.sim.dataset.session_file import write_session
-from eskin.sim.dataset.session_plan import SessionPlan
 from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_folder
 
 
@@ -187,7 +189,7 @@ def generate(
         settings: settings of the set.
         workers: number of processes; 0 uses the calling one.
         factory: function that builds the clip generator of a skin; must be importable
-            by other processes; None chooses the simulator of the set.
+            by other processes; None builds the simulator of the set.
         on_progress: function that is called with the number of complete clips.
         write: function that writes sessions elsewhere, as `open_cluster` yields it;
             None uses processes of this computer.
@@ -200,7 +202,7 @@ def generate(
             f"{workers} workers requested; allowed are 0 and above; change it"
         )
     started, folder = time.monotonic(), Path(folder)
-    factory = factory or choose_factory(settings)
+    factory = factory or SimulatorFactory(settings.robot, settings.recorded)
     claim_folder(folder, settings)
     with lock_folder(folder):
         archive = SetFolder(folder, settings.sessions)
@@ -223,13 +225,6 @@ def generate(
             raise
     files, seconds = len(settings.sessions), time.monotonic() - started
     return GenerationResult(kept + made, made, files, seconds)
-
-
-def choose_factory(settings: GenerationSettings) -> Callable[[str], ClipGenerator]:
-    """Choose the simulator of a set: of recorded people, or of simulated ones."""
-    if settings.recorded is None:
-        return SimulatorFactory(settings.robot)
-    return RecordedSimulatorFactory(settings.recorded, settings.robot)
 
 
 @contextmanager

@@ -22,23 +22,28 @@ from eskin.sim.dataset.clip import (
     get_session,
     simulate_clip,
 )
-from eskin.sim.dataset.plan import (
+from eskin.sim.dataset.plan import ClipPlan, plan_single_pair
+from eskin.sim.dataset.sets import (
     NONE_KINDS,
     PAIR_SIDES,
     SIDE_SKINS,
-    ClipPlan,
     PairKind,
     parse_pair_kind,
 )
-from eskin.sim.dataset.session_plan import plan_single_pair
 from eskin.sim.dataset.staging import (
     count_clip_steps,
     draw_start,
     get_person,
     perform_planned,
 )
-from eskin.sim.people.hand import HAND_PADS, HEADS, HEEL, mirror_pads, select_pads
-from eskin.sim.people.person import Person
+from eskin.sim.people.person import (
+    HAND_PADS,
+    HEADS,
+    HEEL,
+    Person,
+    mirror_pads,
+    select_pads,
+)
 from eskin.sim.scene.environment import (
     SimEnvironment,
     load_environment,
@@ -117,7 +122,7 @@ def draw_meeting_poses(
         ValueError: no such poses were found.
     """
     value = env.constants.value
-    near, far = value("pairs.near") * MM, value("pairs.far") * MM
+    max_gap, min_separation = value("pairs.near") * MM, value("pairs.far") * MM
     poses = find_meeting_poses(env)
     low, high = compute_joint_limits(env)
     for _ in range(int(value("pairs.tries")) if len(poses) else 0):
@@ -127,14 +132,15 @@ def draw_meeting_poses(
         found = [
             sites
             for sites in find_fold_sites(env, folded, person)
-            if compute_site_gap(env, folded, *sites) <= near
-            and compute_site_gap(env, apart, *sites) >= far
+            if compute_site_gap(env, folded, *sites) <= max_gap
+            and compute_site_gap(env, apart, *sites) >= min_separation
         ]
         if found:
             return folded, apart, found[rng.integers(len(found))]
     raise ValueError(
         f"no poses found that bring patches of robot '{env.mounted.robot.name}' "
-        f"within {near} m of each other and {far} m apart; take a skin on a longer arm"
+        f"within {max_gap} m of each other and {min_separation} m apart; take a skin "
+        "on a longer arm"
     )
 
 
@@ -252,10 +258,10 @@ def draw_shared_touch(
     """
     assert plan.pair is not None
     draw = draw_shared_pat if plan.pair.gesture == "double_pat" else draw_hook
-    least = env.constants.value("pairs.felt")
+    min_pressure = env.constants.value("pairs.felt")
     for _ in range(int(env.constants.value("pairs.touches"))):
         touch = draw(plan, env, person, sites, rng)
-        if touch is not None and min(compute_press_peaks(touch, env)) >= least:
+        if touch is not None and min(compute_press_peaks(touch, env)) >= min_pressure:
             return touch
     return None
 

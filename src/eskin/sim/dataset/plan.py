@@ -1,32 +1,25 @@
-"""Clip plans define everything about a clip before it is simulated."""
+"""Plans define the files of a set, and all about a clip before it is simulated."""
 
-from dataclasses import dataclass
-from typing import Literal
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePosixPath
+from typing import Literal, cast
 
 import numpy as np
 
+from eskin.sim.constants import Constants
+from eskin.sim.dataset.sets import (
+    NONE_KINDS,
+    PAIR_SIDES,
+    ClipSet,
+    PairKind,
+    Side,
+    find_pair_kind,
+    get_pose_groups,
+)
 from eskin.sim.sensor.build import BuildKind
-
-PairKind = Literal["bending", "merging"]
-Side = Literal["bent", "flat", "folded", "apart"]
-
-PAIR_SIDES: dict[PairKind, tuple[Side, Side]] = {
-    "bending": ("bent", "flat"),
-    "merging": ("folded", "apart"),
-}
-"""Sides of each kind of pair: the first shows the gesture, the second shows `none`."""
-
-SIDES: tuple[Side, ...] = ("bent", "flat", "folded", "apart")
-"""All sides; each has a folder of its own."""
-
-SIDE_SKINS: dict[str, str] = {"bent": "bent", "flat": "flat"}
-"""Preset skins of the sides that have their own."""
-
-SOURCE_SKINS = {"flat": "bent"}
-"""Preset skin on which the counts of another are simulated."""
-
-NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
-"""Kind of `none` on the second side that has the counts of each gesture."""
+from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -51,23 +44,6 @@ class PairMember:
         return self.side == PAIR_SIDES[self.kind][1]
 
 
-def parse_pair_kind(name: str) -> PairKind:
-    """Return the kind of pair of a name.
-
-    Raises:
-        ValueError: there is no such kind.
-    """
-    for kind in PAIR_SIDES:
-        if kind == name:
-            return kind
-    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(PAIR_SIDES)}")
-
-
-def find_pair_kind(side: Side) -> PairKind:
-    """Return the kind of pair that a side belongs to."""
-    return "bending" if side in PAIR_SIDES["bending"] else "merging"
-
-
 Seed = tuple[int, ...]
 """Entropy of `np.random.SeedSequence`; unique within a set."""
 
@@ -75,10 +51,6 @@ Seed = tuple[int, ...]
 def build_rng(seed: Seed) -> np.random.Generator:
     """Build a random generator in its initial state."""
     return np.random.default_rng(np.random.SeedSequence(seed))
-
-
-ACCIDENTS, QUIET = "accidents", "quiet"
-"""Kinds of streams: with accidental contacts only, and without any contact."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +90,7 @@ class ClipPlan:
     build: BuildOrigin
     """Build of the sensor."""
     session: Origin
-    """Origin of what is constant during a session, such as the drift of the gains."""
+    """Origin of the constants of a session, such as the drift of the gains."""
     at: float = 0.0
     """Start of the clip since the start of the session [s]."""
     seconds: float
@@ -148,3 +120,308 @@ class ClipPlan:
     def rng(self) -> np.random.Generator:
         """Return the random generator of this clip alone, in its initial state."""
         return build_rng(self.seed)
+
+
+@dataclass(frozen=True)
+class SessionPlan:
+    """A session plan describes one file of a set: one person on one sensor."""
+
+    file: str
+    """Path of the recording below the folder of the set."""
+    number: int
+    """Number of the file in the set."""
+    first: int
+    """Number of its first clip within its part of the set."""
+    clips: int
+    """Number of clips."""
+    person: Origin
+    """Person who touches."""
+    others: tuple[Origin, ...]
+    """People who may touch at the same time."""
+    build: BuildOrigin
+    """Build of the sensor."""
+    session: Origin
+    """Origin of the constants of the session."""
+    start: int
+    """Stamp of its first reading [ns since the epoch]."""
+
+
+def build_seed(role: str, first: int, second: int, seed: int) -> Seed:
+    """Build the seed of something in a role, unique by role and both numbers.
+
+    The seed of the set is last, since its number of words varies.
+    """
+    return (zlib.crc32(role.encode()), first, second, seed)
+
+
+def plan_sessions(
+    clip_set: ClipSet, seed: int, constants: Constants
+) -> tuple[SessionPlan, ...]:
+    """Plan the files of a set, in order."""
+    people = [
+        Origin(
+            clip_set.names[i] if clip_set.names else f"{clip_set.people}-p{i}",
+            build_seed(f"person {clip_set.people}", i, 0, seed),
+        )
+        for i in range(clip_set.subjects)
+    ]
+    epoch, apart = (int(constants.value(f"sets.{name}")) for name in ("epoch", "apart"))
+    found: list[SessionPlan] = []
+    for part in clip_set.parts:
+        first = 0
+        for subject, clips in split_clips(clip_set, part.clips, constants):
+            number = len(found)
+            name = f"{clip_set.name}-{number:04d}"
+            others = people[:subject] + people[subject + 1 :]
+            found.append(
+                SessionPlan(
+                    file=f"{part.folder}/{name}.mcap".lstrip("/"),
+                    number=number,
+                    first=first,
+                    clips=clips,
+                    person=people[subject],
+                    others=tuple(others),
+                    build=plan_build(clip_set, subject, number, seed),
+                    session=Origin(
+                        name, build_seed(f"session {clip_set.name}", number, 0, seed)
+                    ),
+                    start=(epoch + number * apart) * NS_PER_S,
+                )
+            )
+            first += clips
+    return tuple(found)
+
+
+def plan_build(clip_set: ClipSet, subject: int, session: int, seed: int) -> BuildOrigin:
+    """Return the sensor build that a person touches in a session."""
+    if clip_set.families:
+        family = clip_set.families[session % len(clip_set.families)]
+        return BuildOrigin(
+            f"{clip_set.builds}-{family}-b{session}",
+            build_seed(f"build {clip_set.builds} {family}", session, 0, seed),
+            family,
+        )
+    number = subject % clip_set.build_count
+    role = f"build {clip_set.builds}"
+    return BuildOrigin(
+        f"{clip_set.builds}-b{number}",
+        build_seed(role, number, 0, seed),
+        clip_set.build_kind,
+    )
+
+
+def split_clips(
+    clip_set: ClipSet, clips: int, constants: Constants
+) -> Iterator[tuple[int, int]]:
+    """Split the clips of a part into sessions; yield person and number of clips."""
+    name = "sets.family_session" if clip_set.families else "clip.most"
+    max_clips = int(constants.value(name)) if clip_set.classes else 1
+    for subject, share in enumerate(split_evenly(clips, clip_set.subjects)):
+        for count in split_evenly(share, -(-share // max_clips)):
+            yield subject, count
+
+
+def split_evenly(total: int, shares: int) -> list[int]:
+    """Split a number into non-zero shares that differ by at most one."""
+    parts = [total * (i + 1) // shares - total * i // shares for i in range(shares)]
+    return [part for part in parts if part]
+
+
+IDLE = "idle"
+"""Kind of `none` in which nothing touches."""
+
+
+def plan_clips(
+    session_plan: SessionPlan,
+    clip_set: ClipSet,
+    seed: int,
+    difficulty: float,
+    constants: Constants,
+) -> tuple[ClipPlan, ...]:
+    """Plan the lead-in of a session, without touch, then its clips.
+
+    Args:
+        session_plan: plan of the session.
+        clip_set: set of the session.
+        seed: seed of the whole set.
+        difficulty: difficulty of all clips.
+        constants: constants of the simulation.
+    """
+    rng = build_rng(build_seed(f"order {clip_set.name}", session_plan.number, 0, seed))
+    lead = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
+    gestures = draw_gestures(session_plan, clip_set, rng)
+    seconds = draw_seconds(session_plan, clip_set, seed, constants)
+    every = constants.value("clip.every")
+    concurrent = difficulty * constants.value("clip.concurrent")
+    others = session_plan.others
+    plans = [lead]
+    for number, gesture in enumerate(gestures):
+        plan = replace(
+            lead,
+            seed=build_seed(f"clip {clip_set.name}", session_plan.number, number, seed),
+            company=others[int(rng.integers(len(others)))] if others else None,
+            at=every * (number + 1),
+            seconds=seconds,
+            gesture=gesture,
+            kind=clip_set.stream,
+            pose=draw_pose_seed(clip_set, seed, rng),
+            moving=bool(rng.random() >= clip_set.stopped),
+            fold_share=constants.value("clip.fold"),
+            concurrent=min(concurrent, constants.value("difficulty.most")),
+        )
+        plans.append(plan)
+    return tuple(plans)
+
+
+def plan_lead_in(
+    session_plan: SessionPlan,
+    clip_set: ClipSet,
+    seed: int,
+    difficulty: float,
+    constants: Constants,
+) -> ClipPlan:
+    """Plan the clip without touch at the start of a session."""
+    return ClipPlan(
+        set_name=clip_set.name,
+        seed=build_seed(f"lead {clip_set.name}", session_plan.number, 0, seed),
+        person=session_plan.person,
+        build=session_plan.build,
+        session=session_plan.session,
+        seconds=constants.value("sets.lead"),
+        gesture="none",
+        kind=IDLE,
+        groups=clip_set.groups,
+        difficulty=difficulty,
+    )
+
+
+def draw_gestures(
+    session_plan: SessionPlan, clip_set: ClipSet, rng: np.random.Generator
+) -> list[str | None]:
+    """Draw the gestures of clips in random order, balanced over a part of a set."""
+    if not clip_set.classes:
+        return [None] * session_plan.clips
+    count = len(clip_set.classes)
+    order = rng.permutation(session_plan.first + np.arange(session_plan.clips))
+    return [clip_set.classes[int(number) % count] for number in order]
+
+
+def draw_seconds(
+    session_plan: SessionPlan, clip_set: ClipSet, seed: int, constants: Constants
+) -> float:
+    """Draw the length of the clips of a session [s], stratified over streams."""
+    if clip_set.classes:
+        return constants.value("clip.seconds")
+    rng = build_rng(build_seed(f"lengths {clip_set.name}", 0, 0, seed))
+    stratum = int(rng.permutation(clip_set.clips)[session_plan.number])
+    low, high = constants.array(f"sets.{clip_set.stream or 'stream'}_seconds")
+    period = constants.value("sensor.period")
+    seconds = low + (high - low) * (stratum + 0.5) / clip_set.clips
+    return round(seconds / period) * period
+
+
+def draw_pose_seed(
+    clip_set: ClipSet, seed: int, rng: np.random.Generator
+) -> Seed | None:
+    """Draw the seed of one of the poses of the set; None if it has no fixed poses."""
+    if clip_set.poses is None:
+        return None
+    number = int(rng.integers(clip_set.poses))
+    return build_seed(f"pose {clip_set.people}", number, 0, seed)
+
+
+def plan_pair_sessions(
+    sessions: Sequence[SessionPlan], seed: int
+) -> tuple[SessionPlan, ...]:
+    """Return sessions in which both sides of each kind of pair have the same origin."""
+    found = []
+    for session_plan in sessions:
+        kind = find_pair_kind(find_side(session_plan))
+        name = f"pairs-{kind}-{session_plan.first:04d}"
+        origin = Origin(
+            name, build_seed(f"session pairs {kind}", session_plan.first, 0, seed)
+        )
+        found.append(replace(session_plan, session=origin))
+    return tuple(found)
+
+
+def find_side(session_plan: SessionPlan) -> Side:
+    """Return the side of a session of pairs, which is the name of its folder."""
+    return cast(Side, PurePosixPath(session_plan.file).parent.name)
+
+
+def plan_pair_clips(
+    session_plan: SessionPlan,
+    clip_set: ClipSet,
+    seed: int,
+    difficulty: float,
+    constants: Constants,
+) -> tuple[ClipPlan, ...]:
+    """Plan the lead-in of a session, without touch, then its side of each pair."""
+    side = find_side(session_plan)
+    kind = find_pair_kind(side)
+    lead = replace(
+        plan_lead_in(session_plan, clip_set, seed, difficulty, constants),
+        seed=build_seed(f"lead pairs {kind}", session_plan.first, 0, seed),
+        pair=PairMember(-1, side, "none"),
+    )
+    every = constants.value("clip.every")
+    pairs = (
+        plan_pair_clip(
+            lead, side, session_plan.first + i, every * (i + 1), seed, constants
+        )
+        for i in range(session_plan.clips)
+    )
+    return (lead, *pairs)
+
+
+def plan_pair_clip(
+    lead: ClipPlan, side: Side, number: int, at: float, seed: int, constants: Constants
+) -> ClipPlan:
+    """Plan one clip of a pair; both clips have the same seed.
+
+    Args:
+        lead: lead-in of its session.
+        side: side of the pair.
+        number: number of the pair among those of its kind.
+        at: start of the clip since the start of the session [s].
+        seed: seed of the set.
+        constants: constants of the simulation.
+    """
+    kind = find_pair_kind(side)
+    rng = build_rng(build_seed(f"gesture pairs {kind}", number, 0, seed))
+    gesture = constants.choose(f"pairs.{kind}", rng)
+    member = PairMember(number, side, gesture)
+    return replace(
+        lead,
+        seed=build_seed(f"clip pairs {kind}", number, 0, seed),
+        at=at,
+        seconds=constants.value("clip.seconds"),
+        gesture="none" if member.is_second else gesture,
+        kind=NONE_KINDS[gesture] if member.is_second else None,
+        pair=member,
+    )
+
+
+def plan_single_pair(
+    kind: PairKind, seed: int, difficulty: float, constants: Constants
+) -> ClipPlan:
+    """Plan the first clip of a pair outside any set, with its own person and sensor."""
+
+    def origin(role: str) -> Origin:
+        return Origin(f"pair-{role}", build_seed(f"pair {role}", 0, 0, seed))
+
+    build = origin("build")
+    lead = ClipPlan(
+        set_name="pairs",
+        seed=build_seed("lead pair", 0, 0, seed),
+        person=origin("person"),
+        build=BuildOrigin(build.name, build.seed, "fresh"),
+        session=origin("session"),
+        seconds=constants.value("sets.lead"),
+        gesture="none",
+        kind=IDLE,
+        groups=get_pose_groups(constants, "known", "new"),
+        difficulty=difficulty,
+    )
+    return plan_pair_clip(lead, PAIR_SIDES[kind][0], 0, 0.0, seed, constants)

@@ -18,13 +18,12 @@ from eskin.recording import (
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.index import ClipRow, build_row
-from eskin.sim.dataset.kernels import find_largest_pressure
-from eskin.sim.dataset.plan import ClipPlan
-from eskin.sim.dataset.session_plan import SessionPlan
+from eskin.sim.dataset.plan import ClipPlan, SessionPlan
 from eskin.sim.dataset.settings import GenerationSettings
 from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.sim.sensor import FAMILIES
 from eskin.touch import Calibration
+from eskin.touch.calibration_kernels import linearise_counts
 from eskin.units import NS_PER_S
 
 
@@ -93,18 +92,19 @@ def compute_peak_pressures(
     rest: Int[np.ndarray, "taxel"],
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading"]:
-    """Return the largest pressure of each reading [kPa]."""
+    """Return the largest pressure of each reading [kPa].
+
+    Pressure rises with the counts above rest, so only the largest of each gain are
+    converted.
+    """
     curve = calibration.pressure_curve
     peaks = np.zeros(len(counts))
     for gain in np.unique(calibration.gain):
-        alike = calibration.gain == gain
-        if alike.all():
-            largest = find_largest_pressure(counts, received, rest, curve)
-        else:
-            largest = find_largest_pressure(
-                counts[:, alike], received[:, alike], rest[alike], curve
-            )
-        peaks = np.maximum(peaks, largest * gain)
+        alike = np.flatnonzero(calibration.gain == gain)
+        above = np.where(received[:, alike], counts[:, alike] - rest[alike], 0)
+        largest = above.max(axis=1, initial=0).tolist()
+        linear = [linearise_counts(float(each), curve) for each in largest]
+        peaks = np.maximum(peaks, gain * np.array(linear))
     return peaks + np.minimum(peaks, calibration.unfelt)
 
 

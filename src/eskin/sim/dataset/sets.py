@@ -5,10 +5,51 @@ from typing import Literal
 
 from eskin.learn.sets.socialtouch import GROUPS
 from eskin.sim.constants import Constants
-from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
 from eskin.sim.people.recorded import RECORDED_CLASSES
 from eskin.sim.sensor.build import BuildKind
 from eskin.sim.sensor.flaws import FAMILIES
+
+ACCIDENTS, QUIET = "accidents", "quiet"
+"""Kinds of streams: with accidental contacts only, and without any contact."""
+
+PairKind = Literal["bending", "merging"]
+Side = Literal["bent", "flat", "folded", "apart"]
+
+PAIR_SIDES: dict[PairKind, tuple[Side, Side]] = {
+    "bending": ("bent", "flat"),
+    "merging": ("folded", "apart"),
+}
+"""Sides of each kind of pair: the first shows the gesture, the second shows `none`."""
+
+SIDES: tuple[Side, ...] = ("bent", "flat", "folded", "apart")
+"""All sides; each has a folder of its own."""
+
+SIDE_SKINS: dict[str, str] = {"bent": "bent", "flat": "flat"}
+"""Preset skins of the sides that have their own."""
+
+SOURCE_SKINS = {"flat": "bent"}
+"""Preset skin on which the counts of another are simulated."""
+
+NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
+"""Kind of `none` on the second side that has the counts of each gesture."""
+
+
+def parse_pair_kind(name: str) -> PairKind:
+    """Return the kind of pair of a name.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
+    for kind in PAIR_SIDES:
+        if kind == name:
+            return kind
+    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(PAIR_SIDES)}")
+
+
+def find_pair_kind(side: Side) -> PairKind:
+    """Return the kind of pair that a side belongs to."""
+    return "bending" if side in PAIR_SIDES["bending"] else "merging"
+
 
 PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
 """Gestures of the paper."""
@@ -52,7 +93,7 @@ class ClipSet:
     """Pose groups."""
     poses: int | None = None
     """Number of poses; None draws a new one for each clip."""
-    still: float
+    stopped: float
     """Share of clips in which the robot stands still."""
     classes: tuple[str, ...]
     """Gestures, equally often; empty for streams, which have touches of many kinds."""
@@ -125,6 +166,9 @@ RECORDED, RECORDED_GROUPS = "recorded", "recorded-groups"
 RECORDED_SETS = {RECORDED: RECORDED_CLASSES, RECORDED_GROUPS: tuple(GROUPS)}
 """Classes of these sets: some of the paper's, or the groups of SocialTouch."""
 
+ALL_SETS = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS)
+"""Names of all sets."""
+
 
 def load_set(name: str, constants: Constants) -> ClipSet:
     """Build the published set of a name.
@@ -141,8 +185,7 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     if name in FAMILY_SETS:
         return build_family_set(name, constants)
     if name not in SETS:
-        allowed = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS)
-        raise ValueError(f"no set '{name}'; allowed are {', '.join(allowed)}")
+        raise ValueError(f"no set '{name}'; allowed are {', '.join(ALL_SETS)}")
     if name.startswith("paper"):
         return build_paper_set(name, constants)
     if name.startswith("streams"):
@@ -160,7 +203,7 @@ def load_set(name: str, constants: Constants) -> ClipSet:
         build_count=int(constants.value(f"sets.builds.{kind}")),
         build_kind=kind,
         groups=get_pose_groups(constants, groups),
-        still=0.0 if name == "test-m" else constants.value("sets.still"),
+        stopped=0.0 if name == "test-m" else constants.value("sets.still"),
         classes=CLASSES,
         parts=(SetPart("", int(constants.value(f"sets.clips.{size}"))),),
     )
@@ -178,16 +221,16 @@ def build_paper_set(name: str, constants: Constants) -> ClipSet:
     `paper` and `paper-5` share people, poses and build.
     """
     train, test = constants.array("sets.clips.paper")
-    return ClipSet(
+    return replace(
+        load_set("train", constants),
         name=name,
         people="paper",
         subjects=int(constants.value("sets.people.paper")),
         builds="paper",
         build_count=1,
-        build_kind="fresh",
         groups=get_pose_groups(constants, "known", "new"),
         poses=int(constants.value("sets.poses.paper")),
-        still=1.0,
+        stopped=1.0,
         classes=PAPER_GESTURES if name == "paper" else CLASSES,
         parts=(SetPart("train", int(train)), SetPart("test", int(test))),
     )
@@ -196,15 +239,12 @@ def build_paper_set(name: str, constants: Constants) -> ClipSet:
 def build_stream_set(name: str, constants: Constants) -> ClipSet:
     """Build a set of streams on builds of the tests; `streams-fresh` on training's."""
     kind = "fresh" if name == "streams-fresh" else "shifted"
-    return ClipSet(
+    return replace(
+        load_set("train" if kind == "fresh" else "test-x", constants),
         name=name,
         people="streams",
         subjects=int(constants.value("sets.people.streams")),
-        builds=kind,
-        build_count=int(constants.value(f"sets.builds.{kind}")),
-        build_kind=kind,
         groups=get_pose_groups(constants, "known", "new"),
-        still=constants.value("sets.still"),
         classes=(),
         parts=(SetPart("", int(constants.value("sets.clips.streams"))),),
     )
@@ -216,7 +256,7 @@ def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
         build_stream_set("streams", constants),
         name=name,
         people=name,
-        still=constants.value("sets.still_gestureless"),
+        stopped=constants.value("sets.still_gestureless"),
         parts=(SetPart("", int(constants.value(f"sets.clips.{name}"))),),
         stream=name,
     )
@@ -230,7 +270,7 @@ def build_family_set(name: str, constants: Constants) -> ClipSet:
     return replace(
         like,
         name=name,
-        still=0.0 if name == TRAIN_MOVING else like.still,
+        stopped=0.0 if name == TRAIN_MOVING else like.stopped,
         people=role,
         builds=role,
         families=of_test or FAMILIES,
@@ -267,15 +307,11 @@ def build_recorded_set(name: str, constants: Constants) -> ClipSet:
 def build_pair_set(constants: Constants) -> ClipSet:
     """Build the set of pairs, with as many clips on each side."""
     pairs = int(constants.value("pairs.pairs"))
-    return ClipSet(
+    return replace(
+        load_set("test-s", constants),
         name=PAIRS,
         people=PAIRS,
-        subjects=int(constants.value("sets.people.test")),
-        builds="fresh",
-        build_count=int(constants.value("sets.builds.fresh")),
-        build_kind="fresh",
-        groups=get_pose_groups(constants, "known"),
-        still=1.0,
+        stopped=1.0,
         classes=(*NONE_KINDS, "none"),
         parts=tuple(SetPart(side, pairs) for side in SIDES),
     )
@@ -306,10 +342,10 @@ def resize_set(
             f"{total} clips requested for set '{clip_set.name}'; allowed are at least "
             f"{len(clip_set.parts)}; ask for more with --clips"
         )
-    least = int(constants.value("sets.least")) if clip_set.classes else 1
+    min_clips = int(constants.value("sets.least")) if clip_set.classes else 1
     people = subjects
     if people is None:
-        people = min(clip_set.subjects, max(1, total // least))
+        people = min(clip_set.subjects, max(1, total // min_clips))
     if not 1 <= people <= total:
         raise ValueError(
             f"{people} people requested for set '{clip_set.name}' of {total} clips; "

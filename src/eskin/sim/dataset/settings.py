@@ -10,8 +10,8 @@ from eskin.errors import GenerationError
 from eskin.files import atomic_path, read_file
 from eskin.sim.constants import CONSTANTS_FILE, Constants, load_constants
 from eskin.sim.dataset.index import INDEX_NAME
-from eskin.sim.dataset.plan import SIDE_SKINS, ClipPlan
-from eskin.sim.dataset.session_plan import (
+from eskin.sim.dataset.plan import (
+    ClipPlan,
     SessionPlan,
     find_side,
     plan_clips,
@@ -22,6 +22,7 @@ from eskin.sim.dataset.session_plan import (
 from eskin.sim.dataset.sets import (
     PAIRS,
     RECORDED_SETS,
+    SIDE_SKINS,
     ClipSet,
     load_set,
     resize_set,

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from eskin.recording import NONE
 from eskin.sim.constants import Constants
 from eskin.sim.contact.press import ContactSite, TrueTouch
-from eskin.sim.dataset.plan import ACCIDENTS, QUIET, ClipPlan, Origin, build_rng
+from eskin.sim.dataset.plan import ClipPlan, Origin, build_rng
+from eskin.sim.dataset.sets import ACCIDENTS, QUIET
 from eskin.sim.people.perform import choose_kind, perform
 from eskin.sim.people.person import Person, draw_person
 from eskin.sim.scene.environment import SimEnvironment

@@ -1,10 +1,9 @@
 """This package shows a simulated arm in its skin, touched by people or the mouse."""
 
 from eskin.sim.demo.headless import DemoConfig, DemoResult, run_headless
-from eskin.sim.demo.live_source import LiveSource
+from eskin.sim.demo.live_source import FaultStorm, LiveSource, StormConfig
 from eskin.sim.demo.score import Attempt, CommandScore, TouchCauses, summarise_score
 from eskin.sim.demo.simulated_user import SimulatedUser, SimulatedUserConfig
-from eskin.sim.demo.storm import FaultStorm, StormConfig
 
 __all__ = [
     "Attempt",

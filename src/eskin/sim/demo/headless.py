@@ -19,10 +19,9 @@ from eskin.command import (
 from eskin.drivers import Clock, ManualClock
 from eskin.errors import DeviceError
 from eskin.live import Recognizer, load_model
-from eskin.sim.demo.live_source import LiveSource
+from eskin.sim.demo.live_source import FaultStorm, LiveSource, StormConfig
 from eskin.sim.demo.score import CommandScore, ScoreListener
 from eskin.sim.demo.simulated_user import SimulatedUser, SimulatedUserConfig
-from eskin.sim.demo.storm import FaultStorm, StormConfig
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.scene import Wearer
 from eskin.sim.sensor.build import BuildKind
@@ -60,7 +59,7 @@ class DemoConfig:
     user: SimulatedUserConfig = field(default_factory=SimulatedUserConfig)
     """How often people touch."""
     storm: StormConfig = field(default_factory=StormConfig)
-    """Faults of the skin beside those of its build."""
+    """Faults of the skin beside the faults of its build."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class DemoResult:
     """Touches, and the commands that were executed."""
     seconds: float
     """Duration in simulated time [s]."""
-    standing: float
+    suspended_seconds: float
     """Time for which the arm was held though no person had asked for it [s]."""
     unlocked: int
     """Number of protective stops caused by touches."""
@@ -92,8 +91,8 @@ class DemoResult:
 
     @property
     def availability(self) -> float:
-        """Share of the time in which the arm is not held, 0 to 1."""
-        return 1.0 - self.standing / self.seconds
+        """Share of the time in which the arm is not suspended, 0 to 1."""
+        return 1.0 - self.suspended_seconds / self.seconds
 
 
 def compute_quantiles(values: list[float]) -> tuple[float, float] | None:
@@ -208,21 +207,21 @@ def run_build(
     listeners = [ScoreListener(user.score, skin.hand.truths), recognition, policy]
     stream = SynchronousStream(source, [*listeners, *watch(user.score)])
     end = clock.now() + round(seconds * NS_PER_S)
-    held = 0
+    suspended = 0
     while source.due <= end or user.is_touching(source.due):
         user.active = source.due <= end
         storm.update(source.due)
         scan = source.read()
         assert scan is not None
         stream.publish(storm.corrupt(scan))
-        held += user.active and arm.state().hold_reason is not None
+        suspended += user.active and arm.state().hold_reason is not None
     state = arm.state()
     stream.close()
     step = recognition.step
     return DemoResult(
         score=user.score,
         seconds=seconds,
-        standing=held * skin.period,
+        suspended_seconds=suspended * skin.period,
         unlocked=user.unlocked,
         delivered=state.delivered,
         step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
@@ -243,7 +242,7 @@ def merge_results(parts: list[DemoResult]) -> DemoResult:
     return DemoResult(
         score=score,
         seconds=sum(part.seconds for part in parts),
-        standing=sum(part.standing for part in parts),
+        suspended_seconds=sum(part.suspended_seconds for part in parts),
         unlocked=sum(part.unlocked for part in parts),
         delivered=sum(part.delivered for part in parts),
         step=(

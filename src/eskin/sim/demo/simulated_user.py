@@ -101,19 +101,19 @@ class SimulatedUser:
         state = self.arm.state()
         if self.next_touch is None:
             self.next_touch = stamp + round(self.config.first * NS_PER_S)
-        stands = state.paused or state.protective_stop
+        is_suspended = state.paused or state.protective_stop
         since = self.stopped_since if self.stopped_since is not None else stamp
         if state.pause_count != self.pause_count:
             since, self.pause_count = stamp, state.pause_count
-        self.stopped_since = since if stands else None
-        waits = stands and stamp - since < STOP_SECONDS * NS_PER_S
+        self.stopped_since = since if is_suspended else None
+        keeps_off = is_suspended and stamp - since < STOP_SECONDS * NS_PER_S
         if self.touch is not None:
             self.continue_touch(stamp)
         elif state.protective_stop:
-            if not waits:
+            if not keeps_off:
                 self.arm.unlock()
                 self.unlocked += 1
-        elif self.active and stamp >= self.next_touch and not waits:
+        elif self.active and stamp >= self.next_touch and not keeps_off:
             self.begin_touch(stamp, state)
 
     def is_touching(self, stamp: int) -> bool:

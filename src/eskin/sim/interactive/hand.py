@@ -204,7 +204,7 @@ class InteractiveHand:
         Args:
             point: point on the skin.
             force: force to press with [N].
-            kind: pads of the hand, one of `eskin.sim.people.hand.PAD_GROUPS`.
+            kind: pads of the hand, one of `eskin.sim.people.person.PAD_GROUPS`.
 
         Returns:
             Id of the touch.

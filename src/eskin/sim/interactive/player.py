@@ -1,4 +1,4 @@
-"""The touch player simulates a person who touches a skin, as an endless stream."""
+"""The touch player simulates a person who touches a skin, as an endless source."""
 
 import itertools
 from collections import deque
@@ -7,12 +7,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import final
 
+from eskin.app import SourceConfig
+from eskin.drivers import Clock, PlayedSource, Source, SourceInfo
+from eskin.errors import DeviceError
 from eskin.recording import TruthRecord
+from eskin.robot import Robot
 from eskin.sim.constants import load_constants
+from eskin.sim.dataset import Simulator
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
-from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.dataset.session_plan import build_seed
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, build_seed
 from eskin.sim.dataset.sets import get_pose_groups
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -137,3 +141,35 @@ class TouchPlayer:
                 stamp, clip.counts[reading], clip.received[reading], clip.q[reading]
             )
             yield SampledScan(scan, truths)
+
+
+def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
+    """Open a simulation of a person in no training set, who touches without end.
+
+    Args:
+        skin: name of the skin.
+        config: how the source is opened.
+        clock: clock that stamps the scans.
+
+    Raises:
+        DeviceError: the robot of the configuration is loaded already.
+    """
+    robot = config.robot
+    if isinstance(robot, Robot):
+        raise DeviceError(
+            f"source sim:{skin} is given with a robot that is loaded; allowed is its "
+            "name, or the path of its URDF; give that"
+        )
+    simulator = Simulator(skin, robot=None if robot is None else str(robot))
+    player = TouchPlayer(simulator, config.seed)
+    generator = player.generator
+    info = SourceInfo(
+        uri=f"sim:{skin}",
+        robot_name=generator.robot_name,
+        joint_names=generator.mounted.robot.joint_names,
+        skin=generator.mounted.skin,
+        calibration=generator.calibration(player.build),
+        rate=player.rate,
+        urdf=generator.urdf,
+    )
+    return PlayedSource(info, player.scans(), config.pace, clock, restamp=True)

@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 
 from eskin.robot import Wrench
 from eskin.sim.dataset.clip import get_build
-from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng
-from eskin.sim.dataset.session_plan import build_seed
+from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng, build_seed
 from eskin.sim.interactive.hand import InteractiveHand
 from eskin.sim.interactive.touches import MotionTrack
 from eskin.sim.people.person import Person, draw_person
@@ -138,7 +137,7 @@ class InteractiveSkin:
         self.track = MotionTrack(self.steps, round(delay.high / step) + 1)
         self.loses = loses
         self.unplugged = np.zeros(len(skin.patches), dtype=bool)
-        self.feels = self.sensor.readout.feels.copy()
+        self.sensitivity = self.sensor.readout.sensitivity.copy()
         self.rng = build_role_rng("kill", seed)
         self.wrenches: tuple[Wrench, ...] = ()
         self.taxel_force = 0.0
@@ -227,15 +226,15 @@ class InteractiveSkin:
             raise ValueError(
                 f"share is {share}; allowed is 0 to 1; 0.1 kills a tenth of the taxels"
             )
-        alive = np.flatnonzero(self.sensor.readout.feels > 0.0)
+        alive = np.flatnonzero(self.sensor.readout.sensitivity > 0.0)
         wanted = min(round(share * self.mounted.skin.count), len(alive))
         chosen = np.sort(self.rng.choice(alive, wanted, replace=False))
-        self.sensor.readout.feels[chosen] = 0.0
+        self.sensor.readout.sensitivity[chosen] = 0.0
         return tuple(chosen.tolist())
 
     def restore(self) -> None:
         """Restore all taxels that were killed."""
-        self.sensor.readout.feels[:] = self.feels
+        self.sensor.readout.sensitivity[:] = self.sensitivity
 
     def find_patch(self, patch: str) -> int:
         """Return the index of a patch of the skin."""

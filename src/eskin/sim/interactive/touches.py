@@ -33,7 +33,7 @@ class MotionSpan:
         return self.past[-self.steps :]
 
     @property
-    def is_still(self) -> bool:
+    def is_stopped(self) -> bool:
         """Tell whether the robot stood still at all kept steps."""
         return bool(np.all(self.past == self.past[-1]))
 
@@ -62,11 +62,11 @@ class MotionTrack:
         """Move at constant speed to joint positions at the end of the next reading."""
         last = q if self.past is None else self.past[-1]
         share = np.arange(1, self.steps + 1)[:, None] / self.steps
-        # At rest the numbers must be exactly equal, so that `is_still` saves work.
+        # At rest the numbers must be exactly equal, so that `is_stopped` saves work.
         moved = np.any(q != last)
         path = last + share * (q - last) if moved else np.tile(q, (len(share), 1))
-        before = path[:0] if self.past is None else self.past
-        self.past = np.concatenate([before, path])[-self.kept - self.steps :]
+        kept = path[:0] if self.past is None else self.past
+        self.past = np.concatenate([kept, path])[-self.kept - self.steps :]
         span = MotionSpan(self.next_step, self.steps, self.past)
         self.next_step += self.steps
         return span
@@ -129,7 +129,7 @@ class PerformedTouch(InteractiveTouch):
         q_landing = self.q_landing.setdefault(index, span.q[now[0]])
         if self.touch.kind == "self_contact":
             return press
-        if span.is_still and np.array_equal(q_landing, span.q[-1]):
+        if span.is_stopped and np.array_equal(q_landing, span.q[-1]):
             return press
         if self.touch.kind == "cable":
             q_then = np.tile(q_landing, (len(now), 1))

@@ -121,7 +121,7 @@ class GestureSample:
     drawn: dict[str, float | str] = field(default_factory=dict)
     """Values that were drawn so far, by name."""
     requested: dict[str, float] = field(default_factory=dict)
-    """Values that replace what is drawn, by name."""
+    """Values that replace the drawn ones, by name."""
 
     @property
     def step(self) -> float:
@@ -237,12 +237,18 @@ class GestureSample:
     def build_press(
         self,
         pads: ContactPads,
-        tissue: SoftTissue,
         force: Series,
-        path: Float[np.ndarray, "time 2"],
-        angle: float | Series,
+        path: Float[np.ndarray, "time 2"] | None = None,
+        tissue: SoftTissue | None = None,
+        angle: float | Series | None = None,
     ) -> Press:
-        """Build a press at the site, `path` away from its centre."""
+        """Build a press at the site, `path` away from its centre.
+
+        A hand that stays in place, its tissue and its angle are drawn unless given.
+        """
+        tissue = tissue or self.draw_tissue()
+        path = self.draw_wander(len(force)) if path is None else path
+        angle = self.draw_angle() if angle is None else angle
         turned = np.broadcast_to(np.asarray(angle, dtype=np.float64), force.shape)
         centre = np.asarray(self.site.centre) + path
         return Press(self.site.chart, 0, force, centre, turned.copy(), pads, tissue)
@@ -276,7 +282,7 @@ def draw_force(
     sample: GestureSample,
     name: str,
     gesture: str,
-    most: float = np.inf,
+    max_amount: float = np.inf,
     firmer: float = 1.0,
 ) -> float:
     """Draw the largest force of a touch [N]; difficulty widens the law.
@@ -285,7 +291,7 @@ def draw_force(
         sample: touch that is drawn.
         name: constant with the law over the population.
         gesture: habit that applies; drawn anew for a gesture that is no habit.
-        most: upper limit of the force [N].
+        max_amount: upper limit of the force [N].
         firmer: factor by which it is firmer than usual.
     """
     habit = sample.person.firmness.get(gesture)
@@ -298,7 +304,8 @@ def draw_force(
         sample.constants, name, "person.force_scale", np.log(usual)
     )
     return sample.record(
-        "force", firmer * draw_amount(sample, name, scale, rest, repeat, habit, most)
+        "force",
+        firmer * draw_amount(sample, name, scale, rest, repeat, habit, max_amount),
     )
 
 
@@ -332,14 +339,14 @@ def draw_amount(
     rest: float,
     repeat: float,
     habit: float | None,
-    most: float,
+    max_amount: float,
 ) -> float:
     """Draw median x person x habit x repeat, within the law's limits."""
     law = get_lognormal(sample.constants, name)
     own = sample.rng.normal() if habit is None else habit
     middle = (law.median or 0.0) * scale * np.exp(rest * own)
     middle *= sample.constants.factors.get(name, 1.0)
-    high = min(law.high, most)
+    high = min(law.high, max_amount)
     number = middle
     for _ in range(AMOUNT_TRIES):
         number = float(middle * np.exp(repeat * sample.rng.normal()))

@@ -15,7 +15,7 @@ from eskin.sim.people.gesture_sample import (
     draw_force,
     scale_to_peak,
 )
-from eskin.sim.people.hand import build_body
+from eskin.sim.people.person import build_body
 
 
 def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
@@ -40,7 +40,7 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
     series = scale_to_peak(shape * sample.draw_held_noise(steps), force)
     tissue = replace(sample.person.tissue, conformity=sample.draw("poke.conformity"))
     path, angle = sample.draw_wander(steps), sample.draw_angle()
-    return (sample.build_press(draw_poking_pads(sample), tissue, series, path, angle),)
+    return (sample.build_press(draw_poking_pads(sample), series, path, tissue, angle),)
 
 
 def draw_poking_pads(sample: GestureSample) -> ContactPads:
@@ -63,7 +63,7 @@ def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "long
 
 
 def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
-    """Resample a series to so many steps, since durations are those of whole pokes."""
+    """Resample a series to so many steps, since durations are of whole pokes."""
     places = np.linspace(0, len(shape) - 1, steps)
     return scale_to_peak(np.interp(places, np.arange(len(shape)), shape), 1.0)
 
@@ -110,7 +110,7 @@ def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...
             shift_hand(sample, path, start - apart + length, start)
     keep_contact(sample, series, min(firm), length // 2, len(series) - length // 2)
     tissue, angle = sample.draw_tissue(), sample.draw_angle()
-    return (sample.build_press(sample.draw_pads(group), tissue, series, path, angle),)
+    return (sample.build_press(sample.draw_pads(group), series, path, tissue, angle),)
 
 
 def draw_pat_interval(sample: GestureSample) -> float:
@@ -156,8 +156,8 @@ def draw_hold(
     sample: GestureSample, duration: float, group: str, firmer: float = 1.0
 ) -> Press:
     """Draw a hand round a tube for some time [s], `firmer` than in a grab."""
-    most = compute_max_grip(sample) / firmer
-    force = firmer * draw_force(sample, "grab.force", "grab", most)
+    max_grip = compute_max_grip(sample) / firmer
+    force = firmer * draw_force(sample, "grab.force", "grab", max_grip)
     steps = sample.count_steps(duration)
     smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
     rise, fall = sample.draw("grab.rise"), sample.draw("grab.fall")
@@ -167,15 +167,10 @@ def draw_hold(
     )
     path = sample.draw_wander(steps)
     twist = sample.draw("grab.twist") * build_minimum_jerk(steps)
-    series = np.minimum(series, most * firmer)
+    series = np.minimum(series, max_grip * firmer)
     pads = sample.person.select_pads(group, sample.draw("grab.splay"))
-    return sample.build_press(
-        pads,
-        draw_closed_tissue(sample),
-        series,
-        path,
-        draw_angle_across(sample) + twist,
-    )
+    tissue, angle = draw_closed_tissue(sample), draw_angle_across(sample) + twist
+    return sample.build_press(pads, series, path, tissue, angle)
 
 
 def draw_closed_tissue(sample: GestureSample) -> SoftTissue:
@@ -239,8 +234,7 @@ def build_stroke(
 ) -> Press:
     """Build the press of a hand that strokes along a path with some force [N]."""
     path = path + sample.draw_wander(len(series))
-    pads, tissue = sample.draw_pads(sample.kind), sample.draw_tissue()
-    return sample.build_press(pads, tissue, series, path, sample.draw_angle())
+    return sample.build_press(sample.draw_pads(sample.kind), series, path)
 
 
 def draw_stroke_direction(sample: GestureSample) -> Float[np.ndarray, "2"]:

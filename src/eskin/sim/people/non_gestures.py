@@ -27,7 +27,7 @@ from eskin.sim.people.gestures import (
     draw_sliding_force,
     draw_stroke_direction,
 )
-from eskin.sim.people.hand import build_body
+from eskin.sim.people.person import build_body
 
 FINGER_GROUPS = ("one_tip", "two_tips")
 """Pad groups whose brief push is a poke."""
@@ -50,16 +50,16 @@ def draw_resting_hand(sample: GestureSample) -> tuple[Press, ...]:
     )
     tissue = draw_closed_tissue(sample) if lies_round else sample.draw_tissue()
     angle = draw_angle_across(sample) if lies_round else sample.draw_angle()
-    return (sample.build_press(pads, tissue, series, sample.draw_wander(steps), angle),)
+    return (sample.build_press(pads, series, sample.draw_wander(steps), tissue, angle),)
 
 
 def build_ramp(sample: GestureSample, steps: int, up: float, down: float) -> Series:
     """Build a series that rises in some time [s], holds, and falls in some time [s]."""
     whole = (steps - 1) * sample.step
     smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
-    most = 1 / 2
+    max_share = 1 / 2
     return build_trapezoid(
-        steps, min(up / whole, most), min(down / whole, most), smooth
+        steps, min(up / whole, max_share), min(down / whole, max_share), smooth
     )
 
 
@@ -89,10 +89,7 @@ def draw_single_push(
     series = scale_to_peak(
         sample.draw_push(steps) * sample.draw_held_noise(steps), force
     )
-    pads, tissue = sample.draw_pads(style), sample.draw_tissue()
-    return sample.build_press(
-        pads, tissue, series, sample.draw_wander(steps), sample.draw_angle()
-    )
+    return sample.build_press(sample.draw_pads(style), series)
 
 
 def draw_squeeze_hold(sample: GestureSample) -> tuple[Press, ...]:
@@ -106,11 +103,10 @@ def draw_guiding(sample: GestureSample) -> tuple[Press, ...]:
     steps = sample.count_steps(sample.draw("none.guiding.hold"))
     total, share = sample.draw("none.guiding.force"), sample.draw("none.guiding.share")
     gap = draw_hand_positions(sample)
-    made = [
-        draw_guiding_hand(sample, total * part, steps, place)
-        for part, place in zip((share, 1 - share), gap, strict=True)
-    ]
-    return tuple(made)
+    return (
+        draw_guiding_hand(sample, total * share, steps, gap[0]),
+        draw_guiding_hand(sample, total * (1 - share), steps, gap[1]),
+    )
 
 
 def draw_hand_positions(sample: GestureSample) -> tuple[float, float]:
@@ -134,9 +130,8 @@ def draw_guiding_hand(
     pads = sample.draw_pads("full_hand")
     path = sample.draw_wander(steps) + np.array([0.0, place])
     series = scale_to_peak(shape * swaying * sample.draw_held_noise(steps), force)
-    return sample.build_press(
-        pads, draw_closed_tissue(sample), series, path, draw_angle_across(sample)
-    )
+    tissue, angle = draw_closed_tissue(sample), draw_angle_across(sample)
+    return sample.build_press(pads, series, path, tissue, angle)
 
 
 def build_object_tissue(sample: GestureSample) -> SoftTissue:
@@ -160,15 +155,7 @@ def draw_lean(sample: GestureSample) -> tuple[Press, ...]:
         build_ramp(sample, steps, up, down) * sample.draw_leaning_noise(steps), force
     )
     body = build_body(sample.choose("none.lean.bodies"), sample.constants)
-    return (
-        sample.build_press(
-            body,
-            sample.draw_tissue(),
-            series,
-            sample.draw_wander(steps),
-            sample.draw_angle(),
-        ),
-    )
+    return (sample.build_press(body, series),)
 
 
 def draw_bump(sample: GestureSample) -> tuple[Press, ...]:
@@ -184,11 +171,7 @@ def draw_bump(sample: GestureSample) -> tuple[Press, ...]:
         series = np.concatenate([series, gap, share * series])
     body = build_body(choose_bumping_body(sample, stiffness), sample.constants)
     path = draw_slide(sample, sample.draw("none.bump.slide"), len(series))
-    return (
-        sample.build_press(
-            body, sample.draw_tissue(), series, path, sample.draw_angle()
-        ),
-    )
+    return (sample.build_press(body, series, path),)
 
 
 def choose_bumping_body(sample: GestureSample, stiffness: float) -> str:
@@ -229,21 +212,9 @@ def draw_dragged_body(sample: GestureSample, body: str, tissue: SoftTissue) -> P
     path = draw_slide(sample, sample.draw("none.brush.speed"), steps)
     angle = float(sample.drawn["direction"]) + np.pi / 2 + sample.draw("hand.turn")
     series = scale_to_peak(shape * sample.draw_ripple(steps), force)
-    return sample.build_press(
-        build_body(body, sample.constants),
-        tissue,
-        series,
-        clip_to_free_run(sample, path),
-        angle,
-    )
-
-
-def clip_to_free_run(
-    sample: GestureSample, path: Float[np.ndarray, "time 2"]
-) -> Float[np.ndarray, "time 2"]:
-    """Clip a path to the ends of the free run."""
-    low, high = sample.site.free_run
-    return np.column_stack([path[:, 0], np.clip(path[:, 1], low, high)])
+    path[:, 1] = np.clip(path[:, 1], *sample.site.free_run)
+    pads = build_body(body, sample.constants)
+    return sample.build_press(pads, series, path, tissue, angle)
 
 
 def draw_self_contact(sample: GestureSample) -> tuple[Press, ...]:
@@ -253,11 +224,8 @@ def draw_self_contact(sample: GestureSample) -> tuple[Press, ...]:
     series = force * build_bell(steps, 1.0)
     body = build_body("edge", sample.constants)
     path = np.zeros((steps, 2))
-    return (
-        sample.build_press(
-            body, build_object_tissue(sample), series, path, sample.site.angle
-        ),
-    )
+    tissue = build_object_tissue(sample)
+    return (sample.build_press(body, series, path, tissue, sample.site.angle),)
 
 
 def draw_rub(sample: GestureSample) -> tuple[Press, ...]:
@@ -268,11 +236,7 @@ def draw_rub(sample: GestureSample) -> tuple[Press, ...]:
     path = swing[:, None] * draw_stroke_direction(sample) + sample.draw_wander(steps)
     pads = sample.draw_pads(sample.choose("stroke.kinds"))
     series = scale_to_peak(draw_sliding_force(sample, steps), force)
-    return (
-        sample.build_press(
-            pads, sample.draw_tissue(), series, path, sample.draw_angle()
-        ),
-    )
+    return (sample.build_press(pads, series, path),)
 
 
 def draw_swing(
@@ -298,11 +262,7 @@ def draw_tickle(sample: GestureSample) -> tuple[Press, ...]:
     ramp = 2 * sample.constants.value("force.smooth")
     series = scale_to_peak(build_ramp(sample, steps, ramp, ramp) * beats, force)
     pads = sample.draw_pads("tips")
-    return (
-        sample.build_press(
-            pads, sample.draw_tissue(), series, path, sample.draw_angle()
-        ),
-    )
+    return (sample.build_press(pads, series, path),)
 
 
 def draw_squeeze(sample: GestureSample) -> tuple[Press, ...]:

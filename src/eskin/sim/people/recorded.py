@@ -29,8 +29,8 @@ from eskin.learn.sets.socialtouch import (
     read_repetitions,
 )
 from eskin.sim.constants import MM, Constants
-from eskin.sim.contact.movie import compute_movie_force, find_middle
 from eskin.sim.contact.press import ContactSite, MoviePress, TrueTouch
+from eskin.sim.contact.pressure import compute_movie_force, find_middle
 
 RECORDED_CLASSES = ("poke", "double_pat", "stroke", "none")
 """Classes that recorded touches show; nobody grabbed that flat sensor."""

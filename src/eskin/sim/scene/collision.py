@@ -37,15 +37,15 @@ class CollisionModel:
     """Height of the table, or of the floor, in the world frame [m]."""
 
     def compute_clearance(
-        self, T_world_link: Float[np.ndarray, "pose link 4 4"], enough: float
+        self, T_world_link: Float[np.ndarray, "pose link 4 4"], exact_within: float
     ) -> Float[np.ndarray, "pose 2"]:
         """Return the least distance of links and the least height over the table [m].
 
-        Distances beyond `enough` [m] are only lower bounds.
+        Distances beyond `exact_within` [m] are only lower bounds.
         """
         T = np.ascontiguousarray(T_world_link)
         return compute_clearances(
-            self.cylinders, self.pairs, self.table_cylinders, T, enough
+            self.cylinders, self.pairs, self.table_cylinders, T, exact_within
         )
 
     def compute_free_distance(
@@ -61,7 +61,7 @@ class CollisionModel:
         return np.minimum(found, points[:, 2] - self.ground)
 
 
-def build_collision_model(robot: Robot, least: float) -> CollisionModel:
+def build_collision_model(robot: Robot, min_distance: float) -> CollisionModel:
     """Build the collision model of a robot.
 
     A robot of which a link reaches below its base stands on its lowest point, and may
@@ -70,7 +70,7 @@ def build_collision_model(robot: Robot, least: float) -> CollisionModel:
 
     Args:
         robot: the robot.
-        least: distance below which links are close [m].
+        min_distance: distance below which links are close [m].
     """
     cylinders = build_cylinders(robot)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}
@@ -94,10 +94,10 @@ def build_collision_model(robot: Robot, least: float) -> CollisionModel:
         if height < -BELOW:
             free, ground = free[:0], height
         gaps = [
-            compute_clearances(cylinders, pair[None], free, T[None], least)[0, 0]
+            compute_clearances(cylinders, pair[None], free, T[None], min_distance)[0, 0]
             for pair in pairs
         ]
-        close = {tuple(links[pair]) for pair in pairs[np.array(gaps) < least]}
+        close = {tuple(links[pair]) for pair in pairs[np.array(gaps) < min_distance]}
         kept = [tuple(links[pair]) not in close for pair in pairs]
         pairs = pairs[np.array(kept, dtype=bool)]
     return CollisionModel(

@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM
 from eskin.sim.contact.press import ContactSite, Press, TrueTouch
-from eskin.sim.people.hand import mirror_pads
-from eskin.sim.people.person import Person
+from eskin.sim.people.person import Person, mirror_pads
 from eskin.sim.scene.environment import SimEnvironment, build_site, compute_surface_axes
 from eskin.sim.scene.kernels import find_facing_points
 from eskin.sim.scene.placement import build_view
@@ -39,9 +38,9 @@ class PatchSamples:
 def sample_patches(env: SimEnvironment) -> PatchSamples:
     """Sample the taxels that folds and reachable skin are computed with."""
     skin = env.mounted.skin
-    most = int(env.constants.value("fold.points"))
+    max_points = int(env.constants.value("fold.points"))
     own = [chart.taxels[chart.own] for chart in env.charts]
-    chosen = [taxels[:: -(-len(taxels) // most)] for taxels in own]
+    chosen = [taxels[:: -(-len(taxels) // max_points)] for taxels in own]
     spheres = []
     for taxels in chosen:
         positions = skin.positions[taxels]

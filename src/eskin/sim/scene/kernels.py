@@ -131,19 +131,19 @@ def compute_cylinder_distance(
     b: Float[np.ndarray, "3"],
     s: float,
     k: float,
-    enough: float,
+    exact_within: float,
 ) -> float:
     """Return a lower bound of the distance between two solid cylinders [m].
 
-    It is 0 where they intersect. Beyond `enough` it is the distance of the enclosing
-    capsules. Otherwise it is accurate to `DISTANCE_TOLERANCE`, by alternating
+    It is 0 where they intersect. Beyond `exact_within` it is the distance of the
+    enclosing capsules. Otherwise it is accurate to `DISTANCE_TOLERANCE`, by alternating
     projections with a separating plane as the bound.
     """
     u, v = find_nearest_axis_points(c, a, h, e, b, k)
     p = (c[0] + u * a[0], c[1] + u * a[1], c[2] + u * a[2])
     q = (e[0] + v * b[0], e[1] + v * b[1], e[2] + v * b[2])
     capsule = compute_distance(p, q) - r - s
-    if capsule >= enough:
+    if capsule >= exact_within:
         return capsule
     best = max(capsule, 0.0)
     for _ in range(MAX_ITERATIONS):
@@ -173,11 +173,11 @@ def compute_clearances(
     pairs: Int[np.ndarray, "pair 2"],
     free: Int[np.ndarray, "free"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
-    enough: float,
+    exact_within: float,
 ) -> Float[np.ndarray, "pose 2"]:
     """Return the least distance of pairs and the least height of free cylinders [m].
 
-    Distances beyond `enough` are only lower bounds.
+    Distances beyond `exact_within` are only lower bounds.
     """
     found = np.empty((len(T_world_link), 2))
     for pose in range(len(T_world_link)):
@@ -198,7 +198,7 @@ def compute_clearances(
                 axes[other],
                 cylinders.radii[other],
                 cylinders.half_lengths[other],
-                min(enough, least),
+                min(exact_within, least),
             )
             least = min(least, gap)
         found[pose, 0], found[pose, 1] = least, low

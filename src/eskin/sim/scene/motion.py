@@ -201,8 +201,8 @@ def compute_max_speed(
         return np.einsum("ptij,tj->pti", T[..., :3, :3], samples.points) + T[..., :3, 3]
 
     moved = compute_positions(q + epsilon * direction) - compute_positions(q)
-    most = float(np.linalg.norm(moved, axis=-1).max()) / epsilon
-    return env.constants.value("motion.fastest") / max(most, 1e-3)
+    fastest = float(np.linalg.norm(moved, axis=-1).max()) / epsilon
+    return env.constants.value("motion.fastest") / max(fastest, 1e-3)
 
 
 def is_path_free(env: SimEnvironment, series: Float[np.ndarray, "time joint"]) -> bool:

@@ -116,10 +116,12 @@ def sort_by_group(
     env: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     group: Int[np.ndarray, "pose"],
-    most: int,
+    max_count: int,
 ) -> dict[int, Float[np.ndarray, "_ joint"]]:
-    """Return at most `most` poses of each group, in order."""
-    return {each: q[group == each][:most] for each in resolve_groups(env, POSE_GROUPS)}
+    """Return at most `max_count` poses of each group, in order."""
+    return {
+        each: q[group == each][:max_count] for each in resolve_groups(env, POSE_GROUPS)
+    }
 
 
 def compute_group_shares(
@@ -160,14 +162,14 @@ def draw_touching_poses(
     env: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     group: Int[np.ndarray, "pose"],
-    most: int,
+    max_count: int,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "_ joint"], Int[np.ndarray, "_"]]:
     """Bend poses until a link nearly touches another's patch; return their groups."""
     tries = int(env.constants.value("robot.pool_bent"))
     bent = np.concatenate(
         [
-            bend_until_self_contact(env, q[group == each][:tries], most, rng)
+            bend_until_self_contact(env, q[group == each][:tries], max_count, rng)
             for each in resolve_groups(env, POSE_GROUPS)
         ]
     )

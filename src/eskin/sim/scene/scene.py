@@ -9,11 +9,11 @@ from jaxtyping import Float, Int
 from eskin.recording import TruthRecord
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.movie import compute_movie_field
 from eskin.sim.contact.press import AnyPress, MoviePress, Press, TrueTouch
 from eskin.sim.contact.pressure import (
     PressureField,
     compute_leak_share,
+    compute_movie_field,
     compute_pressure_field,
     find_grid_neighbours,
     spread_through_film,

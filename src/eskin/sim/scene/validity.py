@@ -219,10 +219,10 @@ def turn_joints(
 
 
 def compute_link_gaps(
-    env: SimEnvironment, q: Float[np.ndarray, "pose joint"], enough: float
+    env: SimEnvironment, q: Float[np.ndarray, "pose joint"], exact_within: float
 ) -> Float[np.ndarray, "pose"]:
-    """Return the least distance of links [m], a lower bound beyond `enough`."""
-    return env.collision.compute_clearance(env.poses(q), enough)[:, 0]
+    """Return the least distance of links [m], a lower bound beyond `exact_within`."""
+    return env.collision.compute_clearance(env.poses(q), exact_within)[:, 0]
 
 
 def is_clear_of_table(env: SimEnvironment, q: Float[np.ndarray, "pose joint"]) -> bool:

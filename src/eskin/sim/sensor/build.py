@@ -8,29 +8,33 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import MM, Constants
-from eskin.sim.sensor.defects import Defects, build_intact_defects, draw_defects
 from eskin.sim.sensor.electronics import (
     Electronics,
     build_nominal_electronics,
     draw_electronics,
-)
-from eskin.sim.sensor.families import (
-    draw_family_defects,
     draw_family_electronics,
-    draw_family_velostat,
-    draw_film_sigma,
-    draw_flaws,
     get_span,
 )
-from eskin.sim.sensor.flaws import Family, FlawDraw, FlawLevel, Flaws
-from eskin.sim.sensor.velostat import Velostat, build_nominal_velostat, draw_velostat
+from eskin.sim.sensor.faults import (
+    Defects,
+    build_intact_defects,
+    draw_defects,
+    draw_family_defects,
+)
+from eskin.sim.sensor.flaws import Family, FlawDraw, FlawLevel, Flaws, draw_flaws
+from eskin.sim.sensor.velostat import (
+    Velostat,
+    build_nominal_velostat,
+    draw_family_velostat,
+    draw_velostat,
+)
 from eskin.skin import Skin
 from eskin.touch import Calibration
 
 BuildKind = Literal[
     "fresh", "shifted", "divider", "logarithmic", "capacitive", "linear"
 ]
-"""Laws that a build is drawn from: those of the first sets, or those of a family."""
+"""Laws that a build is drawn from: of the first sets, or of a family."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +86,9 @@ class SensorBuild:
         velostat = self.velostat
         exponent = float(velostat.exponent.mean())
         # Creep and play do not change what a taxel reads at the time of calibration.
-        held = float(np.sum(velostat.play_weights * (1.0 - velostat.play_widths)))
+        passed = float(np.sum(velostat.play_weights * (1.0 - velostat.play_widths)))
         grown = velostat.gain * self.compute_calibrated_creep()
-        half = velostat.half_pressure / held * grown ** (-1.0 / velostat.exponent)
+        half = velostat.half_pressure / passed * grown ** (-1.0 / velostat.exponent)
         activation = float(velostat.activation.mean())
         return replace(
             self.build_calibration(half, exponent, activation), source="exact"
@@ -129,17 +133,15 @@ def draw_build(
     if kind != "fresh" and kind != "shifted":
         return assemble_family_build(name, FlawDraw(kind, None, constants, rng), skin)
     velostat = draw_velostat(kind, skin, constants, rng)
-    return SensorBuild(
+    return replace(
+        build_nominal_sensor(skin, constants),
         name=name,
         kind=kind,
         velostat=velostat,
         electronics=draw_electronics(kind, skin, constants, rng),
         defects=draw_defects(kind, skin, constants, rng),
         film_sigma=constants.draw("film.sigma", rng) * MM,
-        nominal_exponent=constants.value("sensor.nominal_exponent"),
-        nominal_activation=constants.value("sensor.nominal_activation"),
         nominal_half=compute_nominal_half(velostat.half_pressure, constants),
-        calibrated_at=constants.value("sensor.calibrated_at"),
     )
 
 
@@ -185,12 +187,17 @@ def assemble_family_build(name: str, draw: FlawDraw, skin: Skin) -> SensorBuild:
         velostat=draw_family_velostat(draw, skin, half, exponent, activation),
         electronics=electronics,
         defects=draw_family_defects(draw, skin),
-        film_sigma=draw_film_sigma(draw, draw.constants) * MM,
+        film_sigma=draw_film_sigma(draw) * MM,
         nominal_exponent=exponent,
         nominal_activation=activation,
         nominal_half=half,
         calibrated_at=draw.constants.value("sensor.calibrated_at"),
-        flaws=draw_flaws(draw, skin, electronics),
+        flaws=draw_flaws(
+            draw,
+            skin,
+            electronics.noise / electronics.full_scale,
+            electronics.full_scale,
+        ),
     )
 
 
@@ -217,19 +224,16 @@ def compute_nominal_half(half_pressure: float, constants: Constants) -> float:
     With it a nominal taxel reads the true value of what is pressed for a time, with its
     play and creep.
     """
-    seconds = constants.value("sensor.calibrated_at")
-    exponent = constants.value("sensor.nominal_exponent")
-    grown = (1.0 + compute_creep(seconds, constants)) ** (1.0 / exponent)
-    return float(half_pressure / compute_play_remainder(constants) / grown)
-
-
-def compute_play_remainder(constants: Constants) -> float:
-    """Return the part of a load that only grew which the play operators pass on."""
     weights = constants.array("sensor.play_weights.fresh")
-    return float(np.sum(weights * (1.0 - constants.array("sensor.play"))))
-
-
-def compute_creep(seconds: float, constants: Constants) -> float:
-    """Return the relative growth of conductance after a time under load."""
+    passed = float(np.sum(weights * (1.0 - constants.array("sensor.play"))))
+    seconds = constants.value("sensor.calibrated_at")
     risen = 1.0 - np.exp(-seconds / constants.array("sensor.creep_times"))
-    return float(np.sum(constants.array("sensor.creep") * risen))
+    creep = float(np.sum(constants.array("sensor.creep") * risen))
+    grown = (1.0 + creep) ** (1.0 / constants.value("sensor.nominal_exponent"))
+    return float(half_pressure / passed / grown)
+
+
+def draw_film_sigma(draw: FlawDraw) -> float:
+    """Draw the spread of pressure in the layer [mm]; a cast sensor spreads it more."""
+    name = "film.sigma_covered" if draw.family == "linear" else "film.sigma"
+    return draw.constants.draw(name, draw.rng)

@@ -1,18 +1,19 @@
 """This module draws the readout of a build, from conductance to counts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import Constants
+from eskin.sim.sensor.flaws import RESISTIVE, FlawDraw
 from eskin.skin import Skin
 from eskin.touch.calibration import Curve
 
 
 @dataclass(frozen=True, eq=False)
 class Electronics:
-    """The electronics hold what is fixed of the readout."""
+    """The electronics hold the constants of the readout."""
 
     bits: int
     """Resolution of the converter."""
@@ -48,7 +49,7 @@ class Electronics:
     step: float
     """Time between two values of the incoming pressure [s]."""
     curve: Curve = "divider"
-    """Level over conductance: that of a divider, in proportion, or logarithmic."""
+    """Level over conductance: of a divider, in proportion, or logarithmic."""
     span: float = 0.0
     """Conductance at full scale of a logarithmic converter by that from which levels
     grow as its logarithm; 0 of other converters."""
@@ -89,15 +90,14 @@ def draw_electronics(
     bits = int(constants.choose(f"sensor.bits.{kind}", rng))
     coarser = 2.0 ** (bits - constants.value("sensor.noise_bits"))
     draw = constants.draw
-    return Electronics(
+    return replace(
+        build_nominal_electronics(skin, constants),
         bits=bits,
         ghost=draw(f"sensor.ghost.{kind}", rng),
-        ghost_least=constants.value("sensor.ghost_least"),
         leak=draw(f"sensor.leak.{kind}", rng),
         base=np.array([draw("sensor.base", rng) for _ in range(skin.count)]),
         walk=constants.value("sensor.walk") * coarser,
         after=constants.value(f"sensor.after.{kind}"),
-        after_whole=constants.value("sensor.after_whole"),
         after_time=np.array(
             [draw("sensor.after_time", rng) for _ in range(skin.count)]
         ),
@@ -106,6 +106,69 @@ def draw_electronics(
         phase=np.array([draw("sensor.phase", rng) for _ in skin.patches]),
         scan=draw("sensor.scan", rng),
         jitter=draw("sensor.jitter", rng),
-        period=constants.value("sensor.period"),
-        step=constants.value("time.step"),
+    )
+
+
+CURVES: dict[str, Curve] = {
+    "divider": "divider",
+    "logarithmic": "logarithmic",
+    "capacitive": "divider",
+    "linear": "linear",
+}
+"""Curve of each family; a capacitive taxel saturates as a divider does."""
+
+
+def get_span(draw: FlawDraw) -> float:
+    """Draw the span of a logarithmic converter; 0 of others."""
+    return draw.take_product("span") if CURVES[draw.family] == "logarithmic" else 0.0
+
+
+def draw_family_electronics(draw: FlawDraw, skin: Skin, span: float) -> Electronics:
+    """Draw the readout of a build of a family."""
+    constants, rng = draw.constants, draw.rng
+    best = draw.take_product("bits")
+    bits = round(best - draw.take("quantisation", "bits_lost"))
+    is_late = draw.has("jitter")
+    phase = np.array([constants.draw("sensor.phase", rng) for _ in skin.patches])
+    scan = constants.draw("sensor.scan", rng)
+    ghosts = draw.take("lines", "ghost") if draw.family in RESISTIVE else 0.0
+    return replace(
+        build_nominal_electronics(skin, constants),
+        bits=bits,
+        ghost=ghosts,
+        base=draw_base(draw, skin),
+        after=draw.take("after", "after"),
+        after_time=np.full(skin.count, draw.take("after", "after_time", 1.0)),
+        noise=draw_noise(draw) * (2**bits - 1),
+        phase=phase * is_late,
+        scan=scan * is_late,
+        jitter=draw.take("jitter", "jitter"),
+        period=draw.take("rate", "period", constants.value("sensor.period")),
+        curve=CURVES[draw.family],
+        span=span,
+    )
+
+
+def draw_base(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
+    """Draw the reading of free taxels by full scale."""
+    nominal = draw.take_product("base")
+    scatter = np.log(draw.constants.value("flaw.offset_scatter"))
+    drawn = np.exp(scatter * draw.rng.standard_normal(skin.count))
+    if not draw.has("offset"):
+        return np.full(skin.count, nominal)
+    max_base = draw.constants.value("flaw.offset_most")
+    return np.minimum(draw.take("offset", "offset") * drawn, max_base)
+
+
+def draw_noise(draw: FlawDraw) -> float:
+    """Draw the noise at rest by full scale.
+
+    Where the build does not have that flaw the noise is the least, or typical where it
+    has one that multiplies noise.
+    """
+    factors = ("noisy_taxels", "touched_noise", "line_noise")
+    level = "typical" if any(draw.has(flaw) for flaw in factors) else "low"
+    min_noise = draw.constants.at_level(draw.find_name("flaw.noise"), level)
+    return max(
+        draw.take("noise", "noise", min_noise), min_noise * (draw.levels is not None)
     )

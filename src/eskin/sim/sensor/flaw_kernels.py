@@ -132,7 +132,7 @@ def move_rest(
     words: Int[np.ndarray, "reading process word"],
     shared: Float[np.ndarray, "reading line"],
     slow: Float[np.ndarray, "process taxel"],
-    held: Float[np.ndarray, "taxel"],
+    offset: Float[np.ndarray, "taxel"],
     out: Float[np.ndarray, "reading taxel"],
 ) -> None:
     """Write how far readings at rest have moved.
@@ -142,14 +142,14 @@ def move_rest(
         words: random words, of which each bit is the direction of one step of a taxel.
         shared: standard normal noise of each row.
         slow: slow processes, updated in place.
-        held: shift by temperature, updated in place.
+        offset: shift by temperature, updated in place.
         out: shifts, written.
     """
     one = np.uint64(1)
     for r in range(len(out)):
         for i in range(out.shape[1]):
-            held[i] += drift.warming[i]
-            out[r, i] = held[i] + drift.line_noise[i] * shared[r, drift.line[i]]
+            offset[i] += drift.warming[i]
+            out[r, i] = offset[i] + drift.line_noise[i] * shared[r, drift.line[i]]
         for k in range(len(drift.keep)):
             keep, step = np.float32(drift.keep[k]), np.float32(drift.step[k])
             for i in range(out.shape[1]):

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.sensor.build import SensorBuild
-from eskin.sim.sensor.families import number_rows
 from eskin.sim.sensor.flaw_kernels import (
     Coupling,
     Drift,
@@ -17,7 +16,7 @@ from eskin.sim.sensor.flaw_kernels import (
     move_rest,
     repeat_readings,
 )
-from eskin.sim.sensor.flaws import Flaws
+from eskin.sim.sensor.flaws import Flaws, number_rows
 from eskin.sim.sensor.kernels import SensorLayer, TaxelArrays
 from eskin.sim.sensor.model import SensorSession, SensorStages
 from eskin.sim.sensor.noise import NOISE_BLOCK, WORD_BITS
@@ -29,7 +28,7 @@ PAUSE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class FlawBlock:
-    """A flaw block holds what is drawn for some readings."""
+    """A flaw block holds the random numbers of some readings."""
 
     rest: Float[np.ndarray, "reading taxel"]
     """Shift of readings at rest, by full scale."""
@@ -40,7 +39,7 @@ class FlawBlock:
     corrupt: tuple[
         Int[np.ndarray, "value"], Int[np.ndarray, "value"], Float[np.ndarray, "value"]
     ]
-    """Reading and taxel of each corrupt value, and what is added by full scale."""
+    """Reading, taxel and error of each corrupt value, the error by full scale."""
 
 
 @final
@@ -97,7 +96,7 @@ class FlawedReadings:
             lasting = flaws.drift_times > PAUSE
             slow[lasting] = session.drift[lasting]
         self.slow = (size[:, None] * slow).astype(np.float32)
-        self.held = np.zeros(self.count, np.float32)
+        self.offset = np.zeros(self.count, np.float32)
         self.swings = rng.random(len(flaws.intermittent)) < self.swing_share
         self.last = np.full(self.count, -1, np.int32)
         self.given = 0
@@ -134,7 +133,7 @@ class FlawedReadings:
         )
         shared = rng.standard_normal((NOISE_BLOCK, self.lines), dtype=np.float32)
         rest = np.zeros((NOISE_BLOCK, self.count), np.float32)
-        move_rest(self.drift, words, shared, self.slow, self.held, rest)
+        move_rest(self.drift, words, shared, self.slow, self.offset, rest)
         self.add_jumps(rest)
         return FlawBlock(
             rest, self.draw_swings(), self.draw_repeats(), self.draw_corrupt()
@@ -144,14 +143,14 @@ class FlawedReadings:
         """Add steps of single taxels that stay."""
         rng = self.rng
         rate = self.flaws.jumps * self.period * self.count
-        median, deviation, most = self.flaws.jump_size
+        median, deviation, max_size = self.flaws.jump_size
         for reading, number in enumerate(rng.poisson(rate, NOISE_BLOCK)):
             for taxel in rng.integers(self.count, size=number):
                 size = median * deviation ** rng.standard_normal()
                 sign = 1.0 if rng.random() < 0.5 else -1.0
-                jump = sign * min(size, most) * self.stages.drift
+                jump = sign * min(size, max_size) * self.stages.drift
                 rest[reading:, taxel] += jump
-                self.held[taxel] += jump
+                self.offset[taxel] += jump
 
     def draw_swings(self) -> Bool[np.ndarray, "reading some"]:
         """Draw which intermittent taxels have no contact."""
@@ -185,7 +184,7 @@ class FlawedReadings:
         return reading, taxel, sign * rng.uniform(*self.flaws.corrupt_size, size=number)
 
     def take(self, readings: int) -> FlawBlock:
-        """Return what is drawn for the next readings, none beyond a block."""
+        """Return the numbers of the next readings, none beyond a block."""
         within = self.given % NOISE_BLOCK
         if self.given and within == 0:
             self.block = self.draw_block()

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import Literal, final, get_args
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from eskin.sim.constants import Constants
+from eskin.sim.constants import MM, Constants
+from eskin.skin import Skin
 
 Family = Literal["divider", "logarithmic", "capacitive", "linear"]
 """Name of a family of sensors."""
@@ -15,6 +16,9 @@ Family = Literal["divider", "logarithmic", "capacitive", "linear"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
 """Families of sensors: piezoresistive with a divider or a logarithmic converter,
 capacitive, and linear (barometric or strain)."""
+
+RESISTIVE = ("divider", "logarithmic")
+"""Families of piezoresistive layers, with a gap to close and detours through others."""
 
 FLAWS = (
     "noise",
@@ -81,7 +85,7 @@ class Flaws:
     proximity_times: tuple[float, float]
     """Time constants with which it grows before a contact and falls after it [s]."""
     noise_factor: Float[np.ndarray, "taxel"]
-    """Noise of each taxel by that of the electronics."""
+    """Noise of each taxel over the noise of the electronics."""
     touched_noise: float
     """Noise that a touch adds, by full scale, the same at every level."""
     line_noise: float
@@ -107,7 +111,7 @@ class Flaws:
     corrupt: float
     """Share of values that are wrong in one reading."""
     corrupt_size: tuple[float, float]
-    """Least and largest size of what is added to them, by full scale."""
+    """Least and largest number that is added to them, by full scale."""
     repeated: float
     """Share of readings of a patch that repeat its last one."""
     stamp_jitter: float
@@ -183,3 +187,133 @@ def check_names(what: str, names: Iterable[str], allowed: tuple[str, ...]) -> No
             raise ValueError(
                 f"{what} is {name!r}; allowed are {', '.join(allowed)}; correct it"
             )
+
+
+RISE_SPAN = float(np.log(9.0))
+"""Time from 10 to 90 % of an exponential, by its time constant."""
+
+
+SECONDS_PER_HOUR = 3600.0
+
+
+def draw_flaws(draw: FlawDraw, skin: Skin, noise: float, full_scale: int) -> Flaws:
+    """Draw the flaws of a build of a family.
+
+    Args:
+        draw: draw of the build's flaws.
+        skin: skin of the taxels.
+        noise: noise of its readout at rest, by full scale.
+        full_scale: largest count of its converter.
+    """
+    constants, take = draw.constants, draw.take
+    intermittent = np.flatnonzero(draw_some(draw, skin, "intermittent"))
+    swings = [constants.draw("flaw.intermittent_swing", draw.rng) for _ in intermittent]
+    working, swinging = constants.array("flaw.intermittent_times")
+    size = constants.get_constant("flaw.jump_size").spread
+    corrupt = constants.get_constant("flaw.corrupt_size").spread
+    assert size and size.median and size.gsd and corrupt
+    return Flaws(
+        rise=take("lag", "rise") / RISE_SPAN,
+        fall=take("lag", "fall") / RISE_SPAN,
+        residue=take("creep", "residue"),
+        after_tail=take("after", "after_tail"),
+        after_tail_size=constants.value("flaw.after_tail_size"),
+        neighbours=take("neighbours", "neighbours"),
+        column_leak=take("lines", "column_leak"),
+        row_leak=take("lines", "row_leak"),
+        noise_factor=draw_noise_factor(draw, skin),
+        touched_noise=draw_touched_noise(draw, noise),
+        line_noise=take("line_noise", "line_noise"),
+        drift=draw_drift(draw),
+        drift_times=constants.array("flaw.drift_times"),
+        offset_per_kelvin=draw_offset_per_kelvin(draw, skin),
+        warming=take("thermal", "warming"),
+        jumps=take("jumps", "jumps") / SECONDS_PER_HOUR,
+        jump_size=(size.median, size.gsd, size.high),
+        intermittent=intermittent,
+        swings=np.array(swings),
+        swing_times=(float(working), float(swinging)),
+        corrupt=take("corrupt", "corrupt"),
+        corrupt_size=(corrupt.low, corrupt.high),
+        repeated=take("repeated", "repeated"),
+        stamp_jitter=take("jitter", "jitter"),
+        cut=draw_cut(draw, full_scale),
+        proximity=draw_proximity(draw),
+        proximity_reach=take("proximity", "proximity_reach") * MM,
+        proximity_times=(
+            take("proximity", "proximity_before"),
+            take("proximity", "proximity_after"),
+        ),
+    )
+
+
+def draw_some(draw: FlawDraw, skin: Skin, flaw: str) -> Bool[np.ndarray, "taxel"]:
+    """Draw the taxels that have a flaw; at least one where its share is not zero."""
+    share = draw.take(flaw, flaw)
+    count = int(np.ceil(share * skin.count - draw.rng.random()))
+    if draw.levels is not None and share > 0.0:
+        count = max(count, 1)
+    some = np.zeros(skin.count, dtype=bool)
+    some[draw.rng.permutation(skin.count)[: max(count, 0)]] = True
+    return some
+
+
+def draw_noise_factor(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
+    """Draw the noise of taxels over the median taxel's; a share of them is noisy."""
+    constants, rng = draw.constants, draw.rng
+    scatter = constants.value("flaw.noise_scatter") * draw.has("noisy_taxels")
+    factor = np.exp(scatter * rng.standard_normal(skin.count))
+    share = draw.take("noisy_taxels", "noisy_taxels")
+    in_columns = rng.random() < constants.value("flaw.noisy_lines")
+    group = number_columns(skin) if in_columns else np.arange(skin.count)
+    noisy = (rng.random(int(group.max()) + 1) < share)[group]
+    factor[noisy] = [
+        constants.draw("flaw.noisy_factor", rng) for _ in range(noisy.sum())
+    ]
+    return factor
+
+
+def draw_touched_noise(draw: FlawDraw, noise: float) -> float:
+    """Draw the noise that a touch adds to a usual taxel, by full scale."""
+    factor = draw.take("touched_noise", "touched_noise", 1.0)
+    max_noise = draw.constants.value("flaw.touched_most")
+    return min(noise * float(np.sqrt(max(factor**2 - 1.0, 0.0))), max_noise)
+
+
+def draw_drift(draw: FlawDraw) -> Float[np.ndarray, "process"]:
+    """Draw the deviations of the slow processes, whose sum falls as a power of f."""
+    times = draw.constants.array("flaw.drift_times")
+    variances = times ** (draw.take("drift", "drift_slope", 1.0) - 1.0)
+    return draw.take("drift", "drift") * np.sqrt(variances / variances.sum())
+
+
+def draw_offset_per_kelvin(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
+    """Draw the shift of readings with temperature, alike but for a fifth."""
+    mean = draw.take("thermal", "thermal_offset")
+    return mean * (1.0 + 0.2 * draw.rng.standard_normal(skin.count))
+
+
+def draw_cut(draw: FlawDraw, full_scale: int) -> int:
+    """Draw the counts below which a capacitive converter gives zero."""
+    if draw.family != "capacitive":
+        return 0
+    return round(draw.take("quantisation", "cut") * full_scale)
+
+
+def draw_proximity(draw: FlawDraw) -> float:
+    """Draw what a capacitive taxel feels of a body that does not touch it."""
+    if draw.family != "capacitive":
+        return 0.0
+    return draw.take("proximity", "proximity")
+
+
+def number_rows(skin: Skin) -> Int[np.ndarray, "taxel"]:
+    """Number the rows of all patches."""
+    rows = max(patch.rows for patch in skin.patches)
+    return skin.patch_index * rows + skin.rows
+
+
+def number_columns(skin: Skin) -> Int[np.ndarray, "taxel"]:
+    """Number the columns of all patches."""
+    columns = max(patch.columns for patch in skin.patches)
+    return skin.patch_index * columns + skin.columns

@@ -165,14 +165,14 @@ def update_conductance(
     steps, live = conductance.shape
     operators, processes = len(layer.play_widths), len(layer.creep_part)
     for a in range(live):
-        still, crept, slow = (
+        positions, crept, slow = (
             state.play_positions[a],
             state.creep[a],
             state.slow_creep[a],
         )
         rest, largest = max(layer.load[a], 0.0), state.max_load[a]
         loaded, touched = state.loaded[a], state.touched[a]
-        held_before, power = state.play_output[a], state.power[a]
+        last_output, power = state.play_output[a], state.power[a]
         peak, shifted, touches = (
             state.peak[a],
             state.baseline_shift[a],
@@ -197,7 +197,7 @@ def update_conductance(
                     for k in range(processes):
                         slow[k] = (1.0 - layer.recovery_share) * crept[k]
                         crept[k] *= layer.recovery_share
-                    still[:] = 0.0
+                    positions[:] = 0.0
                     loaded = False
                 for k in range(processes):
                     crept[k] *= layer.recovery_keep[0]
@@ -215,14 +215,14 @@ def update_conductance(
                     slow[k] = 0.0
                 loaded = True
             largest = max(largest, q)
-            held = 0.0
+            output = 0.0
             for j in range(operators):
                 width = layer.play_widths[j] * largest
-                still[j] = max(q - width, min(q + width, still[j]))
-                held += layer.play_weights[j] * still[j]
-            if held != held_before:
-                power = held ** layer.exponent[a]
-                held_before = held
+                positions[j] = max(q - width, min(q + width, positions[j]))
+                output += layer.play_weights[j] * positions[j]
+            if output != last_output:
+                power = output ** layer.exponent[a]
+                last_output = output
             grown = 1.0
             for k in range(processes):
                 grown += layer.creep[a, k] * crept[k]
@@ -234,7 +234,7 @@ def update_conductance(
             shift[t, a] = shifted
         state.max_load[a] = largest
         state.loaded[a], state.touched[a] = loaded, touched
-        state.play_output[a], state.power[a] = held_before, power
+        state.play_output[a], state.power[a] = last_output, power
         state.peak[a], state.baseline_shift[a], state.touches[a] = (
             peak,
             shifted,
@@ -274,10 +274,10 @@ def interpolate_series(
         return series[0, a]
     if place >= first + last:
         return series[last, a]
-    before = int(place)
-    part = place - before
-    before -= first
-    return (1.0 - part) * series[before, a] + part * series[before + 1, a]
+    index = int(place)
+    part = place - index
+    index -= first
+    return (1.0 - part) * series[index, a] + part * series[index + 1, a]
 
 
 class Converter(NamedTuple):
@@ -380,7 +380,7 @@ class Readout(NamedTuple):
     """Level relative to full scale from which it does (taxel)."""
     cut: int
     """Counts below which it gives zero."""
-    feels: np.ndarray
+    sensitivity: np.ndarray
     """Sensitivity of a taxel: 1, or 0 if it is dead (taxel)."""
     stuck: np.ndarray
     """Counts of a stuck taxel, -1 of the others (taxel)."""
@@ -424,7 +424,7 @@ def convert_to_counts(
         for i in range(level.shape[1]):
             is_up = (signs[r, i >> 6] >> np.uint64(i & 63)) & np.uint64(1)
             drift[i] += walk if is_up else -walk
-            signal = full * (level[r, i] + shifts[r, i]) * readout.feels[i]
+            signal = full * (level[r, i] + shifts[r, i]) * readout.sensitivity[i]
             value = readout.base[i] + drift[i] + signal
             rough = part * value
             value += np.sqrt(squares[i] + rough * rough) * quantiles[chances[r, i]]

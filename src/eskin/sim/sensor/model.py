@@ -41,7 +41,7 @@ class SensorStages:
     gain: bool = True
     """Taxels, patches and sessions differ."""
     proximity: bool = True
-    """A capacitive taxel feels what is near it."""
+    """A capacitive taxel feels bodies close to it."""
     ghosting: bool = True
     """A taxel reads others of its patch."""
     divider: bool = True
@@ -63,7 +63,7 @@ class SensorSession:
     gain: Float[np.ndarray, "taxel"]
     """Factor on the conductance of each taxel."""
     temperature_offset: float
-    """Temperature above that of calibration [K]."""
+    """Temperature above the temperature of calibration [K]."""
     warming: float = 0.0
     """Rate at which it rises [K/s]."""
     drift: Float[np.ndarray, "process taxel"] | None = None
@@ -174,7 +174,7 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
     electronics, defects = build.electronics, build.defects
     full = electronics.full_scale
     stuck = np.where(np.isnan(defects.stuck), -1.0, np.round(full * defects.stuck))
-    feels = np.where(defects.dead & stages.faults, 0.0, 1.0)
+    sensitivity = np.where(defects.dead & stages.faults, 0.0, 1.0)
     factor, touched_noise, cut = np.ones(len(stuck)), 0.0, 0
     if build.flaws:
         factor = build.flaws.noise_factor * np.sqrt(1.0 - build.flaws.line_noise)
@@ -188,7 +188,7 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
         touched_noise=touched_noise * stages.noise,
         touched_level=compute_touched_level(build, stages),
         cut=cut,
-        feels=feels.astype(np.float32),
+        sensitivity=sensitivity.astype(np.float32),
         stuck=(stuck if stages.faults else np.full(len(stuck), -1.0)).astype(np.int32),
     )
 
@@ -208,14 +208,14 @@ def compute_touched_level(
     load = np.maximum(compute_free_load(build, stages), 0.0)
     grown = 1.0 + velostat.creep.sum(axis=1)
     rest = velostat.gain * load**velostat.exponent * grown
-    least = TOUCHED_CONDUCTANCE + REST_MARGIN * rest
+    threshold = TOUCHED_CONDUCTANCE + REST_MARGIN * rest
     match electronics.curve:
         case "divider":
-            level = least / (1.0 + least)
+            level = threshold / (1.0 + threshold)
         case "logarithmic":
-            level = np.log1p(electronics.span * least) / np.log1p(electronics.span)
+            level = np.log1p(electronics.span * threshold) / np.log1p(electronics.span)
         case _:
-            level = least
+            level = threshold
     return level.astype(np.float32)
 
 

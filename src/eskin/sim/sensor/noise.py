@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, UInt
 
-from eskin.sim.sensor.defects import Defects
+from eskin.sim.sensor.faults import Defects
 from eskin.sim.sensor.model import SensorStages
 
 NOISE_BLOCK = 100

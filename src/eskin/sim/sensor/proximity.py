@@ -14,7 +14,7 @@ REACHES = 3.0
 """Distance, by the reach, beyond which nothing is felt."""
 
 TINY = 1e-4
-"""Smallest signal that matters, by that of a body that touches."""
+"""Smallest signal that matters, over the signal of a body that touches."""
 
 
 def add_proximity(
@@ -23,7 +23,7 @@ def add_proximity(
     build: SensorBuild,
     skin: Skin,
 ) -> tuple[Float[np.ndarray, "time more"], Int[np.ndarray, "more"]]:
-    """Add the apparent pressure of what is near a capacitive skin but not on it.
+    """Add the apparent pressure of bodies close to a capacitive skin but not on it.
 
     A body that will touch is felt earlier, one that has touched later, and both beside
     the place of contact. The whole series must be known.
@@ -41,8 +41,8 @@ def add_proximity(
     if flaws is None or not flaws.proximity or not pressure.any():
         return pressure, taxels
     near, cover = compute_cover(pressure, taxels, flaws.proximity_reach, skin)
-    before, after = (build.electronics.step / each for each in flaws.proximity_times)
-    felt = extend_in_time(cover, before, after)
+    growth, fall = (build.electronics.step / each for each in flaws.proximity_times)
+    felt = extend_in_time(cover, growth, fall)
     felt *= flaws.proximity * build.velostat.half_pressure
     more = np.union1d(taxels, near)
     apparent = np.zeros((len(pressure), len(more)))
@@ -78,18 +78,18 @@ def compute_cover(
 
 
 def extend_in_time(
-    cover: Float[np.ndarray, "time near"], before: float, after: float
+    cover: Float[np.ndarray, "time near"], growth: float, fall: float
 ) -> Float[np.ndarray, "time near"]:
     """Let a signal grow exponentially before each value and fall after it.
 
     Args:
         cover: signal at each step, from 0 to 1.
-        before: rate of the growth [1/step].
-        after: rate of the fall [1/step].
+        growth: rate of the growth [1/step].
+        fall: rate of the fall [1/step].
     """
     steps = np.arange(len(cover))[:, None]
     ln = np.log(np.maximum(cover, TINY))
-    early = np.maximum.accumulate((ln - before * steps)[::-1])[::-1] + before * steps
-    late = np.maximum.accumulate(ln + after * steps) - after * steps
+    early = np.maximum.accumulate((ln - growth * steps)[::-1])[::-1] + growth * steps
+    late = np.maximum.accumulate(ln + fall * steps) - fall * steps
     extended = np.exp(np.maximum(early, late))
     return np.where(extended > TINY * (1 + 1e-9), extended, 0.0)

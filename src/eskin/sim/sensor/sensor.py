@@ -296,8 +296,10 @@ def draw_reading_times(
     late = np.zeros(readings)
     if build.flaws:
         late += build.flaws.stamp_jitter * rng.standard_normal(readings)
-    most = MAX_STAMP_JITTER * period
-    return np.maximum(period * np.arange(readings) + np.clip(late, -most, most), 0.0)
+    max_late = MAX_STAMP_JITTER * period
+    return np.maximum(
+        period * np.arange(readings) + np.clip(late, -max_late, max_late), 0.0
+    )
 
 
 MAX_STAMP_JITTER = 0.45

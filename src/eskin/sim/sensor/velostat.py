@@ -1,11 +1,12 @@
 """This module draws the sensing laminate of a build, from pressure to conductance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.sim.constants import Constants
+from eskin.sim.sensor.flaws import RESISTIVE, FlawDraw, number_rows
 from eskin.skin import Skin
 
 
@@ -73,7 +74,8 @@ def draw_velostat(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Velostat:
     """Draw the laminate of a build of some kind."""
-    return Velostat(
+    return replace(
+        build_nominal_velostat(skin, constants),
         half_pressure=constants.draw(f"sensor.half_pressure.{kind}", rng),
         bend=draw_bend(
             constants.draw(f"sensor.bent.{kind}", rng),
@@ -83,18 +85,12 @@ def draw_velostat(
             rng,
         ),
         activation=draw_activation(kind, skin, constants, rng),
-        play_widths=constants.array("sensor.play"),
         play_weights=constants.array(f"sensor.play_weights.{kind}"),
-        play_min_load=constants.value("sensor.play_least"),
         exponent=draw_exponent(kind, skin, constants, rng),
         creep=draw_creep(kind, skin, constants, rng),
-        creep_times=constants.array("sensor.creep_times"),
-        recovery_times=constants.array("sensor.recovery_times"),
-        recovery_share=constants.value("sensor.recovery_share"),
         gain=draw_gain(kind, skin, constants, rng),
         session_gain=get_normal_law(f"sensor.session_gain.{kind}", constants),
         temperature=get_normal_law(f"sensor.temperature.{kind}", constants)[1],
-        temperature_gain=constants.value("sensor.temperature_gain"),
     )
 
 
@@ -127,7 +123,7 @@ def draw_exponent(
 def draw_gain(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Draw gains about that of their patch."""
+    """Draw gains about the gain of their patch."""
     patches = rng.standard_normal(len(skin.patches))[skin.patch_index]
     taxels = rng.standard_normal(skin.count)
     between = constants.value(f"sensor.gain_patch.{kind}")
@@ -138,7 +134,7 @@ def draw_gain(
 def draw_activation(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Draw activation pressures about that of their patch."""
+    """Draw activation pressures about the pressure of their patch."""
     mean = draw_per_patch(f"sensor.activation.{kind}", skin, constants, rng)
     scatter = np.log(constants.value("sensor.activation_scatter"))
     return mean * np.exp(scatter * rng.standard_normal(skin.count))
@@ -172,3 +168,116 @@ def draw_creep(
     scatter = np.log(constants.value(f"sensor.creep_scatter.{kind}"))
     drawn = rng.standard_normal((len(skin.patches), len(usual)))
     return (usual * np.exp(scatter * drawn))[skin.patch_index]
+
+
+def draw_family_velostat(
+    draw: FlawDraw, skin: Skin, half_pressure: float, exponent: float, activation: float
+) -> Velostat:
+    """Draw the layer of a build of a family.
+
+    With its own hysteresis and creep, a taxel without other flaws reads what the data
+    sheet says after `sensor.calibrated_at`.
+
+    Args:
+        draw: draw of the build's flaws.
+        skin: skin of the taxels.
+        half_pressure: pressure of conductance 1 by the data sheet [kPa].
+        exponent: exponent by the data sheet.
+        activation: activation by the data sheet [kPa].
+    """
+    constants = draw.constants
+    lagging = draw.take("hysteresis", "hysteresis")
+    play = constants.array("sensor.play")
+    weights = np.append(
+        1.0 - lagging, np.full(len(play) - 1, lagging / (len(play) - 1))
+    )
+    creep_times = constants.array("flaw.creep_times")
+    risen = 1.0 - np.exp(-constants.value("sensor.calibrated_at") / creep_times)
+    creep = draw_family_creep(draw, skin, creep_times, risen)
+    own = exponent * np.exp(draw_exponent_deviation(draw, skin))
+    grown = 1.0 + creep @ risen
+    passed = float(np.sum(weights * (1.0 - play)))
+    return replace(
+        build_nominal_velostat(skin, constants),
+        half_pressure=half_pressure,
+        bend=draw_family_bend(draw, skin),
+        activation=draw_family_activation(draw, skin, activation),
+        play_weights=weights,
+        exponent=own,
+        creep=creep,
+        creep_times=creep_times,
+        gain=draw_family_gain(draw, skin) / grown / passed**own,
+        session_gain=(0.0, 0.04 if draw.has("gain") else 0.0),
+        temperature=draw.take("thermal", "temperature"),
+        temperature_gain=draw.take("thermal", "thermal_gain"),
+    )
+
+
+MAX_EARLY_CREEP = 0.7
+"""Largest part of the conductance at the time of calibration that is creep."""
+
+
+def draw_exponent_deviation(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
+    """Draw how far the ln exponent of each taxel is from the data sheet's."""
+    device = draw.take_signed("exponent", "exponent")
+    taxel = draw.take("exponent", "exponent_taxel")
+    return device + taxel * draw.rng.standard_normal(skin.count)
+
+
+def draw_family_creep(
+    draw: FlawDraw,
+    skin: Skin,
+    times: Float[np.ndarray, "process"],
+    risen: Float[np.ndarray, "process"],
+) -> Float[np.ndarray, "taxel process"]:
+    """Draw creep that grows about evenly with the logarithm of time.
+
+    Args:
+        draw: draw of the build's flaws.
+        skin: skin of the taxels.
+        times: time constants of the processes [s].
+        risen: share of each that has risen at the time of calibration, by which the
+            growth in a doubling of time is meant.
+    """
+    rate = draw.take("creep", "creep") * float(np.log2(times[1] / times[0]))
+    scatter = np.log(draw.constants.value("sensor.creep_scatter.fresh"))
+    drawn = np.exp(scatter * draw.rng.standard_normal(len(skin.patches)))
+    patches = np.minimum(rate * drawn, MAX_EARLY_CREEP / risen.sum())
+    growth = patches / (1.0 - patches * risen.sum())
+    return np.repeat(growth[skin.patch_index][:, None], len(times), axis=1)
+
+
+def draw_family_gain(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
+    """Draw the gains of taxels, about the gains of lines, patches and device."""
+    rng = draw.rng
+    ln = np.full(skin.count, draw.take_signed("gain", "gain_device"))
+    for name, group in (
+        ("gain_patch", skin.patch_index),
+        ("gain_line", number_rows(skin)),
+        ("gain_taxel", np.arange(skin.count)),
+    ):
+        deviation = draw.take("gain", name)
+        ln += deviation * rng.standard_normal(int(group.max()) + 1)[group]
+    return np.exp(ln)
+
+
+def draw_family_activation(
+    draw: FlawDraw, skin: Skin, nominal: float
+) -> Float[np.ndarray, "taxel"]:
+    """Draw activation pressures about the pressures of patches and device."""
+    device = draw.take("activation", "activation", nominal)
+    patches = draw.rng.standard_normal(len(skin.patches))[skin.patch_index]
+    taxels = draw.rng.standard_normal(skin.count)
+    if not draw.has("activation"):
+        return np.full(skin.count, device)
+    value = draw.constants.value
+    between, inside = value("flaw.activation_patch"), value("sensor.activation_scatter")
+    return device * between**patches * inside**taxels
+
+
+def draw_family_bend(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
+    """Draw the preload of a share of the taxels of a resistive layer."""
+    if draw.family not in RESISTIVE or not draw.has("bend"):
+        return np.zeros(skin.count)
+    share = draw.take("bend", "bent")
+    return draw_bend(share, "sensor.bend.shifted", skin, draw.constants, draw.rng)

@@ -185,7 +185,7 @@ class ModuleAbsence(ModuleFault):
             return
         self.is_away = away
         for index in self.spec.patches:
-            patches[index].away += 1 if away else -1
+            patches[index].absences += 1 if away else -1
             self.count += away
             if not away:
                 self.bring_back(patches[index], at)

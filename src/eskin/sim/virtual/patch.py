@@ -1,4 +1,4 @@
-"""This module simulates the module of one patch, which sends packets."""
+"""This module simulates the module of one patch: its packets, answers and seals."""
 
 import struct
 import zlib
@@ -16,13 +16,14 @@ from eskin.drivers.packet import (
     MAX_SEALED_COUNTS,
     SCAN_NUMBER_SPAN,
     VERSION_2,
+    Echo,
     Hello,
     Request,
     Status,
     encode_packet,
 )
 from eskin.drivers.patch_stream import index_taxels
-from eskin.sim.virtual.session import PatchSession, build_echo
+from eskin.drivers.seal import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
 from eskin.skin import Patch
 
 FIRMWARE = "eskin virtual 1"
@@ -44,7 +45,7 @@ class VirtualPatch:
     Attributes:
         address: address that it sends under.
         serial_number: serial number of the module that is plugged in.
-        away: number of faults that keep it away; it sends while there is none.
+        absences: number of faults that keep it away; it sends while there is none.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class VirtualPatch:
         self.address = patch.address
         self.serial_number = serial_number
         self.us_per_ns = (1.0 + clock_error * 1e-6) / 1000.0
-        self.away = 0
+        self.absences = 0
         self.version = version
         self.session = None if key is None else PatchSession(key)
         self.max_counts = MAX_COUNTS if key is None else MAX_SEALED_COUNTS
@@ -158,7 +159,7 @@ class VirtualPatch:
         opens = session is not None and not session.is_open
         if session is not None and not session.admit(request, data, time):
             return []
-        echo = self.seal(build_echo(request, self.scan, time, held=0))
+        echo = self.seal(build_echo(request, self.scan, time, delay=0))
         return [self.build_hello(at), echo] if opens else [echo]
 
     def measure(
@@ -199,3 +200,84 @@ def split_runs(received: Bool[np.ndarray, "part"], size: int) -> list[tuple[int,
         for begin, end in pieces
         for first in range(begin, end, size)
     ]
+
+
+OPENING = 0
+"""Number of the request that opens a session."""
+SESSION_TIMEOUT = 2_000_000
+"""Time without requests after which a session is over [us]."""
+
+
+@final
+class PatchSession:
+    """Holds the session of one module, whose packets it seals with a key.
+
+    A module sends nothing but hellos until the host has opened a session. Only a
+    request that opens one, with the number 0, changes the session, and none does while
+    the host of the present one goes on: a request that was recorded earlier does not
+    interrupt it.
+
+    Attributes:
+        seal: seal of its packets, of no session at first.
+        is_open: whether it is in a session.
+    """
+
+    def __init__(self, key: bytes) -> None:
+        """Power up, in no session."""
+        self.key = key
+        self.unopened = SessionSeal(key, NO_CHALLENGE)
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Forget the session, and count packets from 0."""
+        self.seal = self.unopened
+        self.is_open = False
+        self.number = self.last_received = self.counter = 0
+
+    def expire(self, device_time: int) -> None:
+        """End the session when no request has come for 2 s."""
+        silence = (device_time - self.last_received) % DEVICE_TIME_SPAN
+        if self.is_open and silence > SESSION_TIMEOUT:
+            self.is_open, self.seal = False, self.unopened
+
+    def close(self, packet: bytes) -> bytes:
+        """Return a packet of version 2 with the seal of the session."""
+        sealed = self.seal.close(packet, self.counter)
+        self.counter += 1
+        return sealed
+
+    def admit(self, request: Request, data: bytes, device_time: int) -> bool:
+        """Return whether a request is authentic and new; let it open a session.
+
+        `expire` was called with the same device time.
+        """
+        if not is_sealed(data):
+            return False
+        seal = self.seal
+        is_another = read_seal(data)[0] != seal.session
+        if is_another:
+            if self.is_open or request.number != OPENING:
+                return False
+            seal = SessionSeal(self.key, request.challenge)
+        if not seal.is_valid(data) or seal.session == self.unopened.session:
+            return False
+        if not is_another and 0 < self.number >= request.number:
+            return False
+        self.seal, self.is_open, self.number = seal, True, request.number
+        self.last_received = device_time
+        return True
+
+
+def build_echo(request: Request, scan: int, device_time: int, delay: int) -> bytes:
+    """Return the answer to a request, without a seal.
+
+    Args:
+        request: the request.
+        scan: number of the latest scan.
+        device_time: device time when the request arrived [us].
+        delay: time since then [us].
+    """
+    echo = Echo(
+        request.address, scan, device_time, request.number, request.challenge, delay
+    )
+    return encode_packet(echo, 2)

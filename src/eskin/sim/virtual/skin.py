@@ -141,7 +141,7 @@ class VirtualSkin(Closing):
                 fault.count += len(part)
         packets: list[OutgoingBytes] = []
         for index, patch in enumerate(self.patches):
-            if patch.away == 0:
+            if patch.absences == 0:
                 made = (
                     patch.build_hello_and_status(at)
                     if is_hello_due or patch.is_new
@@ -178,7 +178,7 @@ class VirtualSkin(Closing):
         return [
             OutgoingBytes(index, answer)
             for index, patch in enumerate(self.patches)
-            if self.port_of[index] == port and patch.away == 0
+            if self.port_of[index] == port and patch.absences == 0
             if patch.address == request.address
             for answer in patch.answer(request, data, at)
         ]
@@ -200,7 +200,7 @@ class VirtualSkin(Closing):
     def update_ports(self) -> None:
         """Unplug the ports whose patches are all away, and plug in the others."""
         patches = zip(self.patches, self.port_of, strict=True)
-        present = {number for patch, number in patches if patch.away == 0}
+        present = {number for patch, number in patches if patch.absences == 0}
         for number, port in enumerate(self.ports):
             if number in present:
                 port.plug()

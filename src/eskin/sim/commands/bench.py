@@ -1,18 +1,36 @@
-"""`eskin bench throughput` measures sustained throughput from bytes to detections."""
+"""`eskin bench` times one step of the engine, and throughput from bytes on."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.sim.bench.throughput import ThroughputConfig
+from eskin.sim.bench.latency import (
+    LatencyConfig,
+    LatencyRow,
+    measure_latency,
+    pin_to_one_core,
+)
+from eskin.sim.bench.throughput import (
+    ThroughputConfig,
+    ThroughputResult,
+    find_limit,
+    measure_throughput,
+)
 
-if TYPE_CHECKING:
-    from eskin.sim.bench.throughput import ThroughputResult
+
+@dataclass(frozen=True)
+class LatencyCommand:
+    """Time one step of the engine on one core: touches of several sizes, and none.
+
+    The scene is a touch of the ur5's forearm while the arm moves.
+    """
+
+    config: Annotated[LatencyConfig, tyro.conf.arg(name="")]
 
 
 @dataclass(frozen=True)
@@ -25,16 +43,41 @@ class ThroughputCommand:
     config: Annotated[ThroughputConfig, tyro.conf.arg(name="")]
 
 
-def run(command: ThroughputCommand) -> dict[str, object]:
-    """Measure each transport in turn, print a table, and return its rows."""
-    from eskin.sim.bench.throughput import find_limit, measure_throughput
+def run_latency(command: LatencyCommand) -> dict[str, object]:
+    """Time all scenes, print a table, and return its rows."""
+    with pin_to_one_core():
+        rows = measure_latency(command.config)
+    print_latency(rows)
+    return {"rows": [row.as_dict() for row in rows]}
 
+
+def print_latency(rows: Sequence[LatencyRow]) -> None:
+    """Print the rows as a table."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("name", no_wrap=True)
+    for title in ("p50 [ms]", "p99", "max", "taxels", "active", "steps", "ratio"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for row in rows:
+        milliseconds = (format_number(t) for t in (row.p50_ms, row.p99_ms, row.max_ms))
+        counts = (str(n) for n in (row.taxels, row.active, row.steps))
+        table.add_row(row.name, *milliseconds, *counts, format_number(row.ratio))
+    Console().print(table)
+    print(f"one core; ratios are to the engine at {rows[0].active} active taxels")
+
+
+def format_number(number: float) -> str:
+    """Format a number with three decimals, or none from 100."""
+    return f"{number:.3f}" if number < 100 else f"{number:.0f}"
+
+
+def run_throughput(command: ThroughputCommand) -> dict[str, object]:
+    """Measure each transport in turn, print a table, and return its rows."""
     config, rows, limits = command.config, [], {}
     for over in config.transports:
         rows.append(measure_throughput(over, config.rate, config.seconds))
         if config.find_limit:
             limits[over] = find_limit(over, config.rate)
-    print_rows(rows, limits)
+    print_throughput(rows, limits)
     return {
         "rate_hz": round(min(row.rate_hz for row in rows), 2),
         "dropped": sum(row.dropped for row in rows),
@@ -43,9 +86,7 @@ def run(command: ThroughputCommand) -> dict[str, object]:
     }
 
 
-def format_limit(
-    row: "ThroughputResult", limits: dict[str, float]
-) -> dict[str, object]:
+def format_limit(row: ThroughputResult, limits: dict[str, float]) -> dict[str, object]:
     """Return the rate at which a transport first drops readings, if it was searched.
 
     None means that there is none up to the highest rate.
@@ -56,7 +97,9 @@ def format_limit(
     return {"limit_hz": limit if math.isfinite(limit) else None}
 
 
-def print_rows(rows: "Sequence[ThroughputResult]", limits: dict[str, float]) -> None:
+def print_throughput(
+    rows: Sequence[ThroughputResult], limits: dict[str, float]
+) -> None:
     """Print the rows as a table."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for title in ("over", "asked [Hz]", "reached", "dropped", "cpu", "age p50 [ms]"):
