@@ -22,7 +22,7 @@ from eskin.drivers import (
     decode_packet,
     encode_frame,
 )
-from eskin.drivers.framing import END
+from eskin.drivers.packet import END
 from helpers.touch import SECOND
 
 ROOT = Path(__file__).parents[1]

@@ -23,8 +23,7 @@ from jaxtyping import Int
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.clock_sync import DeviceClock
-from eskin.drivers.framing import Framing
-from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
+from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN, Framing
 from eskin.drivers.sampled_source import PatchSample, SampleDevice
 from eskin.drivers.serial_transport import SerialPort
 from eskin.errors import DeviceError

@@ -10,8 +10,13 @@ from eskin.drivers.joints import JointSource
 from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.packet import decode_packet
 from eskin.drivers.sessions import HostSessions
-from eskin.drivers.source import Source, SourceInfo, await_first_byte
-from eskin.drivers.transport import ReceivedPacket, Transport
+from eskin.drivers.source import (
+    ReceivedPacket,
+    Source,
+    SourceInfo,
+    Transport,
+    await_first_byte,
+)
 from eskin.errors import DeviceError, PacketError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.live.model_config import DecisionConfig
-from eskin.recording.labels import NONE
+from eskin.recording.records import NONE
 from eskin.units import NS_PER_S
 
 UNKNOWN = "unknown"

@@ -21,7 +21,7 @@ from eskin.live.graph_features import (
 )
 from eskin.live.model_config import ModelCard
 from eskin.live.model_limits import find_limit_problem
-from eskin.recording.labels import NONE
+from eskin.recording.records import NONE
 
 CARD = "eskin"
 SUFFIX = ".safetensors"

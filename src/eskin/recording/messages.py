@@ -10,8 +10,13 @@ from jaxtyping import Bool, Float, Int, Integer
 
 from eskin.errors import RecordingError
 from eskin.recording.cdr import ENCAPSULATION, LATEST_STAMP, CdrPacker, CdrUnpacker
-from eskin.recording.labels import Label
-from eskin.recording.records import DetectionRecord, EventRecord, TruthRecord, Vector
+from eskin.recording.records import (
+    DetectionRecord,
+    EventRecord,
+    Label,
+    TruthRecord,
+    Vector,
+)
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 

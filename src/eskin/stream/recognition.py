@@ -7,8 +7,14 @@ from typing import final
 from eskin.drivers import Event
 from eskin.errors import SkinMismatchError
 from eskin.live import Detection, Recognizer
-from eskin.stream.listener import Context, Drop, Listener, Message, RecognitionState
-from eskin.stream.timing import DurationHistogram
+from eskin.stream.listener import (
+    Context,
+    Drop,
+    DurationHistogram,
+    Listener,
+    Message,
+    RecognitionState,
+)
 from eskin.touch import Fault, Scan
 
 FAULT_TEXTS = {

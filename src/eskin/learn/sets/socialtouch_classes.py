@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.learn.sets.socialtouch import GESTURES, Repetition
-from eskin.recording.labels import NONE
+from eskin.recording.records import NONE
 
 GROUP_NUMBERS = {
     "contact": (0, 1),

@@ -21,7 +21,7 @@ from eskin.drivers.packet import (
     Status,
     encode_packet,
 )
-from eskin.drivers.patch_stream import index_taxels
+from eskin.drivers.timeline import index_taxels
 from eskin.sim.virtual.session import PatchSession, build_echo
 from eskin.skin import Patch
 

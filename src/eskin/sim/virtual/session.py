@@ -3,7 +3,7 @@
 from typing import final
 
 from eskin.drivers.packet import DEVICE_TIME_SPAN, Echo, Request, encode_packet
-from eskin.drivers.seal import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
+from eskin.drivers.sessions import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
 
 OPENING = 0
 """Number of the request that opens a session."""
