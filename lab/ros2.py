@@ -24,7 +24,8 @@ from eskin.bus.messages import CONTACTS, DIAGNOSTICS, MARKERS, PRESSURE
 from eskin.bus.ros2 import Ros2Bus, Ros2Node
 from eskin.drivers import HostClock, PlayedSource, SourceInfo
 from eskin.live import Recognizer, load_model, warm_up
-from eskin.recording.messages import DETECTION, JOINT_STATES, READING, Topic
+from eskin.recording.cdr import Topic
+from eskin.recording.messages import DETECTION, JOINT_STATES, READING
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Recognition, Stream, short_switch_interval

@@ -27,18 +27,17 @@ from eskin.bus.messages import (
     pack_diagnostics,
     pack_markers,
     pack_pressure,
-    pack_text,
     pack_transforms,
 )
 from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.page import ColourScale
+from eskin.recording.cdr import Topic
 from eskin.recording.messages import (
     DETECTION,
     EVENT,
     JOINT_STATES,
     READING,
-    Topic,
     pack_detection,
     pack_event,
     pack_joint_state,
@@ -162,7 +161,9 @@ class Publisher(Listener):
         own = (JOINT_STATES,) if self.joints else ()
         self.bus.open((*PUBLISHED, *own, TRANSFORMS, ROBOT_DESCRIPTION))
         urdf = self.mounted.robot.urdf.decode(errors="replace")
-        self.bus.send(ROBOT_DESCRIPTION, context.clock.now(), pack_text(urdf))
+        self.bus.send(
+            ROBOT_DESCRIPTION, context.clock.now(), ROBOT_DESCRIPTION.pack(urdf)
+        )
 
     def on_message(self, item: Message) -> None:
         """Publish a message on its topics."""

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
 from eskin.files import atomic_path
+from eskin.recording.cdr import Topic
 from eskin.recording.mcap_file import McapWriter
 from eskin.recording.messages import (
     DETECTION,
@@ -24,7 +25,6 @@ from eskin.recording.messages import (
     READING,
     TOPICS,
     TRUTH,
-    Topic,
     pack_detection,
     pack_event,
     pack_joint_state,
