@@ -32,7 +32,7 @@ FIELD_TYPE_IDS = {
 """Numbers of the basic types in `type_description_interfaces/msg/FieldType`."""
 NESTED_TYPE_ID = 1
 SEQUENCE_OFFSET = 144
-"""What is added to the number of a type for an unbounded sequence of it."""
+"""Difference of the numbers of an unbounded sequence of a type and of that type."""
 
 QUATERNION = (
     "geometry_msgs/Quaternion",

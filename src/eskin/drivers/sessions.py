@@ -201,7 +201,7 @@ class Session:
         port: port or network address that requests are sent to.
         is_open: whether the module has answered.
         is_due: whether the request that opens it is to be sent.
-        heard_at: when the module was last heard [ns].
+        last_received_at: when a packet of the module was last received [ns].
         trusted_port: port as which authentic packets are assembled; empty before the
             module's first authentic hello.
     """
@@ -216,7 +216,7 @@ class Session:
         self.seal = None if key is None else SessionSeal(key, challenge)
         self.window = CounterWindow()
         self.is_open, self.is_due = False, True
-        self.heard_at = self.requested_at = now
+        self.last_received_at = self.requested_at = now
         self.number = OPENING
         self.awaited: dict[int, int] = {}
         self.trusted_port = ""
@@ -224,7 +224,7 @@ class Session:
     def is_over(self, now: int) -> bool:
         """Return whether the module has been silent for too long."""
         timeout = SESSION_TIMEOUT if self.is_open else OPENING_TIMEOUT
-        return now - self.heard_at > timeout
+        return now - self.last_received_at > timeout
 
     def wants_request(self, now: int) -> bool:
         """Return whether a request is due."""
@@ -245,8 +245,8 @@ class Session:
         return packet if self.seal is None else self.seal.close(packet, self.number)
 
 
-class Verdict(NamedTuple):
-    """A verdict says whether a packet may be assembled, and as whose."""
+class AuthResult(NamedTuple):
+    """A result says whether a packet may be assembled, and as whose."""
 
     refused: PacketOutcome | None
     """Outcome of a packet that is not assembled; None for one that is."""
@@ -292,7 +292,9 @@ class HostSessions:
         self.sessions: dict[int, list[Session]] = {number: [] for number in addresses}
         self.checked_at = 0
 
-    def judge(self, packet: Packet, data: bytes, arrived: int, port: str) -> Verdict:
+    def authenticate(
+        self, packet: Packet, data: bytes, arrived: int, port: str
+    ) -> AuthResult:
         """Return whether a packet may be assembled.
 
         Args:
@@ -302,80 +304,82 @@ class HostSessions:
             port: port or network address that it came from.
         """
         if self.unopened is not None:
-            return self.judge_sealed(packet, data, arrived, port, self.unopened)
+            return self.authenticate_sealed(packet, data, arrived, port, self.unopened)
         if is_sealed(data):
             return refuse(port, "are sealed with a key; give the host the same key")
         if data[0] == VERSION_2:
-            return self.judge_open(packet, arrived, port)
-        return Verdict(None, port)
+            return self.accept_without_key(packet, arrived, port)
+        return AuthResult(None, port)
 
-    def judge_open(self, packet: Packet, arrived: int, port: str) -> Verdict:
-        """Return the verdict on a packet of version 2 where there is no key."""
+    def accept_without_key(self, packet: Packet, arrived: int, port: str) -> AuthResult:
+        """Return the result for a packet of version 2 where there is no key."""
         if isinstance(packet, Hello):
             self.open(packet.address, port, arrived)
         if not isinstance(packet, Echo):
-            return Verdict(None, port)
+            return AuthResult(None, port)
         session = self.find_place(packet.address, port)
         if session is None or not compare_digest(packet.challenge, session.challenge):
-            return Verdict("late")
+            return AuthResult("late")
         self.confirm(session, arrived)
         return take_echo(session, packet, port)
 
-    def judge_sealed(
+    def authenticate_sealed(
         self,
         packet: Packet,
         data: bytes,
         arrived: int,
         port: str,
         unopened: SessionSeal,
-    ) -> Verdict:
-        """Return the verdict on a packet where there is a key."""
+    ) -> AuthResult:
+        """Return the result for a packet where there is a key."""
         if not is_sealed(data):
             return refuse(port, "have no seal; give the patch the key of the host")
         number, counter = read_seal(data)
         if number == unopened.session:
-            return self.judge_unopened(packet, data, arrived, port, unopened)
+            return self.authenticate_unopened(packet, data, arrived, port, unopened)
         session = self.find_session(packet.address, number)
         if session is None or session.seal is None:
             return refuse(port, "are of no open session; they are old, or replayed")
         if not session.seal.is_valid(data):
             return refuse(port, "have a wrong seal; compare the key of patch and host")
         if isinstance(packet, Request):
-            return Verdict("foreign")
+            return AuthResult("foreign")
         freshness = session.window.add(counter)
         if freshness != "new":
-            return Verdict(freshness)
+            return AuthResult(freshness)
         return self.take_authentic(session, packet, arrived)
 
-    def judge_unopened(
+    def authenticate_unopened(
         self,
         packet: Packet,
         data: bytes,
         arrived: int,
         port: str,
         unopened: SessionSeal,
-    ) -> Verdict:
-        """Return the verdict on a packet of a patch that is in no session.
+    ) -> AuthResult:
+        """Return the result for a packet of a patch that is in no session.
 
         It may be a replay, so it has no effect but a request to its port.
         """
         if not isinstance(packet, Hello) or not unopened.is_valid(data):
             return refuse(port, "have a wrong seal; compare the key of patch and host")
         if packet.address not in self.sessions:
-            return Verdict(None, port)
+            return AuthResult(None, port)
         self.open(packet.address, port, arrived)
-        return Verdict("held")
+        return AuthResult("held")
 
-    def take_authentic(self, session: Session, packet: Packet, arrived: int) -> Verdict:
+    def take_authentic(
+        self, session: Session, packet: Packet, arrived: int
+    ) -> AuthResult:
         """Note an authentic packet; return as whose it is assembled."""
         if isinstance(packet, Hello):
             session.trusted_port = name_authenticated_port(packet.serial_number)
         self.confirm(session, arrived)
         if not session.trusted_port:
-            return Verdict("held")
+            return AuthResult("held")
         if isinstance(packet, Echo):
             return take_echo(session, packet, session.trusted_port)
-        return Verdict(None, session.trusted_port)
+        return AuthResult(None, session.trusted_port)
 
     def open(self, address: int, port: str, arrived: int) -> None:
         """Let a hello open a session, or ask for the request that opens it again.
@@ -391,7 +395,9 @@ class HostSessions:
                 session.is_due = True
                 return
         if len(sessions) >= MAX_SESSIONS:
-            sessions.remove(min(sessions, key=lambda s: (s.is_open, s.heard_at)))
+            sessions.remove(
+                min(sessions, key=lambda s: (s.is_open, s.last_received_at))
+            )
         challenge = self.draw_challenge(address)
         sessions.append(Session(address, port, challenge, self.key, arrived))
 
@@ -405,8 +411,8 @@ class HostSessions:
                 return challenge
 
     def confirm(self, session: Session, arrived: int) -> None:
-        """Note that a module was heard in a session, which ends its earlier one."""
-        session.heard_at = arrived
+        """Note a packet of a session, which ends the previous one of its module."""
+        session.last_received_at = arrived
         if session.is_open:
             return
         session.is_open = True
@@ -446,14 +452,14 @@ class HostSessions:
         return requests
 
 
-def take_echo(session: Session, echo: Echo, port: str) -> Verdict:
-    """Return the verdict on the answer to a request, which is answered only once."""
+def take_echo(session: Session, echo: Echo, port: str) -> AuthResult:
+    """Return the result for the answer to a request, which is answered only once."""
     sent = session.awaited.pop(echo.number, None)
     if sent is None and echo.number != OPENING:
-        return Verdict("late")
-    return Verdict(None, port, sent=sent)
+        return AuthResult("late")
+    return AuthResult(None, port, sent=sent)
 
 
-def refuse(port: str, reason: str) -> Verdict:
-    """Return the verdict on a packet that is not authentic."""
-    return Verdict("unauthenticated", reason=f"packets at {port} {reason}")
+def refuse(port: str, reason: str) -> AuthResult:
+    """Return the result for a packet that is not authentic."""
+    return AuthResult("unauthenticated", reason=f"packets at {port} {reason}")

@@ -135,8 +135,8 @@ class PatchStream:
 
     def update_skipped(self, skipped: int) -> int:
         """Return the scans skipped since the last status, from those since power-up."""
-        before, self.skipped = self.skipped, skipped
-        return 0 if before is None else max(0, skipped - before)
+        previous, self.skipped = self.skipped, skipped
+        return 0 if previous is None else max(0, skipped - previous)
 
     def clock_matches(self) -> bool:
         """Return whether the module's hello agrees with the clock of its data.
@@ -312,8 +312,8 @@ class ScanTimeline:
         if period is None:
             period = self.pending[k] = PeriodScans(self.taxels, arrived)
         address = stream.slot.patch.address
-        before, others = period.scans.get(address, (number, 0))
-        if before > number:
+        previous, others = period.scans.get(address, (number, 0))
+        if previous > number:
             return "superseded"
         self.outcomes.settle("superseded", others)
         period.scans[address] = (number, packets)

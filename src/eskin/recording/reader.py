@@ -300,10 +300,10 @@ def read_calibration(path: Path) -> Calibration:
         ) from error
 
 
-def check_room(found: Sequence[object], most: int, what: str) -> None:
+def check_room(found: Sequence[object], limit: int, what: str) -> None:
     """Raise where as many things as allowed have been read already."""
-    if len(found) >= most:
-        raise RecordingError(f"there are more than {most:,} {what}; allowed are fewer")
+    if len(found) >= limit:
+        raise RecordingError(f"there are more than {limit:,} {what}; allowed are fewer")
 
 
 ATTACHMENTS = {SKIN_NAME, CALIBRATION_NAME, URDF_NAME}

@@ -185,10 +185,10 @@ def check_no_overlap(labels: Iterable[Label]) -> None:
     """Raise a RecordingError if two labels of one source overlap."""
     last: dict[str, Label] = {}
     for label in sort_labels(labels):
-        before = last.get(label.source)
-        if before is not None and label.start < before.end:
+        previous = last.get(label.source)
+        if previous is not None and label.start < previous.end:
             raise RecordingError(
-                f"labels '{before.gesture}' until {before.end} ns and "
+                f"labels '{previous.gesture}' until {previous.end} ns and "
                 f"'{label.gesture}' from {label.start} ns overlap; labels of one "
                 "source follow each other; shorten one"
             )
@@ -309,14 +309,14 @@ def build_rough_ranges(
         if label.gesture == NONE:
             continue
         wide = Label(label.start - reach, label.end + reach, label.gesture, "range")
-        before = ranges[-1] if ranges else None
-        if before is None or wide.start >= before.end:
+        previous = ranges[-1] if ranges else None
+        if previous is None or wide.start >= previous.end:
             ranges.append(wide)
-        elif before.gesture == wide.gesture:
-            ranges[-1] = replace(before, end=max(before.end, wide.end))
+        elif previous.gesture == wide.gesture:
+            ranges[-1] = replace(previous, end=max(previous.end, wide.end))
         else:
-            middle = (before.end - reach + label.start) // 2
-            middle = min(max(middle, before.start + 1), wide.end - 1)
-            ranges[-1] = replace(before, end=middle)
+            middle = (previous.end - reach + label.start) // 2
+            middle = min(max(middle, previous.start + 1), wide.end - 1)
+            ranges[-1] = replace(previous, end=middle)
             ranges.append(replace(wide, start=middle))
     return tuple(ranges)

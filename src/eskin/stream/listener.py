@@ -283,9 +283,9 @@ def short_switch_interval() -> Iterator[None]:
 
     It holds for the whole process, so programs choose it, not the library.
     """
-    before = sys.getswitchinterval()
+    previous = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         yield
     finally:
-        sys.setswitchinterval(before)
+        sys.setswitchinterval(previous)
