@@ -190,6 +190,7 @@ OK, WARN, ERROR, STALE = range(4)
 
 ARROW, SPHERE_LIST, TEXT = 0, 7, 9
 """Types of markers, as `visualization_msgs/msg/Marker` numbers them."""
+NO_POINTS, NO_COLOURS = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
 ADD = 0
 """Action of a marker that is added, or replaces that of its namespace and number."""
 
@@ -225,9 +226,9 @@ class Marker:
     """Red, green, blue and opacity, from 0 to 1."""
     lifetime: float
     """Time after which it vanishes [s]; 0 for never."""
-    points: Float[np.ndarray, "point 3"]
+    points: Float[np.ndarray, "point 3"] = NO_POINTS
     """Both ends of an arrow, or centres of spheres [m]; empty for text."""
-    colours: UInt8[np.ndarray, "point 3"]
+    colours: UInt8[np.ndarray, "point 3"] = NO_COLOURS
     """Colour of each sphere; empty otherwise."""
     text: str = ""
     """Text; its centre is `position`."""

@@ -105,20 +105,12 @@ class PatchStream:
         """Start without data."""
         self.slot = slot
         self.taxels = index_taxels(taxels)
-        self.clock = DeviceClock()
-        self.rate_meter = ScanRateMeter()
         self.numbers = ScanNumberWindow()
         self.complete = ScanNumberWindow()
         self.partial: dict[int, PartialScan] = {}
-        self.reboots = 0
         self.lost_reported = 0
-        self.skipped: int | None = None
-        self.clock_matched = False
-        self.problem: Doubt | None = None
-        self.newest: int | None = None
-        self.period: int | None = None
-        self.newest_in_time: int | None = None
         self.used_period = -1
+        self.restart()
 
     def restart(self) -> int:
         """Start over with another module; return the number of dropped packets."""
@@ -129,8 +121,11 @@ class PatchStream:
         self.numbers.restart()
         self.complete.restart()
         self.reboots, self.clock_matched = 0, False
-        self.newest = self.period = self.newest_in_time = self.skipped = None
-        self.problem = None
+        self.skipped: int | None = None
+        self.newest: int | None = None
+        self.period: int | None = None
+        self.newest_in_time: int | None = None
+        self.problem: Doubt | None = None
         return packets
 
     def update_skipped(self, skipped: int) -> int:
