@@ -3,12 +3,11 @@
 import ipaddress
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
-from urllib.parse import urlsplit
 
 import tyro
 
@@ -116,9 +115,7 @@ def run(command: DeviceCommand) -> dict[str, object]:
         if command.calibration is not None:
             write_calibration(command.calibration, calibration)
         print_addresses(device)
-        if command.udp is not None and not is_loopback(
-            parse_udp_address(command.udp)[0]
-        ):
+        if command.udp is not None and not is_loopback(parse_target(command.udp)[0]):
             print("what the skin senses leaves this computer unencrypted", flush=True)
         with stop_on_signals(device.stop):
             device.play(resample_scans(scans, rate), HostClock(), command.seconds)
@@ -185,7 +182,7 @@ def open_ports(
             f"--ports is {command.ports}; allowed are 1 to {count}, one for each patch"
         )
     if command.udp is not None:
-        host, port = parse_udp_address(command.udp)
+        host, port = parse_target(command.udp)
         return [stack.enter_context(UdpPort(host, port)) for _ in range(command.ports)]
     link = command.link
     if link is None:
@@ -198,23 +195,15 @@ def open_ports(
     return [stack.enter_context(PtyPort(name)) for name in names]
 
 
-def parse_udp_address(text: str) -> tuple[str, int]:
+def parse_target(text: str) -> tuple[str, int]:
     """Parse HOST:PORT.
 
     Raises:
-        ValueError: when the text is not of this form.
+        DeviceError: when the text is not of this form.
     """
-    host, port = None, None
-    with suppress(ValueError):
-        parts = urlsplit(f"//{text}")
-        if not parts.path:
-            host, port = parts.hostname, parts.port
-    if not host or not port:
-        raise ValueError(
-            f"--udp is '{text}'; allowed is HOST:PORT with a port from 1 to 65535, "
-            "such as 127.0.0.1:9750"
-        )
-    return host, port
+    from eskin.app import parse_udp_address
+
+    return parse_udp_address(f"udp://{text}")
 
 
 def print_addresses(device: "VirtualSkin") -> None:
