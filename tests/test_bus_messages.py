@@ -20,7 +20,6 @@ from eskin.bus import (
     Bus,
     Publisher,
     compute_type_hash,
-    parse_definition,
 )
 from eskin.live import Recognizer
 from eskin.recording.messages import (
@@ -301,7 +300,7 @@ def test_layout_of_foxglove_names_topics_and_fields_that_exist():
     topics = {topic.name: topic for topic in TOPICS}
     for path in paths:
         name, *names = re.sub(r"\[.*?\]", "", path).split(".")
-        types = parse_definition(topics[name])
+        types = topics[name].types
         fields = types[topics[name].type_name]
         for step in names:
             [field] = [field for field in fields if field.name == step]

@@ -16,7 +16,6 @@ from eskin.bus.messages import OK, STALE, WARN
 from eskin.bus.ros2 import Ros2Bus, Ros2Joints, Ros2Node, wrap_message
 from eskin.cli.run import (
     RunCommand,
-    check_options,
     describe_doubts,
     is_without_joints,
     subscribe_joints,
@@ -191,13 +190,6 @@ def test_domain_that_is_none_is_refused(monkeypatch, number):
     monkeypatch.setenv("ROS_DOMAIN_ID", number)
     with pytest.raises(DeviceError, match="ROS_DOMAIN_ID"):
         Ros2Node()
-
-
-def test_options_of_ros2_and_foxglove_need_their_own():
-    command = RunCommand(("sim:ur5",))
-    for option in ({"ros2_reliable": True}, {"foxglove_port": 1}):
-        with pytest.raises(DeviceError, match="is given without --"):
-            check_options(replace(command, **option))
 
 
 def test_without_cyclone_dds_one_line_says_what_to_install(monkeypatch, capsys):

@@ -129,14 +129,26 @@ def test_missing_path_is_refused(name, refuse):
         ),
         ("train a --out m --train.epochs 0", ("--train.epochs is 0", "allowed is")),
         ("train a --out m --train.rate nan", ("--train.rate is nan", "1e-09 to 1")),
-        ("train a --out m --skins -1", ("--skins is -1; allowed is from 0",)),
-        ("label a --threshold nan", ("--threshold is nan", "0 or more; change it")),
-        ("view a.mcap --seconds nan", ("--seconds is nan; allowed is more than 0",)),
+        (
+            "train a --out m --skins -1",
+            ("--skins is -1; allowed are finite numbers from 0",),
+        ),
+        ("label a --threshold nan", ("--threshold is nan", "from 0; change it")),
+        (
+            "view a.mcap --seconds nan",
+            ("--seconds is nan; allowed are numbers above 0",),
+        ),
         ("train a --out", ("--out has no value",)),
         ("label a --threshold much", ("--threshold is 'much'; allowed is",)),
         ("skin check sleeve --tolerance much", ("--tolerance is 'much'; allowed",)),
-        ("skin check sleeve --tolerance -1", ("--tolerance is -1", "0 or more")),
+        ("skin check sleeve --tolerance -1", ("--tolerance is -1", "from 0")),
         ("run --source sim:a --record b --piece-mb inf", ("finite",)),
+        ("run --source a --ros2-reliable", ("is given without --ros2; allowed",)),
+        ("run --source a --foxglove-port 1", ("is given without --foxglove;",)),
+        (
+            "run --source a --joints b --robot sim:ur5",
+            ("--robot is given with --joints",),
+        ),
     ],
 )
 def test_invalid_word_is_refused_and_named(words, parts, refuse):
@@ -149,7 +161,7 @@ def test_invalid_word_is_refused_and_named(words, parts, refuse):
         (ValueError("first\n  second"), "first second"),
         (
             ModuleNotFoundError("No module named 'torch'", name="torch"),
-            "torch is missing; install it: pip install '.[train]'",
+            "torch is missing; install it: pip install '.'",
         ),
         (
             OSError(errno.ENOSPC, "No space left on device", "/data/a.mcap"),

@@ -732,7 +732,7 @@ def test_command_reads_regions_and_keep_outs(tmp_path):
         (["--density", "100"], ["100 taxels/cm2", "mm apart", "2.5 mm or more"]),
         (["--density", "-1"], ["--density is -1", "above 0"]),
         (["--links", "nose"], ["no link 'nose'", "allowed:"]),
-        (["--rows", "1"], ["--rows is 1", "2 to"]),
+        (["--rows", "1"], ["--rows is 1", "from 2"]),
         (["--distortion", "0"], ["--distortion is 0"]),
         (["--density", "0.001"], ["no patch of 8 taxels", "higher density"]),
         (["--spec", "missing.yaml"], ["missing.yaml", "No such file"]),

@@ -189,7 +189,6 @@ def test_joints_are_given_once_and_only_where_a_source_has_none(capsys):
     for command, part in (
         (RunCommand(device, joints=joints, q=(0.0,)), "--q"),
         (RunCommand(played, joints=joints), "of its own"),
-        (RunCommand(device, joints=joints, robot="sim:ur5"), "--robot"),
     ):
         with pytest.raises(EskinError, match=part) as error:
             check_options(command)

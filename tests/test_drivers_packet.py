@@ -29,7 +29,7 @@ from eskin.drivers import (
     encode_packet,
 )
 from eskin.drivers.packet import encode_counts
-from eskin.drivers.seal import is_sealed, read_seal
+from eskin.drivers.sessions import is_sealed, read_seal
 from eskin.errors import PacketError
 
 ROOT = Path(__file__).parents[1]

@@ -63,12 +63,12 @@ class Talk:
         taxels = np.arange(TAXELS)
         self.patch = VirtualPatch(SKIN.patches[0], taxels, 50.0, 7, key=patch_key)
 
-    def judge(self, data, port="a"):
-        return self.host.judge(decode_packet(data), data, self.clock.now(), port)
+    def authenticate(self, data, port="a"):
+        return self.host.authenticate(decode_packet(data), data, self.clock.now(), port)
 
     def refused(self, data, port="a"):
         """Return why a packet is not assembled; None for one that is."""
-        return self.judge(data, port).refused
+        return self.authenticate(data, port).refused
 
     def measure(self):
         (data,) = self.patch.measure(COUNTS, ALL, self.clock.now())
@@ -86,7 +86,7 @@ class Talk:
 
     def open(self, port="a"):
         """Open the session by a hello; return the request, and all that answers it."""
-        self.judge(self.hello(), port)
+        self.authenticate(self.hello(), port)
         *_, opening = self.wait(0.05)
         answers = self.answer(opening)
         assert [self.refused(data, port) for data in answers] == [None] * len(answers)
@@ -103,7 +103,7 @@ def test_patch_is_assembled_from_the_first_packet_of_its_session():
     assert talk.patch.measure(COUNTS, ALL, 0) == []
     assert talk.refused(talk.hello()) == "held"
     talk.open()
-    verdict = talk.judge(talk.measure(), port="anywhere")
+    verdict = talk.authenticate(talk.measure(), port="anywhere")
     assert verdict.refused is None and verdict.port == f"key:{7:016x}"
 
 
@@ -115,7 +115,7 @@ def test_echo_tells_when_its_request_was_sent_once():
     sent = talk.clock.now()
     (echo,) = talk.answer(ping)
     talk.clock.sleep(0.01)
-    assert talk.judge(echo).sent == sent
+    assert talk.authenticate(echo).sent == sent
     assert talk.refused(echo) == "duplicate"
     # The patch answers no request twice, and one of another number is of no use.
     assert talk.answer(ping) == []
@@ -259,7 +259,7 @@ def test_host_without_key_takes_packets_without_seal_and_asks_for_the_clock():
     forged = replace(decode_packet(echo), challenge=CHALLENGE)
     assert talk.refused(encode_packet(forged, 2)) == "late"
     assert talk.refused(echo, port="b") == "late"
-    assert talk.judge(echo).sent == sent
+    assert talk.authenticate(echo).sent == sent
     sealed = Talk(patch_key=KEY).hello()
     assert talk.refused(sealed) == "unauthenticated"
 

@@ -22,7 +22,7 @@ from eskin.drivers import (
     decode_packet,
     encode_frame,
 )
-from eskin.drivers.framing import END
+from eskin.drivers.packet import END
 from helpers.touch import SECOND
 
 ROOT = Path(__file__).parents[1]
@@ -176,7 +176,8 @@ def start_patch(compile_program):
 def judge_all(host, packets, now):
     """Return what a host thinks of packets, and the requests that it then sends."""
     verdicts = [
-        host.judge(decode_packet(data), data, now, "line").refused for data in packets
+        host.authenticate(decode_packet(data), data, now, "line").refused
+        for data in packets
     ]
     return verdicts, [packet for _, packet in host.take_requests(now)]
 
@@ -197,7 +198,7 @@ def test_patch_with_key_opens_a_session_and_ends_it_without_requests(start_patch
     _, (ping,) = judge_all(host, patch.call("s"), 2 * SECOND)
     (echo,) = patch.receive(ping)
     assert decode_packet(echo).device_time == 400_000
-    assert host.judge(decode_packet(echo), echo, 0, "line").sent == clock.now()
+    assert host.authenticate(decode_packet(echo), echo, 0, "line").sent == clock.now()
     # A recorded request is not answered; a session ends 2 s after the last one.
     assert patch.receive(ping) == []
     patch.call("t 2400000")

@@ -8,9 +8,15 @@ from pathlib import Path
 from typing import final
 
 from eskin.drivers import decode_packet, encode_packet
-from eskin.drivers.framing import MAX_FRAME_BYTES, Deframer, encode_frame
-from eskin.drivers.packet import CRC, SEAL, read_kind
-from eskin.drivers.seal import is_sealed
+from eskin.drivers.packet import (
+    CRC,
+    MAX_FRAME_BYTES,
+    SEAL,
+    Deframer,
+    encode_frame,
+    read_kind,
+)
+from eskin.drivers.sessions import is_sealed
 from eskin.errors import PacketError
 from lab.fuzz.mutation import mutate
 from lab.fuzz.target import Target, check_refusal

@@ -5,7 +5,7 @@ import pytest
 from eskin.app import SourceConfig, load_calibration
 from eskin.cli.checks import check_files
 from eskin.command import load_commands
-from eskin.drivers.seal import read_key
+from eskin.drivers.sessions import read_key
 from eskin.errors import (
     CommandError,
     DeviceError,

@@ -350,8 +350,8 @@ def load_calibration(config: SourceConfig, skin: Skin) -> Calibration:
     path = config.calibration
     if path is None and not isinstance(config.skin, Skin):
         folder = Path(config.skin or "")
-        beside = (folder if folder.is_dir() else folder.parent) / CALIBRATION
-        path = beside if folder.exists() and beside.is_file() else None
+        found = (folder if folder.is_dir() else folder.parent) / CALIBRATION
+        path = found if folder.exists() and found.is_file() else None
     if path is None:
         return nominal_calibration(skin)
     return read_calibration(Path(path))

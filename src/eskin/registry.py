@@ -64,7 +64,7 @@ COMMANDS = {
         "lay a skin on a robot, and draw its patches",
         "design",
     ),
-    "skin convert": Entry("cli.exchange:run", "from and to URDF, iCub, GenTact"),
+    "skin convert": Entry("cli.skin:run_convert", "from and to URDF, iCub, GenTact"),
     "skin pose": Entry("cli.pose:run", "measure where patches are mounted"),
     "skin points": Entry("cli.pose:run_points", "choose where to press for that"),
     "skin paint": Entry(

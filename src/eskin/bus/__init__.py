@@ -3,11 +3,6 @@
 The modules `ros2` and `foxglove` need the extras of their names.
 """
 
-from eskin.bus.definitions import (
-    MessageField,
-    compute_type_hash,
-    parse_definition,
-)
 from eskin.bus.messages import (
     CONTACTS,
     DIAGNOSTICS,
@@ -17,6 +12,7 @@ from eskin.bus.messages import (
     TRANSFORMS,
     DiagnosticStatus,
     Marker,
+    compute_type_hash,
 )
 from eskin.bus.publisher import PUBLISHED, Bus, Publisher
 
@@ -31,8 +27,6 @@ __all__ = [
     "Bus",
     "DiagnosticStatus",
     "Marker",
-    "MessageField",
     "Publisher",
     "compute_type_hash",
-    "parse_definition",
 ]

@@ -9,7 +9,7 @@ from eskin.bus.messages import ROBOT_DESCRIPTION
 from eskin.bus.publisher import Bus
 from eskin.errors import DeviceError, RobotError
 from eskin.files import read_file
-from eskin.recording.messages import Topic
+from eskin.recording.cdr import Topic
 from eskin.registry import find_package
 from eskin.robot import Robot
 from eskin.robot.meshes import MAX_MESH_BYTES, MeshReader

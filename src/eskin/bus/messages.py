@@ -1,15 +1,38 @@
 """This module encodes what is published live beside the topics of a recording."""
 
+import hashlib
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from eskin.recording.cdr import CdrPacker
-from eskin.recording.messages import HEADER, POINT, TIME, VECTOR, define_topic
+from eskin.recording.cdr import MessageField, Topic, define_topic
+from eskin.recording.messages import HEADER, NO_NUMBERS, POINT, TIME, VECTOR
 from eskin.stream import RecognitionState
-from eskin.touch import Contact, Reading
+from eskin.touch import Reading
+from eskin.units import NS_PER_S
+
+FIELD_TYPE_IDS = {
+    "int8": 2,
+    "uint8": 3,
+    "int16": 4,
+    "uint16": 5,
+    "int32": 6,
+    "uint32": 7,
+    "int64": 8,
+    "uint64": 9,
+    "float32": 10,
+    "float64": 11,
+    "bool": 15,
+    "byte": 16,
+    "string": 17,
+}
+"""Numbers of the basic types in `type_description_interfaces/msg/FieldType`."""
+NESTED_TYPE_ID = 1
+SEQUENCE_OFFSET = 144
+"""Difference of the numbers of an unbounded sequence of a type and of that type."""
 
 QUATERNION = (
     "geometry_msgs/Quaternion",
@@ -167,6 +190,7 @@ OK, WARN, ERROR, STALE = range(4)
 
 ARROW, SPHERE_LIST, TEXT = 0, 7, 9
 """Types of markers, as `visualization_msgs/msg/Marker` numbers them."""
+NO_POINTS, NO_COLOURS = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
 ADD = 0
 """Action of a marker that is added, or replaces that of its namespace and number."""
 
@@ -202,9 +226,9 @@ class Marker:
     """Red, green, blue and opacity, from 0 to 1."""
     lifetime: float
     """Time after which it vanishes [s]; 0 for never."""
-    points: Float[np.ndarray, "point 3"]
+    points: Float[np.ndarray, "point 3"] = NO_POINTS
     """Both ends of an arrow, or centres of spheres [m]; empty for text."""
-    colours: UInt8[np.ndarray, "point 3"]
+    colours: UInt8[np.ndarray, "point 3"] = NO_COLOURS
     """Colour of each sphere; empty otherwise."""
     text: str = ""
     """Text; its centre is `position`."""
@@ -214,12 +238,8 @@ class Marker:
 
 def pack_pressure(reading: Reading, frame_id: str) -> bytes:
     """Encode a message of `/eskin/pressure`."""
-    packer = CdrPacker()
-    packer.header(reading.stamp, frame_id)
     pressure = np.where(reading.valid, reading.pressure, 0.0)
-    packer.sequence(pressure.astype(np.float32))
-    packer.sequence(reading.valid)
-    return packer.bytes()
+    return PRESSURE.pack((reading.stamp, frame_id), pressure, reading.valid)
 
 
 def pack_contacts(
@@ -234,30 +254,28 @@ def pack_contacts(
     """
     state = recognised.state
     stamp = state.reading.stamp
-    packer = CdrPacker()
-    packer.header(stamp, frame_id)
-    packer.strings(gestures)
     touch_of = {track: touch.id for touch in state.touches for track in touch.tracks}
-    tracks = [t for t in state.tracks if t.last == stamp and not t.ended]
-    packer.unsigned(len(tracks))
-    for track in tracks:
-        touch = touch_of.get(track.id, 0)
-        packer.unsigned(track.id)
-        packer.unsigned(touch)
-        pack_contact(packer, track.contact)
-        probabilities = recognised.probabilities.get(touch, np.empty(0))
-        packer.sequence(probabilities.astype(np.float32))
-    return packer.bytes()
-
-
-def pack_contact(packer: CdrPacker, contact: Contact) -> None:
-    """Append what a contact is, from its link to its taxels."""
-    packer.string(contact.link)
-    packer.string(contact.patch)
-    packer.numbers(contact.p_world.astype(np.float64))
-    packer.numbers(contact.n_world.astype(np.float64))
-    packer.numbers(np.array([contact.force, contact.area, contact.peak], np.float32))
-    packer.sequence(contact.taxels.astype(np.uint32))
+    contacts = []
+    for track in state.tracks:
+        if track.last == stamp and not track.ended:
+            touch, contact = touch_of.get(track.id, 0), track.contact
+            probabilities = recognised.probabilities.get(touch, NO_NUMBERS)
+            contacts.append(
+                (
+                    track.id,
+                    touch,
+                    contact.link,
+                    contact.patch,
+                    contact.p_world,
+                    contact.n_world,
+                    contact.force,
+                    contact.area,
+                    contact.peak,
+                    contact.taxels,
+                    probabilities,
+                )
+            )
+    return CONTACTS.pack((stamp, frame_id), gestures, contacts)
 
 
 def pack_diagnostics(
@@ -270,61 +288,46 @@ def pack_diagnostics(
         statuses: states of all parts.
         hardware_id: name of the skin.
     """
-    statuses = tuple(statuses)
-    packer = CdrPacker()
-    packer.header(stamp, "")
-    packer.unsigned(len(statuses))
-    for status in statuses:
-        packer.byte(status.level)
-        for text in (status.name, status.message, hardware_id):
-            packer.string(text)
-        packer.unsigned(len(status.values))
-        for key, value in status.values:
-            packer.string(key)
-            packer.string(value)
-    return packer.bytes()
+    parts = [(s.level, s.name, s.message, hardware_id, s.values) for s in statuses]
+    return DIAGNOSTICS.pack((stamp, ""), parts)
 
 
 def pack_markers(stamp: int, markers: Iterable[Marker], frame_id: str) -> bytes:
-    """Encode a message of `/eskin/markers`.
+    """Encode a message of `/eskin/markers`, which have no texture and no mesh.
 
     Args:
         stamp: time of the reading [ns since the epoch].
         markers: what is drawn.
         frame_id: name of the robot's root link.
     """
-    markers = tuple(markers)
-    packer = CdrPacker()
-    packer.unsigned(len(markers))
+    no_texture, no_mesh = ((0, ""), "", NO_NUMBERS), ("", NO_NUMBERS)
+    rows = []
     for marker in markers:
-        pack_marker(packer, stamp, marker, frame_id)
-    return packer.bytes()
-
-
-def pack_marker(packer: CdrPacker, stamp: int, marker: Marker, frame_id: str) -> None:
-    """Append one marker; it has no texture and no mesh."""
-    packer.header(stamp, frame_id)
-    packer.string(marker.namespace)
-    for value in (marker.number, marker.kind, ADD):
-        packer.signed(value)
-    packer.numbers(np.array([*marker.position, 0.0, 0.0, 0.0, 1.0]))
-    packer.numbers(np.array(marker.scale))
-    packer.numbers(np.array(marker.colour, np.float32))
-    packer.stamp(round(marker.lifetime * 1e9))
-    packer.byte(False)
-    packer.sequence(marker.points)
-    rgb = marker.colours.astype(np.float32) / 255
-    packer.sequence(np.concatenate([rgb, np.ones_like(rgb[:, :1])], axis=1))
-    packer.string("")
-    packer.header(0, "")
-    packer.string("")
-    for _ in ("data", "uv_coordinates"):
-        packer.unsigned(0)
-    packer.string(marker.text)
-    packer.string("")
-    packer.string("")
-    packer.unsigned(0)
-    packer.byte(False)
+        rgb = marker.colours.astype(np.float32) / 255
+        rows.append(
+            (
+                (stamp, frame_id),
+                marker.namespace,
+                marker.number,
+                marker.kind,
+                ADD,
+                (marker.position, (0.0, 0.0, 0.0, 1.0)),
+                marker.scale,
+                marker.colour,
+                round(marker.lifetime * NS_PER_S),
+                False,
+                marker.points,
+                np.concatenate([rgb, np.ones_like(rgb[:, :1])], axis=1),
+                "",
+                no_texture,
+                NO_NUMBERS,
+                marker.text,
+                "",
+                no_mesh,
+                False,
+            )
+        )
+    return MARKERS.pack(rows)
 
 
 def pack_transforms(
@@ -339,17 +342,37 @@ def pack_transforms(
         frames: names of parent and child of each pose.
         poses: position [m], then quaternion xyzw, of each child in its parent.
     """
-    packer = CdrPacker()
-    packer.unsigned(len(frames))
-    for (parent, child), pose in zip(frames, poses, strict=True):
-        packer.header(stamp, parent)
-        packer.string(child)
-        packer.numbers(pose)
-    return packer.bytes()
+    return TRANSFORMS.pack(
+        [
+            ((stamp, parent), child, (pose[:3], pose[3:]))
+            for (parent, child), pose in zip(frames, poses, strict=True)
+        ]
+    )
 
 
-def pack_text(text: str) -> bytes:
-    """Encode a message of `/robot_description`."""
-    packer = CdrPacker()
-    packer.string(text)
-    return packer.bytes()
+def compute_type_hash(topic: Topic) -> str:
+    """Return the hash of a topic's type as ROS 2 Iron and later state it.
+
+    It is the SHA-256 of the type's description in JSON (REP 2016).
+    """
+    own, *others = [
+        {"type_name": name, "fields": list(map(describe_field, fields))}
+        for name, fields in topic.types.items()
+    ]
+    others.sort(key=lambda description: str(description["type_name"]))
+    whole = {"type_description": own, "referenced_type_descriptions": others}
+    return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
+
+
+def describe_field(field: MessageField) -> dict[str, object]:
+    """Return the description of a field, in the order of keys that is hashed."""
+    number = FIELD_TYPE_IDS.get(field.type_name, NESTED_TYPE_ID)
+    return {
+        "name": field.name,
+        "type": {
+            "type_id": number + SEQUENCE_OFFSET * field.is_sequence,
+            "capacity": 0,
+            "string_capacity": 0,
+            "nested_type_name": field.type_name if field.is_nested else "",
+        },
+    }

@@ -27,18 +27,17 @@ from eskin.bus.messages import (
     pack_diagnostics,
     pack_markers,
     pack_pressure,
-    pack_text,
     pack_transforms,
 )
 from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.page import ColourScale
+from eskin.recording.cdr import Topic
 from eskin.recording.messages import (
     DETECTION,
     EVENT,
     JOINT_STATES,
     READING,
-    Topic,
     pack_detection,
     pack_event,
     pack_joint_state,
@@ -162,7 +161,9 @@ class Publisher(Listener):
         own = (JOINT_STATES,) if self.joints else ()
         self.bus.open((*PUBLISHED, *own, TRANSFORMS, ROBOT_DESCRIPTION))
         urdf = self.mounted.robot.urdf.decode(errors="replace")
-        self.bus.send(ROBOT_DESCRIPTION, context.clock.now(), pack_text(urdf))
+        self.bus.send(
+            ROBOT_DESCRIPTION, context.clock.now(), ROBOT_DESCRIPTION.pack(urdf)
+        )
 
     def on_message(self, item: Message) -> None:
         """Publish a message on its topics."""
@@ -279,7 +280,9 @@ class MarkerPainter:
             ends = [contact.p_world + length * contact.n_world, contact.p_world]
             size = (0.006, 0.014, min(0.02, length / 2))
             markers.append(
-                build_marker("contacts", number, ARROW, size, MARKER_SECONDS, ends)
+                Marker(
+                    "contacts", number, ARROW, size, RED, MARKER_SECONDS, np.array(ends)
+                )
             )
         for touch in state.touches:
             probabilities = recognised.probabilities.get(touch.id)
@@ -308,20 +311,6 @@ class MarkerPainter:
         return Marker("taxels", 0, SPHERE_LIST, scale, WHITE, 0.0, points, colours)
 
 
-def build_marker(
-    namespace: str,
-    number: int,
-    kind: int,
-    scale: tuple[float, float, float],
-    lifetime: float,
-    points: list[Float[np.ndarray, "3"]],
-) -> Marker:
-    """Build a red marker of some points."""
-    colours = np.zeros((0, 3), np.uint8)
-    ends = np.array(points, np.float64)
-    return Marker(namespace, number, kind, scale, RED, lifetime, ends, colours)
-
-
 def build_text(
     namespace: str,
     number: int,
@@ -331,10 +320,9 @@ def build_text(
 ) -> Marker:
     """Build the marker of a text, 3 cm high, at a place [m]."""
     x, y, z = place.tolist()
-    none, colours = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-    scale, position = (0.0, 0.0, 0.03), (x, y, z)
+    scale = (0.0, 0.0, 0.03)
     return Marker(
-        namespace, number, TEXT, scale, WHITE, lifetime, none, colours, text, position
+        namespace, number, TEXT, scale, WHITE, lifetime, text=text, position=(x, y, z)
     )
 
 

@@ -9,12 +9,6 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.bus.definitions import (
-    Fields,
-    MessageField,
-    compute_type_hash,
-    parse_definition,
-)
 from eskin.bus.messages import (
     CONTACTS,
     MARKERS,
@@ -25,16 +19,17 @@ from eskin.bus.messages import (
     TRANSFORMS,
     WARN,
     DiagnosticStatus,
+    compute_type_hash,
 )
 from eskin.bus.publisher import Bus
 from eskin.drivers import Clock, JointSource
 from eskin.drivers.joints import MAX_AGE, POLL, ReceivedJoints, check_positions
 from eskin.errors import DeviceError, RecordingError
 from eskin.progress import Closing
+from eskin.recording.cdr import MessageField, Topic, Types
 from eskin.recording.messages import (
     JOINT_STATES,
     READING,
-    Topic,
     unpack_joint_state,
 )
 from eskin.registry import find_package
@@ -130,7 +125,7 @@ def build_type(topic: Topic) -> Any:  # noqa: ANN401
     Cyclone DDS describes the type to others; an instance holds a message as `encoded`.
     """
     built: dict[str, Any] = {"string": str, "bool": bool}
-    for name, fields in sort_by_use(parse_definition(topic)):
+    for name, fields in sort_by_use(topic.types):
         package, _, short = name.split("/")
         kinds = {field.name: find_type(field, built) for field in fields}
         built[name] = idl.make_idl_struct(
@@ -142,14 +137,14 @@ def build_type(topic: Topic) -> Any:  # noqa: ANN401
     return own
 
 
-def sort_by_use(definitions: dict[str, Fields]) -> list[tuple[str, Fields]]:
+def sort_by_use(types: Types) -> list[tuple[str, tuple[MessageField, ...]]]:
     """Return the types of a topic, each after those that it uses."""
     uses = {
         name: {field.type_name for field in fields if field.is_nested}
-        for name, fields in definitions.items()
+        for name, fields in types.items()
     }
     order = TopologicalSorter(uses).static_order()
-    return [(name, definitions[name]) for name in order]
+    return [(name, types[name]) for name in order]
 
 
 def find_type(field: MessageField, built: dict[str, Any]) -> Any:  # noqa: ANN401

@@ -1,7 +1,9 @@
-"""This module checks paths before a command starts its work."""
+"""This module checks options and paths before a command starts its work."""
 
+import math
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +24,91 @@ BLOCK = 512
 """Unit in which the system counts a file's size on disk [bytes]."""
 OUTPUTS = ("--out", "--record", "--results")
 """Options whose files are written, whatever they hold now."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """A range annotates an option with the numbers that it takes."""
+
+    low: float
+    """Smallest number."""
+
+    high: float = math.inf
+    """Largest number; inf for all that are finite."""
+
+    is_open: bool = False
+    """Whether the smallest number itself is not allowed."""
+
+    allows_inf: bool = False
+    """Whether the option may be infinite."""
+
+    def __contains__(self, value: float) -> bool:
+        """Return whether a number is in the range."""
+        is_above = value > self.low if self.is_open else value >= self.low
+        return is_above and value <= self.high and (value < math.inf or self.allows_inf)
+
+    def __str__(self) -> str:
+        """Return what is allowed, as messages say it."""
+        is_bounded = self.high < math.inf
+        kind = "numbers" if is_bounded or self.allows_inf else "finite numbers"
+        low = f"{'above' if self.is_open else 'from'} {self.low:g}"
+        return f"{kind} {low} up to {self.high:g}" if is_bounded else f"{kind} {low}"
+
+
+POSITIVE, NOT_NEGATIVE = Range(0, is_open=True), Range(0)
+POSITIVE_OR_INF = Range(0, is_open=True, allows_inf=True)
+
+
+@dataclass(frozen=True)
+class Needs:
+    """A need annotates an option that is of no use without another one."""
+
+    other: str
+    """Name of the other option's field."""
+
+
+@dataclass(frozen=True)
+class Excludes:
+    """An exclusion annotates an option that must not be given with another one."""
+
+    other: str
+    """Name of the other option's field."""
+
+
+def check_options(command: object) -> None:
+    """Raise unless the options of a command are as its fields are annotated.
+
+    Raises:
+        ValueError: naming an option that is out of range, that is given without one
+            that it needs, or with one that it excludes.
+    """
+    for field in fields(command):
+        value, option = getattr(command, field.name), name_option(field.name)
+        if not is_given(value):
+            continue
+        for rule in getattr(field.type, "__metadata__", ()):
+            if isinstance(rule, Range) and value not in rule:
+                raise ValueError(f"{option} is {value}; allowed are {rule}; change it")
+            if isinstance(rule, Needs) and not is_given(getattr(command, rule.other)):
+                raise ValueError(
+                    f"{option} is given without {name_option(rule.other)}; allowed is "
+                    "both; add it, or leave both out"
+                )
+            if isinstance(rule, Excludes) and is_given(getattr(command, rule.other)):
+                raise ValueError(
+                    f"{option} is given with {name_option(rule.other)}; allowed is one "
+                    "of them; leave the other out"
+                )
+
+
+def name_option(field: str) -> str:
+    """Return the option of a field of a command."""
+    return "--" + field.replace("_", "-")
+
+
+def is_given(value: object) -> bool:
+    """Return whether the value of an option is another than none at all."""
+    return value is not None and value is not False and value != ()
 
 
 def check_files(words: Sequence[str]) -> None:

@@ -10,6 +10,14 @@ from eskin.errors import EskinError
 from eskin.registry import EXPORTS, load_function
 from eskin.units import format_count
 
+NOUNS = {
+    "recordings": "recording",
+    "messages": "message",
+    "readings": "reading",
+    "touches": "touch",
+}
+"""Names of one of what is written, by the keys of the result."""
+
 
 @dataclass(frozen=True)
 class ExportCommand:
@@ -45,10 +53,7 @@ def run(command: ExportCommand) -> dict[str, object]:
         )
     if command.onnx is not None:
         return export_model(command.sources, command.onnx)
-    if command.rosbag is not None:
-        return export_bag(command.sources, command.rosbag)
-    assert command.parquet is not None
-    return export_tables(command.sources, command.parquet)
+    return export_recordings(command)
 
 
 def export_model(sources: tuple[str, ...], path: Path) -> dict[str, object]:
@@ -67,30 +72,19 @@ def export_model(sources: tuple[str, ...], path: Path) -> dict[str, object]:
     return {"max_error": error}
 
 
-def export_bag(sources: tuple[str, ...], folder: Path) -> dict[str, object]:
-    """Write recordings as a bag; return the numbers of recordings and messages."""
+def export_recordings(command: ExportCommand) -> dict[str, object]:
+    """Write recordings as a bag or as tables; return how much was written."""
+    folder = command.rosbag or command.parquet
+    assert folder is not None
     check_folder(folder.absolute().parent)
-    from eskin.recording import find_recordings, read_recording, write_bag
+    from eskin.recording import find_recordings, read_recording, write_bag, write_tables
 
-    recordings = [read_recording(path) for path in find_recordings(sources)]
-    messages = write_bag(recordings, folder)
-    print(
-        f"{folder}: {format_count(len(recordings), 'recording')}, "
-        f"{format_count(messages, 'message')}"
-    )
-    return {"recordings": len(recordings), "messages": messages}
-
-
-def export_tables(sources: tuple[str, ...], folder: Path) -> dict[str, object]:
-    """Write recordings as tables; return the numbers of recordings and rows."""
-    check_folder(folder.absolute().parent)
-    from eskin.recording import find_recordings, read_recording, write_tables
-
-    recordings = [read_recording(path) for path in find_recordings(sources)]
-    readings, touches = write_tables(recordings, folder)
-    print(
-        f"{folder}: {format_count(len(recordings), 'recording')}, "
-        f"{format_count(readings, 'reading')}, "
-        f"{format_count(touches, 'touch')}"
-    )
-    return {"recordings": len(recordings), "readings": readings, "touches": touches}
+    recordings = [read_recording(path) for path in find_recordings(command.sources)]
+    counts = {"recordings": len(recordings)}
+    if command.rosbag is not None:
+        counts["messages"] = write_bag(recordings, folder)
+    else:
+        counts["readings"], counts["touches"] = write_tables(recordings, folder)
+    told = [format_count(count, NOUNS[key]) for key, count in counts.items()]
+    print(f"{folder}: {', '.join(told)}")
+    return dict(counts)

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
 
 import tyro
 
+from eskin.cli.checks import POSITIVE_OR_INF
 from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S, format_count
 
 if TYPE_CHECKING:
+    from eskin.app import SourceConfig
     from eskin.calibration import GuideEvent, PressGuide, PressRequest
     from eskin.drivers import Source
     from eskin.page import GuideBoard, PressPlace
@@ -30,24 +32,24 @@ GUIDED_KINDS = {"serial", "csv", "udp", "xela", "replay"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class GuidedCommand:
+class SourceCommand:
     """The options that say which skin is read, and how."""
 
-    source: tyro.conf.Positional[tuple[str, ...]]
-    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
-    xela://HOST:PORT; or replay:FILE."""
+    source: tuple[str, ...]
+    """Source of the scans."""
 
     skin: str | None = None
-    """Skin of the device: a preset's name or a skin's folder. A recording has its own.
-    """
+    """Skin of the device: a preset's name or a skin's folder. Recordings and
+    simulations have their own."""
 
     robot_urdf: str | None = None
     """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
     have their own."""
 
     calibration: Path | None = None
-    """Calibration file to start from; by default that of the recording, or
-    calibration.json in the skin's folder, else a nominal one."""
+    """Calibration file of the electronics, as eskin calibrate writes it. By default it
+    is that of the recording, or calibration.json in the skin's folder, else a nominal
+    calibration."""
 
     q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
     """Joint positions [rad] of a robot that does not move; zeros by default."""
@@ -56,17 +58,54 @@ class GuidedCommand:
     """Address to which the joint positions of a robot are sent as JSON,
     udp://HOST:PORT."""
 
-    rate: float | None = None
-    """Rate of the device's scans [1/s]; by default the one that it announces."""
+    rate: Annotated[float | None, POSITIVE_OR_INF] = None
+    """Rate of the devices' scans [1/s]; by default the one that they announce."""
 
     baud: int | None = None
-    """Baud rate of serial ports; ignored by ports that are USB only."""
+    """Baud rate of serial ports, 1,000,000 for serial: and 115,200 for csv: by default;
+    ignored by ports that are USB only."""
 
     allow_remote: bool = False
-    """Accept UDP packets from other computers without --key."""
+    """Accept UDP packets from other computers, although UDP does not authenticate the
+    sender. With --key they are accepted anyway."""
 
     key: Path | None = None
-    """Key file of the patches; packets without a valid seal are refused."""
+    """Key file of the patches: 64 hexadecimal digits that only you may read. Packets
+    without a valid seal are refused."""
+
+    def build_config(self, pace: float) -> "SourceConfig":
+        """Build the configuration of the source.
+
+        Args:
+            pace: seconds of a recording or simulation that are played in a second.
+
+        Raises:
+            DeviceError: the key cannot be used.
+        """
+        from eskin.app import SourceConfig
+        from eskin.drivers import read_key
+
+        return SourceConfig(
+            skin=self.skin,
+            robot=self.robot_urdf,
+            calibration=self.calibration,
+            q=self.q,
+            rate=self.rate,
+            pace=pace,
+            patience=PATIENCE,
+            baud=self.baud,
+            allow_remote=self.allow_remote,
+            key=None if self.key is None else read_key(self.key),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidedCommand(SourceCommand):
+    """The options of commands that guide a person."""
+
+    source: tyro.conf.Positional[tuple[str, ...]]
+    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT; or replay:FILE."""
 
     @property
     def pace(self) -> float:
@@ -195,8 +234,7 @@ def open_guided_source(
     Raises:
         DeviceError: the source is neither.
     """
-    from eskin.app import SourceConfig, open_joints, open_source
-    from eskin.drivers import read_key
+    from eskin.app import open_joints, open_source
     from eskin.live import mount_skin
     from eskin.skin import MountedSkin
 
@@ -213,18 +251,7 @@ def open_guided_source(
             f"{command.source[0]} is given without --skin; allowed is a preset's name "
             "or a skin's folder; say whose patches they are"
         )
-    config = SourceConfig(
-        skin=command.skin,
-        robot=command.robot_urdf,
-        calibration=command.calibration,
-        q=command.q,
-        rate=command.rate,
-        pace=command.pace,
-        patience=PATIENCE,
-        baud=command.baud,
-        allow_remote=command.allow_remote,
-        key=None if command.key is None else read_key(command.key),
-    )
+    config = command.build_config(command.pace)
     if command.skin is not None and command.joints is not None:
         robot = mount_skin(command.skin, command.robot_urdf).robot
         joints = open_joints(command.joints, robot, None, command.allow_remote)

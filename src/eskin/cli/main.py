@@ -20,7 +20,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from eskin.cli.checks import check_files
+from eskin.cli.checks import check_files, check_options
 from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, StreamError
 from eskin.registry import COMMANDS, MOVED, load_function
@@ -139,7 +139,7 @@ def split_command(argv: list[str]) -> tuple[str, list[str]]:
 
 
 def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Output]:
-    """Parse the arguments of one command; reduce tyro's error to one line."""
+    """Parse and check the arguments of a command; reduce tyro's error to one line."""
     both = tuple[
         Annotated[command_type, tyro.conf.arg(name="")],
         Annotated[Output, tyro.conf.arg(name="")],
@@ -147,7 +147,7 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
     tyro_error = io.StringIO()
     try:
         with contextlib.redirect_stderr(tyro_error):
-            return tyro.cli(
+            command, output = tyro.cli(
                 both,
                 prog=f"eskin {name}",
                 description=command_type.__doc__,
@@ -158,6 +158,8 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
         if stop.code == 0:
             raise
         raise ValueError(rewrite_parse_error(tyro_error.getvalue(), name)) from None
+    check_options(command)
+    return command, output
 
 
 def print_error(message: str) -> int:

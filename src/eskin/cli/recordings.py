@@ -3,11 +3,16 @@
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic, sleep
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from eskin.cli.checks import check_writable, load_overrides
+from eskin.cli.checks import (
+    NOT_NEGATIVE,
+    POSITIVE_OR_INF,
+    check_writable,
+    load_overrides,
+)
 from eskin.errors import RecordingError
 from eskin.units import format_count
 
@@ -26,17 +31,17 @@ class LabelCommand:
     """Label recordings automatically where the pressure passes a threshold.
 
     Rough ranges say which gesture is made where. The new labels have the source `auto`
-    and replace earlier ones of that source; true labels stay as they are.
+    and replace previous ones of that source; true labels stay as they are.
     """
 
     recordings: tyro.conf.Positional[tuple[Path, ...]]
     """Recordings, or folders of them."""
 
-    threshold: float | None = None
+    threshold: Annotated[float | None, NOT_NEGATIVE] = None
     """Peak pressure from which the skin counts as touched [kPa]. By default it is the
     value that separates touched from untouched best in each recording (Otsu)."""
 
-    min_window: float = 0.5
+    min_window: Annotated[float, NOT_NEGATIVE] = 0.5
     """Touches closer than this are joined, so that a double-pat is not split [s]."""
 
     ranges: Path | None = None
@@ -58,7 +63,8 @@ def run_label(command: LabelCommand) -> dict[str, object]:
         sort_labels,
     )
 
-    check_label(command)
+    if not command.recordings:
+        raise RecordingError("no recording given; give .mcap files or folders of them")
     paths = find_recordings(command.recordings)
     recordings = [read_recording(path) for path in paths]
     if command.ranges is not None and len(paths) > 1:
@@ -86,19 +92,6 @@ def run_label(command: LabelCommand) -> dict[str, object]:
     for name, value in (summary or {}).items():
         print(f"  {name:18} {value:.3f}" if value is not None else f"  {name:18} -")
     return {"labels": count, "agreement": summary}
-
-
-def check_label(command: LabelCommand) -> None:
-    """Raise if an option is out of range."""
-    if not command.recordings:
-        raise RecordingError("no recording given; give .mcap files or folders of them")
-    for name in ("threshold", "min_window"):
-        value = getattr(command, name)
-        if value is not None and not 0 <= value < float("inf"):
-            option = name.replace("_", "-")
-            raise RecordingError(
-                f"--{option} is {value}; allowed is 0 or more; change it"
-            )
 
 
 def find_labels(command: LabelCommand, recording: "Recording") -> "AutoLabelResult":
@@ -158,9 +151,9 @@ class ReplayCommand:
     """Name of weights that come with eskin, or a .safetensors file that `eskin train`
     wrote."""
 
-    threshold: float | None = None
+    threshold: Annotated[float | None, NOT_NEGATIVE] = None
     """Confidence from which a gesture is reported while the touch goes on. By default
-    it is that of the model."""
+    it is that of the model; above 1 a gesture waits for the end of its touch."""
 
     robot_urdf: str | None = None
     """URDF of the recorded robot, if that robot does not come with eskin."""
@@ -208,12 +201,7 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
 
 
 def check_replay(command: ReplayCommand) -> None:
-    """Raise if the threshold is out of range or the copy cannot be written."""
-    if command.threshold is not None and not 0 <= command.threshold < float("inf"):
-        raise RecordingError(
-            f"--threshold is {command.threshold:g}; allowed is 0 or more; above 1 a "
-            "gesture waits for the end of its touch; correct it"
-        )
+    """Raise if the copy cannot be written."""
     if command.record is not None and command.record.is_dir():
         raise RecordingError(
             f"cannot write {command.record}: it is a folder; give the path of a file"
@@ -296,7 +284,7 @@ class ViewCommand:
     port: int = 8080
     """TCP port of the page on this computer; 0 takes any free one."""
 
-    seconds: float | None = None
+    seconds: Annotated[float | None, POSITIVE_OR_INF] = None
     """Time after which to stop [s]."""
 
 
@@ -308,10 +296,6 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
-    if command.seconds is not None and not command.seconds > 0:
-        raise ValueError(
-            f"--seconds is {command.seconds}; allowed is more than 0; change it"
-        )
     port = free_port(command.port)
     recording = read_recording(command.recording)
     urdf = command.robot_urdf

@@ -8,10 +8,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
-from eskin.cli.guided import PATIENCE, check_joints
-from eskin.errors import ArmError, DeviceError
+from eskin.cli.checks import POSITIVE, POSITIVE_OR_INF, Excludes, Needs
+from eskin.cli.guided import PATIENCE, SourceCommand, check_joints
+from eskin.errors import DeviceError
 from eskin.units import format_count
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ NETWORK, KEYED = {"udp", "xela"}, {"serial", "udp"}
 
 
 @dataclass(frozen=True)
-class RunCommand:
+class RunCommand(SourceCommand):
     """Recognise live: from patches on a cable, a recording or a simulated person.
 
     The command ends with its source, after --seconds, or by Ctrl-C, which finishes the
@@ -42,72 +41,37 @@ class RunCommand:
     """Source of the scans: serial:PATH or csv:PATH (one or several), udp://HOST:PORT,
     xela://HOST:PORT, replay:FILE or sim:SKIN."""
 
-    skin: str | None = None
-    """Skin of the patches: a preset's name or a skin's folder. Recordings and
-    simulations have their own."""
-
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
 
-    robot_urdf: str | None = None
-    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
-    have their own."""
-
-    calibration: Path | None = None
-    """Calibration file of the electronics, as eskin calibrate writes it. By default it
-    is that of the recording, or calibration.json in the skin's folder, else a nominal
-    calibration."""
-
-    q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
-    """Joint positions [rad] of a robot that does not move; zeros by default."""
-
-    joints: str | None = None
-    """Address to which the joint positions of a robot are sent as JSON,
-    udp://HOST:PORT."""
-
-    robot: str | None = None
+    robot: Annotated[str | None, Excludes("q"), Excludes("joints")] = None
     """Arm that touches command: sim:ur5 or ur://HOST. It also gives the joint
     positions. A real arm is held until a touch pauses it and another resumes it: with
     the default map a poke, and a second later a double pat."""
 
-    commands: Path | None = None
+    commands: Annotated[Path | None, Needs("robot")] = None
     """Command map, which tells what each touch commands; by default the one that comes
     with eskin."""
 
-    import_functions: bool = False
+    import_functions: Annotated[bool, Needs("commands")] = False
     """Import the functions `module:function` of the command map from its folder, which
     runs the code there."""
 
     record: Path | None = None
     """Path of a recording of scans, detections and events."""
 
-    piece_mb: float | None = None
+    piece_mb: Annotated[float | None, POSITIVE, Needs("record")] = None
     """Size of the recording from which a new file is started [MB]."""
 
-    seconds: float | None = None
+    seconds: Annotated[float | None, POSITIVE_OR_INF] = None
     """Time after which to stop [s]."""
 
-    rate: float | None = None
-    """Rate of the devices' scans [1/s]; by default the one that they announce."""
-
-    pace: float = 1.0
+    pace: Annotated[float, POSITIVE_OR_INF] = 1.0
     """Speed of a recording or simulation relative to real time; inf is as fast as it is
     recognised."""
 
     seed: int = 0
     """Random seed of the simulated person."""
-
-    baud: int | None = None
-    """Baud rate of serial ports, 1,000,000 for serial: and 115,200 for csv: by default;
-    ignored by ports that are USB only."""
-
-    allow_remote: bool = False
-    """Accept UDP packets from other computers, although UDP does not authenticate the
-    sender. With --key they are accepted anyway."""
-
-    key: Path | None = None
-    """Key file of the patches: 64 hexadecimal digits that only you may read. Packets
-    without a valid seal are refused."""
 
     allow_unauthenticated: bool = False
     """Let a udp:// source without --key, or an xela:// source, command a real robot,
@@ -119,7 +83,7 @@ class RunCommand:
     view: bool = False
     """Show the skin in the browser; nothing can be touched or commanded there."""
 
-    port: int | None = None
+    port: Annotated[int | None, Needs("view")] = None
     """TCP port of the page on this computer, 8080 by default; 0 takes any free one."""
 
     ros2: bool = False
@@ -127,21 +91,21 @@ class RunCommand:
     2 in the domain ROS_DOMAIN_ID, and take joint positions from /joint_states where
     neither --robot nor --q nor the source has them."""
 
-    ros2_reliable: bool = False
+    ros2_reliable: Annotated[bool, Needs("ros2")] = False
     """Send readings, contacts and markers of --ros2 again when they are lost; for
     subscribers that ask for it."""
 
     foxglove: bool = False
     """Serve robot, taxels, contacts and detections to Foxglove on this computer."""
 
-    foxglove_port: int | None = None
+    foxglove_port: Annotated[int | None, Needs("foxglove")] = None
     """TCP port for Foxglove, 8765 by default; 0 takes any free one."""
 
 
 def run(command: RunCommand) -> dict[str, object]:
     """Stream until the end; print detections and events as they come."""
-    from eskin.app import SourceConfig, open_joints, open_source
-    from eskin.drivers import HostClock, read_key
+    from eskin.app import open_joints, open_source
+    from eskin.drivers import HostClock
     from eskin.live import Recognizer, load_model, mount_skin, warm_up
     from eskin.skin import MountedSkin
     from eskin.stream import (
@@ -154,18 +118,10 @@ def run(command: RunCommand) -> dict[str, object]:
     check_options(command)
     import_buses(command)
     model, clock = load_model(command.model), HostClock()
-    config = SourceConfig(
-        skin=command.skin,
-        robot=command.robot_urdf,
-        calibration=command.calibration,
-        q=command.q,
-        rate=command.rate,
-        pace=command.pace,
+    config = replace(
+        command.build_config(command.pace),
         seed=command.seed,
         patience=min(PATIENCE, command.seconds or PATIENCE),
-        baud=command.baud,
-        allow_remote=command.allow_remote,
-        key=None if command.key is None else read_key(command.key),
     )
     with ExitStack() as stack:
         # Devices send at any time, so code is compiled before they are opened.
@@ -219,55 +175,12 @@ def choose_drop_policy(command: RunCommand) -> "Drop":
 
 
 def check_options(command: RunCommand) -> None:
-    """Raise if an option is out of range or needs another one.
+    """Raise if options do not go with the source.
 
     Raises:
-        DeviceError: for options of the source, the recording or the page.
-        ArmError: for options of the arm.
+        DeviceError: for joint positions, a key, or a robot that is real.
     """
-    for name in ("seconds", "rate", "pace", "piece_mb"):
-        value = getattr(command, name)
-        if value is not None and not value > 0:
-            option = name.replace("_", "-")
-            raise DeviceError(f"--{option} is {value}; allowed are above 0; change it")
-    if command.piece_mb == math.inf:
-        raise DeviceError("--piece-mb is inf; allowed is a finite size; leave it out")
-    if command.piece_mb is not None and command.record is None:
-        raise DeviceError(
-            "--piece-mb is given without --record; allowed is both; name the recording"
-        )
-    if command.port is not None and not command.view:
-        raise DeviceError(
-            "--port is given without --view; allowed is both; ask for the page"
-        )
-    if command.foxglove_port is not None and not command.foxglove:
-        raise DeviceError(
-            "--foxglove-port is given without --foxglove; allowed is both; add it"
-        )
-    if command.ros2_reliable and not command.ros2:
-        raise DeviceError(
-            "--ros2-reliable is given without --ros2; allowed is both; add it"
-        )
-    if command.commands is not None and command.robot is None:
-        raise ArmError(
-            "--commands is given without --robot; allowed is both; say which robot"
-        )
-    if command.import_functions and command.commands is None:
-        raise ArmError(
-            "--import-functions is given without --commands; allowed is both; name the "
-            "command map"
-        )
-    if command.robot is not None and command.q is not None:
-        raise ArmError(
-            "--q is given with --robot; allowed is one of them; the robot tells where "
-            "its joints are"
-        )
     check_joints(command.joints, command.q, command.source)
-    if command.joints is not None and command.robot is not None:
-        raise ArmError(
-            "--joints is given with --robot; allowed is one of them; the robot tells "
-            "where its joints are"
-        )
     kinds = {uri.partition(":")[0] for uri in command.source}
     if command.key is not None and not kinds <= KEYED:
         raise DeviceError(

@@ -1,8 +1,8 @@
-"""`eskin skin show` and `eskin skin check` describe and verify a skin."""
+"""`eskin skin show`, `check` and `convert` describe, verify and convert a skin."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
@@ -10,8 +10,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from eskin.cli.checks import NOT_NEGATIVE, check_folder, check_writable
 from eskin.errors import DeviceError, SkinError
-from eskin.robot import Robot
+from eskin.robot import Robot, load_robot
 from eskin.skin import (
     SKIN_PRESETS,
     CheckConfig,
@@ -22,8 +23,10 @@ from eskin.skin import (
     load_robot_for_skin,
     load_skin,
     parse_skin_folder,
+    save_skin,
 )
-from eskin.units import NS_PER_S
+from eskin.skin.files import MANIFEST
+from eskin.units import NS_PER_S, format_count
 
 if TYPE_CHECKING:
     from eskin.drivers import Source
@@ -228,7 +231,7 @@ class CheckCommand:
     no_mimics: bool = False
     """Ignore the mimic rules of the URDF: every joint has a value of its own."""
 
-    tolerance: float = 1e3 * CheckConfig.max_surface_distance
+    tolerance: Annotated[float, NOT_NEGATIVE] = 1e3 * CheckConfig.max_surface_distance
     """Largest distance of a taxel from its link's surface [mm]."""
 
     live: bool = False
@@ -240,18 +243,8 @@ class CheckCommand:
     calibration: Path | None = None
     """Calibration file of the electronics for --live, as for eskin run."""
 
-    wait: float = 30.0
+    wait: Annotated[float, NOT_NEGATIVE] = 30.0
     """Longest time to wait for each press of --live [s]."""
-
-    def __post_init__(self) -> None:
-        """Raise if a number is out of range."""
-        for name in ("tolerance", "wait"):
-            value = getattr(self, name)
-            if not 0 <= value < np.inf:
-                raise ValueError(
-                    f"--{name} is {value:g}; allowed is a number of 0 or more; change "
-                    "it"
-                )
 
 
 def run_check(command: CheckCommand) -> dict[str, object]:
@@ -321,3 +314,101 @@ def find_problems(
         for p in found
     ]
     return [*draft.problems, *named]
+
+
+Format = Literal["skin", "urdf", "icub", "gentact"]
+SUFFIXES: dict[str, Format] = {".urdf": "urdf", ".txt": "icub", ".csv": "gentact"}
+
+
+@dataclass(frozen=True)
+class ConvertSkinCommand:
+    """Convert a skin from or to the tactile sensors of a URDF, iCub or GenTact files.
+
+    The format is told by the path: NAME.urdf, NAME.csv of GenTact, NAME.txt or a folder
+    of such files of the iCub; any other is a skin's folder, or the name of a preset.
+    """
+
+    source: tyro.conf.Positional[str]
+    """Skin, or file of another project."""
+
+    out: tyro.conf.Positional[Path]
+    """What to write."""
+
+    to: Format | None = None
+    """Format to write, where the path does not tell it, as for a folder of iCub files.
+    """
+
+    robot_urdf: str | None = None
+    """Robot of the skin: a URDF file or a preset's name. GenTact files need one with
+    shapes, which give the normals; to a .urdf, the sensors are added to its URDF."""
+
+    link: str | None = None
+    """Link of all taxels, where the file does not tell it."""
+
+    name: str | None = None
+    """Name of the skin; that of the file where none is given."""
+
+
+def run_convert(command: ConvertSkinCommand) -> dict[str, object]:
+    """Read a skin, write it, and return its counts."""
+    wanted = command.to or SUFFIXES.get(command.out.suffix, "skin")
+    if wanted in ("skin", "icub"):
+        check_folder(command.out)
+    else:
+        check_writable(command.out)
+    from eskin.skin.gentact import write_gentact
+    from eskin.skin.icub import write_icub_positions
+    from eskin.skin.tactile_urdf import write_tactile_urdf
+
+    robot = None if command.robot_urdf is None else load_robot(command.robot_urdf)
+    skin = read_skin(command, robot)
+    match wanted:
+        case "skin":
+            save_skin(skin, command.out)
+        case "urdf":
+            write_tactile_urdf(command.out, skin, robot)
+        case "icub":
+            write_icub_positions(command.out, skin)
+        case "gentact":
+            write_gentact(command.out, skin)
+    print(
+        f"{command.out}: {format_count(skin.count, 'taxel')} of "
+        f"{format_count(len(skin.patches), 'patch')}, on "
+        f"{format_count(len(set(skin.link_names)), 'link')}"
+    )
+    return {
+        "out": str(command.out),
+        "format": wanted,
+        "taxels": skin.count,
+        "patches": len(skin.patches),
+    }
+
+
+def read_skin(command: ConvertSkinCommand, robot: Robot | None) -> Skin:
+    """Read the skin that is converted.
+
+    Raises:
+        SkinError: It cannot be read, or needs the robot.
+    """
+    from eskin.skin.gentact import read_gentact
+    from eskin.skin.icub import read_icub_positions
+    from eskin.skin.tactile_urdf import read_tactile_urdf
+
+    path = Path(command.source)
+    name = command.name or path.stem
+    if command.source in SKIN_PRESETS or (path / MANIFEST).exists():
+        return load_skin(command.source)
+    files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
+    match SUFFIXES.get(files[0].suffix if files else "", "skin"):
+        case "urdf":
+            return read_tactile_urdf(path, name)
+        case "icub":
+            return read_icub_positions(files, name, command.link)
+        case "gentact" if robot is not None:
+            return read_gentact(path, name, robot, command.link)
+        case "gentact":
+            raise SkinError(
+                f"{path} has no normals; allowed is a robot with shapes, which give "
+                "them; name it with --robot-urdf"
+            )
+    return load_skin(command.source)

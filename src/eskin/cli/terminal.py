@@ -88,8 +88,8 @@ class TerminalPrinter(Listener):
         if isinstance(item, Event):
             text = f"{item.kind:12} {'':4}  {item.text}"
         elif isinstance(item, CommandEvent):
-            verdict = "done" if item.accepted else "not done"
-            text = f"  {item.action:15}  {verdict}: {item.why}"
+            outcome = "done" if item.accepted else "not done"
+            text = f"  {item.action:15}  {outcome}: {item.why}"
         else:
             text = (
                 f"{item.gesture:12} {item.confidence:4.0%}  {item.patch} on "

@@ -5,7 +5,6 @@ from eskin.drivers.clock import Clock, HostClock, ManualClock
 from eskin.drivers.csv_matrix import CsvMatrix
 from eskin.drivers.device_source import DeviceSource
 from eskin.drivers.events import Event, EventLog
-from eskin.drivers.framing import Deframer, encode_frame
 from eskin.drivers.joints import (
     CalledJoints,
     FixedJoints,
@@ -15,26 +14,26 @@ from eskin.drivers.joints import (
 )
 from eskin.drivers.packet import (
     Data,
+    Deframer,
     Echo,
     Hello,
     Packet,
     Request,
     Status,
     decode_packet,
+    encode_frame,
     encode_packet,
 )
-from eskin.drivers.patch_stream import ScanRateMeter
 from eskin.drivers.played_source import STEPPED, PlayedSource, replay_source
 from eskin.drivers.sampled_source import PatchSample, SampleDevice, SampledSource
-from eskin.drivers.seal import SessionSeal, read_key
 from eskin.drivers.serial_transport import (
     SerialPortInfo,
     SerialTransport,
     list_serial_ports,
 )
-from eskin.drivers.sessions import HostSessions
-from eskin.drivers.source import Source, SourceInfo
-from eskin.drivers.transport import ReceivedPacket, Transport
+from eskin.drivers.sessions import HostSessions, SessionSeal, read_key
+from eskin.drivers.source import ReceivedPacket, Source, SourceInfo, Transport
+from eskin.drivers.timeline import ScanRateMeter
 from eskin.drivers.udp_transport import UdpTransport, check_udp_host
 
 __all__ = [

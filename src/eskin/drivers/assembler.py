@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Integer
 
-from eskin.drivers.clock_offset import NS_PER_US
+from eskin.drivers.clock import NS_PER_US
 from eskin.drivers.clock_sync import Doubt, ScanTime
 from eskin.drivers.events import EventLog
 from eskin.drivers.joints import JointSource, PoseLog
@@ -19,8 +19,13 @@ from eskin.drivers.module_registry import (
     is_authenticated,
 )
 from eskin.drivers.packet import Data, Echo, Hello, Packet, Status
-from eskin.drivers.patch_stream import PatchStream, RateChange
-from eskin.drivers.timeline import PeriodGrid, PeriodScans, ScanTimeline
+from eskin.drivers.timeline import (
+    PatchStream,
+    PeriodGrid,
+    PeriodScans,
+    RateChange,
+    ScanTimeline,
+)
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S

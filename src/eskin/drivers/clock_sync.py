@@ -2,7 +2,7 @@
 
 from typing import Literal, NamedTuple, final
 
-from eskin.drivers.clock_offset import (
+from eskin.drivers.clock import (
     NS_PER_US,
     ClockOffsetEstimator,
     EchoBounds,

@@ -23,8 +23,7 @@ from jaxtyping import Int
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.clock_sync import DeviceClock
-from eskin.drivers.framing import Framing
-from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
+from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN, Framing
 from eskin.drivers.sampled_source import PatchSample, SampleDevice
 from eskin.drivers.serial_transport import SerialPort
 from eskin.errors import DeviceError
@@ -97,18 +96,18 @@ class MatrixLine:
 
     def read(self, now: int) -> list[PatchSample]:
         """Return the samples that have arrived until a time [ns]."""
-        before, self.read_at = self.read_at, now
+        previous, self.read_at = self.read_at, now
         lines = self.port.read() or ()
         parsed = [found for line in lines if (found := self.parse(line)) is not None]
         # Lines without a time came since the port was last read, evenly: if that is
         # long ago, nobody knows how old they are.
-        if parsed and now - before > STALL and parsed[0][0] is None:
+        if parsed and now - previous > STALL and parsed[0][0] is None:
             self.counts["late"] += len(parsed)
             self.deframer.reset()
             return []
         samples = []
         for index, (time, counts) in enumerate(parsed):
-            stamp = before + (now - before) * (index + 1) // len(parsed)
+            stamp = previous + (now - previous) * (index + 1) // len(parsed)
             if time is not None:
                 stamp = self.time_line(time, counts, now)
             if stamp is not None:

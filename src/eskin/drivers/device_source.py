@@ -10,8 +10,13 @@ from eskin.drivers.joints import JointSource
 from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.packet import decode_packet
 from eskin.drivers.sessions import HostSessions
-from eskin.drivers.source import Source, SourceInfo, await_first_byte
-from eskin.drivers.transport import ReceivedPacket, Transport
+from eskin.drivers.source import (
+    ReceivedPacket,
+    Source,
+    SourceInfo,
+    Transport,
+    await_first_byte,
+)
 from eskin.errors import DeviceError, PacketError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
@@ -22,7 +27,7 @@ DEFAULT_RATE = 50.0
 HELLO_TIMEOUT = 1.2
 """Longest wait for hellos, which modules send once a second [s]."""
 MAX_SESSION_WAIT = 2.0
-"""Longest time until a patch gives up the session of an earlier host [s]."""
+"""Longest time until a patch gives up the session of a previous host [s]."""
 MAX_WAIT = 0.1
 """Longest time between two checks for silent patches [s]."""
 
@@ -118,9 +123,9 @@ class DeviceSource(Source):
         """Return the next scan of the whole skin; None where none was due in time."""
         end = None if timeout is None else self.clock.now() + round(timeout * NS_PER_S)
         while not self.ready and not self.closed:
-            before = self.clock.now()
-            self.receive(before, end)
-            if end is not None and before >= end:
+            previous = self.clock.now()
+            self.receive(previous, end)
+            if end is not None and previous >= end:
                 break
         return self.ready.popleft() if self.ready else None
 
@@ -150,13 +155,13 @@ class DeviceSource(Source):
             except PacketError as error:
                 self.count_invalid(error, port)
                 continue
-            verdict = self.sessions.judge(packet, data, arrived, port)
-            if verdict.refused is None:
-                self.assembler.push(packet, arrived, verdict.port, verdict.sent)
+            result = self.sessions.authenticate(packet, data, arrived, port)
+            if result.refused is None:
+                self.assembler.push(packet, arrived, result.port, result.sent)
                 continue
-            self.assembler.outcomes.add(verdict.refused)
-            if verdict.reason:
-                self.log.count("unauthenticated", verdict.reason)
+            self.assembler.outcomes.add(result.refused)
+            if result.reason:
+                self.log.count("unauthenticated", result.reason)
 
     def send_requests(self) -> None:
         """Send the requests that are due to patches of protocol version 2."""

@@ -130,7 +130,7 @@ class ReceivedJoints:
 
     Attributes:
         history: positions of all joints; None before every joint was received.
-        heard: time at which each joint was last received [ns since the epoch].
+        last_received: time at which each joint was last received [ns since the epoch].
         accepted, refused: numbers of messages that were used, and that were not.
     """
 
@@ -140,7 +140,7 @@ class ReceivedJoints:
         self.index = {name: i for i, name in enumerate(robot.joint_names)}
         self.q = np.zeros(len(robot.joint_names))
         self.history: JointHistory | None = None
-        self.heard: dict[str, int] = {}
+        self.last_received: dict[str, int] = {}
         self.accepted = self.refused = 0
         self.reason = ""
 
@@ -154,7 +154,7 @@ class ReceivedJoints:
         self.accepted += 1
         for name, position in given.items():
             self.q[self.index[name]] = position
-            self.heard[name] = now
+            self.last_received[name] = now
         if not self.missing:
             self.history = self.history or JointHistory(now, self.q)
             self.history.add(now, self.q)
@@ -167,7 +167,7 @@ class ReceivedJoints:
     @property
     def missing(self) -> list[str]:
         """Names of the joints that were not received so far."""
-        return [name for name in self.index if name not in self.heard]
+        return [name for name in self.index if name not in self.last_received]
 
     def compute_age(self, stamp: int) -> float:
         """Return how far the nearest positions of every joint are from a time [s].
@@ -176,7 +176,7 @@ class ReceivedJoints:
         """
         if self.history is None:
             return float("inf")
-        late = stamp - min(self.heard.values(), default=stamp)
+        late = stamp - min(self.last_received.values(), default=stamp)
         return max(late, self.history.stamps[0] - stamp) / NS_PER_S
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
@@ -187,7 +187,7 @@ class ReceivedJoints:
         """
         if self.history is None:
             text = "no joint positions have come"
-            if self.heard:
+            if self.last_received:
                 text = f"no position of joint '{self.missing[0]}' has come"
             raise JointsError(f"{text}{self.describe_refused()}", self.q.copy())
         q = self.history.at(stamp)
@@ -322,7 +322,7 @@ class PoseLog:
         """Start with positions that are known."""
         self.joints = joints
         self.log = log
-        self.posed = True
+        self.is_known = True
 
     def read(
         self, stamp: int, received: Bool[np.ndarray, "taxel"]
@@ -340,8 +340,8 @@ class PoseLog:
         except JointsError as error:
             q, problem = error.q, str(error)
             received = np.zeros_like(received)
-        if self.posed != (problem is None):
-            self.posed = problem is None
+        if self.is_known != (problem is None):
+            self.is_known = problem is None
             self.report(stamp, problem)
         return q, received
 

@@ -153,7 +153,7 @@ class SampledSource(Source):
         self.pose = PoseLog(joints, self.log)
         self.ready: deque[Scan] = deque()
         self.pending: dict[int, PatchSample] = {}
-        self.heard: dict[int, int] = {}
+        self.last_received: dict[int, int] = {}
         self.sending: set[int] = set()
         self.is_open, self.closed = True, False
         self.tried = self.last = 0
@@ -246,15 +246,17 @@ class SampledSource(Source):
         """Note that a patch sends."""
         if patch not in self.sending:
             name = self.skin.patches[patch].id
-            known = patch in self.heard
+            known = patch in self.last_received
             kind, text = ("returned", "again") if known else ("appeared", "data")
             self.log.add(now, kind, f"patch '{name}' sends {text}", name)
             self.sending.add(patch)
-        self.heard[patch] = now
+        self.last_received[patch] = now
 
     def poll(self, now: int) -> None:
         """Note which patches have become silent; emit what is due."""
-        for patch in [p for p in self.sending if now - self.heard[p] > self.silence]:
+        for patch in [
+            p for p in self.sending if now - self.last_received[p] > self.silence
+        ]:
             self.sending.discard(patch)
             name = self.skin.patches[patch].id
             text = f"patch '{name}' no longer sends; check its cable"

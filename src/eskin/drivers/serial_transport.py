@@ -14,8 +14,8 @@ from serial.tools import list_ports
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
-from eskin.drivers.framing import END, Deframer, Framing, encode_frame
-from eskin.drivers.transport import ReceivedPacket, Transport
+from eskin.drivers.packet import END, Deframer, Framing, encode_frame
+from eskin.drivers.source import ReceivedPacket, Transport
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S
 

@@ -1,12 +1,20 @@
-"""This module holds the host's sessions with patches of protocol version 2.
+"""This module seals packets of version 2 with a pre-shared key, and holds sessions.
+
+A seal stands between the body of a packet and its CRC: the session, a counter, and a
+tag, which is the keyed BLAKE2s (RFC 7693) of the session's challenge and all bytes of
+the packet before the tag.
 
 In a session the host sends requests, which the patch answers with its clock. With a key
 a session also decides which packets are authentic: those with a valid seal under its
 challenge and a counter that has not been seen.
 """
 
+import string
+import zlib
 from collections.abc import Callable, Iterable
+from hashlib import blake2s
 from hmac import compare_digest
+from pathlib import Path
 from secrets import token_bytes
 from typing import Literal, NamedTuple, final
 
@@ -14,6 +22,10 @@ from eskin.drivers.clock import Clock
 from eskin.drivers.module_registry import PacketOutcome, name_authenticated_port
 from eskin.drivers.packet import (
     CHALLENGE_BYTES,
+    CRC,
+    MAX_PACKET_BYTES,
+    SEAL,
+    SEALED,
     VERSION_2,
     Echo,
     Hello,
@@ -21,14 +33,117 @@ from eskin.drivers.packet import (
     Request,
     encode_packet,
 )
-from eskin.drivers.seal import (
-    NO_CHALLENGE,
-    SessionSeal,
-    is_sealed,
-    read_seal,
-    read_session,
-)
+from eskin.errors import DeviceError, PacketError
+from eskin.files import read_file
 from eskin.units import NS_PER_S
+
+KEY_BYTES = 32
+"""Size of a key, the largest that BLAKE2s takes."""
+MAX_KEY_FILE = 1000
+"""Largest size of a file that may hold a key [bytes]."""
+TAG_BYTES = 16
+"""Size of a tag: a forger who guesses is right once in 2**128 packets."""
+NO_CHALLENGE = bytes(CHALLENGE_BYTES)
+"""Challenge of a patch that is in no session."""
+SESSION_BITS = 16
+"""Bits of the session in the number that holds session and counter."""
+SEALED_BYTES = SEAL.size + CRC.size
+"""Bytes after the body of a packet with a seal."""
+TAG_END = -CRC.size
+TAG_START = TAG_END - TAG_BYTES
+OTHERS_MAY_READ = 0o077
+"""Permissions of a key file that nobody but its owner may have."""
+
+
+@final
+class SessionSeal:
+    """Seals the packets of one session, and checks the seals of others.
+
+    Attributes:
+        session: first two bytes of the challenge, by which packets name the session.
+    """
+
+    def __init__(self, key: bytes, challenge: bytes) -> None:
+        """Prepare the seals of a key of 32 bytes and a challenge of 16."""
+        self.session = read_session(challenge)
+        self.start = blake2s(challenge, digest_size=TAG_BYTES, key=key)
+
+    def compute_tag(self, content: bytes) -> bytes:
+        """Return the tag of all bytes of a packet before its tag."""
+        state = self.start.copy()
+        state.update(content)
+        return state.digest()
+
+    def close(self, packet: bytes, counter: int) -> bytes:
+        """Return a packet of version 2 with a seal.
+
+        Args:
+            packet: packet without a seal, as `encode_packet` returns it.
+            counter: number that no other packet of this sender has, below 2**48.
+
+        Raises:
+            PacketError: the packet is too long with a seal (`length`).
+        """
+        if len(packet) + SEAL.size > MAX_PACKET_BYTES:
+            raise PacketError(
+                f"packet has {len(packet)} bytes; allowed with a seal are "
+                f"{MAX_PACKET_BYTES - SEAL.size}; send the scan in several packets",
+                "length",
+            )
+        number = self.session | counter << SESSION_BITS
+        start = bytes((packet[0], packet[1] | SEALED))
+        content = start + packet[2:TAG_END] + number.to_bytes(8, "little")
+        content += self.compute_tag(content)
+        return content + CRC.pack(zlib.crc32(content))
+
+    def is_valid(self, packet: bytes) -> bool:
+        """Return whether a packet with a seal was made with this key and challenge."""
+        tag = self.compute_tag(packet[:TAG_START])
+        return compare_digest(tag, packet[TAG_START:TAG_END])
+
+
+def is_sealed(packet: bytes) -> bool:
+    """Return whether a decodable packet has a seal, valid or not."""
+    return packet[0] == VERSION_2 and packet[1] >= SEALED
+
+
+def read_session(challenge: bytes) -> int:
+    """Return the number by which packets name the session of a challenge."""
+    return int.from_bytes(challenge[: SESSION_BITS // 8], "little")
+
+
+def read_seal(packet: bytes) -> tuple[int, int]:
+    """Return session and counter of a packet with a seal, which is not checked."""
+    number, _ = SEAL.unpack_from(packet, len(packet) - SEALED_BYTES)
+    return number & ((1 << SESSION_BITS) - 1), number >> SESSION_BITS
+
+
+def read_key(path: Path) -> bytes:
+    """Read a key file: 64 hexadecimal digits that only their owner may read.
+
+    Raises:
+        DeviceError: the file cannot be read, is open to others or holds no key.
+    """
+    try:
+        mode, text = path.stat().st_mode, read_file(path, MAX_KEY_FILE).strip()
+    except OSError as error:
+        raise DeviceError(
+            f"key {path} cannot be read ({error.strerror}); allowed is a file of 64 "
+            "hexadecimal digits; correct the path"
+        ) from error
+    if mode & OTHERS_MAY_READ:
+        raise DeviceError(
+            f"key {path} has mode {mode & 0o777:03o}, so others may use it; allowed is "
+            f"600; run chmod 600 {path}, and make a new key if others have read it"
+        )
+    digits = string.hexdigits.encode()
+    if len(text) != 2 * KEY_BYTES or any(digit not in digits for digit in text):
+        raise DeviceError(
+            f"key {path} holds {len(text)} bytes that are no key; allowed are 64 "
+            "hexadecimal digits; make one with openssl rand -hex 32"
+        )
+    return bytes.fromhex(text.decode())
+
 
 REQUEST_INTERVAL = NS_PER_S // 4
 """Time between two requests of a session [ns]."""
@@ -86,7 +201,7 @@ class Session:
         port: port or network address that requests are sent to.
         is_open: whether the module has answered.
         is_due: whether the request that opens it is to be sent.
-        heard_at: when the module was last heard [ns].
+        last_received_at: when a packet of the module was last received [ns].
         trusted_port: port as which authentic packets are assembled; empty before the
             module's first authentic hello.
     """
@@ -101,7 +216,7 @@ class Session:
         self.seal = None if key is None else SessionSeal(key, challenge)
         self.window = CounterWindow()
         self.is_open, self.is_due = False, True
-        self.heard_at = self.requested_at = now
+        self.last_received_at = self.requested_at = now
         self.number = OPENING
         self.awaited: dict[int, int] = {}
         self.trusted_port = ""
@@ -109,7 +224,7 @@ class Session:
     def is_over(self, now: int) -> bool:
         """Return whether the module has been silent for too long."""
         timeout = SESSION_TIMEOUT if self.is_open else OPENING_TIMEOUT
-        return now - self.heard_at > timeout
+        return now - self.last_received_at > timeout
 
     def wants_request(self, now: int) -> bool:
         """Return whether a request is due."""
@@ -130,8 +245,8 @@ class Session:
         return packet if self.seal is None else self.seal.close(packet, self.number)
 
 
-class Verdict(NamedTuple):
-    """A verdict says whether a packet may be assembled, and as whose."""
+class AuthResult(NamedTuple):
+    """A result says whether a packet may be assembled, and as whose."""
 
     refused: PacketOutcome | None
     """Outcome of a packet that is not assembled; None for one that is."""
@@ -177,7 +292,9 @@ class HostSessions:
         self.sessions: dict[int, list[Session]] = {number: [] for number in addresses}
         self.checked_at = 0
 
-    def judge(self, packet: Packet, data: bytes, arrived: int, port: str) -> Verdict:
+    def authenticate(
+        self, packet: Packet, data: bytes, arrived: int, port: str
+    ) -> AuthResult:
         """Return whether a packet may be assembled.
 
         Args:
@@ -187,80 +304,82 @@ class HostSessions:
             port: port or network address that it came from.
         """
         if self.unopened is not None:
-            return self.judge_sealed(packet, data, arrived, port, self.unopened)
+            return self.authenticate_sealed(packet, data, arrived, port, self.unopened)
         if is_sealed(data):
             return refuse(port, "are sealed with a key; give the host the same key")
         if data[0] == VERSION_2:
-            return self.judge_open(packet, arrived, port)
-        return Verdict(None, port)
+            return self.accept_without_key(packet, arrived, port)
+        return AuthResult(None, port)
 
-    def judge_open(self, packet: Packet, arrived: int, port: str) -> Verdict:
-        """Return the verdict on a packet of version 2 where there is no key."""
+    def accept_without_key(self, packet: Packet, arrived: int, port: str) -> AuthResult:
+        """Return the result for a packet of version 2 where there is no key."""
         if isinstance(packet, Hello):
             self.open(packet.address, port, arrived)
         if not isinstance(packet, Echo):
-            return Verdict(None, port)
+            return AuthResult(None, port)
         session = self.find_place(packet.address, port)
         if session is None or not compare_digest(packet.challenge, session.challenge):
-            return Verdict("late")
+            return AuthResult("late")
         self.confirm(session, arrived)
         return take_echo(session, packet, port)
 
-    def judge_sealed(
+    def authenticate_sealed(
         self,
         packet: Packet,
         data: bytes,
         arrived: int,
         port: str,
         unopened: SessionSeal,
-    ) -> Verdict:
-        """Return the verdict on a packet where there is a key."""
+    ) -> AuthResult:
+        """Return the result for a packet where there is a key."""
         if not is_sealed(data):
             return refuse(port, "have no seal; give the patch the key of the host")
         number, counter = read_seal(data)
         if number == unopened.session:
-            return self.judge_unopened(packet, data, arrived, port, unopened)
+            return self.authenticate_unopened(packet, data, arrived, port, unopened)
         session = self.find_session(packet.address, number)
         if session is None or session.seal is None:
             return refuse(port, "are of no open session; they are old, or replayed")
         if not session.seal.is_valid(data):
             return refuse(port, "have a wrong seal; compare the key of patch and host")
         if isinstance(packet, Request):
-            return Verdict("foreign")
+            return AuthResult("foreign")
         freshness = session.window.add(counter)
         if freshness != "new":
-            return Verdict(freshness)
+            return AuthResult(freshness)
         return self.take_authentic(session, packet, arrived)
 
-    def judge_unopened(
+    def authenticate_unopened(
         self,
         packet: Packet,
         data: bytes,
         arrived: int,
         port: str,
         unopened: SessionSeal,
-    ) -> Verdict:
-        """Return the verdict on a packet of a patch that is in no session.
+    ) -> AuthResult:
+        """Return the result for a packet of a patch that is in no session.
 
         It may be a replay, so it has no effect but a request to its port.
         """
         if not isinstance(packet, Hello) or not unopened.is_valid(data):
             return refuse(port, "have a wrong seal; compare the key of patch and host")
         if packet.address not in self.sessions:
-            return Verdict(None, port)
+            return AuthResult(None, port)
         self.open(packet.address, port, arrived)
-        return Verdict("held")
+        return AuthResult("held")
 
-    def take_authentic(self, session: Session, packet: Packet, arrived: int) -> Verdict:
+    def take_authentic(
+        self, session: Session, packet: Packet, arrived: int
+    ) -> AuthResult:
         """Note an authentic packet; return as whose it is assembled."""
         if isinstance(packet, Hello):
             session.trusted_port = name_authenticated_port(packet.serial_number)
         self.confirm(session, arrived)
         if not session.trusted_port:
-            return Verdict("held")
+            return AuthResult("held")
         if isinstance(packet, Echo):
             return take_echo(session, packet, session.trusted_port)
-        return Verdict(None, session.trusted_port)
+        return AuthResult(None, session.trusted_port)
 
     def open(self, address: int, port: str, arrived: int) -> None:
         """Let a hello open a session, or ask for the request that opens it again.
@@ -276,7 +395,9 @@ class HostSessions:
                 session.is_due = True
                 return
         if len(sessions) >= MAX_SESSIONS:
-            sessions.remove(min(sessions, key=lambda s: (s.is_open, s.heard_at)))
+            sessions.remove(
+                min(sessions, key=lambda s: (s.is_open, s.last_received_at))
+            )
         challenge = self.draw_challenge(address)
         sessions.append(Session(address, port, challenge, self.key, arrived))
 
@@ -290,8 +411,8 @@ class HostSessions:
                 return challenge
 
     def confirm(self, session: Session, arrived: int) -> None:
-        """Note that a module was heard in a session, which ends its earlier one."""
-        session.heard_at = arrived
+        """Note a packet of a session, which ends the previous one of its module."""
+        session.last_received_at = arrived
         if session.is_open:
             return
         session.is_open = True
@@ -331,14 +452,14 @@ class HostSessions:
         return requests
 
 
-def take_echo(session: Session, echo: Echo, port: str) -> Verdict:
-    """Return the verdict on the answer to a request, which is answered only once."""
+def take_echo(session: Session, echo: Echo, port: str) -> AuthResult:
+    """Return the result for the answer to a request, which is answered only once."""
     sent = session.awaited.pop(echo.number, None)
     if sent is None and echo.number != OPENING:
-        return Verdict("late")
-    return Verdict(None, port, sent=sent)
+        return AuthResult("late")
+    return AuthResult(None, port, sent=sent)
 
 
-def refuse(port: str, reason: str) -> Verdict:
-    """Return the verdict on a packet that is not authentic."""
-    return Verdict("unauthenticated", reason=f"packets at {port} {reason}")
+def refuse(port: str, reason: str) -> AuthResult:
+    """Return the result for a packet that is not authentic."""
+    return AuthResult("unauthenticated", reason=f"packets at {port} {reason}")

@@ -10,7 +10,7 @@ from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.module_registry import NETWORK_PORT
 from eskin.drivers.packet import HEADER, HELLO, MAX_PACKET_BYTES, decode_packet
-from eskin.drivers.transport import ReceivedPacket, Transport
+from eskin.drivers.source import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError
 from eskin.units import NS_PER_S
 

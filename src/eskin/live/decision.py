@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from eskin.live.model_config import DecisionConfig
 from eskin.recording import DetectionRecord
-from eskin.recording.labels import NONE
+from eskin.recording.records import NONE
 from eskin.touch import LinkPoseCache, Touch, TouchState, TouchStatus
 from eskin.units import NS_PER_S
 

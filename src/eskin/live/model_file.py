@@ -24,7 +24,7 @@ from eskin.live.model_config import (
     SHORT_TAPS,
     ModelCard,
 )
-from eskin.recording.labels import NONE
+from eskin.recording.records import NONE
 
 CARD = "eskin"
 SUFFIX = ".safetensors"

@@ -7,10 +7,23 @@ from eskin.recording.autolabel import (
     label_automatically,
     label_recording,
 )
-from eskin.recording.calibration_file import read_calibration, write_calibration
-from eskin.recording.labels import (
+from eskin.recording.reader import (
+    NO_OVERRIDES,
+    Overrides,
+    Recording,
+    ScanArrays,
+    find_recordings,
+    read_calibration,
+    read_recording,
+)
+from eskin.recording.records import (
     NONE,
+    PARTLY_LABELLED,
+    DetectionRecord,
+    EventRecord,
     Label,
+    Metadata,
+    TruthRecord,
     build_labels,
     build_rough_ranges,
     check_no_overlap,
@@ -19,24 +32,14 @@ from eskin.recording.labels import (
     select_labels,
     sort_labels,
 )
-from eskin.recording.reader import (
-    NO_OVERRIDES,
-    Overrides,
-    Recording,
-    ScanArrays,
-    find_recordings,
-    read_recording,
-)
-from eskin.recording.records import (
-    PARTLY_LABELLED,
-    DetectionRecord,
-    EventRecord,
-    Metadata,
-    TruthRecord,
-)
 from eskin.recording.rosbag import write_bag
 from eskin.recording.tables import write_tables
-from eskin.recording.writer import RecordingWriter, rewrite_recording, write_all
+from eskin.recording.writer import (
+    RecordingWriter,
+    rewrite_recording,
+    write_all,
+    write_calibration,
+)
 
 __all__ = [
     "NONE",

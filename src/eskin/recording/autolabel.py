@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
-from eskin.recording.labels import NONE, Label, build_rough_ranges, sort_labels
 from eskin.recording.reader import Recording
+from eskin.recording.records import NONE, Label, build_rough_ranges, sort_labels
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, Reading, TouchPipeline
 from eskin.units import NS_PER_S

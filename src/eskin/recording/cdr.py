@@ -1,11 +1,20 @@
-"""This module encodes CDR, the byte layout of ROS 2 messages (OMG DDSI-RTPS 10).
+"""This module encodes and decodes ROS 2 messages as CDR, by their definitions.
 
-Little-endian plain CDR has four bytes of encapsulation, then fields aligned to their
-own size, counted from the end of the encapsulation. An empty sequence consists of its
-count only.
+Little-endian plain CDR (OMG DDSI-RTPS 10) has four bytes of encapsulation, then fields
+aligned to their own size, counted from the end of the encapsulation. An empty sequence
+consists of its count only.
+
+The values of a message are given in the order of its fields: numbers, texts, times and
+durations as stamps [ns], messages as tuples of their fields. A sequence of numbers is
+an array, one of messages whose fields are numbers of one type an array with a row each.
 """
 
+import re
 import struct
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Shaped
@@ -19,157 +28,290 @@ MAX_STRING = 1000
 """Longest string that is read [bytes]."""
 MAX_STRINGS = 1000
 """Largest number of strings in a sequence, such as names of joints."""
+RULE = re.compile(r"^=+\nMSG: (\S+)\n", re.MULTILINE)
+FIELD = re.compile(r"^(\S+?)(\[\])? (\w+)$")
+STAMPS = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+NUMBERS = {
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+    "bool": "?",
+    "byte": "B",
+}
+"""Codes of the types of numbers, of `struct` and numpy."""
+STAMP, COUNT = struct.Struct("<iI"), struct.Struct("<I")
+
+Pack = Callable[[bytearray, Any], None]
+Unpack = Callable[[bytes, int], tuple[Any, int]]
 
 
-class CdrPacker:
-    """Encodes a message field by field, in the order of its definition."""
+class Codec(NamedTuple):
+    """A codec encodes and decodes the values of one type."""
 
-    def __init__(self) -> None:
-        """Start an empty message."""
-        self.buffer = bytearray(ENCAPSULATION)
-
-    def bytes(self) -> bytes:
-        """Return the message so far."""
-        return bytes(self.buffer)
-
-    def align(self, size: int) -> None:
-        """Pad to a multiple of `size` bytes."""
-        self.buffer += bytes(-(len(self.buffer) - len(ENCAPSULATION)) % size)
-
-    def unsigned(self, value: int) -> None:
-        """Append a uint32."""
-        self.align(4)
-        self.buffer += struct.pack("<I", value)
-
-    def signed(self, value: int) -> None:
-        """Append an int32."""
-        self.align(4)
-        self.buffer += struct.pack("<i", value)
-
-    def byte(self, value: int) -> None:
-        """Append a byte, a uint8 or a bool."""
-        self.buffer.append(value)
-
-    def number(self, value: float, code: str = "d") -> None:
-        """Append a float64 (`d`) or float32 (`f`)."""
-        self.align(struct.calcsize(code))
-        self.buffer += struct.pack("<" + code, value)
-
-    def numbers(self, values: Shaped[np.ndarray, "*item"]) -> None:
-        """Append fields of the array's type, such as those of a point."""
-        self.align(values.itemsize)
-        self.buffer += values.astype(values.dtype.newbyteorder("<")).tobytes()
-
-    def stamp(self, stamp: int) -> None:
-        """Append a `builtin_interfaces/Time` from a stamp [ns since the epoch]."""
-        if not 0 <= stamp < LATEST_STAMP:
-            raise RecordingError(
-                f"stamp {stamp} ns cannot be written; allowed are 0 to 2^31 s "
-                "since the epoch; give stamps in nanoseconds of Unix time"
-            )
-        self.align(4)
-        self.buffer += struct.pack("<iI", *divmod(stamp, NS_PER_S))
-
-    def header(self, stamp: int, frame_id: str) -> None:
-        """Append a `std_msgs/Header` with a stamp [ns since the epoch]."""
-        self.stamp(stamp)
-        self.string(frame_id)
-
-    def string(self, text: str) -> None:
-        """Append a string: count with its closing zero, UTF-8 bytes, zero."""
-        data = text.encode()
-        self.unsigned(len(data) + 1)
-        self.buffer += data + b"\x00"
-
-    def strings(self, texts: tuple[str, ...]) -> None:
-        """Append a sequence of strings."""
-        self.unsigned(len(texts))
-        for text in texts:
-            self.string(text)
-
-    def sequence(self, values: Shaped[np.ndarray, "item *field"]) -> None:
-        """Append a sequence of the array's rows, which are numbers or fields."""
-        self.unsigned(len(values))
-        if len(values):
-            self.numbers(values)
+    pack: Pack
+    """Function that appends a value to a message."""
+    unpack: Unpack
+    """Function of a message and an offset that returns the value there, and its end."""
 
 
-class CdrUnpacker:
-    """Decodes a message field by field, in the order of its definition."""
+@dataclass(frozen=True)
+class MessageField:
+    """A field of a message has a name and a type, and may be a sequence of it."""
 
-    def __init__(self, data: bytes) -> None:
-        """Start at the first field; raise unless it is little-endian plain CDR."""
+    name: str
+    type_name: str
+    """Basic type such as `float64`, or full name such as `std_msgs/msg/Header`."""
+    is_sequence: bool
+    """Whether it holds any number of values."""
+
+    @property
+    def is_nested(self) -> bool:
+        """Return whether its type is a message."""
+        return self.type_name != "string" and self.type_name not in NUMBERS
+
+
+Types = dict[str, tuple[MessageField, ...]]
+"""Fields of types, by full name."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic has a name, a type of message and its definition."""
+
+    name: str
+    """Name of the topic."""
+    type_name: str
+    """ROS 2 type of its messages."""
+    definition: str
+    """Definition of that type, with those of all types that it refers to."""
+
+    @cached_property
+    def types(self) -> Types:
+        """Fields of the topic's type, which comes first, and of all types in it."""
+        own, *others = RULE.split(self.definition)
+        names = [self.type_name, *map(expand_name, others[::2])]
+        return dict(zip(names, map(parse_fields, [own, *others[1::2]]), strict=True))
+
+    @cached_property
+    def codec(self) -> Codec:
+        """Codec of the topic's type."""
+        return build_codec(self.type_name, self.types)
+
+    def pack(self, *values: object) -> bytes:
+        """Encode a message.
+
+        Raises:
+            RecordingError: a stamp cannot be written.
+        """
+        buffer = bytearray(ENCAPSULATION)
+        self.codec.pack(buffer, values)
+        return bytes(buffer)
+
+    def unpack(self, data: bytes) -> tuple[Any, ...]:
+        """Decode a message; its arrays are read-only views of it.
+
+        Raises:
+            RecordingError: it has another encapsulation, or too long texts.
+            struct.error: it is cut short.
+            ValueError: it is cut short, or a text is no UTF-8.
+        """
         if data[:2] != ENCAPSULATION[:2]:
             raise RecordingError(
                 f"message has encapsulation {data[:2].hex()}; allowed is 0001, "
                 "little-endian plain CDR; record it with the ros2 profile"
             )
-        self.data = data
-        self.offset = len(ENCAPSULATION)
+        return self.codec.unpack(data, len(ENCAPSULATION))[0]
 
-    def take(self, code: str, size: int) -> tuple:
-        """Take the fields of a struct code, aligned to `size` bytes."""
-        self.align(size)
-        values = struct.unpack_from("<" + code, self.data, self.offset)
-        self.offset += struct.calcsize("<" + code)
-        return values
 
-    def align(self, size: int) -> None:
-        """Skip to a multiple of `size` bytes."""
-        self.offset += -(self.offset - len(ENCAPSULATION)) % size
+def define_topic(name: str, kind: str, own: str, *others: tuple[str, str]) -> Topic:
+    """Define a topic; its definition and those of `others` are joined as by rosbag2."""
+    rule = "=" * 80
+    parts = [own.strip()]
+    parts += [f"{rule}\nMSG: {name}\n{text.strip()}" for name, text in others]
+    return Topic(name, kind, "\n".join(parts) + "\n")
 
-    def unsigned(self) -> int:
-        """Take a uint32."""
-        return self.take("I", 4)[0]
 
-    def signed(self) -> int:
-        """Take an int32."""
-        return self.take("i", 4)[0]
+def expand_name(name: str) -> str:
+    """Return `package/msg/Type` for the `package/Type` of a definition."""
+    return "/msg/".join(name.split("/"))
 
-    def number(self, code: str = "d") -> float:
-        """Take a float64 (`d`) or float32 (`f`)."""
-        return self.take(code, struct.calcsize(code))[0]
 
-    def stamp(self) -> int:
-        """Take a `builtin_interfaces/Time` as a stamp [ns since the epoch]."""
-        seconds, nanoseconds = self.take("iI", 4)
-        return seconds * NS_PER_S + nanoseconds
+def parse_fields(text: str) -> tuple[MessageField, ...]:
+    """Return the fields of one definition, without its comments."""
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    found = []
+    for line in lines:
+        match = FIELD.match(line)
+        assert match is not None, line
+        kind, sequence, name = match.groups()
+        found.append(MessageField(name, expand_name(kind), bool(sequence)))
+    return tuple(found)
 
-    def header(self) -> int:
-        """Take a `std_msgs/Header`; return its stamp [ns since the epoch]."""
-        stamp = self.stamp()
-        self.string()
-        return stamp
 
-    def string(self) -> str:
-        """Take a string."""
-        length = self.unsigned()
-        if length > MAX_STRING:
-            raise RecordingError(
-                f"a string has {length:,} bytes; allowed are {MAX_STRING:,}"
-            )
-        data = self.data[self.offset : self.offset + length]
-        if len(data) < length:
-            raise struct.error("string is cut short")
-        self.offset += length
-        return data.rstrip(b"\x00").decode()
+def build_codec(name: str, types: Types) -> Codec:
+    """Build the codec of a type, which is basic or among the types that are given."""
+    if name == "string":
+        return Codec(pack_string, unpack_string)
+    if name in STAMPS:
+        return Codec(pack_stamp, unpack_stamp)
+    if name in NUMBERS:
+        layout = struct.Struct("<" + NUMBERS[name])
+        return Codec(partial(pack_number, layout), partial(unpack_number, layout))
+    codecs = [
+        build_sequence_codec(field.type_name, types)
+        if field.is_sequence
+        else build_codec(field.type_name, types)
+        for field in types[name]
+    ]
+    return Codec(partial(pack_fields, codecs), partial(unpack_fields, codecs))
 
-    def strings(self) -> tuple[str, ...]:
-        """Take a sequence of strings."""
-        count = self.unsigned()
-        if count > MAX_STRINGS:
-            raise RecordingError(
-                f"a sequence has {count:,} strings; allowed are {MAX_STRINGS:,}"
-            )
-        return tuple(self.string() for _ in range(count))
 
-    def sequence(self, dtype: str) -> Shaped[np.ndarray, "item"]:
-        """Take a sequence of numbers; the array is a read-only view of the message."""
-        length = self.unsigned()
-        kind = np.dtype(dtype)
-        if not length:
-            return np.empty(0, kind)
-        self.align(kind.itemsize)
-        values = np.frombuffer(self.data, kind, length, self.offset)
-        self.offset += length * kind.itemsize
-        return values
+def build_sequence_codec(name: str, types: Types) -> Codec:
+    """Build the codec of a sequence of a type."""
+    codes = {NUMBERS.get(name)}
+    if name in types and name not in STAMPS:
+        codes = {NUMBERS.get(field.type_name) for field in types[name]}
+    codec, code = build_codec(name, types), codes.pop()
+    pack, unpack = partial(pack_all, codec.pack), partial(unpack_all, codec.unpack)
+    if code is not None and not codes:
+        pack = partial(pack_rows, np.dtype("<" + code))
+    if name in NUMBERS:
+        unpack = partial(unpack_numbers, np.dtype("<" + NUMBERS[name]))
+    return Codec(pack, unpack)
+
+
+def pack_fields(
+    codecs: Sequence[Codec], buffer: bytearray, values: Iterable[object]
+) -> None:
+    """Append the fields of a message."""
+    for codec, value in zip(codecs, values, strict=True):
+        codec.pack(buffer, value)
+
+
+def unpack_fields(
+    codecs: Sequence[Codec], data: bytes, offset: int
+) -> tuple[tuple[Any, ...], int]:
+    """Return the fields of a message, and their end."""
+    values = []
+    for codec in codecs:
+        value, offset = codec.unpack(data, offset)
+        values.append(value)
+    return tuple(values), offset
+
+
+def pack_aligned(buffer: bytearray, data: bytes, size: int) -> None:
+    """Append bytes that are aligned to a size."""
+    buffer += bytes((len(ENCAPSULATION) - len(buffer)) % size) + data
+
+
+def align(offset: int, size: int) -> int:
+    """Return the first multiple of a size from an offset in a message on."""
+    return offset + (len(ENCAPSULATION) - offset) % size
+
+
+def pack_number(
+    layout: struct.Struct, buffer: bytearray, value: float | int | np.number
+) -> None:
+    """Append a number."""
+    pack_aligned(buffer, layout.pack(value), layout.size)
+
+
+def unpack_number(
+    layout: struct.Struct, data: bytes, offset: int
+) -> tuple[float | int | bool, int]:
+    """Return a number, and its end."""
+    start = align(offset, layout.size)
+    return layout.unpack_from(data, start)[0], start + layout.size
+
+
+def pack_stamp(buffer: bytearray, stamp: int) -> None:
+    """Append a time or a duration [ns]."""
+    check_stamps(stamp, stamp)
+    pack_aligned(buffer, STAMP.pack(*divmod(stamp, NS_PER_S)), COUNT.size)
+
+
+def check_stamps(first: int, last: int) -> None:
+    """Raise a RecordingError unless stamps from the first to the last are allowed."""
+    if not (0 <= first and last < LATEST_STAMP):
+        shown = f"stamp {first}" if first == last else f"stamps from {first} to {last}"
+        raise RecordingError(
+            f"{shown} ns cannot be written; allowed are 0 to 2^31 s since the epoch; "
+            "give stamps in nanoseconds of Unix time"
+        )
+
+
+def unpack_stamp(data: bytes, offset: int) -> tuple[int, int]:
+    """Return a time or a duration [ns], and its end."""
+    start = align(offset, COUNT.size)
+    seconds, nanoseconds = STAMP.unpack_from(data, start)
+    return seconds * NS_PER_S + nanoseconds, start + STAMP.size
+
+
+def pack_string(buffer: bytearray, text: str) -> None:
+    """Append a string: count with its closing zero, UTF-8 bytes, zero."""
+    data = text.encode()
+    pack_aligned(buffer, COUNT.pack(len(data) + 1) + data + b"\x00", COUNT.size)
+
+
+def unpack_string(data: bytes, offset: int) -> tuple[str, int]:
+    """Return a string, and its end."""
+    length, start = unpack_number(COUNT, data, offset)
+    if length > MAX_STRING:
+        raise RecordingError(
+            f"a string has {length:,} bytes; allowed are {MAX_STRING:,}"
+        )
+    end = start + length
+    if len(data) < end:
+        raise struct.error("string is cut short")
+    return data[start:end].rstrip(b"\x00").decode(), end
+
+
+def pack_all(pack: Pack, buffer: bytearray, values: Sequence[object]) -> None:
+    """Append a sequence of texts or messages."""
+    pack_number(COUNT, buffer, len(values))
+    for value in values:
+        pack(buffer, value)
+
+
+def unpack_all(unpack: Unpack, data: bytes, offset: int) -> tuple[tuple[Any, ...], int]:
+    """Return a sequence of texts or messages, and its end."""
+    count, offset = unpack_number(COUNT, data, offset)
+    if count > MAX_STRINGS:
+        raise RecordingError(
+            f"a sequence has {count:,} strings; allowed are {MAX_STRINGS:,}"
+        )
+    values = []
+    for _ in range(int(count)):
+        value, offset = unpack(data, offset)
+        values.append(value)
+    return tuple(values), offset
+
+
+def pack_rows(
+    kind: np.dtype, buffer: bytearray, values: Shaped[np.ndarray, "item *field"]
+) -> None:
+    """Append a sequence of numbers, or of messages of numbers."""
+    pack_number(COUNT, buffer, len(values))
+    if len(values):
+        pack_aligned(buffer, values.astype(kind).tobytes(), kind.itemsize)
+
+
+def unpack_numbers(
+    kind: np.dtype, data: bytes, offset: int
+) -> tuple[Shaped[np.ndarray, "item"], int]:
+    """Return a sequence of numbers, and its end."""
+    count, offset = unpack_number(COUNT, data, offset)
+    if not count:
+        return np.empty(0, kind), offset
+    start = align(offset, kind.itemsize)
+    # A byte of a bool may hold any number, which numpy takes as it is.
+    read = np.dtype(np.uint8) if kind.char == "?" else kind
+    values = np.frombuffer(data, read, int(count), start)
+    return values != 0 if kind.char == "?" else values, start + values.nbytes

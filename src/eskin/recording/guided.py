@@ -7,7 +7,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.recording.labels import Label
+from eskin.recording.records import Label
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Contact, Scan, TouchPipeline, TouchState
 from eskin.units import NS_PER_S

@@ -143,7 +143,7 @@ class McapReader:
 
         Only their heads are read. What follows a damaged chunk is not read at all.
         """
-        unpacked, most = 0, FREE_UNPACKED_BYTES + MAX_UNPACKED_RATIO * size
+        unpacked, limit = 0, FREE_UNPACKED_BYTES + MAX_UNPACKED_RATIO * size
         file.seek(len(MAGIC))
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
@@ -155,10 +155,10 @@ class McapReader:
                 if stated is None:
                     return
                 unpacked += stated
-            if unpacked > most:
+            if unpacked > limit:
                 raise RecordingError(
                     f"{self.path} has {size:,} bytes and unpacks to {unpacked:,} or "
-                    f"more; allowed are {most:,}; record it again"
+                    f"more; allowed are {limit:,}; record it again"
                 )
             file.seek(end)
 

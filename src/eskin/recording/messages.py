@@ -1,40 +1,15 @@
 """This module converts the six messages of a recording to and from CDR."""
 
 from dataclasses import dataclass
-from functools import lru_cache
-from struct import Struct
-from typing import cast
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Integer
+from jaxtyping import Bool, Float, Int, Integer, UInt8
 
 from eskin.errors import RecordingError
-from eskin.recording.cdr import ENCAPSULATION, LATEST_STAMP, CdrPacker, CdrUnpacker
-from eskin.recording.labels import Label
-from eskin.recording.records import DetectionRecord, EventRecord, TruthRecord, Vector
+from eskin.recording.cdr import COUNT, STAMP, align, check_stamps, define_topic
+from eskin.recording.records import DetectionRecord, EventRecord, Label, TruthRecord
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic of a recording has a name, a type of message and its definition."""
-
-    name: str
-    """Name of the topic."""
-    type_name: str
-    """ROS 2 type of its messages."""
-    definition: str
-    """Definition of that type, with those of all types that it refers to."""
-
-
-def define_topic(name: str, kind: str, own: str, *others: tuple[str, str]) -> Topic:
-    """Define a topic; its definition and those of `others` are joined as by rosbag2."""
-    rule = "=" * 80
-    parts = [own.strip()]
-    parts += [f"{rule}\nMSG: {name}\n{text.strip()}" for name, text in others]
-    return Topic(name, kind, "\n".join(parts) + "\n")
-
 
 TIME = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec")
 HEADER = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id")
@@ -161,7 +136,9 @@ TOPICS = (READING, JOINT_STATES, LABEL, DETECTION)
 
 WORLD_FRAME = "world"
 NOT_GIVEN = -1
-TRUTH_NUMBERS = Struct("<5d")
+NO_NUMBERS = np.empty(0)
+ENCAPSULATED_STAMP = slice(4, 4 + STAMP.size)
+"""Bytes of a message with a header that hold its stamp."""
 
 
 @dataclass(frozen=True)
@@ -184,21 +161,19 @@ def pack_reading(scan: Scan, frame_id: str) -> bytes:
     Raises:
         RecordingError: when a count does not fit into 16 bits.
     """
-    packer = CdrPacker()
-    packer.header(scan.stamp, frame_id)
-    packer.sequence(to_16_bits(scan.counts, np.dtype("<u2"), "counts"))
-    packer.sequence(scan.received)
-    shear = np.empty(0, np.int64) if scan.shear is None else scan.shear.reshape(-1)
-    packer.sequence(to_16_bits(shear, np.dtype("<i2"), "shear counts"))
-    return packer.bytes()
+    counts = to_16_bits(scan.counts, np.dtype("<u2"), "counts")
+    shear = NO_NUMBERS
+    if scan.shear is not None:
+        shear = to_16_bits(scan.shear.reshape(-1), np.dtype("<i2"), "shear counts")
+    return READING.pack((scan.stamp, frame_id), counts, scan.received, shear)
 
 
 def to_16_bits(
-    values: Int[np.ndarray, "item"], dtype: np.dtype, what: str
-) -> Integer[np.ndarray, "item"]:
+    values: Int[np.ndarray, "*item"], dtype: np.dtype, what: str
+) -> Integer[np.ndarray, "*item"]:
     """Convert integers to 16 bits; raise an error with their range if too wide."""
     limits = np.iinfo(dtype)
-    if len(values) and (values.min() < limits.min or values.max() > limits.max):
+    if values.size and (values.min() < limits.min or values.max() > limits.max):
         raise RecordingError(
             f"{what} from {values.min()} to {values.max()} cannot be recorded; allowed "
             f"are {limits.min} to {limits.max}; scale them to the device's resolution"
@@ -208,58 +183,39 @@ def to_16_bits(
 
 def unpack_reading(data: bytes) -> ReadingMessage:
     """Decode a message of `/eskin/reading`."""
-    unpacker = CdrUnpacker(data)
-    stamp = unpacker.header()
-    counts = unpacker.sequence("<u2").astype(np.int32)
-    received = unpacker.sequence("u1") != 0
-    shear = unpacker.sequence("<i2").astype(np.int32)
+    (stamp, _), counts, received, shear = READING.unpack(data)
     if len(received) != len(counts) or len(shear) not in (0, 2 * len(counts)):
         raise RecordingError(
             f"reading at {stamp} ns has {len(counts)} counts, {len(received)} received "
             f"and {len(shear)} shear; allowed are n, n and 0 or 2 n"
         )
-    pairs = shear.reshape(-1, 2) if len(shear) else None
-    return ReadingMessage(stamp, counts, received, pairs)
+    pairs = shear.astype(np.int32).reshape(-1, 2) if len(shear) else None
+    return ReadingMessage(stamp, counts.astype(np.int32), received, pairs)
 
 
 def pack_joint_state(
     stamp: int, names: tuple[str, ...], q: Float[np.ndarray, "joint"]
 ) -> bytes:
     """Encode a message of `/joint_states` with positions [rad] and nothing else."""
-    packer = CdrPacker()
-    packer.header(stamp, "")
-    packer.strings(names)
-    packer.sequence(q.astype(np.float64))
-    packer.unsigned(0)
-    packer.unsigned(0)
-    return packer.bytes()
+    return JOINT_STATES.pack((stamp, ""), names, q, NO_NUMBERS, NO_NUMBERS)
 
 
 def unpack_joint_state(
     data: bytes,
 ) -> tuple[int, tuple[str, ...], Float[np.ndarray, "joint"]]:
     """Decode a message of `/joint_states`: stamp [ns], joint names, positions [rad]."""
-    unpacker = CdrUnpacker(data)
-    stamp = unpacker.header()
-    names = unpacker.strings()
-    return stamp, names, unpacker.sequence("<f8").astype(np.float64)
+    (stamp, _), names, positions, *_ = JOINT_STATES.unpack(data)
+    return stamp, names, positions.astype(np.float64)
 
 
 def pack_label(label: Label) -> bytes:
     """Encode a message of `/eskin/label`."""
-    packer = CdrPacker()
-    packer.stamp(label.start)
-    packer.stamp(label.end)
-    packer.string(label.gesture)
-    packer.string(label.source)
-    return packer.bytes()
+    return LABEL.pack(label.start, label.end, label.gesture, label.source)
 
 
 def unpack_label(data: bytes) -> Label:
     """Decode a message of `/eskin/label`."""
-    unpacker = CdrUnpacker(data)
-    start, end = unpacker.stamp(), unpacker.stamp()
-    gesture, source = unpacker.string(), unpacker.string()
+    start, end, gesture, source = LABEL.unpack(data)
     if source not in ("true", "range", "auto"):
         raise RecordingError(
             f"label '{gesture}' has source '{source}'; allowed are true, range, auto"
@@ -269,179 +225,43 @@ def unpack_label(data: bytes) -> Label:
 
 def pack_detection(record: DetectionRecord, frame_id: str = WORLD_FRAME) -> bytes:
     """Encode a message of `/eskin/detection`; `frame_id` names the world."""
-    packer = CdrPacker()
-    packer.header(record.stamp, frame_id)
-    packer.string(record.gesture)
-    packer.number(record.confidence, "f")
-    packer.stamp(record.onset)
-    packer.stamp(record.end)
-    packer.string(record.link)
-    packer.string(record.patch)
-    for vector in (record.p_world, record.n_world, record.direction_world):
-        for value in vector:
-            packer.number(value)
-    packer.number(record.peak_force, "f")
-    return packer.bytes()
+    stamp, *others = vars(record).values()
+    return DETECTION.pack((stamp, frame_id), *others)
 
 
 def unpack_detection(data: bytes) -> DetectionRecord:
     """Decode a message of `/eskin/detection`."""
-    unpacker = CdrUnpacker(data)
-    stamp = unpacker.header()
-    gesture, confidence = unpacker.string(), unpacker.number("f")
-    onset, end = unpacker.stamp(), unpacker.stamp()
-    link, patch = unpacker.string(), unpacker.string()
-    vectors = [
-        cast(Vector, tuple(unpacker.number() for _ in range(3))) for _ in range(3)
-    ]
-    head = (stamp, gesture, confidence, onset, end, link, patch)
-    return DetectionRecord(*head, *vectors, peak_force=unpacker.number("f"))
+    (stamp, _), *others = DETECTION.unpack(data)
+    return DetectionRecord(stamp, *others)
 
 
 def pack_truth(record: TruthRecord) -> bytes:
     """Encode a message of `/eskin/truth`."""
-    packer = CdrPacker()
-    packer.stamp(record.stamp)
-    text = pack_truth_text(record.touch, record.gesture, record.kind, record.link)
-    numbers = TRUTH_NUMBERS.pack(record.force, record.area, *record.p_world)
-    return packer.bytes() + text + numbers
-
-
-@lru_cache(maxsize=64)
-def pack_truth_text(touch: int, gesture: str, kind: str, link: str) -> bytes:
-    """Encode what all messages of one touch share, between stamp and numbers."""
-    packer = CdrPacker()
-    packer.stamp(0)
-    before = len(packer.buffer)
-    packer.string(WORLD_FRAME)
-    packer.unsigned(touch)
-    for text in (gesture, kind, link):
-        packer.string(text)
-    packer.align(np.dtype("<f8").itemsize)
-    return packer.bytes()[before:]
+    stamp, *others = vars(record).values()
+    return TRUTH.pack((stamp, WORLD_FRAME), *others)
 
 
 def unpack_truth(data: bytes) -> TruthRecord:
     """Decode a message of `/eskin/truth`."""
-    unpacker = CdrUnpacker(data)
-    stamp = unpacker.header()
-    touch = unpacker.unsigned()
-    gesture, kind, link = (unpacker.string() for _ in range(3))
-    force, area, *point = (unpacker.number() for _ in range(5))
-    return TruthRecord(
-        stamp, touch, gesture, kind, link, force, area, cast(Vector, tuple(point))
-    )
+    (stamp, _), *others = TRUTH.unpack(data)
+    return TruthRecord(stamp, *others)
 
 
 def pack_event(record: EventRecord, frame_id: str) -> bytes:
     """Encode a message of `/eskin/event`."""
-    packer = CdrPacker()
-    packer.header(record.stamp, frame_id)
-    for text in (record.kind, record.text, record.patch or ""):
-        packer.string(text)
-    for index in (record.row, record.column, record.taxel):
-        packer.signed(NOT_GIVEN if index is None else index)
-    return packer.bytes()
+    places = record.row, record.column, record.taxel
+    numbers = (NOT_GIVEN if place is None else place for place in places)
+    patch = record.patch or ""
+    return EVENT.pack(
+        (record.stamp, frame_id), record.kind, record.text, patch, *numbers
+    )
 
 
 def unpack_event(data: bytes) -> EventRecord:
     """Decode a message of `/eskin/event`."""
-    unpacker = CdrUnpacker(data)
-    stamp = unpacker.header()
-    kind, text, patch = (unpacker.string() for _ in range(3))
-    indices = (unpacker.signed() for _ in range(3))
-    row, column, taxel = (None if n == NOT_GIVEN else n for n in indices)
-    return EventRecord(stamp, kind, text, patch or None, row, column, taxel)
-
-
-Field = tuple[str, str] | tuple[str, str, int]
-"""Name and type of a field, and its length where it is an array."""
-
-
-def build_message_dtype(*fields: Field) -> np.dtype:
-    """Build the dtype of a message; fields align to their own size unless empty.
-
-    All messages of one skin have the same length, so many of them form the rows of one
-    array, which is several times as fast as encoding them one by one.
-    """
-    names, formats, offsets = ["encapsulation"], [np.dtype("S4")], [0]
-    end = len(ENCAPSULATION)
-    for name, code, *length in fields:
-        item = np.dtype(code)
-        alignment = 1 if item.kind == "S" or length == [0] else item.itemsize
-        end += -(end - len(ENCAPSULATION)) % alignment
-        names.append(name)
-        formats.append(np.dtype((code, tuple(length))) if length else item)
-        offsets.append(end)
-        end += formats[-1].itemsize
-    return np.dtype(
-        {"names": names, "formats": formats, "offsets": offsets, "itemsize": end}
-    )
-
-
-STAMP: tuple[Field, ...] = (("seconds", "<i4"), ("nanoseconds", "<u4"))
-
-
-def string_fields(name: str, content: str) -> tuple[Field, ...]:
-    """Return the two fields of a string: its length and its bytes."""
-    size = len(content.encode()) + 1
-    return ((f"{name}_length", "<u4"), (name, f"S{size}"))
-
-
-@lru_cache(maxsize=8)
-def build_reading_template(frame_id: str, taxels: int) -> np.ndarray:
-    """Build one message of `/eskin/reading` without shear and without values."""
-    message = build_message_dtype(
-        *STAMP,
-        *string_fields("frame", frame_id),
-        ("counts_length", "<u4"),
-        ("counts", "<u2", taxels),
-        ("received_length", "<u4"),
-        ("received", "?", taxels),
-        ("shear_length", "<u4"),
-    )
-    template = np.zeros(1, message)
-    set_string(template, "frame", frame_id)
-    template["counts_length"] = template["received_length"] = taxels
-    return template
-
-
-@lru_cache(maxsize=8)
-def build_joint_state_template(names: tuple[str, ...]) -> np.ndarray:
-    """Build one message of `/joint_states` without values."""
-    message = build_message_dtype(
-        *STAMP,
-        *string_fields("frame", ""),
-        ("names_length", "<u4"),
-        *(f for i, name in enumerate(names) for f in string_fields(f"name{i}", name)),
-        ("positions_length", "<u4"),
-        ("positions", "<f8", len(names)),
-        ("velocities_length", "<u4"),
-        ("efforts_length", "<u4"),
-    )
-    template = np.zeros(1, message)
-    set_string(template, "frame", "")
-    template["names_length"] = template["positions_length"] = len(names)
-    for i, name in enumerate(names):
-        set_string(template, f"name{i}", name)
-    return template
-
-
-def set_string(template: np.ndarray, name: str, content: str) -> None:
-    """Fill in a string and its length."""
-    template[name] = content.encode()
-    template[f"{name}_length"] = len(content.encode()) + 1
-
-
-def stamp_messages(
-    template: np.ndarray, stamps: Int[np.ndarray, "reading"]
-) -> np.ndarray:
-    """Repeat a template for all stamps and fill in encapsulation and stamp."""
-    messages = np.repeat(template, len(stamps))
-    seconds, nanoseconds = np.divmod(stamps, NS_PER_S)
-    messages["encapsulation"] = ENCAPSULATION
-    messages["seconds"], messages["nanoseconds"] = seconds, nanoseconds
-    return messages
+    (stamp, _), kind, text, patch, *numbers = EVENT.unpack(data)
+    places = (None if number == NOT_GIVEN else number for number in numbers)
+    return EventRecord(stamp, kind, text, patch or None, *places)
 
 
 def pack_readings(
@@ -455,15 +275,15 @@ def pack_readings(
     Raises:
         RecordingError: when a stamp or a count cannot be written.
     """
-    if len(stamps) and not (0 <= stamps.min() and stamps.max() < LATEST_STAMP):
-        raise RecordingError(
-            f"stamps from {stamps.min()} to {stamps.max()} ns cannot be written; "
-            "allowed are 0 to 2^31 s since the epoch; give nanoseconds of Unix time"
-        )
-    messages = stamp_messages(build_reading_template(frame_id, counts.shape[1]), stamps)
-    narrow = to_16_bits(counts.reshape(-1), np.dtype("<u2"), "counts")
-    messages["counts"] = narrow.reshape(counts.shape)
-    messages["received"] = received
+    narrow = to_16_bits(counts, np.dtype("<u2"), "counts")
+    template = READING.pack((0, frame_id), narrow[0], received[0], NO_NUMBERS)
+    messages = repeat_message(template, stamps)
+    start = ENCAPSULATED_STAMP.stop + COUNT.size + len(frame_id.encode()) + 1
+    for values in (narrow, received):
+        start = align(start, COUNT.size) + COUNT.size
+        content = np.ascontiguousarray(values).view(np.uint8)
+        messages[:, start : start + content.shape[1]] = content
+        start += content.shape[1]
     return split_messages(messages)
 
 
@@ -473,12 +293,31 @@ def pack_joint_states(
     q: Float[np.ndarray, "reading joint"],
 ) -> list[bytes]:
     """Encode many messages of `/joint_states` with positions [rad] and nothing else."""
-    messages = stamp_messages(build_joint_state_template(names), stamps)
-    messages["positions"] = q
+    messages = repeat_message(pack_joint_state(0, names, q[0]), stamps)
+    content = q.astype("<f8", order="C").view(np.uint8)
+    # Velocities and efforts follow the positions, each of them an empty sequence.
+    end = messages.shape[1] - 2 * COUNT.size
+    messages[:, end - content.shape[1] : end] = content
     return split_messages(messages)
 
 
-def split_messages(messages: np.ndarray) -> list[bytes]:
+def repeat_message(
+    template: bytes, stamps: Int[np.ndarray, "reading"]
+) -> UInt8[np.ndarray, "reading byte"]:
+    """Repeat a message with a header for all stamps.
+
+    All messages of one skin have the same length, so many of them form the rows of one
+    array, which is several times as fast as encoding them one by one.
+    """
+    check_stamps(int(stamps.min()), int(stamps.max()))
+    messages = np.empty((len(stamps), len(template)), np.uint8)
+    messages[:] = np.frombuffer(template, np.uint8)
+    times = np.stack(np.divmod(stamps, NS_PER_S), axis=1).astype("<u4")
+    messages[:, ENCAPSULATED_STAMP] = times.view(np.uint8)
+    return messages
+
+
+def split_messages(messages: UInt8[np.ndarray, "reading byte"]) -> list[bytes]:
     """Return each message as bytes."""
-    whole, size = messages.tobytes(), messages.itemsize
+    whole, size = messages.tobytes(), messages.shape[1]
     return [whole[i : i + size] for i in range(0, len(whole), size)]

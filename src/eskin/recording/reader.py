@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float, Int
 from mcap.records import Attachment
 from mcap.records import Metadata as MetadataItem
 
-from eskin.errors import RecordingError, SkinError, SkinMismatchError
+from eskin.errors import DeviceError, RecordingError, SkinError, SkinMismatchError
+from eskin.files import read_file
 from eskin.recording.cdr import MAX_STRINGS
-from eskin.recording.labels import Label, sort_labels
 from eskin.recording.mcap_file import McapReader, TopicMessage
 from eskin.recording.messages import (
     DETECTION,
@@ -39,12 +39,14 @@ from eskin.recording.records import (
     URDF_NAME,
     DetectionRecord,
     EventRecord,
+    Label,
     Metadata,
     TruthRecord,
+    sort_labels,
 )
 from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import Skin, skin_from_bytes
-from eskin.touch import Calibration, Scan
+from eskin.touch import MAX_CALIBRATION_BYTES, Calibration, Scan
 
 MAX_LABELS = 20_000
 MAX_DETECTIONS = MAX_EVENTS = 100_000
@@ -280,10 +282,28 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
     return replace(recording, calibration=calibration)
 
 
-def check_room(found: Sequence[object], most: int, what: str) -> None:
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration file.
+
+    Raises:
+        RecordingError: the file is no calibration.
+        DeviceError: the file cannot be read.
+    """
+    try:
+        return Calibration.from_bytes(read_file(path, MAX_CALIBRATION_BYTES))
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    except OSError as error:
+        raise DeviceError(
+            f"calibration {path} cannot be read ({error.strerror}); allowed is a JSON "
+            "file as eskin calibrate writes it; correct the path"
+        ) from error
+
+
+def check_room(found: Sequence[object], limit: int, what: str) -> None:
     """Raise where as many things as allowed have been read already."""
-    if len(found) >= most:
-        raise RecordingError(f"there are more than {most:,} {what}; allowed are fewer")
+    if len(found) >= limit:
+        raise RecordingError(f"there are more than {limit:,} {what}; allowed are fewer")
 
 
 ATTACHMENTS = {SKIN_NAME, CALIBRATION_NAME, URDF_NAME}

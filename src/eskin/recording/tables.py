@@ -9,8 +9,8 @@ from typing import Any
 
 from eskin.errors import RecordingError
 from eskin.files import write_folder
-from eskin.recording.labels import Label, select_labels
 from eskin.recording.reader import Recording
+from eskin.recording.records import Label, select_labels
 from eskin.registry import find_package
 from eskin.skin import MountedSkin
 from eskin.touch import Scan, Touch, TouchPipeline, TouchState

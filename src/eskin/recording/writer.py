@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
-from eskin.recording.labels import Label, sort_labels
+from eskin.files import atomic_path
+from eskin.recording.cdr import Topic
 from eskin.recording.mcap_file import McapWriter
 from eskin.recording.messages import (
     DETECTION,
@@ -24,7 +25,6 @@ from eskin.recording.messages import (
     READING,
     TOPICS,
     TRUTH,
-    Topic,
     pack_detection,
     pack_event,
     pack_joint_state,
@@ -43,8 +43,10 @@ from eskin.recording.records import (
     URDF_NAME,
     DetectionRecord,
     EventRecord,
+    Label,
     Metadata,
     TruthRecord,
+    sort_labels,
 )
 from eskin.robot import load_recorded_robot
 from eskin.skin import Skin, skin_to_bytes
@@ -359,3 +361,9 @@ def check_not_overwritten(recording: Recording, target: Path) -> None:
             f"{recording.path} is cut short and would be replaced by what is left; "
             "write the copy elsewhere"
         )
+
+
+def write_calibration(path: Path, calibration: Calibration) -> None:
+    """Write a calibration file, whole or not at all; missing folders are created."""
+    with atomic_path(path, durable=True) as part:
+        part.write_bytes(calibration.to_bytes())

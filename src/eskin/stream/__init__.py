@@ -5,15 +5,16 @@ from eskin.stream.listener import (
     CommandEvent,
     Context,
     Correction,
+    DurationHistogram,
     Listener,
     Message,
     QueueCount,
     RecognitionState,
+    short_switch_interval,
 )
 from eskin.stream.recognition import FaultReporter, Recognition, found_together
 from eskin.stream.recorder import Recorder, RecorderConfig
 from eskin.stream.stream import Stream, stop_on_signals
-from eskin.stream.timing import DurationHistogram, short_switch_interval
 
 __all__ = [
     "CommandEvent",

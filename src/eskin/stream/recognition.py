@@ -7,8 +7,14 @@ from typing import final
 from eskin.drivers import Event
 from eskin.errors import SkinMismatchError
 from eskin.live import Detection, Recognizer
-from eskin.stream.listener import Context, Drop, Listener, Message, RecognitionState
-from eskin.stream.timing import DurationHistogram
+from eskin.stream.listener import (
+    Context,
+    Drop,
+    DurationHistogram,
+    Listener,
+    Message,
+    RecognitionState,
+)
 from eskin.touch import Fault, Scan
 
 FAULT_TEXTS = {
@@ -40,14 +46,14 @@ class FaultReporter:
         faults = tuple(faults)
         if faults == self.known:
             return []
-        before, now = map(faults_by_place, (self.known, faults))
+        previous, now = map(faults_by_place, (self.known, faults))
         self.known = faults
         over = [
             fault
-            for place, fault in before.items()
+            for place, fault in previous.items()
             if place not in now and not any(covers(other, fault) for other in faults)
         ]
-        begun = [fault for place, fault in now.items() if place not in before]
+        begun = [fault for place, fault in now.items() if place not in previous]
         return [
             *(fault_event(stamp, fault, over=True) for fault in over),
             *(fault_event(stamp, fault, over=False) for fault in begun),

@@ -15,8 +15,14 @@ from eskin.drivers import Event, SourceInfo
 from eskin.errors import RecordingError
 from eskin.live import Detection
 from eskin.recording import Label, Metadata, RecordingWriter
-from eskin.stream.listener import Context, Correction, Drop, Listener, Message
-from eskin.stream.timing import DurationHistogram
+from eskin.stream.listener import (
+    Context,
+    Correction,
+    Drop,
+    DurationHistogram,
+    Listener,
+    Message,
+)
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 

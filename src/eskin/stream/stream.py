@@ -69,11 +69,11 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
             signal.signal(each, signal.SIG_DFL)
         stop()
 
-    before = {each: signal.signal(each, on_signal) for each in SIGNALS}
+    previous = {each: signal.signal(each, on_signal) for each in SIGNALS}
     try:
         yield
     finally:
-        for each, handler in before.items():
+        for each, handler in previous.items():
             signal.signal(each, signal.SIG_DFL if handler is None else handler)
 
 

@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import check_folder, check_picture
+from eskin.cli.checks import Excludes, Range, check_folder, check_picture
 from eskin.cli.skin import draw_picture
-from eskin.errors import ExtraError, SkinError
+from eskin.errors import ExtraError
 from eskin.robot import Robot, load_robot
 from eskin.units import format_count
 
@@ -28,6 +28,7 @@ PACKAGES = {
     "trimesh": "trimesh",
 }
 """Packages of the extra `design`, by the modules that they install."""
+MAX_COUNT = 65535
 
 
 @dataclass(frozen=True)
@@ -48,42 +49,42 @@ class DesignCommand:
     name: str | None = None
     """Name of the skin; that of the folder where none is given."""
 
-    links: tuple[str, ...] = ()
+    links: Annotated[tuple[str, ...], Excludes("spec")] = ()
     """Links to cover; all that have a shape where none are given."""
 
     spec: Path | None = None
     """YAML file with regions and keep-out zones, instead of --links."""
 
-    density: float = 1.5
+    density: Annotated[float, Range(0, 1e4, is_open=True)] = 1.5
     """Density of the taxels where --spec gives none [1/cm2]."""
 
-    min_spacing: float = 2.5
+    min_spacing: Annotated[float, Range(0, 1e3, is_open=True)] = 2.5
     """Smallest spacing of neighbouring taxels [mm]."""
 
-    rows: int = 16
+    rows: Annotated[int, Range(2, MAX_COUNT)] = 16
     """Largest number of rows that a readout board reads."""
 
-    columns: int = 16
+    columns: Annotated[int, Range(2, MAX_COUNT)] = 16
     """Largest number of columns that a readout board reads."""
 
-    distortion: float = 0.08
+    distortion: Annotated[float, Range(0, 1, is_open=True)] = 0.08
     """Largest relative error of the unrolled distance of neighbouring taxels."""
 
-    clearance: float = 3.0
+    clearance: Annotated[float, Range(0, 1e3)] = 3.0
     """Smallest distance of the skin from other links, while one joint moves from limit
     to limit [mm]."""
 
-    poses: int = 256
+    poses: Annotated[int, Range(0, MAX_COUNT)] = 256
     """Number of poses of all joints at once in which that distance is checked too."""
 
     clear_poses: bool = False
     """Leave out what is nearer in one of these poses. Without it that is reported
     alone: an arm that can fold onto itself would have half of its skin left."""
 
-    min_taxels: int = 8
+    min_taxels: Annotated[int, Range(6, MAX_COUNT)] = 8
     """Smallest number of taxels of a patch."""
 
-    rate: float = 100.0
+    rate: Annotated[float, Range(0, 1e6, is_open=True)] = 100.0
     """Rate at which the skin is read, for the bandwidth [Hz]."""
 
     seed: int = 0
@@ -129,11 +130,7 @@ def check_packages() -> None:
 
 
 def build_spec(command: DesignCommand, robot: Robot) -> "DesignSpec":
-    """Build the specification of the options.
-
-    Raises:
-        SkinError: An option is out of its range, or two exclude each other.
-    """
+    """Build the specification of the options."""
     from eskin.design.spec import (
         MM,
         PER_CM2,
@@ -144,32 +141,6 @@ def build_spec(command: DesignCommand, robot: Robot) -> "DesignSpec":
     )
     from eskin.design.zones import LinkZone
 
-    for name, value, low, high in (
-        ("density", command.density, 0.0, 1e4),
-        ("min-spacing", command.min_spacing, 0.0, 1e3),
-        ("distortion", command.distortion, 0.0, 1.0),
-        ("rate", command.rate, 0.0, 1e6),
-    ):
-        if not low < value <= high:
-            raise SkinError(
-                f"--{name} is {value:g}; allowed are numbers above {low:g} up to "
-                f"{high:g}"
-            )
-    if not 0 <= command.clearance <= 1e3:
-        raise SkinError(f"--clearance is {command.clearance:g}; allowed are 0 to 1000")
-    for name, count, least in (
-        ("rows", command.rows, 2),
-        ("columns", command.columns, 2),
-        ("min-taxels", command.min_taxels, 6),
-        ("poses", command.poses, 0),
-    ):
-        if not least <= count <= 65535:
-            raise SkinError(f"--{name} is {count}; allowed are {least} to 65535")
-    if command.links and command.spec is not None:
-        raise SkinError(
-            "--links and --spec are both given; allowed is one of them; name the links "
-            "in the file"
-        )
     density = PER_CM2 * command.density
     keep_outs = ()
     if command.spec is not None:

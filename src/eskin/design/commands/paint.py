@@ -3,14 +3,14 @@
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Annotated, final
 
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_writable
+from eskin.cli.checks import Range, check_writable
 from eskin.design.commands.design import check_packages
-from eskin.errors import DeviceError, SkinError
+from eskin.errors import DeviceError
 from eskin.page.process import DEFAULT_PORT
 from eskin.robot import load_robot
 from eskin.units import format_count
@@ -43,7 +43,7 @@ class PaintCommand:
     links: tuple[str, ...] = ()
     """Links to paint on; all that have a shape where none are given."""
 
-    density: float | None = None
+    density: Annotated[float | None, Range(0, 1e4, is_open=True)] = None
     """Density of the painted regions [1/cm2]; that of `eskin skin design` by default.
     """
 
@@ -59,10 +59,6 @@ def run(command: PaintCommand) -> dict[str, object]:
     check_packages()
     from eskin.design.spec import SpecFile, read_spec_file
 
-    if command.density is not None and not 0 < command.density <= 1e4:
-        raise SkinError(
-            f"--density is {command.density:g}; allowed are numbers above 0 up to 1e4"
-        )
     check_writable(command.spec)
     original = read_spec_file(command.spec) if command.spec.exists() else SpecFile()
     draft = SpecDraft(command.spec, original, command.density)

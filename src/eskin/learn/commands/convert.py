@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
+from eskin.cli.checks import Range
 from eskin.errors import RecordingError
 from eskin.learn.sets import (
     ConversionResult,
@@ -16,8 +17,8 @@ from eskin.learn.sets import (
 )
 from eskin.units import format_count
 
-MAX_NOMINAL = 1000
-"""Largest pitch [mm] and full scale [kPa] of a public set."""
+NOMINAL = Range(0, 1000, is_open=True)
+"""Allowed pitch [mm] and full scale [kPa] of a public set."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,11 @@ class ConvertCommand:
     """Folder for the recordings, one .mcap for each source file. It is made if it is
     missing."""
 
-    pitch_mm: float | None = None
+    pitch_mm: Annotated[float | None, NOMINAL] = None
     """Distance of neighbouring taxels [mm], of socialtouch alone, which states none. By
     default it is taken as unknown, and all contacts at a time are one touch."""
 
-    full_scale_kpa: float | None = None
+    full_scale_kpa: Annotated[float | None, NOMINAL] = None
     """Pressure at full scale [kPa], of socialtouch alone; 100 by default."""
 
 
@@ -72,11 +73,6 @@ def get_geometry_options(command: ConvertCommand) -> dict[str, float]:
             raise RecordingError(
                 f"{option} is given for {command.dataset}; allowed is socialtouch; "
                 "leave it out"
-            )
-        if not 0 < value <= MAX_NOMINAL:
-            raise RecordingError(
-                f"{option} is {value:g}; allowed is above 0, at most {MAX_NOMINAL}; "
-                "correct it"
             )
         options[name.removesuffix("_mm")] = value * unit
     return options

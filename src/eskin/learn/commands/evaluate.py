@@ -5,14 +5,14 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import check_picture, load_overrides
+from eskin.cli.checks import Range, check_picture, load_overrides
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import Dataset, prepare
@@ -209,7 +209,7 @@ class EvaluateCommand:
     robot_urdf: str | None = None
     """Robot of recordings that lack their URDF: a URDF file or a preset's name."""
 
-    workers: int | None = None
+    workers: Annotated[int | None, Range(1)] = None
     """Number of processes that replay streams; by default one for each core."""
 
 
@@ -218,8 +218,6 @@ def run(command: EvaluateCommand) -> dict[str, object]:
     for picture in list_pictures(command):
         check_picture(picture)
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
-    if workers < 1:
-        raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
     model = load_model(command.model)
     clips, streams = split_by_scoring(find_recordings(command.data), command.events)
     check_pictures(command, clips, streams)

@@ -5,11 +5,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
 import tyro
 
-from eskin.cli.checks import check_writable, load_overrides
+from eskin.cli.checks import NOT_NEGATIVE, check_writable, load_overrides
 from eskin.errors import ModelError, RecordingError
 from eskin.learn.checkpoint import to_model
 from eskin.learn.commands.evaluate import report_truncated
@@ -24,7 +24,6 @@ from eskin.live import (
     Model,
     ModelCard,
     NetworkConfig,
-    check_limits,
     load_model,
     save_model,
 )
@@ -75,7 +74,7 @@ class TrainCommand:
     pack: Path | None = None
     """Folder that keeps prepared recordings, so that each is prepared only once."""
 
-    skins: int = 0
+    skins: Annotated[int, NOT_NEGATIVE] = 0
     """Number of other skins, simulated by augmentation, on which each recording is
     learned too."""
 
@@ -84,10 +83,6 @@ class TrainCommand:
 
     train: TrainConfig = field(default_factory=TrainConfig)
     """Options of the training."""
-
-    def __post_init__(self) -> None:
-        """Raise if a number is out of range."""
-        check_limits(self, {"skins": (0, np.inf)}, "--")
 
     def load_overrides(self) -> Overrides:
         """Load what is used in place of what the recordings hold."""

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from eskin.errors import ImportSourceError
 from eskin.files import read_file
-from eskin.recording.labels import Label
-from eskin.recording.records import Metadata
+from eskin.recording.records import Label, Metadata
 from eskin.recording.writer import RecordingWriter, write_all
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan

@@ -24,8 +24,7 @@ from eskin.learn.sets.conversion import (
     read_decompressed,
     write_clips,
 )
-from eskin.recording.labels import NONE, build_labels
-from eskin.recording.records import Metadata
+from eskin.recording.records import NONE, Metadata, build_labels
 from eskin.skin import load_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S

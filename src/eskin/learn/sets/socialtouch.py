@@ -25,8 +25,7 @@ from eskin.learn.sets.conversion import (
     read_decompressed,
     write_clips,
 )
-from eskin.recording.labels import NONE, Label
-from eskin.recording.records import Metadata
+from eskin.recording.records import NONE, Label, Metadata
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from eskin.cli.checks import POSITIVE, Needs
 from eskin.errors import DeviceError
 from eskin.registry import find_mujoco
 from eskin.sim.commands.untouched import print_untouched
@@ -29,7 +30,7 @@ class DemoCommand:
     as fast as the computer can compute it. With --json, the result tells how many
     touches were obeyed correctly."""
 
-    seconds: float | None = None
+    seconds: Annotated[float | None, POSITIVE] = None
     """Duration [s]; by default without end in the browser, and one minute of simulated
     time headless."""
 
@@ -59,7 +60,7 @@ class DemoCommand:
     """Command map, which tells what each touch commands, such as `examples/jog.yaml`;
     by default the one that comes with eskin."""
 
-    import_functions: bool = False
+    import_functions: Annotated[bool, Needs("commands")] = False
     """Import the functions `module:function` of the command map from its folder, which
     runs the code there."""
 
@@ -73,20 +74,11 @@ def run(command: DemoCommand) -> dict[str, object]:
     """Run the demonstration and return its result."""
     from eskin.sim.demo import DemoConfig, SimulatedUserConfig
 
-    if command.seconds is not None and not 0 < command.seconds < float("inf"):
-        raise DeviceError(
-            f"--seconds is {command.seconds}; allowed are above 0; change it"
-        )
     shortest, longest = command.pause
     if not 0 <= shortest <= longest < float("inf"):
         raise DeviceError(
             f"--pause is {shortest:g} {longest:g}; allowed are two times in their "
             "order, not negative; change them"
-        )
-    if command.import_functions and command.commands is None:
-        raise DeviceError(
-            "--import-functions is given without --commands; allowed is both; name the "
-            "command map"
         )
     if command.dynamics:
         find_mujoco("--dynamics")

@@ -3,16 +3,15 @@
 import ipaddress
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
-from urllib.parse import urlsplit
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from eskin.cli.checks import check_writable
+from eskin.cli.checks import NOT_NEGATIVE, POSITIVE, Excludes, check_writable
 from eskin.errors import DeviceError, SkinMismatchError
 from eskin.sim.commands.untouched import print_untouched
 from eskin.units import format_count
@@ -43,7 +42,7 @@ class DeviceCommand:
     """Send over pseudo-terminals, which act as serial ports. This is the default unless
     --udp is given."""
 
-    udp: str | None = None
+    udp: Annotated[str | None, Excludes("pty"), Excludes("link")] = None
     """Send datagrams to this HOST:PORT."""
 
     play: str = SIM
@@ -54,10 +53,10 @@ class DeviceCommand:
     """Fault to inject: KIND[:WHERE][@FROM[-TO]][=AMOUNT], such as lose=0.1 or
     unplug:forearm_front@5-8. The option may be given several times."""
 
-    rate: float | None = None
+    rate: Annotated[float | None, POSITIVE] = None
     """Rate of the scans [1/s]; by default that of what is played."""
 
-    seconds: float | None = None
+    seconds: Annotated[float | None, POSITIVE] = None
     """Time after which to stop [s]; by default the end of the recording, or never."""
 
     ports: int = 1
@@ -70,7 +69,7 @@ class DeviceCommand:
     """Path of a calibration file to write, for eskin run --calibration. Each simulated
     build has its own calibration, and a recording that of its skin."""
 
-    seed: int = 0
+    seed: Annotated[int, NOT_NEGATIVE] = 0
     """Random seed."""
 
     protocol: Literal[1, 2] = 2
@@ -93,7 +92,13 @@ def run(command: DeviceCommand) -> dict[str, object]:
     from eskin.skin import load_skin
     from eskin.stream import stop_on_signals
 
-    check_options(command)
+    if command.key is not None and command.protocol == 1:
+        raise ValueError(
+            "--key is given with --protocol 1, which has no seals; allowed is a key "
+            "with version 2; leave out --protocol"
+        )
+    if command.calibration is not None:
+        check_writable(command.calibration)
     key = None if command.key is None else read_key(command.key)
     skin = load_skin(command.skin)
     faults = [
@@ -110,9 +115,7 @@ def run(command: DeviceCommand) -> dict[str, object]:
         if command.calibration is not None:
             write_calibration(command.calibration, calibration)
         print_addresses(device)
-        if command.udp is not None and not is_loopback(
-            parse_udp_address(command.udp)[0]
-        ):
+        if command.udp is not None and not is_loopback(parse_target(command.udp)[0]):
             print("what the skin senses leaves this computer unencrypted", flush=True)
         with stop_on_signals(device.stop):
             device.play(resample_scans(scans, rate), HostClock(), command.seconds)
@@ -125,29 +128,6 @@ def run(command: DeviceCommand) -> dict[str, object]:
     for fault in faults:
         print(f"  {fault.spec.text}: {fault.count} {fault.unit}")
     return result
-
-
-def check_options(command: DeviceCommand) -> None:
-    """Raise if an option is out of range, or if two options exclude each other."""
-    if command.udp is not None and (command.pty or command.link is not None):
-        raise ValueError(
-            "--udp is given together with --pty or --link; allowed is one transport; "
-            "leave out the other"
-        )
-    if command.key is not None and command.protocol == 1:
-        raise ValueError(
-            "--key is given with --protocol 1, which has no seals; allowed is a key "
-            "with version 2; leave out --protocol"
-        )
-    for name, value in (("rate", command.rate), ("seconds", command.seconds)):
-        if value is not None and not 0 < value < float("inf"):
-            raise ValueError(f"--{name} is {value}; allowed are above 0; change it")
-    if command.seed < 0:
-        raise ValueError(
-            f"--seed is {command.seed}; allowed are 0 and above; change it"
-        )
-    if command.calibration is not None:
-        check_writable(command.calibration)
 
 
 def load_played(
@@ -202,7 +182,7 @@ def open_ports(
             f"--ports is {command.ports}; allowed are 1 to {count}, one for each patch"
         )
     if command.udp is not None:
-        host, port = parse_udp_address(command.udp)
+        host, port = parse_target(command.udp)
         return [stack.enter_context(UdpPort(host, port)) for _ in range(command.ports)]
     link = command.link
     if link is None:
@@ -215,23 +195,15 @@ def open_ports(
     return [stack.enter_context(PtyPort(name)) for name in names]
 
 
-def parse_udp_address(text: str) -> tuple[str, int]:
+def parse_target(text: str) -> tuple[str, int]:
     """Parse HOST:PORT.
 
     Raises:
-        ValueError: when the text is not of this form.
+        DeviceError: when the text is not of this form.
     """
-    host, port = None, None
-    with suppress(ValueError):
-        parts = urlsplit(f"//{text}")
-        if not parts.path:
-            host, port = parts.hostname, parts.port
-    if not host or not port:
-        raise ValueError(
-            f"--udp is '{text}'; allowed is HOST:PORT with a port from 1 to 65535, "
-            "such as 127.0.0.1:9750"
-        )
-    return host, port
+    from eskin.app import parse_udp_address
+
+    return parse_udp_address(f"udp://{text}")
 
 
 def print_addresses(device: "VirtualSkin") -> None:

@@ -22,8 +22,8 @@ from eskin.drivers.packet import (
     Status,
     encode_packet,
 )
-from eskin.drivers.patch_stream import index_taxels
 from eskin.drivers.seal import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
+from eskin.drivers.timeline import index_taxels
 from eskin.skin import Patch
 
 FIRMWARE = "eskin virtual 1"

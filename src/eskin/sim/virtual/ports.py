@@ -9,7 +9,7 @@ from abc import abstractmethod
 from pathlib import Path
 from typing import final
 
-from eskin.drivers.framing import Deframer
+from eskin.drivers.packet import Deframer
 from eskin.errors import DeviceError
 from eskin.progress import Closing
 

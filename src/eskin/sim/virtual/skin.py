@@ -7,8 +7,13 @@ from typing import final
 import numpy as np
 
 from eskin.drivers.clock import Clock
-from eskin.drivers.framing import encode_frame
-from eskin.drivers.packet import MAX_COUNT, VERSION_2, Request, decode_packet
+from eskin.drivers.packet import (
+    MAX_COUNT,
+    VERSION_2,
+    Request,
+    decode_packet,
+    encode_frame,
+)
 from eskin.errors import DeviceError, PacketError
 from eskin.progress import Closing
 from eskin.sim.virtual.fault import (
