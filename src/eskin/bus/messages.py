@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -226,9 +226,9 @@ class Marker:
     """Red, green, blue and opacity, from 0 to 1."""
     lifetime: float
     """Time after which it vanishes [s]; 0 for never."""
-    points: Float[np.ndarray, "point 3"] = NO_POINTS
+    points: Float[np.ndarray, "point 3"] = field(default_factory=lambda: NO_POINTS)
     """Both ends of an arrow, or centres of spheres [m]; empty for text."""
-    colours: UInt8[np.ndarray, "point 3"] = NO_COLOURS
+    colours: UInt8[np.ndarray, "point 3"] = field(default_factory=lambda: NO_COLOURS)
     """Colour of each sphere; empty otherwise."""
     text: str = ""
     """Text; its centre is `position`."""

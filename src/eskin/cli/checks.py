@@ -5,7 +5,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from eskin.errors import EskinError
 from eskin.files import read_file
@@ -75,7 +75,7 @@ class Excludes:
     """Name of the other option's field."""
 
 
-def check_options(command: object) -> None:
+def check_options(command: Any) -> None:  # noqa: ANN401
     """Raise unless the options of a command are as its fields are annotated.
 
     Raises:

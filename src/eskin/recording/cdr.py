@@ -223,9 +223,7 @@ def pack_number(
     pack_aligned(buffer, layout.pack(value), layout.size)
 
 
-def unpack_number(
-    layout: struct.Struct, data: bytes, offset: int
-) -> tuple[float | int | bool, int]:
+def unpack_number(layout: struct.Struct, data: bytes, offset: int) -> tuple[Any, int]:
     """Return a number, and its end."""
     start = align(offset, layout.size)
     return layout.unpack_from(data, start)[0], start + layout.size
@@ -288,7 +286,7 @@ def unpack_all(unpack: Unpack, data: bytes, offset: int) -> tuple[tuple[Any, ...
             f"a sequence has {count:,} strings; allowed are {MAX_STRINGS:,}"
         )
     values = []
-    for _ in range(int(count)):
+    for _ in range(count):
         value, offset = unpack(data, offset)
         values.append(value)
     return tuple(values), offset
@@ -313,5 +311,5 @@ def unpack_numbers(
     start = align(offset, kind.itemsize)
     # A byte of a bool may hold any number, which numpy takes as it is.
     read = np.dtype(np.uint8) if kind.char == "?" else kind
-    values = np.frombuffer(data, read, int(count), start)
+    values = np.frombuffer(data, read, count, start)
     return values != 0 if kind.char == "?" else values, start + values.nbytes
