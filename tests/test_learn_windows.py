@@ -1,6 +1,5 @@
 """Windows: rows of the two seconds before a reading, within one sequence."""
 
-
 import numpy as np
 import pytest
 
