@@ -54,7 +54,7 @@ def measure(root: Path, folder: Path, clips: int, steps: int) -> dict[str, float
         clips: number of clips to generate.
         steps: number of steps to time.
     """
-    bench = ("bench", "latency", "--baselines", "--steps", steps)
+    bench = ("bench", "latency", "--steps", steps)
     rows, _ = call(root, *bench)
     made, _ = call(root, "generate", folder, "--clips", clips, "--workers", 1)
     path = min(folder.glob("*.mcap"))
