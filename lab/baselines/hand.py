@@ -8,7 +8,6 @@ statistics of the shear.
 
 from collections import deque
 from collections.abc import Callable
-from copy import copy
 from typing import final
 
 import numpy as np
@@ -174,12 +173,6 @@ class HandBaseline(Baseline):
     def predict_windows(self, clips: SkinWindows) -> Probabilities:
         """Classify windows that have been checked."""
         return np.asarray(self.model.predict_proba(self.compute_rows(clips)))
-
-    def move_to(self, mounted: MountedSkin) -> "HandBaseline":
-        """Return the same baseline for a skin whose taxels have moved."""
-        other = copy(self)
-        other.mounted = mounted
-        return other
 
     def build_streams(self) -> dict[str, BaselineStream]:
         """Return a stream that computes each reading's graph once."""

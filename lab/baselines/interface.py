@@ -105,10 +105,6 @@ class Baseline(ABC):
             )
         return self.predict_windows(clips)
 
-    def move_to(self, mounted: MountedSkin) -> "Baseline":
-        """Return the baseline for a skin whose taxels have moved; itself by default."""
-        return self
-
     def build_streams(self) -> dict[str, BaselineStream]:
         """Return streams that classify one reading after the other, by name.
 

@@ -42,7 +42,7 @@ def test_trial_is_interpolated_between_rest():
 def test_trial_without_contact_is_answered_none(model):
     trial = make_trial(np.zeros((5, 456)))
     [answer] = transfer.answer_trials([trial], SOCIAL, model, SETTING)
-    assert (answer.forced, answer.closed, answer.detected) == ("none", "none", ())
+    assert (answer.forced, answer.closed) == ("none", "none")
     assert answer.seconds == 0
 
 
@@ -68,43 +68,30 @@ def test_largest_touch_is_answered_after_its_last_contact(model):
 
 def test_figures_are_shares_of_the_answers_of_a_group(model):
     answers = [
-        TrialAnswer("P0", "a", "poke", "poke", ("poke",), 1.0),
-        TrialAnswer("P0", "a", "none", "poke", ("grab", "poke"), 1.0),
-        TrialAnswer("P1", "a", "none", "none", ("unknown",), 1.0),
-        TrialAnswer("P1", "a", "none", "none", (), 0.1),
-        TrialAnswer("P1", "b", "poke", "none", (), 1.0),
+        TrialAnswer("P0", "a", "poke", "poke", 1.0),
+        TrialAnswer("P0", "a", "none", "poke", 1.0),
+        TrialAnswer("P1", "a", "none", "none", 1.0),
+        TrialAnswer("P1", "a", "none", "none", 0.1),
+        TrialAnswer("P1", "b", "poke", "none", 1.0),
     ]
-    group = Group("pokes", ("a",), "poke", bar=0.6, longer=0.5)
-    found = transfer.compute_results(answers, group, model)
-    assert (found["n"], found["truth"], found["bar"]) == (3, "poke", 0.6)
-    names = ("forced_right", "closed_right", "live_right", "live_wrong")
-    shares = [found[name] for name in names] + [found["live"]["nothing"]]
-    assert shares == pytest.approx([1 / 3, 2 / 3, 2 / 3, 1 / 3, 1 / 3])
-    assert set(found["people"]) == {"P0", "P1"}
-    rest = transfer.compute_results(answers, Group("rest", ("a",), "none"), model)
-    assert (rest["live_right"], rest["live_wrong"]) == (0.5, 0.5)
-    empty = transfer.compute_results(answers, Group("empty", ("c",), "none"), model)
-    assert (empty["n"], empty["forced_right"]) == (0, None)
+    group = Group("pokes", ("a",), "poke", longer=0.5)
+    inside = transfer.select_answers(answers, group)
+    shares = [transfer.compute_accuracy(inside, group, at) for at in (False, True)]
+    assert shares == pytest.approx([1 / 3, 2 / 3])
+    assert transfer.compute_accuracy([], group) is None
+    rows = transfer.format_forced_table(answers, [group], model).splitlines()
+    assert rows[3].startswith("| pokes | poke | 3 | ")
+    assert rows[3].endswith(" | 33.3% | 66.7% |")
+    assert [row.split(" | ")[0] for row in rows[4:]] == ["| - P0", "| - P1"]
 
 
 @pytest.mark.slow
-def test_benchmark_prints_tables_and_writes_figures(tmp_path, monkeypatch, capsys):
+def test_program_prints_a_table(tmp_path, monkeypatch, capsys):
     text = text_of([pressed(), pressed((1, 5))])
-    write_socialtouch(tmp_path / "in", text=text)
-    target = tmp_path / "figures.json"
-    words = ["--data", str(tmp_path / "in"), "--json", str(target), "--sweep"]
-    monkeypatch.setattr("sys.argv", ["transfer", "--headline", *words])
-    monkeypatch.setattr(transfer, "SWEEP_PITCHES", (4.0,))
-    monkeypatch.setattr(transfer, "SWEEP_SCALES", (20.0, 40.0))
+    write_socialtouch(tmp_path, text=text)
+    monkeypatch.setattr("sys.argv", ["transfer", "--data", str(tmp_path)])
     transfer.main()
-    out = capsys.readouterr().out
-    assert "| poke | poke | 2 |" in out and "| 4 mm, 20 kPa |" in out
-    found = json.loads(target.read_text())
-    required = [group.name for group in SETS["socialtouch"].headline.groups]
-    assert list(found["groups"]) == required
-    assert found["groups"]["poke"]["n"] == 2
-    same = found["sweep"][1]["forced_right"]["poke"]
-    assert same == found["groups"]["poke"]["forced_right"]
+    assert "| poke | poke | 2 |" in capsys.readouterr().out
 
 
 def test_runs_end_at_pauses_and_after_two_seconds():
@@ -146,12 +133,3 @@ def test_sleeve_is_cut_at_its_labels_without_its_resting_pressure(tmp_path):
     assert len(grab.share) == 4 and grab.share.sum() == pytest.approx(4 * 60 / 255)
     assert sum(len(trial.share) for trial in found["none"]) == 18
     assert not any(trial.share.any() for trial in found["none"])
-
-
-def test_groups_of_a_headline_have_a_requirement_or_else_a_class():
-    assert all(group.bar for group in SETS["socialtouch"].headline.groups)
-    assert {group.truth for group in SETS["sleeve"].headline.groups} == {
-        "stroke",
-        "grab",
-        "none",
-    }
