@@ -15,18 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import predict_clips
+from eskin.learn.metrics import bootstrap_difference
 from eskin.live import load_model
 from eskin.recording import find_recordings
 from eskin.sim.sensor import FAMILIES
 from lab.tables import format_head, format_row
-
-RESAMPLES = 2000
-"""Number of resamples of an interval."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +61,13 @@ def main() -> None:
     for name in FAMILIES:
         of_family = family == name
         right = classify(dataset, command.models / f"without-{name}.safetensors")
-        lost = 100.0 * (trained.astype(float) - right)[of_family]
-        low, high = draw_interval(lost, session[of_family])
+        parts = trained[of_family], right[of_family]
+        ends = bootstrap_difference(*parts, cluster=session[of_family].tolist())
+        lost = parts[0].mean() - parts[1].mean()
+        points = [f"{100.0 * each:.1f}" for each in (lost, *ends)]
         shares = (f"{each[of_family].mean():.1%}" for each in (trained, right))
-        interval = f"{lost.mean():.1f} [{low:.1f}, {high:.1f}]"
-        print(format_row([name, str(of_family.sum()), *shares, interval]))
+        cells = [name, str(of_family.sum()), *shares]
+        print(format_row([*cells, "{} [{}, {}]".format(*points)]))
 
 
 def list_sessions(
@@ -91,20 +91,6 @@ def classify(dataset: Dataset, path: Path) -> Bool[np.ndarray, "clip"]:
     model = load_model(path)
     found = predict_clips(to_network(model), dataset, model.card.vocabulary)
     return found.predicted == found.truth
-
-
-def draw_interval(
-    lost: Float[np.ndarray, "clip"], session: Int[np.ndarray, "clip"]
-) -> tuple[float, float]:
-    """Return the 95 % interval of a mean over clips, from drawing sessions anew."""
-    rng = np.random.default_rng(26)
-    parts = [lost[session == each] for each in np.unique(session)]
-    means = []
-    for _ in range(RESAMPLES):
-        drawn = [parts[n] for n in rng.integers(len(parts), size=len(parts))]
-        means.append(np.concatenate(drawn).mean())
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
 
 
 if __name__ == "__main__":

@@ -203,13 +203,15 @@ def format_clip_row(name: str, found: Evaluation) -> str:
     """Format a row of a table of clips, with the recall of each class."""
     people = list(found.per_subject.values())
     low, high = found.interval
-    recalls = " | ".join(
-        f"{r['recall']:.1%}" for r in found.segments.per_class.values()
-    )
-    return (
-        f"| {name} | {found.segments.confusion.sum()} | {found.segments.accuracy:.1%} "
-        f"({low:.1%}-{high:.1%}) | {np.std(people, ddof=1):.1%}, {min(people):.1%} | "
-        f"{recalls} | {found.ece:.3f} |"
+    return format_row(
+        [
+            name,
+            str(found.segments.confusion.sum()),
+            f"{found.segments.accuracy:.1%} ({low:.1%}-{high:.1%})",
+            f"{np.std(people, ddof=1):.1%}, {min(people):.1%}",
+            *(f"{r['recall']:.1%}" for r in found.segments.per_class.values()),
+            f"{found.ece:.3f}",
+        ]
     )
 
 
@@ -235,7 +237,7 @@ def format_stream_row(name: str, score: EventScore) -> str:
         f"{score.accidents.mistaken} of {score.accidents.count}",
         f"{unknown.mistaken} of {unknown.count}",
     )
-    return "| " + " | ".join(cells) + " |"
+    return format_row(cells)
 
 
 def draw_clips(command: Command, name: str, found: Evaluation) -> None:

@@ -16,12 +16,13 @@ from multiprocessing import get_context
 from typing import final
 
 import numpy as np
-import tyro
 
 from eskin.command import SUSPEND, Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.drivers import ManualClock
 from eskin.learn.events.event_scoring import score_events
+from eskin.learn.events.matching import ScoredStream, build_events
 from eskin.live import Detection, Model, Recognizer, load_model
+from eskin.recording import TruthRecord
 from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin
@@ -36,7 +37,6 @@ from eskin.stream import (
 )
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
-from lab.attacks.live_run import GESTURES, Run, stand_still
 from lab.attacks.skin_faults import FAULTS, FaultySkin, build_target
 from lab.tables import format_head, format_row
 
@@ -50,6 +50,9 @@ RECALL_SKINS = 9
 """Number of builds on which gestures are performed."""
 RECALL_PAUSE = (1.5, 3.0)
 """Range of the time between two gestures [s]."""
+GESTURES = ("poke", "double_pat", "grab", "stroke")
+QUIET = 2.0
+"""Time without touch at the start, in which a skin is tared [s]."""
 
 
 @dataclass(frozen=True)
@@ -271,18 +274,39 @@ def print_attacks(command: Command, names: list[str]) -> None:
             print(f"<!-- {name}: held {count} times: {reason} -->")
 
 
-def run_gestures(fault: str, gestures: int, first: int, seed: int, model: Model) -> Run:
+def run_gestures(
+    fault: str, gestures: int, first: int, seed: int, model: Model
+) -> ScoredStream:
     """Perform gestures in turn on a standing arm in a faulty skin."""
     rng = np.random.default_rng((seed, 26))
     live = InteractiveSkin("ur5", seed)
     faulty = FaultySkin(fault, build_target(live.mounted.skin, live.calibration, seed))
     q = draw_pose(live.env, POSE_GROUPS, np.random.default_rng((seed, 25)))
-    run = Run(live, model, stand_still(q, live), faulty.corrupt)
+    recognizer = Recognizer(model, live.mounted, live.calibration)
+    truths: list[TruthRecord] = []
+    detections: list[Detection] = []
+    time = 0.0
+
+    def scan() -> None:
+        nonlocal time
+        time += live.period
+        corrupted = faulty.corrupt(live.scan(round(time * NS_PER_S), q))
+        truths.extend(live.hand.truths())
+        detections.extend(recognizer.push(corrupted))
+
+    def wait(seconds: float) -> None:
+        for _ in range(round(seconds / live.period)):
+            scan()
+
+    wait(QUIET)
     for k in range(gestures):
-        run.live.hand.perform(GESTURES[(first + k) % len(GESTURES)])
-        run.finish()
-        run.wait(rng.uniform(*RECALL_PAUSE))
-    return run
+        live.hand.perform(GESTURES[(first + k) % len(GESTURES)])
+        while live.hand.touching:
+            scan()
+        wait(rng.uniform(*RECALL_PAUSE))
+    detections += recognizer.finish()
+    events = sorted(build_events(truths), key=lambda event: event.onset)
+    return ScoredStream(tuple(events), detections, time, live.hand.person.name)
 
 
 def measure_recall(fault: str, command: Command, model: Model) -> tuple[int, int, int]:
@@ -290,7 +314,7 @@ def measure_recall(fault: str, command: Command, model: Model) -> tuple[int, int
     seeds = 5000 + 100 * command.first_seed + np.arange(RECALL_SKINS)
     each = command.gestures // RECALL_SKINS
     streams = [
-        run_gestures(fault, each, number, int(seed), model).take()
+        run_gestures(fault, each, number, int(seed), model)
         for number, seed in enumerate(seeds)
     ]
     total = score_events(streams, model.card.vocabulary).total
@@ -307,15 +331,10 @@ def print_recall(command: Command, names: list[str]) -> None:
         print(format_row(cells), flush=True)
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Print a table of the faults."""
-    command = tyro.cli(Command, args=args)
     names = [name for name in FAULTS if not command.only or name in command.only]
     if command.recall:
         print_recall(command, names)
     else:
         print_attacks(command, names)
-
-
-if __name__ == "__main__":
-    main()

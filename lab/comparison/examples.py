@@ -125,7 +125,7 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
 
 def load_windows(path: Path, pack: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return the windows of a recording's clips; cut them unless they are on disk."""
-    key = compute_file_key(__name__, path, str(PipelineConfig()))
+    key = compute_file_key(__name__, path, str(PipelineConfig()), None)
     target = pack / f"{key}.windows.npz"
     if not target.exists():
         pressure, q = cut_clip_windows(path)

@@ -31,6 +31,7 @@ from lab.comparison.table import (
     format_lead,
     format_share,
 )
+from lab.tables import format_head, format_row
 
 StudyNetwork = Literal["eskin", "paper"]
 
@@ -121,7 +122,7 @@ def format_study(rows: Sequence[VariantRow]) -> str:
     lead = f"K {rows[0].k}, {rows[0].pool} ahead"
     heads = ["network", "K", "pooling", "runs", "validation (SD)", lead]
     heads += ["test (SD)", lead]
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    lines = [format_head(heads)]
     for row in rows:
         cells = (
             row.network,
@@ -133,7 +134,7 @@ def format_study(rows: Sequence[VariantRow]) -> str:
             format_share(row.test_accuracy, row.test_std),
             format_lead(row.test_ahead),
         )
-        lines.append(f"| {' | '.join(cells)} |")
+        lines.append(format_row(cells))
     return "\n".join([*lines, "", LEGEND])
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies
 from lab.comparison.results import AnsweredClips, MethodResult
+from lab.tables import format_head, format_row
 
 RunKey = tuple[int, int]
 """Number of the draw of the data, and the seed."""
@@ -183,9 +184,9 @@ def format_tables(rows: Sequence[ComparisonRow]) -> str:
     tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
         heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
-        lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+        lines = [format_head(heads)]
         of_test = [row for row in rows if row.test == test]
-        lines += [format_row(row) for row in of_test]
+        lines += [format_method(row) for row in of_test]
         tables.append("\n".join([*lines, "", format_caption(of_test[0])]))
     return "\n\n".join([*tables, LEGEND])
 
@@ -204,16 +205,15 @@ def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
     for test in dict.fromkeys(row.test for row in rows):
         of_test = [row for row in rows if row.test == test]
         gestures = sorted({name for row in of_test for name in row.by_gesture})
-        lines = [f"| {test}, clips of | {' | '.join(gestures)} |"]
-        lines.append("|" + "---|" * (1 + len(gestures)))
+        lines = [format_head([f"{test}, clips of", *gestures])]
         for row in of_test:
             shares = (format_share(row.by_gesture.get(name), 0.0) for name in gestures)
-            lines.append(f"| {row.name} | {' | '.join(shares)} |")
+            lines.append(format_row([row.name, *shares]))
         tables.append("\n".join(lines))
     return "\n\n".join(tables)
 
 
-def format_row(row: ComparisonRow) -> str:
+def format_method(row: ComparisonRow) -> str:
     """Format a row of a table."""
     cells = (
         row.name,
@@ -223,7 +223,7 @@ def format_row(row: ComparisonRow) -> str:
         format_share(row.test_accuracy, row.std),
         format_lead(row.test_ahead),
     )
-    return f"| {' | '.join(cells)} |"
+    return format_row(cells)
 
 
 def format_share(mean: float | None, std: float) -> str:

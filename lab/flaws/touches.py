@@ -27,8 +27,6 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-import tyro
-
 from lab.flaws.kept import append_result, read_results
 from lab.flaws.report import Results, print_report
 from lab.flaws.rows import ROWS
@@ -90,7 +88,6 @@ def run_builds(command: Command) -> Results:
     return found
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Run the builds and print the tables."""
-    command = tyro.cli(Command, args=args)
     print_report(run_builds(command))

@@ -34,7 +34,7 @@ from lab.comparison import (
 )
 from lab.comparison.methods import build_touch_rows
 from lab.comparison.study import Variant
-from lab.crossvalidation import Standardised
+from lab.real_recordings import Standardised
 
 pytestmark = pytest.mark.slow
 

@@ -10,10 +10,10 @@ from eskin.errors import RecordingError
 from eskin.learn.dataset import prepare
 from eskin.learn.training import Trainer
 from helpers.learning import AS_RECORDED, TINY, record_people
-from lab import crossvalidation
+from lab import real_recordings
 from lab.baselines.estimators import RandomForest
 from lab.baselines.hand import compute_features
-from lab.crossvalidation import (
+from lab.real_recordings import (
     CNN,
     ON_FEATURES,
     classify_instants,
@@ -83,7 +83,7 @@ def test_no_fold_trains_on_its_own_group(dataset, monkeypatch):
 
             object.__setattr__(self.batches.sampler, "draw", watched)
 
-    monkeypatch.setattr(crossvalidation, "Trainer", Spy)
+    monkeypatch.setattr(real_recordings, "Trainer", Spy)
     networks = train_folds(dataset, ["a", "b", "a"], TINY)
     assert list(networks) == ["a", "b"]
     assert [trainer.drawn for trainer in trainers] == [{1}, {0, 2}]

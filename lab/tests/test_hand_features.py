@@ -6,7 +6,6 @@ import pytest
 from eskin.learn.dataset import prepare
 from helpers.learning import record
 from lab.baselines.hand import BANDS, compute_band_powers, compute_features
-from lab.crossvalidation import compute_segment_features
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +27,9 @@ def test_every_interval_has_the_same_number_of_finite_features(dataset):
 
 def test_shear_adds_features_and_keeps_the_others(dataset):
     segment = dataset.labelled[0]
-    without = compute_segment_features(dataset, segment, False)
-    with_shear = compute_segment_features(dataset, segment, True)
+    rows = np.arange(segment.first, segment.end)
+    without = compute_features(dataset, rows, False)
+    with_shear = compute_features(dataset, rows, True)
     assert len(with_shear) > len(without)
     whole = 1 + 2 + 2 + len(BANDS) - 1
     np.testing.assert_array_equal(with_shear[:whole], without[:whole])
@@ -37,8 +37,10 @@ def test_shear_adds_features_and_keeps_the_others(dataset):
 
 def test_a_longer_broader_gesture_has_the_larger_first_features(dataset):
     hold, tap = dataset.labelled
-    a = compute_segment_features(dataset, hold, False)
-    b = compute_segment_features(dataset, tap, False)
+    a, b = (
+        compute_features(dataset, np.arange(each.first, each.end), False)
+        for each in (hold, tap)
+    )
     assert a[0] == pytest.approx(1.2, abs=0.06)
     assert a[1] > b[1] > 0
 
