@@ -37,7 +37,7 @@ from eskin.recording import (
 )
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
-from lab.flaws.watch import RestCount, Watcher
+from lab.flaws.scoring import RestCount, Watcher
 from lab.tables import format_head, format_row
 
 FLOORS = (0.0, 0.125)

@@ -44,7 +44,7 @@ from lab.flaws.hands import (
     set_creep,
 )
 from lab.flaws.report import format_share
-from lab.flaws.rows import ALL, FLAWED, INTACT
+from lab.flaws.stream import ALL, FLAWED, INTACT
 from lab.tables import format_head, format_row
 
 PATCHES = ("upper_arm_back", "forearm_front", "wrist_2")
