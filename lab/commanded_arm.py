@@ -7,9 +7,9 @@ Every row is `eskin demo --headless` in one condition: on sensors as in training
 ones and those of each family, with short and long pauses between touches, on a slow and
 a fast arm, and on skins that fail meanwhile. Each build of the skin has people of its
 own; neither is in any set, nor were thresholds chosen on them. Builds of a family with
-less than 20 readings a second command no arm and are left out. Intervals are those of 95 % of resampled builds
-with their people (percentile bootstrap). The command prints a table of docs/results.md,
-and below it why touches were lost.
+less than 20 readings a second command no arm and are left out. Intervals are those of
+95 % of resampled builds with their people (percentile bootstrap). The command prints a
+table of docs/results.md, and below it why touches were lost.
 """
 
 from collections import Counter

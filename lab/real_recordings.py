@@ -28,7 +28,7 @@ from sklearn.preprocessing import StandardScaler
 
 from eskin.errors import RecordingError
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.evaluation import find_window_ends, score_instants, score_segments
+from eskin.learn.evaluation import find_window_ends, score_segments
 from eskin.learn.ground_truth import Segment
 from eskin.learn.metrics import (
     bootstrap_difference,
@@ -36,7 +36,6 @@ from eskin.learn.metrics import (
     score_predictions,
 )
 from eskin.learn.nn import RecogniserNetwork
-from eskin.learn.plots import draw_confusion
 from eskin.learn.sets import (
     convert_shearsense,
     convert_sleeve,
@@ -57,11 +56,6 @@ from lab.baselines.estimators import (
 from lab.baselines.hand import compute_features
 from lab.baselines.interface import READINGS, STEP_NS
 from lab.tables import format_head, format_row
-
-FOREST_STEP = 4
-"""Step between training rows of the forest on instants, as neighbours are similar."""
-
-WINDOW_NS = 2_000_000_000
 
 
 @final
@@ -107,10 +101,6 @@ class Answers:
 
     groups: tuple[str, ...]
     """Person or session of each example."""
-
-    recordings: tuple[int, ...]
-    """Recording of each example; examples that are close in time are not
-    independent."""
 
     vocabulary: tuple[str, ...]
     """Classes."""
@@ -209,33 +199,7 @@ def classify_segments(
         starts = np.unique(segment_index[within], return_index=True)[1]
         sums = np.add.reduceat(found, starts, axis=0)
         predicted[CNN][out] = known[sums.argmax(axis=1)]
-    recordings = tuple(segment.recording for segment in segments)
-    return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
-
-
-def classify_instants(
-    dataset: Dataset, groups: Sequence[str], networks: Networks, seed: int
-) -> Answers:
-    """Classify every instant, with the class `none`, from the two seconds before.
-
-    Only the random forest is compared with the recogniser, trained on one row in
-    `FOREST_STEP`.
-    """
-    vocabulary = dataset.vocabulary
-    truth = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
-    group = np.array(groups)[dataset.recording]
-    features = np.array([window_features(dataset, row) for row in range(len(truth))])
-    forest = "random forest"
-    predicted = {name: np.zeros_like(truth) for name in (OURS, forest)}
-    for held, network in networks.items():
-        rows = np.flatnonzero(group == held)
-        train = np.flatnonzero(group != held)[::FOREST_STEP]
-        scores = score_instants(network, dataset, rows)
-        predicted[OURS][rows] = scores.argmax(axis=1)
-        model = ON_FEATURES[forest](seed).fit(features[train], truth[train])
-        predicted[forest][rows] = model.predict(features[rows])
-    recordings = tuple(dataset.recording.tolist())
-    return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
+    return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
 
 
 def mount_skin(dataset: Dataset) -> MountedSkin:
@@ -277,14 +241,6 @@ def cut_skin_windows(
     return SkinWindows(np.stack(pressures), joints), np.array(indices)
 
 
-def window_features(dataset: Dataset, row: int) -> np.ndarray:
-    """Return hand-made features of the two seconds that end with a row."""
-    start = dataset.starts[row]
-    since = dataset.stamps[row] - WINDOW_NS
-    low = start + np.searchsorted(dataset.stamps[start : row + 1], since, side="right")
-    return compute_features(dataset, np.arange(low, row + 1), dataset.has_shear)
-
-
 @dataclass(frozen=True)
 class Command:
     """Cross-validate on the public recordings, with people or sessions held out."""
@@ -293,8 +249,6 @@ class Command:
     """Data set."""
     data: Path
     """Folder of the data set, as downloaded."""
-    picture: Path | None = None
-    """Path of the picture of the recogniser's confusions (.png)."""
     seed: int = 0
     """Random seed."""
     workers: int = 2
@@ -310,31 +264,17 @@ def main() -> None:
     convert, measure = KINDS[command.kind]
     with tempfile.TemporaryDirectory() as folder:
         convert(command.data, Path(folder))
-        answers = measure(find_recordings((Path(folder),)), command)
-    if command.picture is not None:
-        result = score_predictions(
-            answers.truth, answers.predicted[OURS], answers.vocabulary
-        )
-        title = f"{command.kind}: accuracy {result.accuracy:.1%}"
-        draw_confusion(result.confusion, answers.vocabulary, command.picture, title)
+        measure(find_recordings((Path(folder),)), command)
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
-def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
-    """Classify segments and instants, with one session held out."""
-    dataset = prepare(paths)
-    groups = find_groups(dataset, "session")
-    networks = train_folds(
-        dataset, groups, command.train, command.seed, command.workers
-    )
-    segments = classify_segments(dataset, groups, networks, False, command.seed)
-    print(table("Whole segments", segments))
-    instants = classify_instants(dataset, groups, networks, command.seed)
-    print(table("Every instant, with the class none", instants, whole=True))
-    return segments
+def sleeve(paths: tuple[Path, ...], command: Command) -> None:
+    """Classify segments, with one session held out."""
+    answers = cross_validate(prepare(paths), "session", command, command.train)
+    print(table("Whole segments", answers))
 
 
-def shearsense(paths: tuple[Path, ...], command: Command) -> Answers:
+def shearsense(paths: tuple[Path, ...], command: Command) -> None:
     """Classify recordings without and with shear, with one participant held out."""
     # Without shear not even which taxels it touches is used.
     pressure, both = (
@@ -347,10 +287,9 @@ def shearsense(paths: tuple[Path, ...], command: Command) -> Answers:
     print(table("Recordings, pressure and shear", both))
     right = [a.predicted[OURS] == a.truth for a in (both, pressure)]
     print(f"\nShear adds {difference(*right)} points to the recogniser.")
-    return both
 
 
-def socialtouch(paths: tuple[Path, ...], command: Command) -> Answers:
+def socialtouch(paths: tuple[Path, ...], command: Command) -> None:
     """Classify repetitions as gestures, then as groups, with a person held out."""
     dataset = prepare(paths, graph=command.train.select_graph())
     gestures = cross_validate(dataset, "subject", command, command.train)
@@ -358,7 +297,6 @@ def socialtouch(paths: tuple[Path, ...], command: Command) -> Answers:
     grouped = rename_gestures(dataset, find_group)
     groups = cross_validate(grouped, "subject", command, command.train)
     print(table("Repetitions, groups of gestures", groups))
-    return groups
 
 
 def rename_gestures(dataset: Dataset, rename: Callable[[str], str]) -> Dataset:
@@ -388,15 +326,8 @@ def cross_validate(
 HEAD = ("method", "accuracy", "macro F1", "difference of eskin [95 % interval]")
 
 
-def table(title: str, answers: Answers, whole: bool = False) -> str:
-    """Format accuracy, macro F1, groups and the difference of eskin, by method.
-
-    Args:
-        title: title of the table.
-        answers: answers to score.
-        whole: whether the bootstrap draws whole recordings, not single examples.
-    """
-    cluster = answers.recordings if whole else None
+def table(title: str, answers: Answers) -> str:
+    """Format accuracy, macro F1, groups and the difference of eskin, by method."""
     names = sorted(set(answers.groups))
     rows = [
         f"\n**{title}** ({len(answers.truth)} examples, "
@@ -408,7 +339,7 @@ def table(title: str, answers: Answers, whole: bool = False) -> str:
         result = score_predictions(answers.truth, predicted, answers.vocabulary)
         right = predicted == answers.truth
         groups = compute_group_accuracies(right, answers.groups)
-        ahead = "" if name == OURS else difference(ours, right, cluster)
+        ahead = "" if name == OURS else difference(ours, right)
         cells = [
             name,
             f"{result.accuracy:.1%}",
@@ -420,11 +351,9 @@ def table(title: str, answers: Answers, whole: bool = False) -> str:
     return "\n".join(rows)
 
 
-def difference(
-    ours: np.ndarray, theirs: np.ndarray, cluster: tuple[int, ...] | None = None
-) -> str:
+def difference(ours: np.ndarray, theirs: np.ndarray) -> str:
     """Format a difference of accuracies with its paired bootstrap interval."""
-    low, high = bootstrap_difference(ours, theirs, cluster=cluster)
+    low, high = bootstrap_difference(ours, theirs)
     mean = ours.mean() - theirs.mean()
     return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
 
@@ -433,7 +362,7 @@ KINDS: dict[
     str,
     tuple[
         Callable[[Path, Path], object],
-        Callable[[tuple[Path, ...], Command], Answers],
+        Callable[[tuple[Path, ...], Command], None],
     ],
 ] = {
     "sleeve": (convert_sleeve, sleeve),

@@ -11,7 +11,6 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -19,10 +18,7 @@ import tyro
 
 from lab import compare, study
 from lab.baselines import NETWORKS
-from lab.comparison import (
-    METHODS,
-    read_results,
-)
+from lab.comparison.methods import METHODS
 from lab.simulated_sets import made_set
 
 Part = Literal["table", "large", "study", "all"]
@@ -134,15 +130,6 @@ def main() -> None:
         if command.part in (name, "all"):
             print(f"\n## {name}\n", flush=True)
             part(command, FORMS[command.form])
-    print(f"\n{describe_trainings(command.results)}")
-
-
-def describe_trainings(results: Path) -> str:
-    """Format the number of trainings kept in a folder, and their total time."""
-    files = [read_results(path) for path in results.glob("*.jsonl")]
-    seconds = [kept.result.seconds for kept in chain(*map(dict.values, files))]
-    hours = sum(seconds) / 3600
-    return f"{len(seconds)} trainings kept, of {hours:.1f} hours on one core together"
 
 
 def paper_sets(command: Command, count: int) -> list[Path]:

@@ -10,8 +10,8 @@ from eskin.command import load_commands, parse_commands
 from eskin.errors import CommandError
 from eskin.skin import load_skin
 from lab.fuzz.mutation import mutate
+from lab.fuzz.run import Target, check_refusal
 from lab.fuzz.skin_files import YAML_WORDS
-from lab.fuzz.target import Target, check_refusal
 
 VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 WORDS = (

@@ -10,7 +10,7 @@ from eskin.errors import RobotError
 from eskin.robot import Kinematics, load_urdf
 from eskin.robot.presets import read_preset_urdf
 from lab.fuzz.mutation import mutate
-from lab.fuzz.target import Target, check_refusal
+from lab.fuzz.run import Target, check_refusal
 
 WORDS = (
     *(b"<link name='a'/>", b"<a>", b"<!DOCTYPE a>", b"&amp;", b"&#0;", b"<!--"),

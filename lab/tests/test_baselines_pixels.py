@@ -96,10 +96,6 @@ def test_neighbours_on_a_link_are_neighbours_in_the_unrolled_image():
     assert apart_round(columns[one], columns[other])[round_link].max() <= 2
 
 
-def test_most_taxels_have_a_pixel_of_their_own():
-    assert len(np.unique(build_unrolled_image(UR5.skin).pixel)) > 0.9 * UR5.skin.count
-
-
 @any_way
 def test_a_ring_is_unrolled_about_its_axis_in_any_pose(seed):
     """One that nearly closes, wider than it is high."""

@@ -12,15 +12,10 @@ from helpers.clips import generated
 from lab.baselines.estimators import NearestNeighbours
 from lab.baselines.flat import FlatBaseline
 from lab.compare import run_compare
-from lab.comparison import (
-    AnsweredClips,
-    BaselineMethod,
-    MethodResult,
-    read_results,
-)
-from lab.comparison.study import Variant, build_study_rows, plot_shares
+from lab.comparison.methods import BaselineMethod
+from lab.comparison.results import AnsweredClips, MethodResult, read_results
 from lab.program import run_program
-from lab.study import run_study
+from lab.study import Variant, build_study_rows, plot_shares, run_study
 
 pytestmark = pytest.mark.slow
 PROGRAMS = {"compare": run_compare, "study": run_study}

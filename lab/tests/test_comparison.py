@@ -17,16 +17,9 @@ from helpers.clips import generated
 from helpers.graphs import random_graph
 from helpers.learning import record_people
 from lab.baselines import READINGS
-from lab.comparison import (
-    METHODS,
-    Method,
-    TrainingTask,
-    find_examples,
-    find_stale,
-    run_tasks,
-)
-from lab.comparison.examples import LARGEST_PRESSURE, cut_clip_windows
-from lab.comparison.methods import OnePoolEncoder
+from lab.comparison.examples import LARGEST_PRESSURE, cut_clip_windows, find_examples
+from lab.comparison.methods import METHODS, Method, OnePoolEncoder
+from lab.comparison.results import TrainingTask, find_stale, run_tasks
 
 pytestmark = pytest.mark.slow
 

@@ -24,17 +24,17 @@ from lab.baselines.estimators import (
     SupportVectors,
 )
 from lab.baselines.flat import FlatBaseline
-from lab.comparison import (
+from lab.comparison import methods
+from lab.comparison.examples import find_examples
+from lab.comparison.methods import (
     METHODS,
     BaselineMethod,
     RecogniserMethod,
-    TrainingTask,
-    find_examples,
-    methods,
+    build_touch_rows,
 )
-from lab.comparison.methods import build_touch_rows
-from lab.comparison.study import Variant
+from lab.comparison.results import TrainingTask
 from lab.real_recordings import Standardised
+from lab.study import Variant
 
 pytestmark = pytest.mark.slow
 
@@ -100,27 +100,6 @@ def test_every_setting_of_an_estimator_changes_the_digest(one, examples):
     digests = [digest(BaselineMethod(make), examples) for make in made]
     assert len(set(digests)) == len(every) == 2 * (1 + len(fields(one)))
     assert digest(BaselineMethod(partial(made[0])), examples) == digests[0]
-
-
-@pytest.mark.parametrize(
-    ("one", "name", "value"),
-    [
-        (SupportVectors(C=3.0), "machine__C", 3.0),
-        (NearestNeighbours(k=3), "n_neighbors", 3),
-        (Perceptron(hidden=(3,)), "hidden_layer_sizes", (3,)),
-        (Perceptron(decay=0.3), "alpha", 0.3),
-        (Perceptron(epochs=3), "max_iter", 3),
-        (LinearDiscriminant(shrinkage=0.3), "shrinkage", 0.3),
-        (RandomForest(trees=3), "n_estimators", 3),
-        (RandomForest(leaf=3), "min_samples_leaf", 3),
-        (GradientBoosting(trees=3), "max_iter", 3),
-        (GradientBoosting(leaves=3), "max_leaf_nodes", 3),
-        (GradientBoosting(rate=0.3), "learning_rate", 0.3),
-        (Standardised(NearestNeighbours(k=3)), "kneighborsclassifier__n_neighbors", 3),
-    ],
-)
-def test_an_estimator_is_built_with_its_settings(one, name, value):
-    assert one(0).get_params()[name] == value
 
 
 def embedded(trainer):

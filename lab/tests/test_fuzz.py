@@ -12,9 +12,8 @@ from lab.fuzz.decoder import DecoderTarget
 from lab.fuzz.models import ModelTarget
 from lab.fuzz.recordings import RecordingTarget
 from lab.fuzz.robots import RobotTarget
-from lab.fuzz.run import HangError, fuzz, where
+from lab.fuzz.run import HangError, Target, fuzz, where
 from lab.fuzz.skin_files import BETWEEN, SkinTarget
-from lab.fuzz.target import Target
 
 
 @pytest.mark.slow
