@@ -66,8 +66,6 @@ class Trial:
     """Times of the readings, increasing [s]."""
     share: Float[np.ndarray, "reading taxel"]
     """Pressure as a share of full scale, row by row; 0 at rest."""
-    source: str = ""
-    """Recording of which it is a part; empty if it is one of its own."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,6 @@ def read_shearsense(folder: Path) -> Iterator[Trial]:
                 label.gesture,
                 seconds[run],
                 share[run],
-                clip.name,
             )
 
 
@@ -188,7 +185,7 @@ def read_sleeve(folder: Path) -> Iterator[Trial]:
         runs += [(NONE, run) for run in cut_runs(idle, seconds)]
         for gesture, run in runs:
             if len(run) > 1:
-                yield Trial(session, gesture, seconds[run], share[run], clip.name)
+                yield Trial(session, gesture, seconds[run], share[run])
 
 
 def read_shares(

@@ -270,7 +270,8 @@ def main() -> None:
 
 def sleeve(paths: tuple[Path, ...], command: Command) -> None:
     """Classify segments, with one session held out."""
-    answers = cross_validate(prepare(paths), "session", command, command.train)
+    config = replace(command.train, shear=False)
+    answers = cross_validate(prepare(paths), "session", command, config)
     print(table("Whole segments", answers))
 
 

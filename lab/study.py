@@ -34,12 +34,9 @@ from lab.comparison.table import (
     LEGEND,
     Lead,
     RunKey,
-    compute_accuracies,
-    compute_lead,
-    compute_mean,
-    compute_std,
     format_lead,
     format_share,
+    summarise_test,
 )
 from lab.program import run_program
 from lab.tables import format_head, format_row
@@ -113,18 +110,17 @@ def build_study_row(
     first: Mapping[RunKey, MethodResult] | None,
 ) -> VariantRow:
     """Return the row of a variant, compared with the first of its network."""
-    val, test = (
-        compute_accuracies(list(results.values()), each) for each in ("val", "test")
-    )
+    val, val_std, val_ahead = summarise_test(results, first, "val")
+    test, test_std, test_ahead = summarise_test(results, first, "test")
+    facts = asdict(variant) | {"runs": len(results)}
     return VariantRow(
-        **asdict(variant),
-        runs=len(results),
-        val_accuracy=compute_mean(val),
-        val_std=compute_std(val),
-        val_ahead=compute_lead(results, first, "val") if first and val else None,
-        test_accuracy=compute_mean(test),
-        test_std=compute_std(test),
-        test_ahead=compute_lead(results, first, "test") if first and test else None,
+        **facts,
+        val_accuracy=val,
+        val_std=val_std,
+        val_ahead=val_ahead,
+        test_accuracy=test,
+        test_std=test_std,
+        test_ahead=test_ahead,
     )
 
 

@@ -41,6 +41,9 @@ REST_BEFORE = 1.5
 REST_AFTER = 0.6
 """Rest after a trial, longer than a touch stays open without contact [s]."""
 
+RATE = 50.0
+"""Rate of the scans [Hz]."""
+
 FINEST = 4080
 """Counts at full scale, about those of a 12-bit converter."""
 
@@ -48,20 +51,6 @@ ANSWER_AFTER = round(0.1 * NS_PER_S)
 """Time from the last contact to the forced choice [ns]."""
 
 DataSet = Literal["socialtouch", "socialtouch-groups", "shearsense", "sleeve"]
-
-
-@dataclass(frozen=True)
-class TransferSetting:
-    """Sets what a public set does not state."""
-
-    pitch_mm: float
-    """Distance of neighbouring taxels [mm]."""
-    full_scale_kpa: float
-    """Pressure at full scale [kPa]."""
-    rate: float
-    """Rate of the scans [Hz]."""
-    floor: float = 0.0
-    """Share of full scale below which a signal is not a touch."""
 
 
 @dataclass(frozen=True)
@@ -92,12 +81,6 @@ class Command:
     """People to test on, as in P0; all unless given."""
     model: Path = Path("ur5")
     """Name of weights that come with eskin, or a model file."""
-    pitch_mm: float | None = None
-    """Assumed distance of neighbouring taxels [mm]; by default that of the set."""
-    full_scale_kpa: float | None = None
-    """Assumed pressure at full scale [kPa]; by default that of the set."""
-    rate: float = 50.0
-    """Rate of the scans [Hz]."""
     floor: float | None = None
     """Share of full scale below which a signal is not a touch, as in a calibration; by
     default that of the set."""
@@ -108,44 +91,31 @@ def main() -> None:
     command = tyro.cli(Command)
     started = time.monotonic()
     public, model = SETS[command.dataset], load_model(command.model)
-    setting = TransferSetting(
-        get_or(command.pitch_mm, public.pitch_mm),
-        get_or(command.full_scale_kpa, public.full_scale_kpa),
-        command.rate,
-        get_or(command.floor, public.floor),
-    )
+    if command.floor is not None:
+        public = replace(public, floor=command.floor)
     trials = read_trials(public, command.data or public.folder, command.people)
-    answers = answer_trials(trials, public, model, setting)
+    answers = answer_trials(trials, public, model)
     print(format_forced_table(answers, public.groups, model))
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
-def get_or(value: float | None, default: float) -> float:
-    """Return a value, or the default where it is None."""
-    return default if value is None else value
-
-
 def answer_trials(
-    trials: Iterable[Trial], public: PublicSet, model: Model, setting: TransferSetting
+    trials: Iterable[Trial], public: PublicSet, model: Model
 ) -> list[TrialAnswer]:
     """Recognise every trial with a fresh recogniser."""
-    pitch = setting.pitch_mm / 1000
+    pitch, scale = public.pitch_mm / 1000, public.full_scale_kpa
     skin = build_grid_skin(public.rows, public.columns, pitch, calibrated=True)
     mounted = MountedSkin(skin, load_robot("table"))
-    scale = setting.full_scale_kpa
     calibration = Calibration.uniform(
-        skin.count, FINEST, scale, floor=setting.floor * scale
+        skin.count, FINEST, scale, floor=public.floor * scale
     )
-    return [
-        answer(trial, Recognizer(model, mounted, calibration), setting.rate)
-        for trial in trials
-    ]
+    return [answer(trial, Recognizer(model, mounted, calibration)) for trial in trials]
 
 
-def answer(trial: Trial, recognizer: Recognizer, rate: float) -> TrialAnswer:
+def answer(trial: Trial, recognizer: Recognizer) -> TrialAnswer:
     """Recognise one trial."""
     touches = TouchTraces(recognizer)
-    for scan in build_scans(trial, rate):
+    for scan in build_scans(trial):
         touches.push(scan)
     touches.finish()
     touch, seconds = touches.largest(), touched_seconds(trial)
@@ -164,7 +134,7 @@ def touched_seconds(trial: Trial) -> float:
     return float(np.ptp(touched)) if len(touched) else 0.0
 
 
-def build_scans(trial: Trial, rate: float) -> Iterator[Scan]:
+def build_scans(trial: Trial) -> Iterator[Scan]:
     """Yield the scans of a trial between rest, as from a live device.
 
     Pressures are interpolated in time between the readings, from rest to the first and
@@ -176,13 +146,13 @@ def build_scans(trial: Trial, rate: float) -> Iterator[Scan]:
         [first - REST_BEFORE, first, *trial.seconds, last, last + REST_AFTER]
     )
     share = np.pad(trial.share, ((2, 2), (0, 0)))
-    times = np.arange(known[0], known[-1], 1 / rate)
+    times = np.arange(known[0], known[-1], 1 / RATE)
     before = np.minimum(np.searchsorted(known, times, "right"), len(known) - 1) - 1
     part = ((times - known[before]) / np.diff(known)[before])[:, None]
     between = (1 - part) * share[before] + part * share[before + 1]
     received = np.ones(between.shape[1], dtype=np.bool_)
     for number, counts in enumerate(np.rint(FINEST * between).astype(np.int32)):
-        stamp = START + round(number * NS_PER_S / rate)
+        stamp = START + round(number * NS_PER_S / RATE)
         yield Scan(stamp, counts, received, np.empty(0))
 
 

@@ -92,29 +92,54 @@ def build_row(
     first: Mapping[RunKey, MethodResult],
 ) -> ComparisonRow:
     """Return the row of one method on one test."""
-    runs = [results[key] for key in sorted(results)]
-    accuracies = compute_accuracies(runs, test)
-    validated = compute_accuracies(list(results.values()), "val")
-    other = results is not first
+    other = None if results is first else first
+    val_accuracy, val_std, val_ahead = summarise_test(results, other, "val")
+    test_accuracy, std, test_ahead = summarise_test(results, other, test)
     val_people, val_clips = count_people_and_clips(results, "val")
     test_people, test_clips = count_people_and_clips(results, test)
+    assert test_accuracy is not None
     return ComparisonRow(
         name=name,
         test=test,
-        runs=len(runs),
-        val_accuracy=compute_mean(validated),
+        runs=len(results),
+        val_accuracy=val_accuracy,
         val_people=val_people,
         val_clips=val_clips,
         test_people=test_people,
         test_clips=test_clips,
-        test_accuracy=float(np.mean(accuracies)),
-        std=compute_std(accuracies),
-        val_std=compute_std(validated),
-        val_ahead=compute_lead(results, first, "val") if other and validated else None,
-        test_ahead=compute_lead(results, first, test) if other else None,
+        test_accuracy=test_accuracy,
+        std=std,
+        val_std=val_std,
+        val_ahead=val_ahead,
+        test_ahead=test_ahead,
         seconds=float(np.mean([result.seconds for result in results.values()])),
-        by_gesture=compute_gesture_accuracies([run.answered[test] for run in runs]),
+        by_gesture=compute_gesture_accuracies(
+            [results[key].answered[test] for key in sorted(results)]
+        ),
     )
+
+
+def summarise_test(
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult] | None,
+    test: str,
+) -> tuple[float | None, float, Lead | None]:
+    """Return mean accuracy, its standard deviation over runs, and the lead of another.
+
+    Without predictions on the test they are None, 0 and None; the deviation is 0 of a
+    single run, the lead None without another.
+    """
+    answered = [
+        results[key].answered[test]
+        for key in sorted(results)
+        if test in results[key].answered
+    ]
+    if not answered:
+        return None, 0.0, None
+    shares = [each.correct.mean() for each in answered]
+    std = float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
+    lead = compute_lead(results, first, test) if first else None
+    return float(np.mean(shares)), std, lead
 
 
 def count_people_and_clips(
@@ -151,22 +176,6 @@ def compute_gesture_accuracies(answered: Sequence[AnsweredClips]) -> dict[str, f
     correct = np.concatenate([each.correct for each in answered])
     gestures = [gesture for each in answered for gesture in each.truth]
     return compute_group_accuracies(correct, gestures)
-
-
-def compute_accuracies(results: Sequence[MethodResult], test: str) -> list[float]:
-    """Return the accuracy of each run that has predictions on a test."""
-    answered = [r.answered[test] for r in results if test in r.answered]
-    return [float(each.correct.mean()) for each in answered]
-
-
-def compute_mean(shares: Sequence[float]) -> float | None:
-    """Return the mean; None without values."""
-    return float(np.mean(shares)) if shares else None
-
-
-def compute_std(shares: Sequence[float]) -> float:
-    """Return the standard deviation; 0 of fewer than two values."""
-    return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
 
 
 def format_lead(ahead: Lead | None) -> str:

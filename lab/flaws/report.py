@@ -1,11 +1,11 @@
 """Report untouched skins and touches as a table."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from eskin.learn.metrics import bootstrap_difference
-from lab.flaws.scoring import STRONG_FORCE, RestCount, TouchScore
+from lab.flaws.scoring import STRONG_FORCE, RestCount
 from lab.flaws.stream import REFERENCES, BuildResult
 from lab.tables import format_head, format_row
 
@@ -22,7 +22,6 @@ def format_share(hits: Iterable[bool]) -> str:
 def pair_right(
     results: Sequence[BuildResult],
     reference: Sequence[BuildResult],
-    choose: Callable[[TouchScore], str],
 ) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
     """Tell which answers are right in a reference and in results; return the builds."""
     others = {
@@ -33,7 +32,7 @@ def pair_right(
     pairs = [
         (
             *(
-                choose(one) == score.gesture
+                one.forced == score.gesture
                 for one in (others[result.number, place], score)
             ),
             result.number,
@@ -60,8 +59,7 @@ def describe_figures(
         f"{rest.rate(rest.openings):.1f}",
         format_share(score.is_onset_found for score in strong),
         format_share(score.is_end_found for score in strong),
-        format_lost(*pair_right(results, reference, lambda one: one.forced)),
-        format_lost(*pair_right(results, reference, lambda one: one.live)),
+        format_lost(*pair_right(results, reference)),
         f"{rest.seconds / 60:.0f}",
         f"{len(strong)}/{len(scores)}",
     ]
@@ -83,7 +81,6 @@ FIGURES_HEAD = (
     "onset within 0.1 s",
     "end within 0.3 s",
     "points lost, forced choice",
-    "points lost, live",
     "untouched [min]",
     "touches from 1 N / all",
 )

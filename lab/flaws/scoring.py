@@ -1,13 +1,13 @@
 """Watch a recogniser at rest, and score its touches against true contacts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.live import UNKNOWN, Detection, Recognizer
+from eskin.live import Detection, Recognizer
 from eskin.recording import NONE
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -103,8 +103,6 @@ class TouchScore:
     """Last contact of that touch, less the true one [s]."""
     forced: str
     """Most probable class of that touch shortly after the true end."""
-    live: str
-    """First gesture that was detected; `unknown` or `none` without one."""
 
     @property
     def is_onset_found(self) -> bool:
@@ -153,22 +151,12 @@ def find_cover(truth: TrueContact, trails: Mapping[int, Trail]) -> Trail | None:
     return trails[best]
 
 
-def find_live_answer(detections: Sequence[Detection]) -> str:
-    """Return the first gesture that was detected, else `unknown` or `none`."""
-    names = [one.gesture for one in detections if one.gesture != NONE]
-    gestures = [name for name in names if name != UNKNOWN]
-    return (gestures or names or [NONE])[0]
-
-
-def score_touch(
-    truth: TrueContact, trails: Mapping[int, Trail], detections: Sequence[Detection]
-) -> TouchScore:
+def score_touch(truth: TrueContact, trails: Mapping[int, Trail]) -> TouchScore:
     """Score what the pipeline and the recogniser said of one true contact.
 
     Args:
         truth: true contact.
         trails: all touches of the pipeline that were open in its time, by id.
-        detections: detections from its onset to the next touch.
     """
     cover = find_cover(truth, trails)
     after = truth.end + round(END_SECONDS * NS_PER_S)
@@ -179,7 +167,6 @@ def score_touch(
         onset_error=(cover.onset - truth.onset) / NS_PER_S if cover else None,
         end_error=(cover.last - truth.end) / NS_PER_S if cover else None,
         forced=sample.answer if sample else NONE,
-        live=find_live_answer(detections),
     )
 
 
@@ -215,7 +202,6 @@ class Watcher:
     Attributes:
         rest: counts of this stretch; the caller replaces it to begin a new one.
         trails: touches seen since `follow`, by id; None while they are not followed.
-        detections: detections since then.
     """
 
     def __init__(self, recognizer: Recognizer) -> None:
@@ -223,13 +209,12 @@ class Watcher:
         self.recognizer = recognizer
         self.rest = RestCount()
         self.trails: dict[int, Trail] | None = None
-        self.detections: list[Detection] = []
         self.seen: set[int] = set()
         self.last: int | None = None
 
     def follow(self) -> None:
         """Follow the touches from now on, without those seen before."""
-        self.trails, self.detections = {}, []
+        self.trails = {}
 
     def push(self, scan: Scan) -> list[Detection]:
         """Process the next scan; return its detections."""
@@ -245,7 +230,6 @@ class Watcher:
         self.rest.openings += len(shown - self.seen)
         self.seen |= shown
         if self.trails is not None:
-            self.detections += found
             self.note_touches(self.trails)
         return found
 

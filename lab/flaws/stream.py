@@ -187,7 +187,7 @@ class BuildRun:
             return None
         trails = self.watcher.trails
         assert trails is not None
-        return score_touch(truth, trails, self.watcher.detections)
+        return score_touch(truth, trails)
 
 
 def build_truth(

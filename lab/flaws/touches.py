@@ -15,8 +15,7 @@ pauses between them.
 The table has what is said of the untouched skin after the first 5 s, the onset
 and the end of touches of at least 1 N (of the touch that covers the true contact, where
 the true force on taxels is above 0.2 N), and the points of accuracy that are lost to
-builds without flaw (`shifted` to `fresh`): by forced choice 0.3 s after the true end,
-and by the first gesture detected live.
+builds without flaw (`shifted` to `fresh`), by forced choice 0.3 s after the true end.
 
 With `--keep` results are appended to a file, and what is there already is not run
 again.

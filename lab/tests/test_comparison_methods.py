@@ -1,6 +1,6 @@
 """Methods of the comparison: their digests, settings and trainings."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from inspect import signature
 
@@ -15,15 +15,6 @@ from helpers.clips import generated
 from helpers.graphs import random_graph
 from helpers.learning import TINY
 from lab.baselines import PaperBaseline
-from lab.baselines.estimators import (
-    GradientBoosting,
-    LinearDiscriminant,
-    NearestNeighbours,
-    Perceptron,
-    RandomForest,
-    SupportVectors,
-)
-from lab.baselines.flat import FlatBaseline
 from lab.comparison import methods
 from lab.comparison.examples import find_examples
 from lab.comparison.methods import (
@@ -32,20 +23,10 @@ from lab.comparison.methods import (
     RecogniserMethod,
     build_touch_rows,
 )
-from lab.comparison.results import TrainingTask
-from lab.real_recordings import Standardised
 from lab.study import Variant
 
 pytestmark = pytest.mark.slow
 
-ESTIMATORS = (
-    SupportVectors(),
-    NearestNeighbours(),
-    Perceptron(),
-    LinearDiscriminant(),
-    RandomForest(),
-    GradientBoosting(),
-)
 SHORT = replace(TINY, validation=0.0)
 
 
@@ -70,10 +51,6 @@ def untrained(monkeypatch):
     return trainers
 
 
-def digest(method, examples):
-    return TrainingTask("a", method, examples, {"test": examples}, 0).digest
-
-
 def test_trees_on_touches_give_probabilities_of_every_clip(examples):
     answers = METHODS["boosting-on-touch"].fit(examples, 0)(examples)
     assert answers.shape == (len(examples.clips), len(examples.gestures))
@@ -87,19 +64,6 @@ def test_the_repr_of_a_method_shows_all_settings_and_no_address():
             assert isinstance(method.make, partial)
             takes = set(signature(method.make.func).parameters) - {"mounted"}
             assert set(method.make.keywords) == takes, name
-
-
-@pytest.mark.parametrize("one", ESTIMATORS)
-def test_every_setting_of_an_estimator_changes_the_digest(one, examples):
-    others = [
-        replace(one, **{each.name: 2 * getattr(one, each.name)}) for each in fields(one)
-    ]
-    every = [one, *others]
-    every += [Standardised(each) for each in every]
-    made = [partial(FlatBaseline, estimator=each, features="bins") for each in every]
-    digests = [digest(BaselineMethod(make), examples) for make in made]
-    assert len(set(digests)) == len(every) == 2 * (1 + len(fields(one)))
-    assert digest(BaselineMethod(partial(made[0])), examples) == digests[0]
 
 
 def embedded(trainer):

@@ -54,11 +54,10 @@ def make_trail(number=1, first=FIRST, last=LAST, merged_into=0, **given):
     return Trail(number, at(first), at(last), merged_into, samples)
 
 
-def score(*trails, truth=None, detected=()):
+def score(*trails, truth=None):
     """Score touches against a true contact."""
-    detections = [SimpleNamespace(gesture=gesture) for gesture in detected]
     by_id = {trail.id: trail for trail in trails}
-    return score_touch(truth or make_truth(), by_id, detections)
+    return score_touch(truth or make_truth(), by_id)
 
 
 def test_touch_with_the_true_times_is_found():
@@ -99,19 +98,6 @@ def test_answer_is_that_shortly_after_the_end():
     trail = make_trail()
     trail.samples[-5:] = [replace(s, answer="grab") for s in trail.samples[-5:]]
     assert score(trail).forced == "poke"
-
-
-@pytest.mark.parametrize(
-    ("detected", "answer"),
-    [
-        ((), "none"),
-        (("none",), "none"),
-        (("unknown",), "unknown"),
-        (("unknown", "poke", "grab"), "poke"),
-    ],
-)
-def test_live_answer_is_the_first_gesture(detected, answer):
-    assert score(make_trail(), detected=detected).live == answer
 
 
 def make_watcher(states):

@@ -15,7 +15,6 @@ from lab.public_sets import SETS, Group, read_trials
 from lab.recogniser import Command, evaluate_clips
 from lab.simulated_sets import made_set
 from lab.transfer import (
-    TransferSetting,
     answer_trials,
     compute_accuracy,
     select_answers,
@@ -90,7 +89,7 @@ def test_real_touches(socialtouch_folder, name, chosen, floor):
     model, trials = load_model(name), read_trials(public, socialtouch_folder)
     count = TOUCHES // len(groups)
     chosen = [t for group in groups for t in draw_trials(trials, group, count)]
-    answers = answer_trials(chosen, public, model, TransferSetting(4.0, 40.0, 50.0))
+    answers = answer_trials(chosen, public, model)
     right = [compute_accuracy(select_answers(answers, g), g) for g in groups]
     assert np.mean(right) >= floor
 

@@ -9,10 +9,9 @@ from eskin import load_model
 from helpers.socialtouch import pressed, text_of, write_socialtouch
 from lab import public_sets, transfer
 from lab.public_sets import SETS, Group, Trial
-from lab.transfer import TransferSetting, TrialAnswer
+from lab.transfer import TrialAnswer
 
 SOCIAL = SETS["socialtouch"]
-SETTING = TransferSetting(4.0, 40.0, 50.0)
 
 
 def make_trial(counts, period=0.08):
@@ -28,7 +27,7 @@ def model():
 def test_trial_is_interpolated_between_rest():
     rng = np.random.default_rng(0)
     trial = make_trial(rng.integers(0, 256, (4, 456)))
-    scans = list(transfer.build_scans(trial, 50.0))
+    scans = list(transfer.build_scans(trial))
     counts = np.stack([scan.counts for scan in scans])
     assert np.all(np.diff([scan.stamp for scan in scans]) == 20_000_000)
     assert not counts[:75].any() and not counts[-30:].any()
@@ -41,19 +40,19 @@ def test_trial_is_interpolated_between_rest():
 
 def test_trial_without_contact_is_answered_none(model):
     trial = make_trial(np.zeros((5, 456)))
-    [answer] = transfer.answer_trials([trial], SOCIAL, model, SETTING)
+    [answer] = transfer.answer_trials([trial], SOCIAL, model)
     assert (answer.forced, answer.closed) == ("none", "none")
     assert answer.seconds == 0
 
 
 def test_largest_touch_is_answered_after_its_last_contact(model):
     counts = pressed((2, 6), 12) + pressed((2, 12), 12, slice(0, 1), slice(0, 1)) // 20
-    pitch = SETTING.pitch_mm / 1000
+    pitch = SOCIAL.pitch_mm / 1000
     skin = transfer.build_grid_skin(19, 24, pitch, calibrated=True)
     mounted = transfer.MountedSkin(skin, transfer.load_robot("table"))
     calibration = transfer.Calibration.uniform(skin.count, transfer.FINEST, 40.0)
     touches = transfer.TouchTraces(transfer.Recognizer(model, mounted, calibration))
-    for scan in transfer.build_scans(make_trial(counts), 50.0):
+    for scan in transfer.build_scans(make_trial(counts)):
         touches.push(scan)
     touches.finish()
     touch = touches.largest()
@@ -114,7 +113,6 @@ def test_shearsense_is_cut_into_its_contacts(tmp_path):
     one, other = public_sets.read_shearsense(tmp_path)
     assert (one.subject, one.gesture) == ("P2", "poke")
     assert (len(one.share), len(other.share)) == (10, 15)
-    assert one.source == other.source
     assert one.share[:, 8].min() == pytest.approx(100 / 256)
 
 
