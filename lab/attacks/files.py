@@ -24,12 +24,12 @@ from lab.attacks.hostile_recordings import (
     RECORDINGS,
     build_skin_writer,
 )
-from lab.attacks.hostile_robots import ROBOTS
 from lab.attacks.hostile_texts import (
     CALIBRATIONS,
     DATASETS,
     KEYS,
     MODELS,
+    ROBOTS,
     SKINS,
     SMALL,
     SPECIAL,

@@ -17,11 +17,10 @@ from typing import Literal
 
 import tyro
 
-from lab.fuzz.command_maps import CommandsTarget
 from lab.fuzz.decoder import DecoderTarget
 from lab.fuzz.models import ModelTarget
 from lab.fuzz.recordings import RecordingTarget
-from lab.fuzz.robots import RobotTarget
+from lab.fuzz.robots import CommandsTarget, RobotTarget
 from lab.fuzz.run import Outcome, Target, fuzz
 from lab.fuzz.skin_files import SkinTarget
 
