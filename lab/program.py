@@ -25,7 +25,8 @@ def run_program(
         argv: arguments; those of the process unless given.
     """
     kind = inspect.signature(function).parameters["command"].annotation
-    name = f"python -m {function.__module__}"
+    spec = sys.modules[function.__module__].__spec__
+    name = f"python -m {spec.name if spec else function.__module__}"
     try:
         command, output = parse(kind, name, sys.argv[1:] if argv is None else argv)
         result = function(command)

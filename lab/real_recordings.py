@@ -359,13 +359,7 @@ def difference(ours: np.ndarray, theirs: np.ndarray) -> str:
     return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
 
 
-KINDS: dict[
-    str,
-    tuple[
-        Callable[[Path, Path], object],
-        Callable[[tuple[Path, ...], Command], None],
-    ],
-] = {
+KINDS = {
     "sleeve": (convert_sleeve, sleeve),
     "shearsense": (convert_shearsense, shearsense),
     "socialtouch": (convert_socialtouch, socialtouch),

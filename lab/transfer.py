@@ -27,7 +27,7 @@ from eskin import Model, Recognizer, load_model
 from eskin.recording import NONE
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, build_grid_skin
-from eskin.touch import Calibration, Scan, TouchState
+from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 from lab.public_sets import SETS, TOUCHED, Group, PublicSet, Trial, read_trials
 from lab.tables import format_head, format_row
@@ -112,22 +112,6 @@ def answer_trials(
     return [answer(trial, Recognizer(model, mounted, calibration)) for trial in trials]
 
 
-def answer(trial: Trial, recognizer: Recognizer) -> TrialAnswer:
-    """Recognise one trial."""
-    touches = TouchTraces(recognizer)
-    for scan in build_scans(trial):
-        touches.push(scan)
-    touches.finish()
-    touch, seconds = touches.largest(), touched_seconds(trial)
-    if touch is None:
-        return TrialAnswer(trial.subject, trial.gesture, NONE, NONE, seconds)
-    names = recognizer.model.card.vocabulary
-    forced, closed = (
-        names[part.argmax()] for part in (touch.forced, touch.probabilities[-1])
-    )
-    return TrialAnswer(trial.subject, trial.gesture, forced, closed, seconds)
-
-
 def touched_seconds(trial: Trial) -> float:
     """Return the time from the first to the last touched reading of a trial [s]."""
     touched = trial.seconds[trial.share.max(axis=1) >= TOUCHED]
@@ -176,45 +160,40 @@ class TouchTrace:
         return self.probabilities[min(int(due), len(self.stamps) - 1)]
 
 
-class TouchTraces:
-    """Collects the probabilities of one trial."""
-
-    def __init__(self, recognizer: Recognizer) -> None:
-        """Start before the first scan."""
-        self.recognizer = recognizer
-        self.traces: dict[int, TouchTrace] = {}
-        self.merged: set[int] = set()
-
-    def push(self, scan: Scan) -> None:
-        """Process the next scan."""
-        self.recognizer.push(scan)
-        state = self.recognizer.state
+def trace_touches(trial: Trial, recognizer: Recognizer) -> dict[int, TouchTrace]:
+    """Recognise a trial; return its touches by id, but for those merged into others."""
+    traces: dict[int, TouchTrace] = {}
+    merged: set[int] = set()
+    for scan in build_scans(trial):
+        recognizer.push(scan)
+        state = recognizer.state
         assert state is not None
         for touch in state.open:
-            trace = self.traces.setdefault(touch.id, TouchTrace(0, [], []))
+            trace = traces.setdefault(touch.id, TouchTrace(0, [], []))
             trace.last = touch.last
             trace.stamps.append(scan.stamp)
-            trace.probabilities.append(self.recognizer.probabilities[touch.id])
-        if state.closed:
-            self.weigh(state)
-
-    def finish(self) -> None:
-        """Close the open touches."""
-        if self.recognizer.state is not None:
-            self.weigh(self.recognizer.state)
-
-    def weigh(self, state: TouchState) -> None:
-        """Store the impulses of all touches, and which were merged into another."""
+            trace.probabilities.append(recognizer.probabilities[touch.id])
         for row in state.rows:
-            if row.id in self.traces:
-                self.traces[row.id].impulse = row.impulse
+            if row.id in traces:
+                traces[row.id].impulse = row.impulse
             if row.merged_into:
-                self.merged.add(row.id)
+                merged.add(row.id)
+    recognizer.finish()
+    return {key: trace for key, trace in traces.items() if key not in merged}
 
-    def largest(self) -> TouchTrace | None:
-        """Return the touch of largest impulse; None without a touch."""
-        whole = [self.traces[key] for key in self.traces.keys() - self.merged]
-        return max(whole, key=lambda trace: trace.impulse, default=None)
+
+def answer(trial: Trial, recognizer: Recognizer) -> TrialAnswer:
+    """Recognise one trial."""
+    traces = trace_touches(trial, recognizer).values()
+    touch = max(traces, key=lambda trace: trace.impulse, default=None)
+    seconds = touched_seconds(trial)
+    if touch is None:
+        return TrialAnswer(trial.subject, trial.gesture, NONE, NONE, seconds)
+    names = recognizer.model.card.vocabulary
+    forced, closed = (
+        names[part.argmax()] for part in (touch.forced, touch.probabilities[-1])
+    )
+    return TrialAnswer(trial.subject, trial.gesture, forced, closed, seconds)
 
 
 def select_answers(answers: Iterable[TrialAnswer], group: Group) -> list[TrialAnswer]:

@@ -6,8 +6,8 @@
 An arm works in its skin, and every fault is simulated in turn. The table has what an
 hour of it does: touches that open, detections, and commands that are accepted, which
 nobody gave. An operator releases every hold after one second, and lets a paused arm go
-on after five, so that neither hides what would follow; `--no-release` leaves the arm as
-it is. `--recall` performs gestures on the same faulty skins and counts the recognised.
+on after five, so that neither hides what would follow. `--recall` performs gestures on
+the same faulty skins and counts the recognised.
 """
 
 from collections import Counter
@@ -62,15 +62,11 @@ class Command:
     minutes: float = 30.0
     """Simulated time of each row and seed [min]."""
     seeds: int = 3
-    """Number of seeds of each row."""
-    first_seed: int = 0
-    """First seed; the others follow."""
+    """Number of seeds of each row, from 0 on."""
     build_minutes: float = 10.0
     """Time after which another build of the skin with its fault is taken [min]."""
     only: tuple[str, ...] = ()
     """Rows to simulate; all unless given."""
-    release: bool = True
-    """Whether an operator releases holds and lets a paused arm go on."""
     workers: int = 2
     """Number of processes."""
     recall: bool = False
@@ -151,9 +147,9 @@ class FaultTallyListener(Listener):
 class Operator:
     """An operator releases a held arm after a time, and lets a paused arm go on."""
 
-    def __init__(self, arm: SimulatedArm, tally: FaultTally, release: bool) -> None:
+    def __init__(self, arm: SimulatedArm, tally: FaultTally) -> None:
         """Start with an arm that works."""
-        self.arm, self.tally, self.release = arm, tally, release
+        self.arm, self.tally = arm, tally
         self.held_since: int | None = None
         self.paused_since: int | None = None
         self.last: int | None = None
@@ -168,8 +164,6 @@ class Operator:
         self.last = now
         self.held_since = (self.held_since or now) if held else None
         self.paused_since = (self.paused_since or now) if paused else None
-        if not self.release:
-            return
         if self.held_since and now - self.held_since >= HOLD_SECONDS * NS_PER_S:
             self.arm.release()
             self.held_since = None
@@ -188,8 +182,6 @@ class AttackPlan:
     """Simulated time [s]."""
     seed: int
     """Seed of the build and of the faults."""
-    release: bool
-    """Whether an operator releases holds and lets a paused arm go on."""
 
 
 @final
@@ -203,7 +195,7 @@ class AttackedArm:
         skin, vocabulary = source.skin, model.card.vocabulary
         self.tally = FaultTally()
         self.arm = SimulatedArm(clock=source.clock)
-        self.operator = Operator(self.arm, self.tally, plan.release)
+        self.operator = Operator(self.arm, self.tally)
         target = build_target(skin.mounted.skin, skin.calibration, plan.seed)
         self.faulty = FaultySkin(fault, target)
         commands = load_commands(None, vocabulary, skin.mounted.skin)
@@ -245,8 +237,8 @@ def plan_builds(command: Command, names: list[str]) -> list[AttackPlan]:
         left, build = 60.0 * command.minutes, 0
         while left > 0:
             part = min(left, 60.0 * command.build_minutes)
-            seed = 1000 * (command.first_seed + number) + build
-            plans.append(AttackPlan(tuple(names), part, seed, command.release))
+            seed = 1000 * number + build
+            plans.append(AttackPlan(tuple(names), part, seed))
             left, build = left - part, build + 1
     return plans
 
@@ -311,7 +303,7 @@ def run_gestures(
 
 def measure_recall(fault: str, command: Command, model: Model) -> tuple[int, int, int]:
     """Return gestures recognised, performed, and detections of what nobody did."""
-    seeds = 5000 + 100 * command.first_seed + np.arange(RECALL_SKINS)
+    seeds = 5000 + np.arange(RECALL_SKINS)
     each = command.gestures // RECALL_SKINS
     streams = [
         run_gestures(fault, each, number, int(seed), model)

@@ -35,16 +35,6 @@ def test_shear_adds_features_and_keeps_the_others(dataset):
     np.testing.assert_array_equal(with_shear[:whole], without[:whole])
 
 
-def test_a_longer_broader_gesture_has_the_larger_first_features(dataset):
-    hold, tap = dataset.labelled
-    a, b = (
-        compute_features(dataset, np.arange(each.first, each.end), False)
-        for each in (hold, tap)
-    )
-    assert a[0] == pytest.approx(1.2, abs=0.06)
-    assert a[1] > b[1] > 0
-
-
 @pytest.mark.parametrize(("hertz", "band"), [(0.6, 0), (1.5, 1), (2.5, 2), (4.0, 3)])
 def test_a_periodic_signal_has_its_power_in_its_band(hertz, band):
     seconds = np.arange(200) / 20

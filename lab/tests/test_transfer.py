@@ -51,13 +51,9 @@ def test_largest_touch_is_answered_after_its_last_contact(model):
     skin = transfer.build_grid_skin(19, 24, pitch, calibrated=True)
     mounted = transfer.MountedSkin(skin, transfer.load_robot("table"))
     calibration = transfer.Calibration.uniform(skin.count, transfer.FINEST, 40.0)
-    touches = transfer.TouchTraces(transfer.Recognizer(model, mounted, calibration))
-    for scan in transfer.build_scans(make_trial(counts)):
-        touches.push(scan)
-    touches.finish()
-    touch = touches.largest()
-    assert touch is not None
-    assert touch.impulse == max(trace.impulse for trace in touches.traces.values())
+    recognizer = transfer.Recognizer(model, mounted, calibration)
+    traces = transfer.trace_touches(make_trial(counts), recognizer)
+    touch = max(traces.values(), key=lambda trace: trace.impulse)
     due = [stamp >= touch.last + 100_000_000 for stamp in touch.stamps]
     expected = touch.probabilities[due.index(True)]
     np.testing.assert_array_equal(touch.forced, expected)
