@@ -21,9 +21,18 @@ pytest.importorskip("PIL.Image", reason="no pillow; pip install '.[dev]'")
 
 from PIL import Image
 
-from lab.browser import CHROMIUM, EYE, PATIENCE, Canvas, chromium, new_tab, see
+from lab.browser import (
+    CHROMIUM,
+    EYE,
+    PATIENCE,
+    Canvas,
+    Visit,
+    becomes,
+    chromium,
+    new_tab,
+    see,
+)
 from lab.served_demo import ServedDemo
-from lab.visit import Visit, becomes
 
 if not CHROMIUM.exists():
     pytest.skip(f"no {CHROMIUM}; apt-get install chromium", allow_module_level=True)
