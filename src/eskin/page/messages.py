@@ -84,34 +84,6 @@ class ArmSummary:
     """Whether a part is in the gripper."""
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """Holds the answer of a recogniser to the counts played in one pose."""
-
-    texts: tuple[str, ...]
-    """Text of the answer, one line per touch."""
-    right: bool | None
-    """Whether the answer matches the true label; None before it is complete."""
-    probabilities: Float32[np.ndarray, "class"]
-    """Probability of each class for the strongest touch."""
-
-
-@dataclass(frozen=True)
-class ComparisonBoard:
-    """Compares the answers of two recognisers to the same counts in two poses."""
-
-    title: str
-    """Title of the comparison."""
-    poses: tuple[str, ...]
-    """Names of the poses."""
-    done: tuple[str, ...]
-    """True label in each pose."""
-    playing: int
-    """Index of the current pose of the arm."""
-    rows: tuple[tuple[str, tuple[Answer, ...]], ...]
-    """Name of each recogniser with its answers, one per pose."""
-
-
 @dataclass(frozen=True)
 class PressPlace:
     """Describes where a person is to press next."""
@@ -172,8 +144,6 @@ class ViewUpdate:
     """Age of the reading when its processing was complete [s]."""
     arm: ArmSummary | None = None
     """Summary of the arm; None without an arm."""
-    board: ComparisonBoard | None = None
-    """Comparison of recognisers; None where none are compared."""
     guide: GuideBoard | None = None
     """Guide through a calibration, or what is painted; None without either."""
     recording: str = ""
@@ -228,8 +198,6 @@ class SceneDescription:
     """Skins offered for selection; the first is the current one."""
     is_arm: bool = False
     """Whether updates include the state of an arm."""
-    compares: bool = False
-    """Whether a comparison of recognisers replaces the panel beside the scene."""
     calibrates: bool = False
     """Whether the guide through a calibration replaces the panel beside the scene."""
     paints: bool = False

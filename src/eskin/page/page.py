@@ -14,7 +14,7 @@ from viser import (
     ViserServer,
 )
 
-from eskin.page.boards import ComparisonPanel, GuidePanel, PaintPanel
+from eskin.page.boards import GuidePanel, PaintPanel
 from eskin.page.colours import ColourScale
 from eskin.page.hand import Mouse, MouseHand, PaintBrush, TaxelPicker, TouchMode
 from eskin.page.messages import Order, PageOrder, SceneDescription, ViewUpdate
@@ -70,7 +70,7 @@ class Page:
                 touchable, and neither calibrates nor paints.
         """
         self.server = server
-        self.scene = lay_out(server, setup, WIDER if setup.compares else WIDTH)
+        self.scene = lay_out(server, setup)
         self.picker = TaxelPicker(self.scene)
         self.mouse, self.panel = build_panel(server, self.scene, send)
         self.parts: list[PagePart] = [self.scene, Marks(server, self.scene)]
@@ -154,8 +154,6 @@ def build_panel(
         brush = PaintBrush(setup, send)
         return brush, PaintPanel(gui, brush, send)
     hand = MouseHand(setup, send)
-    if setup.compares:
-        return hand, ComparisonPanel(gui, setup, scale)
     if setup.calibrates:
         return hand, GuidePanel(gui, setup, scale, send)
     return hand, TouchPanel(gui, setup, scale, hand)

@@ -17,7 +17,6 @@ from eskin.live import Detection
 from eskin.page.appearance import describe_scene
 from eskin.page.messages import (
     ArmSummary,
-    ComparisonBoard,
     ContactMarker,
     CorrectionOrder,
     GuideBoard,
@@ -319,7 +318,6 @@ class Viewer(Listener):
         config: ViewerConfig | None = None,
         on_order: Callable[[Order], None] | None = None,
         arm: Arm | None = None,
-        board: Callable[[], ComparisonBoard | None] | None = None,
         recording: Callable[[], str] | None = None,
     ) -> None:
         """Prepare the viewer; the page starts with the stream.
@@ -329,8 +327,6 @@ class Viewer(Listener):
             config: configuration of the page.
             on_order: function called with each order, on a thread of its own.
             arm: arm to show the state of.
-            board: function that returns the comparison of recognisers, which then
-                replaces everything else beside the scene.
             recording: function that describes the recording that is made, for example
                 by its path, empty while there is none. With one, detections can be
                 corrected in the page.
@@ -339,7 +335,6 @@ class Viewer(Listener):
         self.config = config or ViewerConfig()
         self.on_order = on_order
         self.arm = arm
-        self.board = board
         self.recording = recording
         self.touches: dict[int, tuple[int, int]] = {}
         self.corrected: dict[int, str] = {}
@@ -412,7 +407,6 @@ class Viewer(Listener):
             touchable=self.config.touchable,
             skins=self.config.skins,
             is_arm=self.arm is not None,
-            compares=self.board is not None,
             warning=self.config.warning,
             commands=self.config.commands,
             corrects=self.recording is not None,
@@ -442,9 +436,8 @@ class Viewer(Listener):
             if self.arm is None
             else describe_arm(self.arm.state(), self.config.commands),
         )
-        board = None if self.board is None else self.board()
         recording = "" if self.recording is None else self.recording()
-        self.page.give(replace(update, board=board, recording=recording))
+        self.page.give(replace(update, recording=recording))
 
     def update_rate(self, now: float) -> None:
         """Measure the rate of readings once a second."""
