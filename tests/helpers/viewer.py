@@ -55,7 +55,7 @@ def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
         seconds=seconds,
         poses=pack_poses(mounted().kinematics.poses(q)),
         pressure=pressure,
-        valid=np.packbits(np.ones(skin.count, bool)),
+        valid=np.ones(skin.count, bool),
         contacts=contacts,
         touches=touches,
         force=7.5 if contacts else 0.0,

@@ -3,7 +3,7 @@
 It imports no recogniser.
 """
 
-from eskin.page.colours import ColourScale
+from eskin.page.html import ColourScale
 from eskin.page.messages import (
     ArmSummary,
     ContactMarker,

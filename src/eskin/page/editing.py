@@ -58,6 +58,10 @@ class LabelEditor:
         """Return a stamp [ns since the epoch] as a time since the first reading [s]."""
         return (stamp - self.recording.start) / NS_PER_S
 
+    def span(self, label: Label) -> tuple[float, float]:
+        """Return start and end of a label since the first reading [s]."""
+        return self.seconds(label.start), self.seconds(label.end)
+
     def set_range(self, gesture: str, start: float, end: float) -> Label:
         """Give a range a gesture: change the label that it overlaps, or add one.
 

@@ -3,13 +3,12 @@
 import heapq
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from threading import RLock
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float
 
 from eskin.page.messages import (
     Order,
@@ -18,67 +17,7 @@ from eskin.page.messages import (
     TouchKind,
     TouchOrder,
 )
-from eskin.page.scene import Scene
-
-MAX_RAY_DISTANCE = 0.015
-"""Greatest distance from a ray to the centre of a taxel that it hits [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class SurfacePoint:
-    """Describes a point on the skin."""
-
-    taxel: int
-    """Index of the nearest taxel."""
-    link: int
-    """Index of the link of that taxel."""
-    p_link: Float[np.ndarray, "3"]
-    """Position of the point in the frame of the link [m]."""
-
-
-@final
-class TaxelPicker:
-    """Finds points on the skin in its current pose."""
-
-    def __init__(self, scene: Scene) -> None:
-        """Find points on the skin of a scene."""
-        self.scene = scene
-        self.links = scene.setup.taxel_link
-
-    def pick_taxel(self, taxel: int) -> SurfacePoint:
-        """Return the centre of a taxel."""
-        link = int(self.links[taxel])
-        return SurfacePoint(taxel, link, self.scene.setup.positions[taxel])
-
-    def pick_along_ray(
-        self, origin: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
-    ) -> SurfacePoint | None:
-        """Return the foremost point that a ray hits; None if it misses the skin.
-
-        Args:
-            origin: origin of the ray in the world frame [m].
-            direction: direction of the ray in the world frame, of any length.
-        """
-        direction = direction / np.linalg.norm(direction)
-        positions, normals = self.scene.place_taxels()
-        depth = (positions - origin) @ direction
-        aside = np.linalg.norm(positions - origin - depth[:, None] * direction, axis=-1)
-        met = (normals @ direction < 0) & (depth > 0) & (aside < MAX_RAY_DISTANCE)
-        if not met.any():
-            return None
-        front = met & (depth < depth[met].min() + 2 * MAX_RAY_DISTANCE)
-        taxel = int(np.argmin(np.where(front, aside, np.inf)))
-        normal = normals[taxel]
-        # The ray meets the plane of the taxel here; the point stays within its radius.
-        step = ((positions[taxel] - origin) @ normal) / (direction @ normal)
-        offset = origin + step * direction - positions[taxel]
-        radius = float(np.sqrt(self.scene.setup.areas[taxel] / np.pi))
-        offset *= min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
-        link = int(self.links[taxel])
-        return SurfacePoint(
-            taxel, link, self.scene.transform_to_link(link, positions[taxel] + offset)
-        )
-
+from eskin.page.scene import SurfacePoint
 
 TouchMode = Literal["poke", "double pat", "grab", "stroke"]
 DragPhase = Literal["start", "update", "end"]

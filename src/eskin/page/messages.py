@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Float16, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float16, Float32, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +124,8 @@ class ViewUpdate:
     """Quaternion wxyz and position [m] of every link in the world frame."""
     pressure: Float16[np.ndarray, "taxel"]
     """Pressure of each taxel [kPa]."""
-    valid: UInt8[np.ndarray, "byte"]
-    """Validity of each taxel, packed into bits."""
+    valid: Bool[np.ndarray, "taxel"]
+    """Whether each taxel is valid."""
     contacts: tuple[ContactMarker, ...] = ()
     """Contacts, strongest first."""
     touches: tuple[OpenTouch, ...] = ()
@@ -297,11 +297,5 @@ class PaintOrder:
 Order = TouchOrder | PageOrder | CorrectionOrder | PaintOrder
 
 MessageKind = Literal["ready", "refused", "shown", "order"]
-READY: MessageKind = "ready"
-"""Message sent when the page is served; its value is the port."""
-REFUSED: MessageKind = "refused"
-"""Message sent when the page cannot be served; its value is the reason."""
-SHOWN: MessageKind = "shown"
-"""Message sent after an update was shown, so that another may be sent."""
-ORDER: MessageKind = "order"
-"""Message that carries an order; its value is the order."""
+"""Kinds of messages of the page: it is served at a port, or cannot be for a reason, has
+shown an update, so that another may be sent, or sends an order."""

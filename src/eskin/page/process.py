@@ -18,10 +18,6 @@ from typing import TypeGuard, final
 import eskin
 from eskin.errors import DeviceError
 from eskin.page.messages import (
-    ORDER,
-    READY,
-    REFUSED,
-    SHOWN,
     CorrectionOrder,
     Order,
     PageOrder,
@@ -212,14 +208,14 @@ class PageProcess:
         try:
             while True:
                 kind, value = self.connection.recv()
-                if kind == ORDER:
+                if kind == "order":
                     self.queue_order(value)
                 with self.changed:
-                    if kind == READY:
+                    if kind == "ready":
                         self.port = value
-                    elif kind == REFUSED:
+                    elif kind == "refused":
                         self.failure = value
-                    elif kind == SHOWN:
+                    elif kind == "shown":
                         self.in_flight -= 1
                         self.shown += 1
                     self.changed.notify_all()

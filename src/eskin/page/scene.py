@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
+from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
@@ -15,7 +16,7 @@ from viser import (
     ViserServer,
 )
 
-from eskin.page.colours import ColourScale
+from eskin.page.html import ColourScale
 from eskin.page.messages import (
     ContactMarker,
     LogEntry,
@@ -45,12 +46,31 @@ NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
 RAISED = 0.6
 """Height of the scene over the middle of such a window, by half of the window."""
+MAX_RAY_DISTANCE = 0.015
+"""Greatest distance from a ray to the centre of a taxel that it hits [m]."""
+SCALE = 60.0
+"""Initial pressure of the lightest colour [kPa]; the user can change it."""
+WIDTH, WIDER = 320, 400
+"""Width of the panel, and of a panel with two columns [px]."""
+BRAND = (31, 120, 137)
 MIN_POSE_CHANGE = 1e-5
 """Change of a pose below which a frame is not moved, per component [1 or m]."""
 
 
 Mesh = tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]
 """Vertices of a mesh, and their indices in each face."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoint:
+    """Describes a point on the skin."""
+
+    taxel: int
+    """Index of the nearest taxel."""
+    link: int
+    """Index of the link of that taxel."""
+    p_link: Float[np.ndarray, "3"]
+    """Position of the point in the frame of the link [m]."""
 
 
 class PagePart(ABC):
@@ -244,8 +264,7 @@ class Scene(PagePart):
         for link, frame in enumerate(self.frames):
             move_frame(frame, self.poses[link], update.poses[link])
         pressure = update.pressure.astype(np.float64)
-        valid = np.unpackbits(update.valid, count=len(pressure)).astype(bool)
-        colours = LINEAR[self.scale.colours(pressure, valid)]
+        colours = LINEAR[self.scale.colours(pressure, update.valid)]
         for link, discs in self.discs.items():
             discs.batched_colors = colours[self.taxels[link]]
 
@@ -272,6 +291,53 @@ class Scene(PagePart):
         """Return a point in the frame of a link in the world, as shown [m]."""
         rotation = quaternion_to_matrix(self.poses[link, :4].astype(np.float64))
         return rotation @ p_link + self.poses[link, 4:]
+
+    def pick_taxel(self, taxel: int) -> SurfacePoint:
+        """Return the centre of a taxel."""
+        link = int(self.setup.taxel_link[taxel])
+        return SurfacePoint(taxel, link, self.setup.positions[taxel])
+
+    def pick_along_ray(
+        self, origin: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
+    ) -> SurfacePoint | None:
+        """Return the foremost point that a ray hits; None if it misses the skin.
+
+        Args:
+            origin: origin of the ray in the world frame [m].
+            direction: direction of the ray in the world frame, of any length.
+        """
+        direction = direction / np.linalg.norm(direction)
+        positions, normals = self.place_taxels()
+        depth = (positions - origin) @ direction
+        aside = np.linalg.norm(positions - origin - depth[:, None] * direction, axis=-1)
+        met = (normals @ direction < 0) & (depth > 0) & (aside < MAX_RAY_DISTANCE)
+        if not met.any():
+            return None
+        front = met & (depth < depth[met].min() + 2 * MAX_RAY_DISTANCE)
+        taxel = int(np.argmin(np.where(front, aside, np.inf)))
+        normal = normals[taxel]
+        # The ray meets the plane of the taxel here; the point stays within its radius.
+        step = ((positions[taxel] - origin) @ normal) / (direction @ normal)
+        offset = origin + step * direction - positions[taxel]
+        radius = float(np.sqrt(self.setup.areas[taxel] / np.pi))
+        offset *= min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
+        link = int(self.setup.taxel_link[taxel])
+        return SurfacePoint(
+            taxel, link, self.transform_to_link(link, positions[taxel] + offset)
+        )
+
+
+def lay_out(server: ViserServer, setup: SceneDescription, width: int = WIDTH) -> Scene:
+    """Lay out a page with its panel on the right, and draw its scene."""
+    gui = server.gui
+    gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
+    gui.main_panel.dock_right()
+    gui.main_panel.set_width(width)
+    gui.set_panel_label(setup.title)
+    scene = Scene(server, setup, ColourScale(SCALE))
+    scene.set_camera(np.array(setup.middle), setup.distance)
+    server.on_client_connect(scene.turn)
+    return scene
 
 
 def place_camera(

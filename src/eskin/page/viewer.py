@@ -141,7 +141,7 @@ class FrameEncoder:
             seconds=self.seconds(reading.stamp),
             poses=pack_poses(self.T_world_link),
             pressure=np.where(reading.valid, reading.pressure, 0.0).astype(np.float16),
-            valid=np.packbits(reading.valid),
+            valid=reading.valid,
             contacts=tuple(map(self.build_marker, contacts[:MAX_CONTACTS])),
             touches=self.build_touches(recognised),
             force=sum((contact.force for contact in contacts), 0.0),
@@ -189,7 +189,7 @@ def build_still(
         seconds=seconds,
         poses=pack_poses(mounted.kinematics.poses(q)),
         pressure=pressure,
-        valid=np.packbits(valid),
+        valid=valid,
     )
 
 
