@@ -183,7 +183,7 @@ def test_viewer_shows_touches_and_detections_of_stream(monkeypatch):
     assert any(update.contacts for update in updates)
     entries = [entry for update in updates for entry in update.log_entries]
     assert {e.gesture for e in entries if e.kind == "detection"} == {"poke"}
-    assert updates[0].poses.shape == (len(mounted().robot.link_names), 7)
+    assert updates[0].T_world_link.shape == (len(mounted().robot.link_names), 4, 4)
 
 
 def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):

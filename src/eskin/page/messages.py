@@ -120,8 +120,8 @@ class ViewUpdate:
 
     seconds: float
     """Time since the stream began [s]."""
-    poses: Float32[np.ndarray, "link 7"]
-    """Quaternion wxyz and position [m] of every link in the world frame."""
+    T_world_link: Float[np.ndarray, "link 4 4"]
+    """Pose of every link in the world frame."""
     pressure: Float16[np.ndarray, "taxel"]
     """Pressure of each taxel [kPa]."""
     valid: Bool[np.ndarray, "taxel"]

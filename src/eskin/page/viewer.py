@@ -47,7 +47,7 @@ from eskin.stream import (
 )
 from eskin.stream.listener import RARE, Drop
 from eskin.touch import Contact, TouchState
-from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
+from eskin.transforms import apply, invert, rotate
 from eskin.units import NS_PER_S
 
 MAX_LOG_ENTRIES = 32
@@ -139,7 +139,7 @@ class FrameEncoder:
             self.log_entries.popleft()
         return ViewUpdate(
             seconds=self.seconds(reading.stamp),
-            poses=pack_poses(self.T_world_link),
+            T_world_link=self.T_world_link,
             pressure=np.where(reading.valid, reading.pressure, 0.0).astype(np.float16),
             valid=reading.valid,
             contacts=tuple(map(self.build_marker, contacts[:MAX_CONTACTS])),
@@ -187,18 +187,10 @@ def build_still(
     """Return an update that shows pressures [kPa] without contacts and touches."""
     return ViewUpdate(
         seconds=seconds,
-        poses=pack_poses(mounted.kinematics.poses(q)),
+        T_world_link=mounted.kinematics.poses(q),
         pressure=pressure,
         valid=valid,
     )
-
-
-def pack_poses(
-    T_world_link: Float[np.ndarray, "link 4 4"],
-) -> Float[np.ndarray, "link 7"]:
-    """Return quaternion wxyz and position [m] of each link, in single precision."""
-    wxyz = matrix_to_quaternion(T_world_link[:, :3, :3])
-    return np.concatenate([wxyz, T_world_link[:, :3, 3]], axis=1).astype(np.float32)
 
 
 REMEDIES = (
