@@ -26,6 +26,15 @@ DragPhase = Literal["start", "update", "end"]
 class Mouse(ABC):
     """A mouse turns clicks and drags on a surface into orders."""
 
+    def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
+        """Start without orders.
+
+        Args:
+            setup: description of the skin, or of a surface as the taxels of one.
+            send: function called with each order, from any thread.
+        """
+        self.setup, self.send = setup, send
+
     @abstractmethod
     def click(
         self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
@@ -80,14 +89,8 @@ class MouseHand(Mouse):
     """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
-        """Start without touches.
-
-        Args:
-            setup: description of the skin.
-            send: function called with each order, from any thread.
-        """
-        self.setup = setup
-        self.send = send
+        """Start without touches."""
+        super().__init__(setup, send)
         self.mode: TouchMode = "poke"
         self.force = 12.0
         self.seconds = 0.3
@@ -117,14 +120,14 @@ class MouseHand(Mouse):
         with self.lock:
             self.tick(now)
             first = None if self.waiting_poke is None else self.waiting_poke[1]
-            if first is not None and first.link == spot.link:
-                if np.linalg.norm(first.p_link - spot.p_link) <= DOUBLE_CLICK_DISTANCE:
-                    self.schedule(now, "double_pat", first)
-                    self.waiting_poke = None
-                    return
-            if first is not None:
-                self.schedule(now, "poke", first)
             self.waiting_poke = (now + DOUBLE_CLICK, spot)
+            if first is None:
+                return
+            apart = np.linalg.norm(first.p_link - spot.p_link)
+            if first.link == spot.link and apart <= DOUBLE_CLICK_DISTANCE:
+                self.waiting_poke = None
+            kind = "poke" if self.waiting_poke else "double_pat"
+            self.schedule(now, kind, first)
 
     def stroke(self, spot: SurfacePoint, now: float) -> None:
         """Schedule a stroke along the patch from a point, over taxels of its link."""
@@ -212,13 +215,8 @@ class PaintBrush(Mouse):
     """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
-        """Start without strokes.
-
-        Args:
-            setup: description of the scene, whose taxels are points of the surface.
-            send: function called with each ball.
-        """
-        self.setup, self.send = setup, send
+        """Start without strokes."""
+        super().__init__(setup, send)
         self.radius, self.keeps_out = 0.04, False
         self.strokes = 0
         self.pressed: SurfacePoint | None = None
@@ -239,26 +237,21 @@ class PaintBrush(Mouse):
             return
         first, self.pressed = self.pressed, None
         for each in (first, spot):
-            if each is not None and self.is_spaced(each):
+            if each is not None and self.measure_step(each) >= BALL_STEP * self.radius:
                 self.paint(each)
 
-    def is_spaced(self, spot: SurfacePoint) -> bool:
-        """Return whether a point is far enough from the last ball of the stroke."""
-        last = self.last
-        if last is None or last.link != spot.link:
-            return True
-        return bool(
-            np.linalg.norm(spot.p_link - last.p_link) >= BALL_STEP * self.radius
-        )
+    def measure_step(self, spot: SurfacePoint) -> float:
+        """Return the distance from the last ball of the stroke on the same link [m]."""
+        if self.last is None or self.last.link != spot.link:
+            return np.inf
+        return float(np.linalg.norm(spot.p_link - self.last.p_link))
 
     def paint(self, spot: SurfacePoint) -> None:
         """Send a ball at a point."""
-        x, y, z = np.asarray(spot.p_link, np.float64).tolist()
         self.last = spot
-        link = self.setup.links[spot.link]
-        self.send(
-            PaintOrder(self.strokes, link, (x, y, z), self.radius, self.keeps_out)
-        )
+        x, y, z = spot.p_link.tolist()
+        place = self.setup.links[spot.link], (x, y, z)
+        self.send(PaintOrder(self.strokes, *place, self.radius, self.keeps_out))
 
     def tick(self, now: float) -> None:
         """Do nothing: every ball is sent at once."""

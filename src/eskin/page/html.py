@@ -371,22 +371,9 @@ def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) ->
     return render_block(div("display:flex;flex-wrap:wrap;gap:4px", cells))
 
 
-PRESSED = np.array(
-    [
-        (255, 224, 102),
-        (254, 196, 62),
-        (252, 161, 40),
-        (240, 120, 35),
-        (222, 82, 38),
-        (196, 48, 46),
-        (160, 24, 60),
-        (118, 8, 62),
-        (74, 0, 46),
-    ],
-    np.float64,
-)
-"""Stops of the scale from a light touch to a strong one, ever darker, so that people of
-any colour vision can order them."""
+PRESSED = "ffe066 fec43e fca128 f07823 de5226 c4302e a0183c 76083e 4a002e"
+"""Stops of the scale from a light touch to a strong one, as red, green and blue, ever
+darker, so that people of any colour vision can order them."""
 REST_COLOUR = (150, 160, 172)
 """Colour of a taxel at rest, a grey from which all colours of touches differ."""
 INVALID_COLOUR = (255, 255, 255)
@@ -408,9 +395,9 @@ class ColourScale:
     def __init__(self, maximum: float) -> None:
         """Create a scale up to a maximum pressure [kPa]."""
         self.maximum = maximum
-        stops = np.linspace(0.0, 1.0, len(PRESSED))
-        steps = np.linspace(0.0, 1.0, STEPS)
-        columns = [np.interp(steps, stops, column) for column in PRESSED.T]
+        stops = np.array([list(bytes.fromhex(stop)) for stop in PRESSED.split()])
+        places, steps = np.linspace(0, 1, len(stops)), np.linspace(0, 1, STEPS)
+        columns = [np.interp(steps, places, column) for column in stops.T]
         self.table = np.stack(columns, axis=-1).round().astype(np.uint8)
 
     def colours(

@@ -39,15 +39,19 @@ class OpenTouch:
     """Probability of each class of the vocabulary."""
 
 
+EntryKind = Literal["detection", "command", "refused", "event", "note"]
+"""Kinds of lines of the log; `refused` marks a command that was not accepted, `note` an
+answer to what was done in the page."""
+
+
 @dataclass(frozen=True)
 class LogEntry:
     """Describes a line of the log."""
 
     seconds: float
     """Time since the stream began [s]."""
-    kind: Literal["detection", "command", "refused", "event", "note"]
-    """Kind of the entry; `refused` marks a command that was not accepted, `note` an
-    answer to what was done in the page."""
+    kind: EntryKind
+    """Kind of the entry."""
     text: str
     """Text of the line."""
     gesture: str = ""
@@ -221,22 +225,9 @@ class SceneDescription:
 
 TouchKind = Literal["poke", "double_pat", "grab", "begin", "move", "end"]
 PageKind = Literal[
-    "pause_task",
-    "resume_task",
-    "unplug",
-    "plug",
-    "kill",
-    "restore",
-    "skin",
-    "record",
-    "stop_recording",
-    "opened",
-    "skip",
-    "again",
-    "close",
-    "undo",
-    "save",
-]
+    "pause_task", "resume_task", "unplug", "plug", "kill", "restore", "skin", "record",
+    "stop_recording", "opened", "skip", "again", "close", "undo", "save",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
