@@ -78,7 +78,12 @@ TOUCHED = "unrecognised touch of 41 N"
         ({}, "running", "", ""),
         ({"moving": False}, "waiting", "", ""),
         ({"speed_limit": 0.3}, "running", "slow for its skin", ""),
-        ({"moving": False, "speed_limit": 0}, "waiting", "until a touch is clear", ""),
+        (
+            {"moving": False, "speed_limit": 0.0},
+            "waiting",
+            "until a touch is clear",
+            "",
+        ),
         ({"paused": True}, "paused", "", "double pat to resume"),
         ({"paused": True, "hold_reason": STALE}, "held", STALE, "wait for readings"),
         ({"hold_reason": BROKEN}, "held", BROKEN, "plug the patch in"),

@@ -419,13 +419,14 @@ class GuidePanel(Panel):
         self.board = WAITING
         self.request = gui.add_html(render_request(self.board))
         self.progress = gui.add_progress_bar(0.0)
-        self.skip = gui.add_button(
-            "Skip this", visible=False, icon=Icon.PLAYER_SKIP_FORWARD
+        buttons = (
+            ("Skip this", Icon.PLAYER_SKIP_FORWARD),
+            ("Repeat the last press", Icon.ARROW_BACK_UP),
+            ("Close", Icon.CHECK),
         )
-        self.again = gui.add_button(
-            "Repeat the last press", visible=False, icon=Icon.ARROW_BACK_UP
+        self.skip, self.again, self.close = (
+            gui.add_button(name, visible=False, icon=icon) for name, icon in buttons
         )
-        self.close = gui.add_button("Close", visible=False, icon=Icon.CHECK)
         self.result = gui.add_html("")
         self.log = gui.add_html(render_log(()))
         legend = gui.add_html(scale.legend())
