@@ -12,7 +12,7 @@ import numba
 import pytest
 from numba.core.event import install_listener
 
-from eskin import code_digest, compiled
+from eskin import compiled
 from eskin.cli.main import main
 from eskin.files import atomic_path
 from eskin.touch.contact_kernels import box_gap
@@ -111,16 +111,16 @@ def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():
 @pytest.fixture
 def digest(tmp_path, monkeypatch):
     """Return a function that computes the digest of a module after some changes."""
-    monkeypatch.setattr(code_digest, "find_top_level", {"eskin": tmp_path}.get)
+    monkeypatch.setattr(compiled, "find_top_level", {"eskin": tmp_path}.get)
     names = "digest_code", "digest_source", "direct_imports"
-    kept = [getattr(code_digest, name) for name in names]
+    kept = [getattr(compiled, name) for name in names]
 
     def digest(**changes):
         for name, text in (DIGESTED_MODULES | changes).items():
             (tmp_path / f"{name}.py").write_text(text)
         for function in kept:
             function.cache_clear()
-        return code_digest.digest_code("eskin.top")
+        return compiled.digest_code("eskin.top")
 
     yield digest
     for function in kept:
@@ -142,7 +142,7 @@ def test_digest_changes_only_with_the_code_that_a_module_runs(digest, changes, i
 
 def test_unknown_module_is_refused():
     with pytest.raises(ValueError, match=r"eskin\.nothing"):
-        code_digest.digest_code("eskin.nothing")
+        compiled.digest_code("eskin.nothing")
 
 
 @pytest.mark.parametrize("durable", [False, True])
