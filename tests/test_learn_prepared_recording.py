@@ -15,12 +15,7 @@ from eskin.learn.prepared_recording import (
     prepare_recording,
     save_prepared,
 )
-from eskin.live import (
-    GraphBatch,
-    GraphConfig,
-    GraphStream,
-    join_graphs,
-)
+from eskin.live import GraphBatch, GraphConfig, GraphStream, join_graphs
 from eskin.recording import read_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin

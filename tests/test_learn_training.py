@@ -13,11 +13,7 @@ from eskin.learn.checkpoint import EarlyStopping
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import predict_clips, score_instants, score_segments
 from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
-from eskin.live import (
-    SLOT_NS,
-    Model,
-    ModelCard,
-)
+from eskin.live import SLOT_NS, Model, ModelCard
 from helpers.clips import generated
 from helpers.learning import AS_RECORDED, TINY, record, record_people
 

@@ -11,12 +11,7 @@ from eskin.learn.batches import (
     stretch_time,
     subsample_readings,
 )
-from eskin.live import (
-    HISTORY,
-    SLOT_NS,
-    compute_node_scalars,
-    join_graphs,
-)
+from eskin.live import HISTORY, SLOT_NS, compute_node_scalars, join_graphs
 from helpers.graphs import assert_same, pressure_summary, random_graph
 from helpers.learning import START, bare
 

@@ -311,12 +311,7 @@ def test_gentact_file_needs_a_robot_and_electrodes_a_link(csv_file, tmp_path, ca
 def test_command_goes_through_every_format(hand, tmp_path, capsys):
     first = tmp_path / "skin"
     found, _ = call_json(capsys, "skin", "convert", hand, first)
-    assert found == {
-        "out": str(first),
-        "format": "skin",
-        "taxels": 36,
-        "patches": 3,
-    }
+    assert found == {"out": str(first), "format": "skin", "taxels": 36, "patches": 3}
     skin = load_skin(first)
     assert_same(skin, read_tactile_urdf(hand, "hand"))
     again = tmp_path / "again.urdf"

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from eskin.errors import ReadingError, RecordingError, SkinMismatchError
-from eskin.touch import (
-    Calibration,
-    CalibrationConfig,
-    Calibrator,
-    ContactConfig,
-)
+from eskin.touch import Calibration, CalibrationConfig, Calibrator, ContactConfig
 from helpers.touch import (
     REST,
     SECOND,

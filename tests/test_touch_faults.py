@@ -106,10 +106,7 @@ def first_time(found):
             lambda t, counts, _: np.maximum(counts, 0, out=counts),
             {"noise": 3.0, "rest": -2, "seconds": 30.0, "rate": 20},
         ),
-        (
-            set_counts(np.arange(12), 1000, end=40.0),
-            {"seconds": 45.0, "rate": 10},
-        ),
+        (set_counts(np.arange(12), 1000, end=40.0), {"seconds": 45.0, "rate": 10}),
         (add_counts(SKIN.columns < 3, lambda t: 300), {"noise": 0.0, "rest": 5}),
         (add_counts(PALM, lambda t: 300 + 80 * np.sin(18 * np.pi * t)), {}),
         (add_counts(TAXEL, lambda t: 150 + 150 * np.sin(6 * np.pi * t)), {}),
