@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import SUSPEND, Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
 from eskin.recording import TruthRecord
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo import (
     Attempt,
     CommandScore,
@@ -246,5 +247,5 @@ def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
     assert "poke, then double pat" in events[-1].why and not events[-1].accepted
     touches = policy.touches
     assert touches.latest - touches.last_contact > SECOND
-    assert policy.monitor.find_outage(touches.latest) is None
+    assert policy.monitor.find_problem(touches.latest) is None
     assert touches.find_lasting() is None
