@@ -14,12 +14,7 @@ from eskin.live import (
     create_empty_batch,
     join_graphs,
 )
-from eskin.live.summary_kernels import (
-    AREA,
-    FORCE,
-    RATE,
-    SPEED,
-)
+from eskin.live.summary_kernels import AREA, FORCE, RATE, SPEED
 from helpers.graphs import (
     SCENES,
     assert_same,

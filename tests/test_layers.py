@@ -31,11 +31,7 @@ PRODUCT = {
     "app": ("command",),
     "cli": ("app", "bus", "calibration"),
 }
-LEAVES = {
-    "learn": ("cli",),
-    "sim": ("learn",),
-    "design": ("cli",),
-}
+LEAVES = {"learn": ("cli",), "sim": ("learn",), "design": ("cli",)}
 """Optional packages, which nothing in the product imports."""
 BELOW = PRODUCT | LEAVES
 # What the subpackages of each package may import of it; "" is its modules at the root.

@@ -56,7 +56,7 @@ COMMANDS = {
         "sim.commands.device:run", "act as a skin: send simulated or recorded touches"
     ),
     "skin show": Entry(
-        "cli.skin:run_show", "describe and draw a skin, or what it feels"
+        "cli.skin:run_show", "describe and draw a skin, or what it feels", "train"
     ),
     "skin check": Entry("cli.skin:run_check", "check a skin's files"),
     "skin design": Entry(
