@@ -140,11 +140,7 @@ class BenchScene:
     ) -> None:
         """Start with the first touch.
 
-        Args:
-            mounted: skin on its robot.
-            active: taxels that are pressed; none for an idle skin.
-            rate: rate of the readings [1/s].
-            seed: seed of the noise.
+        No `active` taxels make an idle skin; `rate` is that of the readings [1/s].
         """
         rng = np.random.default_rng(seed)
         self.active = active

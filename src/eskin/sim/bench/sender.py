@@ -43,11 +43,7 @@ def build_sender_calibration(taxels: int) -> Calibration:
 
 
 def build_touch_counts(mounted: MountedSkin) -> Int[np.ndarray, "scan taxel"]:
-    """Build the counts of three touches of 1.5 s, each followed by 0.6 s without touch.
-
-    Args:
-        mounted: the ur5's skin on its robot.
-    """
+    """Build the counts of three touches, each of 1.5 s and then 0.6 s without touch."""
     skin = mounted.skin
     touches = [
         f(skin, ACTIVE)

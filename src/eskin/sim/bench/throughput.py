@@ -120,10 +120,7 @@ def measure_throughput(
 ) -> ThroughputResult:
     """Receive and recognise for some time, and count what is dropped.
 
-    Args:
-        over: transport of the packets.
-        rate: rate of the scans [1/s].
-        seconds: duration of the measurement, after 3 s that are not counted.
+    The first 3 s are not counted; `rate` is in [1/s], `seconds` in [s].
     """
     mounted = MountedSkin(load_skin(SKIN), load_robot(SKIN))
     calibration = build_sender_calibration(mounted.skin.count)

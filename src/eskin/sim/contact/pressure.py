@@ -78,11 +78,8 @@ def compute_relative_curvatures(
 ) -> Points:
     """Return each pad's curvature against the surface, across and along it [1/m].
 
-    Args:
-        pads: pads of the body.
-        chart: chart that it presses on.
-        long: unit vectors (s, t) of the pads' long axes.
-        centres: centres of the pads, unrolled (s, t) [m].
+    `long` holds unit vectors of the pads' long axes and `centres` their centres [m],
+    both as (s, t).
     """
     own = np.broadcast_to(1.0 / pads.radii, long.shape)
     if isinstance(chart.surface, Sheet):
@@ -107,11 +104,7 @@ def compute_pad_gaps(
 ) -> Lengths:
     """Return how far pads stay off a round surface that the body wraps poorly [m].
 
-    Args:
-        tissue: tissue of the body.
-        chart: chart that it presses on.
-        offsets: offsets of the pads from the centre of the body, as (s, t) [m].
-        centre: centre of the body, unrolled (s, t) [m].
+    `offsets` of the pads are from the centre of the body, both unrolled (s, t) [m].
     """
     if isinstance(chart.surface, Sheet):
         bent = chart.surface.compute_curvature(centre)

@@ -245,9 +245,7 @@ def build_sheet(
 ) -> tuple[Sheet, Int[np.ndarray, "part"]]:
     """Build the sheet around the taxels of a patch, and the taxels that lie on it.
 
-    Args:
-        mesh: mesh of the skin.
-        own: taxels of the patch, ascending.
+    `own` holds the taxels of the patch, ascending.
     """
     middle = mesh.positions[own].mean(axis=0)
     away = np.linalg.norm(mesh.positions[own] - middle, axis=1)

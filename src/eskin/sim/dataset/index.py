@@ -159,15 +159,8 @@ def build_row(
 ) -> ClipRow:
     """Build the row of a clip.
 
-    Args:
-        file: path of its recording below the folder of the set.
-        number: number of the clip in the file.
-        start: stamp of its first reading [ns since the epoch].
-        skin: name of the skin.
-        first: number of its first true touch in the file.
-        period: time between two readings [s].
-        plan: plan of the clip.
-        clip: simulated clip.
+    `start` is the stamp of its first reading [ns since the epoch], `first` the number
+    of its first true touch in the file, `period` the time between two readings [s].
     """
     touches = tuple(
         TouchRow(

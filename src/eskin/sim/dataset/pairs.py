@@ -112,11 +112,7 @@ def draw_meeting_poses(
 ) -> tuple[Pose, Pose, Sites]:
     """Draw a pose in which two sites meet, a pose with them far apart, and the sites.
 
-    Args:
-        env: robot in its skin.
-        groups: pose groups of the second pose.
-        person: person who touches.
-        rng: random generator.
+    `groups` are the pose groups of the second pose.
 
     Raises:
         ValueError: no such poses were found.
@@ -387,9 +383,7 @@ def make_pair(
 def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
     """Simulate both clips of the pair that a plan belongs to.
 
-    Args:
-        plan: plan of either clip.
-        env: environment of the first clip.
+    The plan is of either clip, the environment that of the first one.
     """
     assert plan.pair is not None
     rng, kind = plan.rng(), plan.pair.kind

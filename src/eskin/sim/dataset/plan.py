@@ -238,15 +238,7 @@ def plan_clips(
     difficulty: float,
     constants: Constants,
 ) -> tuple[ClipPlan, ...]:
-    """Plan the lead-in of a session, without touch, then its clips.
-
-    Args:
-        session_plan: plan of the session.
-        clip_set: set of the session.
-        seed: seed of the whole set.
-        difficulty: difficulty of all clips.
-        constants: constants of the simulation.
-    """
+    """Plan the lead-in of a session, without touch, then its clips."""
     rng = build_rng(build_seed(f"order {clip_set.name}", session_plan.number, 0, seed))
     lead = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
     gestures = draw_gestures(session_plan, clip_set, rng)
@@ -380,13 +372,8 @@ def plan_pair_clip(
 ) -> ClipPlan:
     """Plan one clip of a pair; both clips have the same seed.
 
-    Args:
-        lead: lead-in of its session.
-        side: side of the pair.
-        number: number of the pair among those of its kind.
-        at: start of the clip since the start of the session [s].
-        seed: seed of the set.
-        constants: constants of the simulation.
+    `number` counts the pairs of its kind; `at` is the start of the clip since the start
+    of the session [s].
     """
     kind = find_pair_kind(side)
     rng = build_rng(build_seed(f"gesture pairs {kind}", number, 0, seed))

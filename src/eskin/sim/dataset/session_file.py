@@ -120,12 +120,7 @@ def write_session(
 ) -> tuple[ClipRow, ...]:
     """Generate the clips of a session and write its file; return their rows.
 
-    Args:
-        folder: folder of the set.
-        settings: settings of the set.
-        session_plan: plan of the session.
-        generator: clip generator of the session's skin.
-        check_stopped: function that is called before each clip and raises to stop.
+    `check_stopped` is called before each clip and raises to stop.
 
     Raises:
         GenerationError: a clip cannot be made; then no file is left.

@@ -323,13 +323,8 @@ def resize_set(
     """Return a set with another number of clips or people.
 
     A small set has fewer people, so that each of them still shows every gesture.
-
-    Args:
-        clip_set: set to resize.
-        clips: number of clips, or streams, in all parts; for pairs, of each kind; None
-            keeps it.
-        subjects: number of people; None chooses it by the number of clips.
-        constants: constants, with the least number of clips per person.
+    `clips` counts the clips, or streams, of all parts, or of each kind of pair; None
+    keeps it. `subjects` is None to choose it by the number of clips.
 
     Raises:
         ValueError: a number is not positive, or some people would have no clip.

@@ -61,12 +61,7 @@ class RecordButton(Listener):
     drop: Drop = "newest"
 
     def __init__(self, folder: Path, metadata: Metadata) -> None:
-        """Record nothing yet.
-
-        Args:
-            folder: folder of the recordings.
-            metadata: metadata of all recordings.
-        """
+        """Record nothing yet."""
         self.folder = folder
         self.metadata = metadata
         self.recorder: Recorder | None = None
@@ -130,11 +125,8 @@ class PageOrderHandler:
     ) -> None:
         """Store the skin and the arm that orders apply to.
 
-        Args:
-            skin: the skin that is touched.
-            arm: the arm that is paused, and unlocked as at the robot; None for a robot
-                that stands still.
-            other: handles orders other than touches, faults and pauses.
+        The arm is paused, and unlocked as at the robot; it is None for a robot that
+        stands still. `other` handles orders other than touches, faults and pauses.
         """
         self.skin = skin
         self.arm = arm
@@ -224,11 +216,8 @@ def serve(
 ) -> PageResult:
     """Serve the page until time is up or a signal comes.
 
-    Args:
-        config: skin, model and arm; the skin can be changed in the page.
-        port: port of the page on this computer; 0 for any free one.
-        seconds: how long to serve [s]; without end if None.
-        tell: prints a line for the user.
+    The skin can be changed in the page. Port 0 is any free one; without `seconds` there
+    is no end; `tell` prints a line for the user.
 
     Raises:
         DeviceError: the port is not available.
@@ -307,11 +296,8 @@ def run_demo(
 ) -> Iterator[RunningDemo]:
     """Serve one skin on its arm while the context lasts; signals stop the stream.
 
-    Args:
-        config: skin, model and arm.
-        page: port of the page and token of its link; the skins are added.
-        choice: receives another skin that is chosen in the page.
-        clock: clock of arm and skin; this computer's unless given.
+    The skins are added to `page`; `choice` receives another skin that is chosen in it.
+    Arm and skin have the clock of this computer unless one is given.
 
     Raises:
         DeviceError: the port is not available.

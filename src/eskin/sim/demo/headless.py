@@ -152,9 +152,7 @@ class SynchronousStream:
 def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult:
     """Simulate people who touch a working arm, on several builds of its skin in turn.
 
-    Args:
-        seconds: duration in simulated time [s].
-        config: skin, model and arm.
+    `seconds` is simulated time [s].
     """
     config = config or DemoConfig()
     parts: list[DemoResult] = []
@@ -174,11 +172,7 @@ def run_build(
 ) -> DemoResult:
     """Simulate people who touch a working arm, on one build of its skin.
 
-    Args:
-        seconds: duration in simulated time [s].
-        config: skin, model and arm.
-        seed: seed of the build, the people and their touches.
-        watch: builds further listeners; it gets the score.
+    `seconds` is simulated time [s]; `watch` builds further listeners, given the score.
     """
     clock = ManualClock(NS_PER_S)
     arm = build_arm(config, clock)

@@ -100,13 +100,7 @@ class InteractiveHand:
     def __init__(
         self, env: SimEnvironment, person: Person, rng: np.random.Generator
     ) -> None:
-        """Create a hand.
-
-        Args:
-            env: robot in its skin.
-            person: person who touches.
-            rng: random generator.
-        """
+        """Create a hand."""
         self.env, self.person, self.rng = env, person, rng
         self.difficulty = env.constants.value("sets.difficulty")
         self.q = np.zeros(len(env.mounted.robot.joint_names))

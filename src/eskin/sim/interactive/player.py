@@ -57,10 +57,7 @@ class TouchPlayer:
     def __init__(self, generator: ClipGenerator, seed: int = 0, start: int = 0) -> None:
         """Create a touch player.
 
-        Args:
-            generator: clip generator of a skin.
-            seed: seed of everything that is drawn.
-            start: stamp of the first scan [ns since the epoch].
+        `start` is the stamp of the first scan [ns since the epoch].
 
         Raises:
             ValueError: the seed is negative.
@@ -145,11 +142,6 @@ class TouchPlayer:
 
 def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
     """Open a simulation of a person in no training set, who touches without end.
-
-    Args:
-        skin: name of the skin.
-        config: how the source is opened.
-        clock: clock that stamps the scans.
 
     Raises:
         DeviceError: the robot of the configuration is loaded already.

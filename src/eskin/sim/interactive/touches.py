@@ -50,9 +50,7 @@ class MotionTrack:
     def __init__(self, steps: int, kept: int) -> None:
         """Create an empty track.
 
-        Args:
-            steps: steps of a reading.
-            kept: steps before a reading that are kept.
+        A reading has `steps`; of the steps before it `kept` are kept.
         """
         self.steps, self.kept = steps, kept
         self.past: Poses | None = None
@@ -99,10 +97,7 @@ class PerformedTouch(InteractiveTouch):
     def __init__(self, touch: TrueTouch, delay: float, env: SimEnvironment) -> None:
         """Create the touch.
 
-        Args:
-            touch: touch on its own clock, from step 0.
-            delay: delay with which a hand follows [s].
-            env: robot in its skin.
+        The touch is on its own clock, from step 0; a hand follows with a delay [s].
         """
         self.touch = touch
         self.env = env
@@ -160,10 +155,7 @@ class DraggedTouch(InteractiveTouch):
     ) -> None:
         """Create a touch that lands with the next reading at the site of a sample.
 
-        Args:
-            sample: gesture sample whose `kind` is a pad group.
-            force: force to press with [N].
-            env: robot in its skin.
+        The `kind` of the sample is a pad group; `force` is in [N].
         """
         value = env.constants.value
         self.step = value("time.step")

@@ -67,9 +67,8 @@ class Person:
     def select_pads(self, group: str, splay: float = 0.0) -> ContactPads:
         """Return some pads of the hand.
 
-        Args:
-            group: one of `eskin.sim.people.person.PAD_GROUPS`.
-            splay: angle between neighbouring fingers [rad].
+        `group` is one of `PAD_GROUPS`; `splay` is the angle between neighbouring
+        fingers [rad].
 
         Raises:
             ValueError: there is no such group.
@@ -218,13 +217,7 @@ def build_hand(
 ) -> ContactPads:
     """Build a flat left hand, seen from its back as it lies on the skin.
 
-    Args:
-        fingers: lengths of index to little finger [m].
-        thumb: length of the thumb [m].
-        breadth: breadth of the hand [m].
-        palm: length of the palm [m].
-        length: length of the hand [m].
-        constants: constants of the average hand.
+    All lengths are in [m]; `fingers` go from index to little finger.
     """
     across = breadth / (constants.value("hand.breadth") * MM)
     up = palm / (constants.value("hand.palm_length") * MM)
@@ -297,9 +290,7 @@ def select_pads(pads: ContactPads, names: tuple[str, ...]) -> ContactPads:
 def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
     """Return a whole hand with its fingers fanned out.
 
-    Args:
-        hand: all 20 pads.
-        angle: angle between neighbouring fingers [rad]; negative closes them.
+    `angle` is that between neighbouring fingers [rad]; a negative one closes them.
     """
     centres, turns = hand.centres.copy(), hand.angles.copy()
     thumb_side = np.sign(centres[0, 0] - centres[3, 0])

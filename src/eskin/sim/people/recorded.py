@@ -82,10 +82,7 @@ def find_recorded_people(
 ) -> RecordedPeople:
     """Find participants of the SocialTouch set in a folder; all unless some are named.
 
-    Args:
-        folder: folder of the set.
-        people: numbers of the participants.
-        grouped: whether classes are the groups of gestures.
+    Where `grouped`, the classes are the groups of gestures.
 
     Raises:
         ImportSourceError: a file of the set cannot be read.

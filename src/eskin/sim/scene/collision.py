@@ -66,11 +66,8 @@ def build_collision_model(robot: Robot, min_distance: float) -> CollisionModel:
 
     A robot of which a link reaches below its base stands on its lowest point, and may
     touch the ground. Of links that are no cylinders, those that are close with all
-    joints at 0 are taken for parts that belong together.
-
-    Args:
-        robot: the robot.
-        min_distance: distance below which links are close [m].
+    joints at 0 are taken for parts that belong together. `min_distance` is the distance
+    below which links are close [m].
     """
     cylinders = build_cylinders(robot)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}

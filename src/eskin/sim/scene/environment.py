@@ -118,9 +118,8 @@ def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironm
 def mount_skin(skin: str, robot: str | None = None) -> MountedSkin:
     """Mount a skin on its robot.
 
-    Args:
-        skin: name of a preset, or folder of a skin.
-        robot: name of a robot, or path of a URDF; None for that of a preset.
+    The skin is the name of a preset or a folder, the robot a name or the path of a
+    URDF, or None for that of a preset.
 
     Raises:
         SkinError: there is no such skin.

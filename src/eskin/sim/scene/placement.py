@@ -97,15 +97,8 @@ def draw_site(
     """Draw where a person touches the robot in a pose.
 
     Gestures without a placement law take one of those of poke, double pat, grab and
-    stroke at random, so that the place does not distinguish them.
-
-    Args:
-        env: robot in its skin.
-        q: pose [rad].
-        person: person who touches.
-        gesture: gesture, `none` or an unknown gesture.
-        rng: random generator.
-        kind: variant of the gesture; some need a certain kind of place.
+    stroke at random, so that the place does not distinguish them. Some kinds need a
+    certain kind of place.
 
     Raises:
         ValueError: the skin has no place for the gesture.

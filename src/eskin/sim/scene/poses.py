@@ -196,13 +196,8 @@ def draw_pose(
 ) -> Float[np.ndarray, "joint"]:
     """Draw a pose of some groups [rad], each group weighted by its share of poses.
 
-    The base joint affects no condition on poses and is drawn anew.
-
-    Args:
-        env: robot in its skin.
-        groups: some of `POSE_GROUPS`.
-        rng: random generator.
-        fold: whether patches of different links must face each other closely.
+    The base joint affects no condition on poses and is drawn anew. `groups` are some of
+    `POSE_GROUPS`; with `fold`, patches of different links must face each other closely.
 
     Raises:
         ValueError: there is no such group, or no such pose in any of them.

@@ -179,10 +179,8 @@ class TrueTouchSeries:
     def to_record(self, number: int, reading: int, stamp: int) -> TruthRecord:
         """Return the record of the touch at one reading.
 
-        Args:
-            number: number of the touch in the recording or stream.
-            reading: reading of the clip.
-            stamp: time of that reading [ns since the epoch].
+        `number` is that of the touch in the recording or stream, `stamp` the time of
+        the reading [ns since the epoch].
         """
         x, y, z = self.centroid[reading].tolist()
         return TruthRecord(
@@ -248,10 +246,8 @@ def find_reading_edges(
 ) -> Int[np.ndarray, "reading_and_one"]:
     """Return the first step of each reading, and the step after the last.
 
-    Args:
-        lead: steps before the first reading.
-        readings: number of readings.
-        ratio: steps in a reading, perhaps not whole, or less than one.
+    `lead` steps come before the first reading. A reading has `ratio` steps, perhaps not
+    a whole number, or less than one.
     """
     edges = np.floor(ratio * np.arange(readings + 1) + EDGE_ROUNDING)
     return lead + edges.astype(np.int64)

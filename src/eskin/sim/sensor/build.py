@@ -104,11 +104,8 @@ class SensorBuild:
     ) -> Calibration:
         """Build a calibration with the converter of the build.
 
-        Args:
-            pressure: pressure of each taxel at half scale, or at full scale where the
-                converter is linear or logarithmic [kPa].
-            exponent: exponent of conductance.
-            activation: pressure that closes a taxel [kPa].
+        `pressure` is that of each taxel at half scale, or at full scale where the
+        converter is linear or logarithmic; `activation` closes a taxel [kPa].
         """
         electronics = self.electronics
         return Calibration(
@@ -157,15 +154,8 @@ def draw_flawed_build(
 
     Its data sheet is typical of the family, and so is all that is not named: an intact
     build reads what its calibration says. Its noise at rest is the least measured one,
-    or typical where a flaw multiplies noise.
-
-    Args:
-        name: name of the build.
-        family: one of `FAMILIES`.
-        flaws: level of each flaw, of `FLAWS`.
-        skin: skin of the taxels.
-        constants: constants of the simulation.
-        rng: random generator.
+    or typical where a flaw multiplies noise. `flaws` holds the level of each flaw, of
+    `FLAWS`.
 
     Raises:
         ValueError: there is no such family, flaw or level.

@@ -121,15 +121,7 @@ def add_electrical_event(
 ) -> tuple[Counts, Received, dict[str, float | str]]:
     """Add one electrical event to a copy of counts.
 
-    Args:
-        kind: one of `ELECTRICAL_EVENTS`.
-        counts: counts of the converter.
-        received: whether each count arrives.
-        skin: skin of the taxels.
-        electronics: readout of the skin.
-        rng: random generator.
-        constants: constants of the simulation.
-        onset: first reading of the event; drawn unless given.
+    `onset` is the first reading of the event, drawn unless given.
 
     Returns:
         The counts, whether each arrives, and what was drawn.

@@ -59,16 +59,7 @@ class FlawedReadings:
         stages: SensorStages,
         rng: np.random.Generator,
     ) -> None:
-        """Begin before the first step.
-
-        Args:
-            build: skin as built.
-            flaws: its flaws.
-            skin: skin of the taxels.
-            session: drift since calibration.
-            stages: stages that work.
-            rng: random generator.
-        """
+        """Begin before the first step."""
         self.flaws, self.stages, self.rng = flaws, stages, rng
         self.full = build.electronics.full_scale
         self.period, self.step = build.electronics.period, build.electronics.step

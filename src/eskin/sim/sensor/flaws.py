@@ -133,11 +133,8 @@ class FlawDraw:
     ) -> None:
         """Prepare to draw the flaws of a build.
 
-        Args:
-            family: one of `FAMILIES`.
-            levels: level of each flaw that the build has; None draws all of them.
-            constants: constants of the simulation.
-            rng: random generator.
+        `levels` holds the level of each flaw that the build has; None draws all of
+        them.
 
         Raises:
             ValueError: there is no such family, flaw or level.
@@ -199,11 +196,7 @@ SECONDS_PER_HOUR = 3600.0
 def draw_flaws(draw: FlawDraw, skin: Skin, noise: float, full_scale: int) -> Flaws:
     """Draw the flaws of a build of a family.
 
-    Args:
-        draw: draw of the build's flaws.
-        skin: skin of the taxels.
-        noise: noise of its readout at rest, by full scale.
-        full_scale: largest count of its converter.
+    `noise` is that of its readout at rest, by full scale.
     """
     constants, take = draw.constants, draw.take
     intermittent = np.flatnonzero(draw_some(draw, skin, "intermittent"))

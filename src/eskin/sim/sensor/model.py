@@ -90,10 +90,8 @@ def build_taxel_arrays(
 ) -> TaxelArrays:
     """Lay live taxels out in the arrays of their patches.
 
-    Args:
-        live: taxels of the skin that conduct at any time, sorted by patch.
-        ages: time of each taxel's scan before its reading is assembled [s].
-        skin: skin with all taxels.
+    `live` taxels conduct at some time and are sorted by patch; `ages` are the times
+    from their scans to the assembly of the reading [s].
     """
     patches, starts = np.unique(skin.patch_index[live], return_index=True)
     rows = max(patch.rows for patch in skin.patches)

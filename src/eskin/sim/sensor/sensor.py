@@ -71,13 +71,8 @@ class Sensor:
     ) -> None:
         """Begin before the first step, untouched.
 
-        Args:
-            build: skin as built.
-            skin: skin of the taxels.
-            rng: random generator.
-            stages: stages that work; all unless given.
-            session: drift since calibration; drawn unless given.
-            live: taxels that may conduct, sorted by patch; all unless given.
+        All stages work, the session is drawn, and all taxels may conduct unless given;
+        `live` taxels are sorted by patch.
         """
         stages = stages or SensorStages()
         streams = [
@@ -136,9 +131,8 @@ class Sensor:
     ) -> None:
         """Simulate further steps.
 
-        Args:
-            pressure: pressure of the active taxels after the film [kPa].
-            taxels: active taxels, each once; all others are free.
+        `pressure` is that of the active taxels after the film [kPa]; all others are
+        free.
         """
         column = np.full(self.count, -1, dtype=np.int64)
         column[taxels] = np.arange(len(taxels))
@@ -250,18 +244,9 @@ def sense(
     """Simulate what the skin counts, and which counts arrive.
 
     The same numbers are drawn whatever the stages and the pressure, so two calls with
-    generators in the same state can be compared.
-
-    Args:
-        pressure: pressure of the active taxels after the film, at steps of `time.step`
-            [kPa].
-        taxels: active taxels, as indices of the skin, each once.
-        build: skin as built.
-        skin: skin of the taxels.
-        rng: random generator.
-        stages: stages that work; all unless given.
-        session: drift since calibration; drawn unless given.
-        lead: steps before the first reading, in which creep builds up.
+    generators in the same state can be compared. Pressure after the film [kPa] is given
+    at steps of `time.step`, `lead` of them before the first reading, in which creep
+    builds up. All stages work, and the session is drawn, unless given.
 
     Raises:
         ValueError: pressure and taxels do not belong together.

@@ -176,14 +176,8 @@ def draw_family_velostat(
     """Draw the layer of a build of a family.
 
     With its own hysteresis and creep, a taxel without other flaws reads what the data
-    sheet says after `sensor.calibrated_at`.
-
-    Args:
-        draw: draw of the build's flaws.
-        skin: skin of the taxels.
-        half_pressure: pressure of conductance 1 by the data sheet [kPa].
-        exponent: exponent by the data sheet.
-        activation: activation by the data sheet [kPa].
+    sheet says after `sensor.calibrated_at`. Exponent, and pressures [kPa], are those of
+    the data sheet.
     """
     constants = draw.constants
     lagging = draw.take("hysteresis", "hysteresis")
@@ -232,12 +226,8 @@ def draw_family_creep(
 ) -> Float[np.ndarray, "taxel process"]:
     """Draw creep that grows about evenly with the logarithm of time.
 
-    Args:
-        draw: draw of the build's flaws.
-        skin: skin of the taxels.
-        times: time constants of the processes [s].
-        risen: share of each that has risen at the time of calibration, by which the
-            growth in a doubling of time is meant.
+    `risen` is the share of each process, of time constant `times` [s], that has risen
+    at the time of calibration, by which the growth in a doubling of time is meant.
     """
     rate = draw.take("creep", "creep") * float(np.log2(times[1] / times[0]))
     scatter = np.log(draw.constants.value("sensor.creep_scatter.fresh"))

@@ -274,10 +274,7 @@ def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
     """Yield the latest scan at every tick of another rate; the duration stays the same.
 
     A scan is repeated where the rate is higher, and may be left out where it is lower.
-
-    Args:
-        scans: scans in the order of their stamps.
-        rate: rate of the ticks, the first of which is at the first scan [1/s].
+    The first tick is at the first scan; `rate` is in [1/s].
     """
     latest: Scan | None = None
     start = ticks = 0
