@@ -17,9 +17,8 @@ from eskin.drivers import HostClock
 from eskin.robot import load_robot
 from eskin.sim.bench.scene import (
     BenchScene,
+    find_central_taxels,
     find_forearm_band,
-    find_forearm_taxels,
-    find_upper_arm_taxels,
 )
 from eskin.sim.virtual import (
     PtyPort,
@@ -46,8 +45,9 @@ def build_touch_counts(mounted: MountedSkin) -> Int[np.ndarray, "scan taxel"]:
     """Build the counts of three touches, each of 1.5 s and then 0.6 s without touch."""
     skin = mounted.skin
     touches = [
-        f(skin, ACTIVE)
-        for f in (find_forearm_taxels, find_upper_arm_taxels, find_forearm_band)
+        find_central_taxels(skin, "forearm_front", ACTIVE),
+        find_central_taxels(skin, "upper_arm_front", ACTIVE),
+        find_forearm_band(skin, ACTIVE),
     ]
     scale = 1.0 / build_sender_calibration(skin.count).gain
     rng = np.random.default_rng(0)

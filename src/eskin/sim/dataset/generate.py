@@ -17,7 +17,6 @@ from multiprocessing import parent_process
 from multiprocessing.connection import wait
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import Protocol
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
@@ -136,20 +135,9 @@ PENDING_PER_WORKER = 2
 Rows = Generator[tuple[ClipRow, ...], None, None]
 
 
-class WriteSessions(Protocol):
-    """Writes the files of sessions, and yields their rows in order."""
-
-    def __call__(
-        self,
-        folder: Path,
-        settings: GenerationSettings,
-        sessions: Sequence[SessionPlan],
-        /,
-        *,
-        factory: Callable[[str], ClipGenerator],
-    ) -> Rows:
-        """Write the files into a folder."""
-        ...
+WriteSessions = Callable[..., Rows]
+"""Function that writes files of sessions and yields their rows in order; it is called
+as `write_sessions`, but for the number of workers."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -109,17 +109,9 @@ class ClipRow:
     def from_line(cls, line: str) -> "ClipRow":
         """Parse a line of the index."""
         facts = json.loads(line)
-        return cls(
-            file=facts["file"],
-            number=facts["number"],
-            start=facts["start"],
-            skin=facts["skin"],
-            pose_group=facts["pose_group"],
-            regime=facts["regime"],
-            touches=tuple(TouchRow(**touch) for touch in facts["touches"]),
-            drawn=facts["drawn"],
-            plan=parse_plan(facts["plan"]),
-        )
+        parsed = {each.name: facts[each.name] for each in fields(cls)}
+        parsed["touches"] = tuple(TouchRow(**touch) for touch in facts["touches"])
+        return cls(**parsed | {"plan": parse_plan(facts["plan"])})
 
 
 def parse_plan(facts: dict) -> ClipPlan:

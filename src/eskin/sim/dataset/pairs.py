@@ -63,6 +63,7 @@ from eskin.sim.scene.scene import (
     compute_touch_presses,
     compute_true_series,
     find_contact_steps,
+    find_reading_edges,
     shift_touch,
 )
 from eskin.sim.scene.validity import are_poses_valid, compute_joint_limits
@@ -223,22 +224,18 @@ def draw_merging_scenes(
             if touch is None:
                 continue
             touches = (shift_touch(touch, draw_onset(touch, plan, env, rng)),)
+        singles = tuple(
+            replace(each, gesture="none", kind=NONE_KINDS[each.gesture], presses=(one,))
+            for each in touches
+            for one in each.presses
+        )
         return PairScenes(
             TouchScene(np.tile(folded, (steps, 1)), touches),
-            TouchScene(np.tile(apart, (steps, 1)), tuple(split_presses(touches))),
+            TouchScene(np.tile(apart, (steps, 1)), singles),
             env.mounted,
             env.charts,
         )
     raise ValueError("no touch found that is felt on two patches; lower pairs.felt")
-
-
-def split_presses(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
-    """Split each gesture into touches of gesture `none`, one for each press."""
-    return [
-        replace(touch, gesture="none", kind=NONE_KINDS[touch.gesture], presses=(press,))
-        for touch in touches
-        for press in touch.presses
-    ]
 
 
 def draw_shared_touch(
@@ -257,18 +254,13 @@ def draw_shared_touch(
     min_pressure = env.constants.value("pairs.felt")
     for _ in range(int(env.constants.value("pairs.touches"))):
         touch = draw(plan, env, person, sites, rng)
-        if touch is not None and min(compute_press_peaks(touch, env)) >= min_pressure:
+        fields = (
+            compute_pressure_field(press, env.charts[press.chart], env.constants)
+            for press in (touch.bodies if touch else ())
+        )
+        if touch and all(f.pressure.max(initial=0.0) >= min_pressure for f in fields):
             return touch
     return None
-
-
-def compute_press_peaks(touch: TrueTouch, env: SimEnvironment) -> list[float]:
-    """Return the largest pressure of each press of a touch [kPa]."""
-    fields = (
-        compute_pressure_field(press, env.charts[press.chart], env.constants)
-        for press in touch.bodies
-    )
-    return [float(field.pressure.max(initial=0.0)) for field in fields]
 
 
 def draw_shared_pat(
@@ -403,14 +395,13 @@ def build_second_clip(
     first: SimulatedClip, scenes: PairScenes, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
     """Build a clip of the same counts with the ground truth of the second scene."""
-    scene = scenes.second
-    touch_presses = compute_touch_presses(scene, env)
+    scene, readings = scenes.second, len(first.counts)
+    edges = find_reading_edges(lead, readings, (scene.steps - lead) // readings)
     truths = compute_true_series(
-        scene, touch_presses, scenes.charts, scenes.mounted, lead, env
+        *(scene, compute_touch_presses(scene, env), scenes.charts, scenes.mounted),
+        *(lead, edges, env.constants.value("time.step")),
     )
-    readings = len(first.counts)
-    every = (len(scene.q) - lead) // readings
-    return replace(first, q=scene.q[lead::every][:readings], truths=truths)
+    return replace(first, q=scene.q[edges[:-1]], truths=truths)
 
 
 def describe_clip(

@@ -327,13 +327,11 @@ def plan_pair_sessions(
 ) -> tuple[SessionPlan, ...]:
     """Return sessions in which both sides of each kind of pair have the same origin."""
     found = []
-    for session_plan in sessions:
-        kind = find_pair_kind(find_side(session_plan))
-        name = f"pairs-{kind}-{session_plan.first:04d}"
-        origin = Origin(
-            name, build_seed(f"session pairs {kind}", session_plan.first, 0, seed)
-        )
-        found.append(replace(session_plan, session=origin))
+    for plan in sessions:
+        kind = find_pair_kind(find_side(plan))
+        own = build_seed(f"session pairs {kind}", plan.first, 0, seed)
+        origin = Origin(f"pairs-{kind}-{plan.first:04d}", own)
+        found.append(replace(plan, session=origin))
     return tuple(found)
 
 

@@ -178,20 +178,11 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     """
     if name == PAIRS:
         return build_pair_set(constants)
-    if name in FINAL_SETS:
-        return build_final_set(name, constants)
-    if name in RECORDED_SETS:
-        return build_recorded_set(name, constants)
-    if name in FAMILY_SETS:
-        return build_family_set(name, constants)
+    for names, build in SET_BUILDERS:
+        if name in names:
+            return build(name, constants)
     if name not in SETS:
         raise ValueError(f"no set '{name}'; allowed are {', '.join(ALL_SETS)}")
-    if name.startswith("paper"):
-        return build_paper_set(name, constants)
-    if name.startswith("streams"):
-        return build_stream_set(name, constants)
-    if name in (ACCIDENTS, QUIET):
-        return build_gestureless_set(name, constants)
     size = name if name in ("train", "val") else "test"
     kind = "shifted" if name in ("test-x", "test-m") else "fresh"
     groups = "known" if name in ("train", "val", "test-s") else "new"
@@ -317,6 +308,17 @@ def build_pair_set(constants: Constants) -> ClipSet:
     )
 
 
+SET_BUILDERS = (
+    (FINAL_SETS, build_final_set),
+    (RECORDED_SETS, build_recorded_set),
+    (FAMILY_SETS, build_family_set),
+    (("paper", "paper-5"), build_paper_set),
+    (("streams", "streams-fresh"), build_stream_set),
+    ((ACCIDENTS, QUIET), build_gestureless_set),
+)
+"""Functions that build sets other than the plainest ones, by the names of these."""
+
+
 def resize_set(
     clip_set: ClipSet, clips: int | None, subjects: int | None, constants: Constants
 ) -> ClipSet:
@@ -331,7 +333,12 @@ def resize_set(
     """
     total = clip_set.clips if clips is None else clips
     if clip_set.name == PAIRS and clips is not None:
-        total = count_pair_clips(clips)
+        if clips < 2 or clips % 2:
+            raise ValueError(
+                f"{clips} clips requested of each kind of pair; allowed are 2, 4 and "
+                "so on; change --clips"
+            )
+        total = len(PAIR_SIDES) * clips
     if total < len(clip_set.parts):
         raise ValueError(
             f"{total} clips requested for set '{clip_set.name}'; allowed are at least "
@@ -346,25 +353,9 @@ def resize_set(
             f"{people} people requested for set '{clip_set.name}' of {total} clips; "
             f"allowed are 1 to {total}; change --subjects or --clips"
         )
-    return replace(clip_set, subjects=people, parts=resize_parts(clip_set, total))
-
-
-def count_pair_clips(clips: int) -> int:
-    """Return the clips of all kinds of pairs, from the even number of each kind."""
-    if clips < 2 or clips % 2:
-        raise ValueError(
-            f"{clips} clips requested of each kind of pair; allowed are 2, 4 and so "
-            "on; change --clips"
-        )
-    return len(PAIR_SIDES) * clips
-
-
-def resize_parts(clip_set: ClipSet, total: int) -> tuple[SetPart, ...]:
-    """Return the parts of a set with a total of clips, in the same proportions."""
-    first, *rest = clip_set.parts
+    _, *rest = clip_set.parts
     shares = [max(1, total * part.clips // clip_set.clips) for part in rest]
-    clips = [total - sum(shares), *shares]
-    return tuple(
-        SetPart(part.folder, count)
-        for part, count in zip((first, *rest), clips, strict=True)
-    )
+    counts = [total - sum(shares), *shares]
+    parts = zip(clip_set.parts, counts, strict=True)
+    resized = tuple(SetPart(part.folder, count) for part, count in parts)
+    return replace(clip_set, subjects=people, parts=resized)

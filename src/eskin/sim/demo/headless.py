@@ -224,15 +224,12 @@ def run_build(
 
 def merge_results(parts: list[DemoResult]) -> DemoResult:
     """Merge several results into one."""
-    scores = [part.score for part in parts]
-    score = CommandScore(
-        attempts=[attempt for each in scores for attempt in each.attempts],
-        accidents=[touch for each in scores for touch in each.accidents],
-        false_alarms=[command for each in scores for command in each.false_alarms],
-        commands=sum(each.commands for each in scores),
-        holds=sum(each.holds for each in scores),
-        by_faults=[command for each in scores for command in each.by_faults],
-    )
+    score = CommandScore()
+    for each in (part.score for part in parts):
+        for name in ("attempts", "accidents", "false_alarms", "by_faults"):
+            getattr(score, name).extend(getattr(each, name))
+        score.commands += each.commands
+        score.holds += each.holds
     return DemoResult(
         score=score,
         seconds=sum(part.seconds for part in parts),

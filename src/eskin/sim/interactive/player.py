@@ -4,17 +4,14 @@ import itertools
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import final
 
 from eskin.app import SourceConfig
 from eskin.drivers import Clock, PlayedSource, Source, SourceInfo
 from eskin.errors import DeviceError
-from eskin.recording import TruthRecord
 from eskin.robot import Robot
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import Simulator
-from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, build_seed
 from eskin.sim.dataset.sets import get_pose_groups
@@ -27,16 +24,6 @@ SEGMENT_SECONDS = 15.0
 """Length of a segment, enough for the longest touch [s]."""
 LEAD_SECONDS = 2.0
 """Length of the first segment, without touch, for the baseline [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class SampledScan:
-    """A sampled scan holds one scan and the true touches during it."""
-
-    scan: Scan
-    """Scan of the sensor."""
-    truths: tuple[TruthRecord, ...]
-    """True touches that press during the scan."""
 
 
 @final
@@ -79,16 +66,8 @@ class TouchPlayer:
         self.rate = NS_PER_S / self.period
 
     def scans(self) -> Iterator[Scan]:
-        """Yield scans without end."""
-        return (sampled.scan for sampled in self.sampled_scans())
-
-    def sampled_scans(self) -> Iterator[SampledScan]:
-        """Yield scans and their true touches without end, the same ones every time.
-
-        Touches are numbered consecutively across segments.
-        """
-        touches, stamp = 0, self.start
-        make, plan = self.generator.make, self.plan_segment
+        """Yield scans without end, the same ones every time."""
+        stamp, make, plan = self.start, self.generator.make, self.plan_segment
         with ThreadPoolExecutor(1, "player") as pool:
             pending = deque(pool.submit(make, plan(number)) for number in (0, 1))
             # Wait for the simulator's kernels to compile before the first scan.
@@ -96,9 +75,9 @@ class TouchPlayer:
             for number in itertools.count(2):
                 clip = pending.popleft().result()
                 pending.append(pool.submit(make, plan(number)))
-                yield from self.build_scans(clip, stamp, touches)
-                stamp += self.period * len(clip.counts)
-                touches += len(clip.truths)
+                for reading in zip(clip.counts, clip.received, clip.q, strict=True):
+                    yield Scan(stamp, *reading)
+                    stamp += self.period
 
     def plan_segment(self, number: int) -> ClipPlan:
         """Plan a segment: the first without touch, the others with gestures."""
@@ -122,22 +101,6 @@ class TouchPlayer:
             pose=build_seed(f"pose {PLAYER_ROLE}", 0, 0, self.seed),
             difficulty=self.difficulty,
         )
-
-    def build_scans(
-        self, clip: SimulatedClip, start: int, first: int
-    ) -> Iterator[SampledScan]:
-        """Yield the scans of a clip, with its touches numbered from `first`."""
-        for reading in range(len(clip.counts)):
-            stamp = start + reading * self.period
-            truths = tuple(
-                truth.to_record(first + place, reading, stamp)
-                for place, truth in enumerate(clip.truths)
-                if truth.force[reading] > 0
-            )
-            scan = Scan(
-                stamp, clip.counts[reading], clip.received[reading], clip.q[reading]
-            )
-            yield SampledScan(scan, truths)
 
 
 def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:

@@ -203,9 +203,9 @@ class DraggedTouch(InteractiveTouch):
         centre = np.zeros((span.steps, 2))
         for step in range(span.steps):
             moved = self.slide()
-            self.lifting |= (
-                self.lift_requested and self.level == 1.0 and self.has_arrived
-            )
+            left = float(np.linalg.norm(self.target - self.centre))
+            has_arrived = self.level == 1.0 and left < ARRIVAL_DISTANCE
+            self.lifting |= self.lift_requested and has_arrived
             self.level += -self.fall if self.lifting else self.rise
             self.level = float(np.clip(self.level, 0.0, 1.0))
             at = self.steps_done % len(self.noise)
@@ -216,11 +216,6 @@ class DraggedTouch(InteractiveTouch):
         self.over = self.lifting and self.level == 0.0
         self.touch = replace(self.touch, presses=(self.build_press(force, centre),))
         return self.touch
-
-    @property
-    def has_arrived(self) -> bool:
-        """Tell whether the pads are at their target."""
-        return float(np.linalg.norm(self.target - self.centre)) < ARRIVAL_DISTANCE
 
     def slide(self) -> bool:
         """Move one step as a critically damped spring; tell whether the pads slide."""

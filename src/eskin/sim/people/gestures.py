@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import ContactPads, Press, SoftTissue
+from eskin.sim.contact.press import Press, SoftTissue
 from eskin.sim.people.gesture_sample import (
     GestureSample,
     Series,
@@ -40,14 +40,11 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
     series = scale_to_peak(shape * sample.draw_held_noise(steps), force)
     tissue = replace(sample.person.tissue, conformity=sample.draw("poke.conformity"))
     path, angle = sample.draw_wander(steps), sample.draw_angle()
-    return (sample.build_press(draw_poking_pads(sample), series, path, tissue, angle),)
-
-
-def draw_poking_pads(sample: GestureSample) -> ContactPads:
-    """Draw the pads that poke."""
     if sample.kind == "knuckle":
-        return build_body("knuckle", sample.constants)
-    return sample.draw_pads(sample.kind)
+        pads = build_body("knuckle", sample.constants)
+    else:
+        pads = sample.draw_pads(sample.kind)
+    return (sample.build_press(pads, series, path, tissue, angle),)
 
 
 def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
@@ -71,17 +68,14 @@ def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
 def draw_double_pat(sample: GestureSample) -> tuple[Press, ...]:
     """Draw two pats; sometimes more, which mean the same."""
     more = sample.draw_event("more", sample.constants.value("double_pat.more"))
-    return draw_pats(sample, draw_pat_count(sample) if more else 2, sample.kind)
+    count = int(sample.choose("unknown.taps")) if more else 2
+    return draw_pats(sample, count, sample.kind)
 
 
 def draw_many_taps(sample: GestureSample) -> tuple[Press, ...]:
     """Draw three pats or more."""
-    return draw_pats(sample, draw_pat_count(sample), sample.choose("double_pat.kinds"))
-
-
-def draw_pat_count(sample: GestureSample) -> int:
-    """Draw the number of pats, three or more."""
-    return int(sample.choose("unknown.taps"))
+    count = int(sample.choose("unknown.taps"))
+    return draw_pats(sample, count, sample.choose("double_pat.kinds"))
 
 
 def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...]:

@@ -3,7 +3,7 @@
 A hand is 20 pads that bear load; any other body is one pad.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -223,7 +223,13 @@ def build_hand(
     up = palm / (constants.value("hand.palm_length") * MM)
     scale = length / (constants.value("hand.length") * MM)
     reach = thumb / (constants.value("hand.thumb") * MM)
-    thumbs = compute_thumb_positions(constants, across, up, reach)
+    usual = [constants.array(f"hand.thumb_{way}") for way in ("side", "height")]
+    tip, base = np.column_stack(usual) * MM
+    root = base * [across, up]
+    thumbs = np.stack([root + (tip - base) * reach, root])
+    to_tip, angles = thumbs[0] - thumbs[1], np.zeros(len(HAND_PADS))
+    angles[12:14] = -np.arctan2(to_tip[0], to_tip[1])
+    radii = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
     bases = constants.array("hand.finger_base") * MM * up
     sides = constants.array("hand.finger_side") * MM * across
     along = constants.array("hand.along")
@@ -237,36 +243,12 @@ def build_hand(
     )
     return ContactPads(
         np.column_stack([x, y]),
-        build_pad_radii(constants) * scale,
-        compute_pad_angles(thumbs),
+        np.column_stack(radii)[PAD_ROWS] * MM * scale,
+        angles,
         constants.array("hand.area")[PAD_ROWS] * MM**2,
         constants.array("hand.most")[PAD_ROWS] * MM**2 * scale**2,
         constants.array("hand.stiffness")[PAD_ROWS],
     )
-
-
-def compute_thumb_positions(
-    constants: Constants, across: float, up: float, reach: float
-) -> Float[np.ndarray, "2 2"]:
-    """Return where tip and proximal pad of the thumb lie [m]."""
-    usual = [constants.array(f"hand.thumb_{way}") for way in ("side", "height")]
-    tip, base = np.column_stack(usual) * MM
-    root = base * [across, up]
-    return np.stack([root + (tip - base) * reach, root])
-
-
-def build_pad_radii(constants: Constants) -> Float[np.ndarray, "part 2"]:
-    """Return the radii of curvature of the average hand's pads [m]."""
-    both = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
-    return np.column_stack(both)[PAD_ROWS] * MM
-
-
-def compute_pad_angles(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "part"]:
-    """Return the angles of the pads: the thumb's own, and 0 of all others."""
-    turns = np.zeros(len(HAND_PADS))
-    to_tip = thumbs[0] - thumbs[1]
-    turns[12:14] = -np.arctan2(to_tip[0], to_tip[1])
-    return turns
 
 
 def mirror_pads(pads: ContactPads) -> ContactPads:
@@ -277,14 +259,7 @@ def mirror_pads(pads: ContactPads) -> ContactPads:
 def select_pads(pads: ContactPads, names: tuple[str, ...]) -> ContactPads:
     """Return some pads of a whole hand."""
     rows = np.array([HAND_PADS.index(name) for name in names])
-    return ContactPads(
-        pads.centres[rows],
-        pads.radii[rows],
-        pads.angles[rows],
-        pads.area[rows],
-        pads.max_area[rows],
-        pads.stiffness[rows],
-    )
+    return ContactPads(*(getattr(pads, each.name)[rows] for each in fields(pads)))
 
 
 def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:

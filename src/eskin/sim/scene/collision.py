@@ -80,7 +80,8 @@ def build_collision_model(robot: Robot, min_distance: float) -> CollisionModel:
     pairs = pairs.astype(np.int64).reshape(-1, 2)
     free = np.flatnonzero(~np.isin(links, find_base_links(robot)))
     ground = 0.0
-    if not has_cylinders_alone(robot):
+    shapes = [body.shape for link in robot.links for body in link.geoms]
+    if not all(isinstance(shape, Cylinder) for shape in shapes):
         rest = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
         T = np.ascontiguousarray(Kinematics(robot).poses(rest))
         height = min(
@@ -113,13 +114,6 @@ SLAB = 0.06
 """Largest length of a slab of a link that is no cylinder [m]."""
 
 
-def has_cylinders_alone(robot: Robot) -> bool:
-    """Tell whether all shapes of a robot are cylinders."""
-    return all(
-        isinstance(g.shape, Cylinder) for link in robot.links for g in link.geoms
-    )
-
-
 def find_base_links(robot: Robot) -> list[int]:
     """Find the root link and its children, which stand on the table."""
     children = {joint.child for joint in robot.joints}
@@ -130,15 +124,13 @@ def find_base_links(robot: Robot) -> list[int]:
 
 def build_cylinders(robot: Robot) -> CylinderArrays:
     """Return all collision geometry as cylinders in the frames of their links."""
-    links, centres, axes, radii, halves = [], [], [], [], []
-    for index, link in enumerate(robot.links):
-        for body in link.geoms:
-            for centre, axis, radius, half in enclose_geom(body):
-                links.append(index)
-                centres.append(centre)
-                axes.append(axis)
-                radii.append(radius)
-                halves.append(half)
+    rows = [
+        (index, *each)
+        for index, link in enumerate(robot.links)
+        for body in link.geoms
+        for each in enclose_geom(body)
+    ]
+    links, centres, axes, radii, halves = zip(*rows, strict=True) if rows else [()] * 5
     return CylinderArrays(
         np.array(links, dtype=np.int64),
         np.array(centres, dtype=np.float64).reshape(-1, 3),

@@ -114,14 +114,6 @@ def build_taxel_arrays(
     )
 
 
-def compute_scan_ages(
-    phase: Float[np.ndarray, "patch"], scan: float, skin: Skin
-) -> Float[np.ndarray, "taxel"]:
-    """Return when each taxel is scanned before a reading is assembled [s]."""
-    rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
-    return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
-
-
 def compute_free_load(
     build: SensorBuild, stages: SensorStages
 ) -> Float[np.ndarray, "taxel"]:
@@ -245,7 +237,9 @@ def compute_taxel_ages(
     """Return when taxels are scanned before their reading is assembled [s]."""
     if not stages.skew:
         return np.zeros(skin.count)
-    return compute_scan_ages(build.electronics.phase, build.electronics.scan, skin)
+    rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
+    phase, scan = build.electronics.phase, build.electronics.scan
+    return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
 
 
 def build_layer_state(layer: SensorLayer) -> LayerState:

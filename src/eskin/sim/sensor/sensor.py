@@ -75,9 +75,8 @@ class Sensor:
         `live` taxels are sorted by patch.
         """
         stages = stages or SensorStages()
-        streams = [
-            np.random.Generator(np.random.SFC64(seed)) for seed in draw_seeds(rng)
-        ]
+        seeds = rng.integers(2**63, size=6).tolist()
+        streams = [np.random.Generator(np.random.SFC64(seed)) for seed in seeds]
         session = session or draw_session(build, streams[0])
         electronics = build.electronics
         if live is None:
@@ -205,11 +204,6 @@ class Sensor:
         if self.flawed and block:
             self.flawed.change_counts(block, counts)
         return counts
-
-
-def draw_seeds(rng: np.random.Generator) -> list[int]:
-    """Draw a seed for each thing that is random."""
-    return [int(seed) for seed in rng.integers(2**63, size=6)]
 
 
 def draw_after(
