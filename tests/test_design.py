@@ -2,7 +2,7 @@
 
 import csv
 import json
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -29,7 +29,6 @@ from eskin.design import (  # noqa: E402
     LinkZone,
     RegionSpec,
     SurfaceDistance,
-    UnrolledMesh,
     build_link_surface,
     compute_kinematic_distances,
     design_skin,
@@ -37,7 +36,6 @@ from eskin.design import (  # noqa: E402
     load_map,
     read_spec,
     save_design,
-    unroll_region,
 )
 from eskin.design.painting import (  # noqa: E402
     PaintedBall,
@@ -47,8 +45,7 @@ from eskin.design.painting import (  # noqa: E402
 )
 from eskin.design.patches import divide, iterate_routable  # noqa: E402
 from eskin.design.spec import RegionEntry, SpecFile, write_spec_file  # noqa: E402
-from eskin.design.zones import sample_positions  # noqa: E402
-from eskin.skin import MountedSkin, Tube  # noqa: E402
+from eskin.skin import MountedSkin  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -177,47 +174,11 @@ def test_overlap_of_a_patch_with_itself_is_found(designs):
     assert count_overlapping(layout, sample_cells(layout)) > 0
 
 
-def test_tube_unrolls_exactly(designs):
-    around = [p for p in designs["tube"].layouts if isinstance(p.surface, Tube)]
-    assert around
-    for layout in around:
-        assert layout.surface.radius == pytest.approx(0.04, abs=5e-5)
-        assert layout.distortion < 2e-3  # Eight chords for an arc.
-        flat = layout.grid.unrolled()
-        back = layout.surface.unroll(layout.surface.wrap(flat).positions)
-        np.testing.assert_allclose(back, flat, atol=1e-12)
-
-
-def test_curved_patch_maps_both_ways(designs):
-    curved = [p for p in designs["ball"].layouts if isinstance(p.surface, UnrolledMesh)]
-    assert curved
-    for layout in curved:
-        flat = layout.grid.unrolled()
-        points = layout.surface.wrap(flat)
-        back = layout.surface.unroll(points.positions)
-        np.testing.assert_allclose(back, flat, atol=1e-9)
-        assert layout.surface.fit_errors(points.positions, points.normals).max() < 1e-9
-        outward = points.positions / np.linalg.norm(
-            points.positions, axis=1, keepdims=True
-        )
-        assert np.sum(outward * points.normals, axis=1).min() > 0.99
-
-
 def test_ball_is_cut_until_its_patches_unroll(robots, designs):
     """The limit decides; a ball of one patch would be distorted without end."""
     fine = design_skin(robots["ball"], make_spec(max_distortion=0.02))
     assert len(fine.layouts) > len(designs["ball"].layouts) > 1
     assert max(layout.distortion for layout in fine.layouts) <= 0.02
-
-
-def test_closed_surface_is_not_unrolled(robots):
-    surface = build_link_surface(robots["torus"].links[0], 0.01)
-    assert unroll_region(surface, np.arange(len(surface.faces))) is None
-
-
-def test_another_seed_gives_another_skin(robots, designs):
-    other = design_skin(robots["box"], make_spec(), seed=1).skin
-    assert not np.allclose(designs["box"].skin.positions[:20], other.positions[:20])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -281,17 +242,6 @@ def test_saving_again_replaces_what_was_painted_and_keeps_what_was_there(tmp_pat
     saved, draft.path = draft.written, tmp_path
     assert draft.save(tuple(orders)).startswith("not saved: ")
     assert draft.written is saved
-
-
-def test_points_to_paint_on_lie_all_over_the_surface(robots):
-    for name, area in (("box", 0.0592), ("ball", 4 * np.pi * 0.05**2)):
-        skin = sample_surfaces(robots[name])
-        distances, normals = compute_surface_distance(
-            robots[name].links[0], skin.positions
-        )
-        assert np.abs(distances).max() < 0.1 * MM
-        assert skin.areas.sum() == pytest.approx(area, rel=0.01)
-        assert skin.areas.max() < 5e-4
 
 
 ELBOW = """<robot name="elbow">
@@ -383,28 +333,6 @@ def test_taxels_that_touch_in_a_combined_pose_can_be_left_out(tmp_path):
     # On the table 8 x 6 cm are lost, and a rim as wide as a triangle.
     before, after = (each.regions[0].allowed_area for each in (alone, cleared))
     assert 0.08 * 0.06 < before - after < 0.09 * 0.08
-
-
-def test_more_combined_poses_never_keep_more(tmp_path):
-    numbers = (0, 4, 16, 64)
-    told = [design_press(tmp_path, number).close for number in numbers]
-    kept = [design_press(tmp_path, number, True).regions for number in numbers]
-    for fewer, more in pairwise(told):
-        assert (more | ~fewer).all()
-    for fewer, more in pairwise(kept):
-        for a, b in zip(fewer, more, strict=True):
-            assert b.allowed_area <= a.allowed_area
-    assert told[-1].any()
-
-
-def test_first_combined_poses_are_those_of_fewer_and_reach_the_limits():
-    robot = load_robot("ur5")
-    few, many = sample_positions(robot, 20), sample_positions(robot, 200)
-    assert np.array_equal(many[:20], few)
-    assert (many >= robot.lower).all() and (many <= robot.upper).all()
-    # A joint that turns further is sampled over one full turn.
-    at_limit = (many == many.min(axis=0)) | (many == many.max(axis=0))
-    assert 0.25 < at_limit.mean() < 0.42
 
 
 def test_cells_are_cut_into_parts_that_boards_can_read():
@@ -636,20 +564,6 @@ def test_distance_on_a_cylinder_is_the_helix(robots):
     arcs = 0.04 * (angle[:3, None] - angle[None])
     helix = np.hypot(arcs, z[:3, None] - z[None])
     np.testing.assert_allclose(found, helix, rtol=0.03, atol=1e-9)
-
-
-def test_distance_on_a_torus_is_that_of_its_geodesics(robots):
-    """Around the tube, and along the inner equator, which is the shortest there."""
-    surface = build_link_surface(robots["torus"].links[0])
-    turn = np.linspace(0.0, np.pi, 5)
-    around = np.column_stack(
-        [0.08 + 0.03 * np.cos(turn), np.zeros(5), 0.03 * np.sin(turn)]
-    )
-    inner = 0.05 * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(5)])
-    found = SurfaceDistance(surface, around).between(np.array([0]), np.arange(5))
-    np.testing.assert_allclose(found[0], 0.03 * turn, rtol=0.03, atol=1e-9)
-    found = SurfaceDistance(surface, inner).between(np.array([0]), np.arange(4))
-    np.testing.assert_allclose(found[0], 0.05 * turn[:4], rtol=0.03, atol=1e-9)
 
 
 def test_distance_between_separate_bodies_is_infinite(tmp_path):

@@ -11,7 +11,6 @@ from eskin.learn.sets.socialtouch import (
     GROUP_NUMBERS,
     Repetition,
     classify_repetition,
-    count_presses,
 )
 from eskin.recording import find_recordings, read_recording
 from eskin.sim import load_constants
@@ -138,23 +137,6 @@ def test_class_is_that_of_the_gesture_its_duration_and_its_presses(
     assert classify_repetition(repeat(gesture, counts)) == wanted
 
 
-@pytest.mark.parametrize(
-    ("forces", "count"),
-    [
-        ([], 0),
-        ([0, 0], 0),
-        ([0, 5, 0], 1),
-        ([5, 5, 0, 5, 5], 2),
-        ([5, 3, 5], 1),
-        ([5, 2, 5, 1, 4], 3),
-        ([9, 4, 5, 4, 3], 1),
-        ([9, 0, 1, 0, 1], 1),
-    ],
-)
-def test_presses_are_separate_where_force_falls_below_half(forces, count):
-    assert count_presses(np.array(forces, dtype=np.float64)) == count
-
-
 def play(counts, seed=0):
     touch = RecordedTouch("poke", "poke", 0, repeat(6, counts))
     return play_recorded_touch(touch, SITE, CONSTANTS, np.random.default_rng(seed))
@@ -177,14 +159,6 @@ def test_played_touch_is_the_recorded_one_in_the_drawn_size_and_speed(seed):
     assert press.steps * 0.01 * drawn["speed"] == pytest.approx(1.0, abs=0.13)
     assert not press.pressure[0].any()
     np.testing.assert_array_equal(press.centre[0], SITE.centre)
-
-
-def test_half_of_the_touches_are_without_the_noise_of_their_sensor():
-    counts = pressed((9, 12), 30) + 3
-    noisy = [
-        bool(play(counts, s).presses[0].pressure[:, 0, 0].any()) for s in range(60)
-    ]
-    assert 20 < sum(noisy) < 42
 
 
 def test_none_is_drawn_evenly_over_its_groups():

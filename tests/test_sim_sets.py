@@ -117,15 +117,6 @@ def test_paper_set_is_recorded_on_two_days():
 
 
 @pytest.mark.parametrize(
-    ("name", "share", "error"),
-    [("train", 0.2, 0.02), ("test-m", 1.0, 0.0), ("quiet", 0.5, 0.15)],
-)
-def test_robot_moves_in_a_stated_share_of_clips(name, share, error):
-    moving = [plan.moving for plan in plan_set(name)]
-    assert np.mean(moving) == pytest.approx(share, abs=error)
-
-
-@pytest.mark.parametrize(
     ("name", "kind", "hours"),
     [("streams", None, 2.0), ("quiet", "quiet", 5.0), ("accidents", "accidents", 1.0)],
 )
