@@ -37,12 +37,7 @@ from eskin.design import (  # noqa: E402
     read_spec,
     save_design,
 )
-from eskin.design.painting import (  # noqa: E402
-    PaintedBall,
-    add_painted,
-    find_points,
-    sample_surfaces,
-)
+from eskin.design.painting import PaintedBall, add_painted, find_points, sample_surfaces  # noqa: E402
 from eskin.design.patches import divide, iterate_routable  # noqa: E402
 from eskin.design.spec import RegionEntry, SpecFile, write_spec_file  # noqa: E402
 from eskin.skin import MountedSkin  # noqa: E402

@@ -9,12 +9,7 @@ import serial
 
 from eskin.drivers import Data, Deframer, Hello, HostClock, decode_packet
 from eskin.errors import PacketError
-from eskin.sim.virtual import (
-    FAULT_KINDS,
-    PtyPort,
-    VirtualSkin,
-    parse_fault,
-)
+from eskin.sim.virtual import FAULT_KINDS, PtyPort, VirtualSkin, parse_fault
 from helpers.devices import (
     PATIENCE,
     RATE,

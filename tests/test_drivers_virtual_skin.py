@@ -18,12 +18,7 @@ from eskin.drivers import (
     decode_packet,
 )
 from eskin.errors import DeviceError
-from eskin.sim.virtual import (
-    PtyPort,
-    UdpPort,
-    VirtualSkin,
-    resample_scans,
-)
+from eskin.sim.virtual import PtyPort, UdpPort, VirtualSkin, resample_scans
 from eskin.skin import build_grid_skin, load_skin
 from eskin.touch import Scan
 from helpers.devices import (

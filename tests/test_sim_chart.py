@@ -5,15 +5,7 @@ import pytest
 
 from eskin.robot import load_robot
 from eskin.sim import build_charts
-from eskin.skin import (
-    Dome,
-    MountedSkin,
-    Patch,
-    Plane,
-    TaxelGrid,
-    Tube,
-    build_skin,
-)
+from eskin.skin import Dome, MountedSkin, Patch, Plane, TaxelGrid, Tube, build_skin
 from eskin.skin.presets import build_ur5_skin
 
 

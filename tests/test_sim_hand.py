@@ -3,12 +3,7 @@
 import numpy as np
 
 from eskin.sim import load_constants
-from eskin.sim.people.person import (
-    HAND_PADS,
-    build_hand,
-    mirror_pads,
-    splay_fingers,
-)
+from eskin.sim.people.person import HAND_PADS, build_hand, mirror_pads, splay_fingers
 
 CONSTANTS = load_constants()
 

@@ -6,15 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from eskin.skin import (
-    MountedSkin,
-    Patch,
-    Plane,
-    Skin,
-    TaxelGrid,
-    build_skin,
-    load_skin,
-)
+from eskin.skin import MountedSkin, Patch, Plane, Skin, TaxelGrid, build_skin, load_skin
 from eskin.touch import Reading
 from eskin.units import NS_PER_S
 

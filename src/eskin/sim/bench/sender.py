@@ -15,16 +15,8 @@ from jaxtyping import Int
 
 from eskin.drivers import HostClock
 from eskin.robot import load_robot
-from eskin.sim.bench.scene import (
-    BenchScene,
-    find_central_taxels,
-    find_forearm_band,
-)
-from eskin.sim.virtual import (
-    PtyPort,
-    UdpPort,
-    VirtualSkin,
-)
+from eskin.sim.bench.scene import BenchScene, find_central_taxels, find_forearm_band
+from eskin.sim.virtual import PtyPort, UdpPort, VirtualSkin
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import Calibration, Scan
 

@@ -20,10 +20,7 @@ from pathlib import Path
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
-from eskin.sim.dataset.clip_generator import (
-    ClipGenerator,
-    SimulatorFactory,
-)
+from eskin.sim.dataset.clip_generator import ClipGenerator, SimulatorFactory
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
 from eskin.sim.dataset.plan import SessionPlan
 from eskin.sim.dataset.session_file import write_session

@@ -44,11 +44,7 @@ from eskin.sim.people.person import (
     mirror_pads,
     select_pads,
 )
-from eskin.sim.scene.environment import (
-    SimEnvironment,
-    load_environment,
-    mount_skin,
-)
+from eskin.sim.scene.environment import SimEnvironment, load_environment, mount_skin
 from eskin.sim.scene.folds import (
     compute_facing_gaps,
     compute_site_gap,

@@ -29,11 +29,7 @@ from eskin.page.process import free_port, make_token
 from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
-from eskin.sim.demo.headless import (
-    DemoConfig,
-    build_arm,
-    is_on_arm,
-)
+from eskin.sim.demo.headless import DemoConfig, build_arm, is_on_arm
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import (

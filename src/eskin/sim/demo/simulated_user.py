@@ -7,11 +7,7 @@ import numpy as np
 
 from eskin.command import ArmState, CommandMap, SimulatedArm, resolve_action
 from eskin.recording import NONE
-from eskin.sim.demo.score import (
-    GRACE,
-    Attempt,
-    CommandScore,
-)
+from eskin.sim.demo.score import GRACE, Attempt, CommandScore
 from eskin.sim.interactive import InteractiveSkin, draw_demo_person
 from eskin.units import NS_PER_S
 

@@ -9,11 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.drivers.packet import MAX_ADDRESS
-from eskin.sim.virtual.fault import (
-    FOREVER,
-    DeviceFault,
-    FaultSpec,
-)
+from eskin.sim.virtual.fault import FOREVER, DeviceFault, FaultSpec
 from eskin.sim.virtual.fault_kinds import FAULT_KINDS
 from eskin.skin import Skin
 from eskin.units import NS_PER_S
