@@ -231,6 +231,7 @@ def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
     wait(10.0)
     assert [event.action for event in events] == ["slow", "hold", "resume"]
     assert "poke, then double pat" in events[-1].why and not events[-1].accepted
-    monitor = policy.monitor
-    assert monitor.latest - monitor.last_contact > SECOND
-    assert monitor.find_problem(monitor.latest) is None and not monitor.lasting
+    touches = policy.touches
+    assert touches.latest - touches.last_contact > SECOND
+    assert policy.monitor.find_problem(touches.latest) is None
+    assert touches.find_lasting() is None

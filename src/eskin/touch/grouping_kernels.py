@@ -4,6 +4,8 @@ Of `tracks` (TRACK), the first `ongoing` are ongoing. `before` is the `TouchReco
 the previous reading, `buffer` has the contacts and loads of this one, and `update` the
 touches while they are updated.
 """
+# The types of compiled code are those that numba infers.
+# pyright: reportAttributeAccessIssue=false
 
 from typing import NamedTuple
 

@@ -4,6 +4,8 @@ They run the stages of a reading, and write the records of its touches. `before`
 `TouchRecords` of the previous reading, `buffer` has the contacts and loads of this one,
 and `update` the touches while they are updated.
 """
+# The types of compiled code are those that numba infers.
+# pyright: reportAttributeAccessIssue=false
 
 import numpy as np
 from jaxtyping import Int

@@ -4,6 +4,8 @@
 `successor` is the contact in which each track continues, `owner` the track that keeps
 its id in each contact, `parents` the track of which each contact covers most.
 """
+# The types of compiled code are those that numba infers.
+# pyright: reportAttributeAccessIssue=false
 
 from typing import NamedTuple
 

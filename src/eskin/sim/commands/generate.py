@@ -19,7 +19,10 @@ from eskin.skin import SKIN_PRESETS
 from eskin.units import format_count
 
 # A checker of types cannot know the names of a tuple; the command line does.
-SetName = str if TYPE_CHECKING else Literal[ALL_SETS]
+if TYPE_CHECKING:
+    SetName = str
+else:
+    SetName = Literal[ALL_SETS]
 
 SKINS = (
     "ur5",

@@ -22,7 +22,7 @@ from eskin.drivers.packet import (
     Status,
     encode_packet,
 )
-from eskin.drivers.seal import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
+from eskin.drivers.sessions import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
 from eskin.drivers.timeline import index_taxels
 from eskin.skin import Patch
 
