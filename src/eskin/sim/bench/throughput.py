@@ -45,7 +45,10 @@ MAX_RATE = 10_000.0
 
 @dataclass(frozen=True)
 class ThroughputConfig:
-    """Sets what is sent, and for how long."""
+    """Receive a skin's bytes at a rate, recognise every reading, and count the drops.
+
+    Another process simulates the ur5's skin: touches come and go, and the arm swings.
+    """
 
     rate: float = 1000.0
     """Rate of the scans [1/s]."""
