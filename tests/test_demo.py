@@ -57,18 +57,30 @@ def score_commands(*commands):
     return score
 
 
-def test_command_within_second_of_touch_counts_for_it():
-    score = score_commands(command(2.3))
-    assert (score.count("correct"), score.false_alarms) == (1, [])
-    assert score.delays() == pytest.approx([0.9])
-
-
-@pytest.mark.parametrize(("seconds", "touch"), [(2.5, 1), (1.5, 2), (1.5, 3)])
-def test_command_too_late_or_of_another_touch_is_false_alarm(seconds, touch):
-    score = score_commands(command(seconds, touch=touch))
-    assert (score.count("missed"), len(score.false_alarms)) == (1, 1)
-    assert score.count_unasked()["unasked_stops"] == 1
-    assert len(score.by_faults) == (touch == 3)
+@pytest.mark.parametrize(
+    ("commands", "outcome", "alarms", "by_faults"),
+    [
+        ([command(2.3)], "correct", [], 0),
+        ([command(2.5)], "missed", ["pause"], 0),
+        ([command(1.5, touch=2)], "missed", ["pause"], 0),
+        ([command(1.5, touch=3)], "missed", ["pause"], 1),
+        ([command(1.5, "slow"), command(1.6)], "wrong", ["pause"], 0),
+        ([command(1.5, accepted=False)], "missed", [], 0),
+        ([command(1.6, "hold", touch=None)], "missed", [], 0),
+    ],
+)
+def test_command_counts_for_the_touch_that_caused_it_within_a_second(
+    commands, outcome, alarms, by_faults
+):
+    score = score_commands(*commands)
+    assert score.count(outcome) == 1
+    assert [alarm.action for alarm in score.false_alarms] == alarms
+    assert score.count_unasked()["unasked_stops"] == len(alarms)
+    assert len(score.by_faults) == by_faults
+    assert score.holds == sum(each.action == "hold" for each in commands)
+    refused = sum(not each.accepted for each in commands)
+    assert len(score.attempts[0].refusals) == refused
+    assert score.delays() == pytest.approx([0.9] if outcome == "correct" else [])
 
 
 def test_commands_that_go_on_are_counted_apart():
@@ -94,20 +106,6 @@ def test_touch_is_caused_by_nearest_simulated_one():
         causes.add_reading(4, np.array([x, 0.0, 0.0]))
         causes.add_reading(5, np.array([0.25, 0.0, 0.0]))
     assert (causes.find(4), causes.find(5), causes.find(6)) == (7, None, None)
-
-
-def test_other_action_is_wrong_and_second_command_false_alarm():
-    score = score_commands(command(1.5, "slow"), command(1.6))
-    assert score.count("wrong") == 1
-    assert [command.action for command in score.false_alarms] == ["pause"]
-
-
-def test_refusals_and_holds_are_no_commands():
-    score = score_commands(
-        command(1.5, accepted=False), command(1.6, "hold", touch=None)
-    )
-    assert (score.commands, score.holds, score.count("missed")) == (0, 1, 1)
-    assert len(score.attempts[0].refusals) == 1
 
 
 @pytest.mark.parametrize(

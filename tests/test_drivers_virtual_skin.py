@@ -25,7 +25,6 @@ from helpers.devices import (
     RATE,
     MemoryPort,
     open_line,
-    playing,
     read_packets,
     scans_of,
     send_scans,
@@ -129,14 +128,6 @@ def test_scans_are_repeated_at_a_higher_rate_and_left_out_at_a_lower():
     ):
         assert [scan.stamp for scan in resample_scans(scans, rate)] == expected
     assert list(resample_scans([], RATE)) == []
-
-
-def test_pseudo_terminal_carries_every_packet():
-    device = VirtualSkin(SKIN, [PtyPort()], RATE)
-    with open_line(device.ports[0]) as line:
-        with playing(device, scans_of(SKIN, 500), ManualClock()):
-            check_counts(SKIN, read_packets(line, 3 * (500 + 2 * 10)), 500)
-    assert device.counters()["unheard"] == 0
 
 
 def test_scans_are_paced_by_the_clock():

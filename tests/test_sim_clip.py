@@ -16,9 +16,7 @@ from eskin.sim.dataset.session_file import (
 )
 from eskin.sim.dataset.staging import draw_start
 from eskin.sim.scene.scene import (
-    average_readings,
     find_contact_steps,
-    find_reading_edges,
     shift_touch,
 )
 from helpers.contacts import TIP, press
@@ -195,20 +193,6 @@ def test_touches_of_a_stream_that_overlap_an_earlier_one_have_no_label():
     plan, labels = label_touches(*enumerate(spans), gesture=None, seconds=60.0)
     assert [label.start for label in labels] == [at(2.0), at(4.5), at(9.0)]
     assert build_ranges(plan, labels, START)[0].start == at(1.0)
-
-
-@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0, 2.7, 10.0])
-def test_truth_of_a_reading_is_the_mean_over_its_steps(ratio):
-    series = np.arange(60.0)
-    readings = int(50 / ratio)
-    edges = find_reading_edges(5, readings, ratio)
-    means = average_readings(series, edges)
-    # Of a ramp, the mean is half a step before the middle of the reading.
-    middle = 5 + ratio * (np.arange(readings) + 0.5) - 0.5
-    assert len(means) == readings
-    assert abs(means - middle).max() <= 0.76
-    pairs = average_readings(np.stack([series, -series], axis=1), edges)
-    np.testing.assert_array_equal(pairs, np.stack([means, -means], axis=1))
 
 
 def test_clip_of_a_family_has_its_own_rate_and_says_its_family():

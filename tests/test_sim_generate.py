@@ -14,7 +14,6 @@ import pytest
 from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.dataset import (
-    ClipRow,
     GenerationSettings,
     generate,
     read_index,
@@ -207,19 +206,6 @@ def test_folder_in_use_or_of_other_recordings_is_refused(copied_set):
     (copied_set / "generation.json").write_text("[")
     with pytest.raises(GenerationError, match="cannot be read"):
         make_set(copied_set)
-
-
-def test_index_lists_every_clip_in_order(small_set):
-    rows = read_index(small_set)
-    assert len(rows) == 23
-    places = [(row.file, row.number) for row in rows]
-    assert places == sorted(places)
-    for row in rows:
-        assert ClipRow.from_line(row.to_line()) == row
-        second = row.start // NS_PER_S - 1_750_000_000
-        assert second % 3600 == 6 * (row.number + 1)
-        assert (row.kind, row.regime) == ("tip", "paper")
-        assert row.pose_group in row.plan.groups
 
 
 def test_line_of_the_index_has_its_documented_keys(small_set):

@@ -82,15 +82,6 @@ def test_double_pat_has_two_peaks_at_the_recorded_interval():
     assert np.mean(left) == pytest.approx(0.85, abs=0.06)
 
 
-def test_taps_and_single_pats_have_as_many_peaks_as_recorded():
-    for touch in perform_many("tap_many", count=50):
-        assert (touch.gesture, touch.kind) == ("double_pat", "tap_many")
-        taps = int(touch.drawn["unknown.taps"])
-        assert taps >= 3 and count_peaks(get_force(touch), 0.02) == taps
-    for touch in perform_many("none", "single_pat", count=50):
-        assert count_peaks(get_force(touch), 0.3) == 1
-
-
 @pytest.mark.parametrize(("radius", "share"), [(0.0375, 1.02), (0.0505, 0.6)])
 def test_grab_wraps_across_the_tube_and_is_weaker_on_wider_tubes(radius, share):
     site = ContactSite(0, (0.1, 0.15), radius, (-0.12, 0.1), 0.4)

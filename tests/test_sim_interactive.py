@@ -268,15 +268,6 @@ def test_hand_performs_any_touch_where_there_is_room(what):
     assert {(truth.gesture, truth.touch) for truth in truths} == {(gesture, number)}
 
 
-def test_simultaneous_touches_have_their_own_numbers():
-    live = InteractiveSkin()
-    first = live.hand.grab(find_point(live, "forearm_back", 90), 20.0, 0.5)
-    second = live.hand.poke(find_point(live, "upper_arm_back", 90), 4.0, 0.3)
-    _, truths = scan_many(live, 8)[-1]
-    links = {truth.touch: truth.link for truth in truths}
-    assert links == {first: "forearm_link", second: "upper_arm_link"}
-
-
 @pytest.mark.parametrize(
     ("call", "part"),
     [

@@ -12,7 +12,6 @@ from eskin.sim.scene.motion import (
     draw_motion,
     draw_pose_path,
     follow_with_delay,
-    hold_pose,
 )
 from eskin.sim.scene.poses import compute_pose_group
 from helpers.contacts import TIP
@@ -96,15 +95,6 @@ def test_path_pauses_between_moves_in_valid_poses_of_its_groups(groups):
     paused = series[:-1][~moving][::20]
     assert are_collision_free(world(), world().poses(paused)).all()
     assert {compute_pose_group(world(), q) for q in paused} <= groups
-
-
-def test_hand_does_not_lag_behind_a_still_robot():
-    press, series = build_press(2, 50), hold_pose(world(), poses(1)[0], 2.0)
-    assert len(series) == 200 and (series == series[0]).all()
-    late = follow_with_delay(press, world(), series, 0.2)
-    for moved in (late, follow_with_delay(press, world(), series, np.inf)):
-        np.testing.assert_array_equal(moved.centre, press.centre)
-        np.testing.assert_array_equal(moved.angle, press.angle)
 
 
 @pytest.mark.parametrize(("first", "delay"), [(50, 0.2), (-60, 0.2), (0, np.inf)])

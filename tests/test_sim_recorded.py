@@ -104,17 +104,6 @@ def test_movie_keeps_its_force_and_its_place_on_dense_skin(name, angle):
     np.testing.assert_allclose(weights @ places, field.centroid, atol=0.7e-3)
 
 
-def test_movie_crosses_the_line_where_a_tube_is_cut_open():
-    tube = CHARTS["tube"]
-    half = tube.circumference / 2
-    fields = [
-        compute_movie_field(build_movie_press((s, 0.0), 0.3), tube, CONSTANTS)
-        for s in (0.0, half)
-    ]
-    forces = [force_on(field, tube) for field in fields]
-    np.testing.assert_allclose(forces[1], forces[0], rtol=0.03)
-
-
 @pytest.mark.parametrize(
     ("gesture", "counts", "wanted"),
     [

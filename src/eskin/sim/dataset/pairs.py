@@ -392,7 +392,7 @@ def build_second_clip(
 ) -> SimulatedClip:
     """Build a clip of the same counts with the ground truth of the second scene."""
     scene, readings = scenes.second, len(first.counts)
-    edges = find_reading_edges(lead, readings, (scene.steps - lead) // readings)
+    edges = find_reading_edges(lead, readings, (scene.steps - lead) / readings)
     truths = compute_true_series(
         *(scene, compute_touch_presses(scene, env), scenes.charts, scenes.mounted),
         *(lead, edges, env.constants.value("time.step")),

@@ -248,15 +248,20 @@ def plan_clips(
     others = session_plan.others
     plans = [lead]
     for number, gesture in enumerate(gestures):
+        company = others[int(rng.integers(len(others)))] if others else None
+        pose = None
+        if clip_set.poses is not None:
+            which = int(rng.integers(clip_set.poses))
+            pose = build_seed(f"pose {clip_set.people}", which, 0, seed)
         plan = replace(
             lead,
             seed=build_seed(f"clip {clip_set.name}", session_plan.number, number, seed),
-            company=others[int(rng.integers(len(others)))] if others else None,
+            company=company,
             at=every * (number + 1),
             seconds=seconds,
             gesture=gesture,
             kind=clip_set.stream,
-            pose=draw_pose_seed(clip_set, seed, rng),
+            pose=pose,
             moving=bool(rng.random() >= clip_set.stopped),
             fold_share=constants.value("clip.fold"),
             concurrent=min(concurrent, constants.value("difficulty.most")),
@@ -293,9 +298,8 @@ def draw_gestures(
     """Draw the gestures of clips in random order, balanced over a part of a set."""
     if not clip_set.classes:
         return [None] * session_plan.clips
-    count = len(clip_set.classes)
     order = rng.permutation(session_plan.first + np.arange(session_plan.clips))
-    return [clip_set.classes[int(number) % count] for number in order]
+    return [clip_set.classes[int(n) % len(clip_set.classes)] for n in order]
 
 
 def draw_seconds(
@@ -310,16 +314,6 @@ def draw_seconds(
     period = constants.value("sensor.period")
     seconds = low + (high - low) * (stratum + 0.5) / clip_set.clips
     return round(seconds / period) * period
-
-
-def draw_pose_seed(
-    clip_set: ClipSet, seed: int, rng: np.random.Generator
-) -> Seed | None:
-    """Draw the seed of one of the poses of the set; None if it has no fixed poses."""
-    if clip_set.poses is None:
-        return None
-    number = int(rng.integers(clip_set.poses))
-    return build_seed(f"pose {clip_set.people}", number, 0, seed)
 
 
 def plan_pair_sessions(

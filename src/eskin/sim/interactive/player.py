@@ -13,7 +13,7 @@ from eskin.robot import Robot
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import Simulator
 from eskin.sim.dataset.clip_generator import ClipGenerator
-from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, build_seed
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, Seed, build_seed
 from eskin.sim.dataset.sets import get_pose_groups
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -81,24 +81,21 @@ class TouchPlayer:
 
     def plan_segment(self, number: int) -> ClipPlan:
         """Plan a segment: the first without touch, the others with gestures."""
-        person = Origin(
-            f"{PLAYER_ROLE}-p{self.seed}",
-            build_seed(f"person {PLAYER_ROLE}", 0, 0, self.seed),
-        )
-        session = Origin(
-            f"{PLAYER_ROLE}-0000", build_seed(f"session {PLAYER_ROLE}", 0, 0, self.seed)
-        )
+
+        def seed(role: str, first: int = 0) -> Seed:
+            return build_seed(f"{role} {PLAYER_ROLE}", first, 0, self.seed)
+
         return ClipPlan(
             set_name=PLAYER_ROLE,
-            seed=build_seed(f"clip {PLAYER_ROLE}", number, 0, self.seed),
-            person=person,
+            seed=seed("clip", number),
+            person=Origin(f"{PLAYER_ROLE}-p{self.seed}", seed("person")),
             build=self.build,
-            session=session,
+            session=Origin(f"{PLAYER_ROLE}-0000", seed("session")),
             seconds=SEGMENT_SECONDS if number else LEAD_SECONDS,
             gesture=None if number else "none",
             kind=None if number else "idle",
             groups=self.groups,
-            pose=build_seed(f"pose {PLAYER_ROLE}", 0, 0, self.seed),
+            pose=seed("pose"),
             difficulty=self.difficulty,
         )
 

@@ -36,7 +36,11 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
     if sample.draw_event(
         "again", sample.constants.value("poke.again") * sample.difficulty
     ):
-        shape = resample_series(press_again(sample, shape), steps)
+        # As many steps as before, since durations are of whole pokes.
+        both = press_again(sample, shape)
+        places = np.linspace(0, len(both) - 1, steps)
+        again = np.interp(places, np.arange(len(both)), both)
+        shape = scale_to_peak(again, 1.0)
     series = scale_to_peak(shape * sample.draw_held_noise(steps), force)
     tissue = replace(sample.person.tissue, conformity=sample.draw("poke.conformity"))
     path, angle = sample.draw_wander(steps), sample.draw_angle()
@@ -57,12 +61,6 @@ def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "long
     tail = share * shape[start:]
     both[later : later + len(tail)] = np.maximum(both[later : later + len(tail)], tail)
     return both[: later + len(tail)]
-
-
-def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
-    """Resample a series to so many steps, since durations are of whole pokes."""
-    places = np.linspace(0, len(shape) - 1, steps)
-    return scale_to_peak(np.interp(places, np.arange(len(shape)), shape), 1.0)
 
 
 def draw_double_pat(sample: GestureSample) -> tuple[Press, ...]:
@@ -207,7 +205,11 @@ def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
     speed = sample.draw("stroke.speed")
     start, length = fit_stroke(sample, direction, speed * duration / legs)
     sample.record("speed", legs * length / duration)
-    along = start + length * build_travel(steps, back)
+    travel = build_minimum_jerk((steps + 1) // 2 if back else steps)
+    if back:
+        returned = build_minimum_jerk(steps - len(travel) + 1)[::-1]
+        travel = np.concatenate([travel, returned[1:]])
+    along = start + length * travel
     path = along[:, None] * direction
     series = scale_to_peak(draw_sliding_force(sample, steps), force)
     # Side by side on a tube two hands need no more room along it than one.
@@ -284,15 +286,6 @@ def draw_slide_limits(
         both = sorted((low / direction[1], high / direction[1]))
         limits.append((both[0], both[1]))
     return max(each[0] for each in limits), min(each[1] for each in limits)
-
-
-def build_travel(steps: int, back: bool) -> Series:
-    """Build the share of the path travelled through time."""
-    if not back:
-        return build_minimum_jerk(steps)
-    half = (steps + 1) // 2
-    out = build_minimum_jerk(half)
-    return np.concatenate([out, build_minimum_jerk(steps - half + 1)[::-1][1:]])
 
 
 def draw_sliding_force(sample: GestureSample, steps: int) -> Series:

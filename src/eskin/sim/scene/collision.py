@@ -78,7 +78,11 @@ def build_collision_model(robot: Robot, min_distance: float) -> CollisionModel:
     links = cylinders.links
     pairs = np.argwhere(np.triu(may_collide[links][:, links]))
     pairs = pairs.astype(np.int64).reshape(-1, 2)
-    free = np.flatnonzero(~np.isin(links, find_base_links(robot)))
+    # The root link and its children stand on the table.
+    (root,) = set(names) - {joint.child for joint in robot.joints}
+    first = [joint.child for joint in robot.joints if joint.parent == root]
+    based = [robot.link_index(name) for name in (root, *first)]
+    free = np.flatnonzero(~np.isin(links, based))
     ground = 0.0
     shapes = [body.shape for link in robot.links for body in link.geoms]
     if not all(isinstance(shape, Cylinder) for shape in shapes):
@@ -112,14 +116,6 @@ BELOW = 0.05
 """Depth of a link below the base from which on a robot stands on its links [m]."""
 SLAB = 0.06
 """Largest length of a slab of a link that is no cylinder [m]."""
-
-
-def find_base_links(robot: Robot) -> list[int]:
-    """Find the root link and its children, which stand on the table."""
-    children = {joint.child for joint in robot.joints}
-    (root,) = (name for name in robot.link_names if name not in children)
-    first = [joint.child for joint in robot.joints if joint.parent == root]
-    return [robot.link_index(name) for name in (root, *first)]
 
 
 def build_cylinders(robot: Robot) -> CylinderArrays:

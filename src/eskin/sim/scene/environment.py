@@ -15,6 +15,7 @@ from eskin.sim.contact.sheet import Sheet
 from eskin.sim.scene.collision import CollisionModel, build_collision_model
 from eskin.sim.scene.targets import CLOSE, TouchTargets, build_targets
 from eskin.skin import SKIN_PRESETS, MountedSkin, load_robot_for_skin, load_skin
+from eskin.skin.surfaces import Points
 
 
 @dataclass(frozen=True)
@@ -145,12 +146,7 @@ def compute_surface_axes(
     chart: Chart,
     centre: Float[np.ndarray, "point 2"],
     T_world_link: Float[np.ndarray, "*#batch 4 4"],
-) -> tuple[
-    Float[np.ndarray, "point 3"],
-    Float[np.ndarray, "point 3"],
-    Float[np.ndarray, "point 3"],
-    Float[np.ndarray, "point 3"],
-]:
+) -> tuple[Points, Points, Points, Points]:
     """Return position [m], unit axes of s and t, and outward normal in the world."""
     wrapped = chart.surface.wrap(centre)
     R, p = T_world_link[..., :3, :3], T_world_link[..., :3, 3]

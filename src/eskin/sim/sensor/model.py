@@ -223,14 +223,6 @@ def build_converter(build: SensorBuild, stages: SensorStages) -> Converter:
     return Converter(curve, electronics.span)
 
 
-def get_crosstalk(build: SensorBuild, stages: SensorStages) -> tuple[float, float]:
-    """Return the ghosts and leak that are strong enough to compute."""
-    electronics = build.electronics
-    parts = (electronics.ghost, electronics.leak)
-    ghost, leak = (part * (part >= electronics.ghost_least) for part in parts)
-    return ghost * stages.ghosting, leak * stages.ghosting
-
-
 def compute_taxel_ages(
     build: SensorBuild, skin: Skin, stages: SensorStages
 ) -> Float[np.ndarray, "taxel"]:

@@ -22,7 +22,6 @@ from eskin.sim.sensor.model import (
     compute_free_load,
     compute_taxel_ages,
     draw_session,
-    get_crosstalk,
 )
 from eskin.sim.sensor.noise import (
     NOISE_BLOCK,
@@ -95,7 +94,10 @@ class Sensor:
         )
         self.arrays = build_taxel_arrays(live, ages, skin)
         self.readout = build_readout(build, stages)
-        self.crosstalk = get_crosstalk(build, stages)
+        # Ghosts and leak that are strong enough to compute.
+        parts = (electronics.ghost, electronics.leak)
+        strong = [part * (part >= electronics.ghost_least) for part in parts]
+        self.crosstalk = tuple(part * stages.ghosting for part in strong)
         self.converter = build_converter(build, stages)
         self.jitter = electronics.jitter * stages.skew
         self.step = electronics.step
@@ -245,11 +247,32 @@ def sense(
     Raises:
         ValueError: pressure and taxels do not belong together.
     """
-    check_pressure(pressure, taxels, lead)
+    if pressure.ndim != 2 or pressure.shape[1] != len(taxels):
+        raise ValueError(
+            f"pressure has shape {pressure.shape} for {len(taxels)} taxels; allowed is "
+            "one column a taxel; pass the taxels that it is of"
+        )
+    if not np.isfinite(pressure).all():
+        raise ValueError(
+            "pressure is not finite everywhere; allowed are finite numbers [kPa]; "
+            "correct the contact that it comes from"
+        )
+    if len(np.unique(taxels)) != len(taxels):
+        raise ValueError(
+            "taxels name some taxel twice; allowed is once; add their pressures"
+        )
+    if not 0 <= lead <= len(pressure):
+        raise ValueError(
+            f"lead is {lead} for {len(pressure)} steps; allowed is from 0 to all of "
+            "them; pass a longer series"
+        )
     stages = stages or SensorStages()
     if stages.proximity:
         pressure, taxels = add_proximity(pressure, taxels, build, skin)
-    live = find_live_taxels(pressure, taxels, build, skin, stages)
+    conducts = compute_free_load(build, stages) > 0.0
+    conducts[taxels[pressure.max(axis=0, initial=0.0) > 0.0]] = True
+    live = np.flatnonzero(conducts)
+    live = live[np.argsort(skin.patch_index[live], kind="stable")]
     sensor = Sensor(build, skin, rng, stages, session, live)
     sensor.push(pressure, taxels)
     ratio = build.electronics.period / build.electronics.step
@@ -283,44 +306,3 @@ def draw_reading_times(
 
 MAX_STAMP_JITTER = 0.45
 """Part of a period by which a stamp is off at most."""
-
-
-def check_pressure(
-    pressure: Float[np.ndarray, "time active"],
-    taxels: Int[np.ndarray, "active"],
-    lead: int,
-) -> None:
-    """Refuse pressure, taxels and lead that do not belong together."""
-    if pressure.ndim != 2 or pressure.shape[1] != len(taxels):
-        raise ValueError(
-            f"pressure has shape {pressure.shape} for {len(taxels)} taxels; allowed is "
-            "one column a taxel; pass the taxels that it is of"
-        )
-    if not np.isfinite(pressure).all():
-        raise ValueError(
-            "pressure is not finite everywhere; allowed are finite numbers [kPa]; "
-            "correct the contact that it comes from"
-        )
-    if len(np.unique(taxels)) != len(taxels):
-        raise ValueError(
-            "taxels name some taxel twice; allowed is once; add their pressures"
-        )
-    if not 0 <= lead <= len(pressure):
-        raise ValueError(
-            f"lead is {lead} for {len(pressure)} steps; allowed is from 0 to all of "
-            "them; pass a longer series"
-        )
-
-
-def find_live_taxels(
-    pressure: Float[np.ndarray, "time active"],
-    taxels: Int[np.ndarray, "active"],
-    build: SensorBuild,
-    skin: Skin,
-    stages: SensorStages,
-) -> Int[np.ndarray, "live"]:
-    """Find the taxels that ever conduct, sorted by patch."""
-    conducts = compute_free_load(build, stages) > 0.0
-    conducts[taxels[pressure.max(axis=0, initial=0.0) > 0.0]] = True
-    live = np.flatnonzero(conducts)
-    return live[np.argsort(skin.patch_index[live], kind="stable")]
