@@ -1,6 +1,7 @@
 """These tests check the interactive skin, the hand that touches it, and the player."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from eskin.sim.sensor.sensor import Sensor
 from eskin.touch import Calibrator, ContactConfig
 from eskin.transforms import apply
 from helpers.sensors import CONSTANTS
-from helpers.simulation import RATE, StandIn
+from helpers.simulation import RATE, StandIn, build_small_simulator
 from helpers.touch import build_grid_skin
 
 Q = np.array([0.3, -1.2, 1.0, -1.0, -1.5, 0.2])
