@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import SUSPEND, Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
 from eskin.recording import TruthRecord
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo import (
     Attempt,
     CommandScore,

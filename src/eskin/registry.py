@@ -92,6 +92,9 @@ MOVED = {
 SOURCES = {"sim": "sim.interactive.player:open_simulation"}
 """Functions that open the sources of leaves, by the kind of their URI."""
 
+ARMS = {"sim": "sim.arm:SimulatedArm"}
+"""Arms of leaves, by the kind of their URI."""
+
 EXPORTS = {"onnx": "learn.onnx_export:export_onnx"}
 """Functions that write a model, by format."""
 

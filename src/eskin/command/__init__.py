@@ -24,11 +24,6 @@ if TYPE_CHECKING:
         parse_commands,
     )
     from eskin.command.policy import SUSPEND, Policy, PolicyConfig
-    from eskin.command.simulated_arm import (
-        DynamicPlant,
-        ProtectiveStopConfig,
-        SimulatedArm,
-    )
     from eskin.command.skin_monitor import SkinMonitorConfig
     from eskin.command.task import FRAME_TASK, Task, TaskExecutor, Waypoint
     from eskin.command.trajectory import MotionConfig, Trajectory
@@ -40,7 +35,6 @@ EXPORTS = {
     "arm": "Arm ArmState",
     "command_map": "NON_GESTURES CommandMap Rule load_commands parse_commands",
     "policy": "SUSPEND Policy PolicyConfig",
-    "simulated_arm": "DynamicPlant ProtectiveStopConfig SimulatedArm",
     "skin_monitor": "SkinMonitorConfig",
     "task": "FRAME_TASK Task TaskExecutor Waypoint",
     "trajectory": "MotionConfig Trajectory",
@@ -58,13 +52,10 @@ __all__ = [
     "Arm",
     "ArmState",
     "CommandMap",
-    "DynamicPlant",
     "MotionConfig",
     "Policy",
     "PolicyConfig",
-    "ProtectiveStopConfig",
     "Rule",
-    "SimulatedArm",
     "SkinMonitorConfig",
     "Task",
     "TaskExecutor",

@@ -13,14 +13,7 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import (
-    Policy,
-    PolicyConfig,
-    SimulatedArm,
-    SkinMonitorConfig,
-    Task,
-    load_commands,
-)
+from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, Task, load_commands
 from eskin.drivers import Clock, Event, FixedJoints, HostClock
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
@@ -29,6 +22,7 @@ from eskin.page.process import free_port, make_token
 from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.headless import DemoConfig, build_arm, is_on_arm
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin, LinkPoint

@@ -5,8 +5,9 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import ArmState, CommandMap, SimulatedArm, resolve_action
+from eskin.command import ArmState, CommandMap, resolve_action
 from eskin.recording import NONE
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.score import GRACE, Attempt, CommandScore
 from eskin.sim.interactive import InteractiveSkin, draw_demo_person
 from eskin.units import NS_PER_S
