@@ -6,6 +6,7 @@ or by temporary merging of patches, as in Fig. 7 of arXiv 2506.18256.
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,13 +24,7 @@ from eskin.sim.dataset.clip import (
     simulate_clip,
 )
 from eskin.sim.dataset.plan import ClipPlan, plan_single_pair
-from eskin.sim.dataset.sets import (
-    NONE_KINDS,
-    PAIR_SIDES,
-    SIDE_SKINS,
-    PairKind,
-    parse_pair_kind,
-)
+from eskin.sim.dataset.sets import NONE_KINDS, PAIR_SIDES, SIDE_SKINS, PairKind
 from eskin.sim.dataset.staging import (
     count_clip_steps,
     draw_start,
@@ -361,7 +356,9 @@ def make_pair(
     Raises:
         ValueError: there is no such kind, or no patches can meet.
     """
-    chosen = parse_pair_kind(kind)
+    if kind not in PAIR_SIDES:
+        raise ValueError(f"no pairs of '{kind}'; allowed are {', '.join(PAIR_SIDES)}")
+    chosen = cast(PairKind, kind)
     env = env or load_environment(SIDE_SKINS.get(PAIR_SIDES[chosen][0], "ur5"))
     published = env.constants.value("sets.difficulty")
     level = published if difficulty is None else difficulty

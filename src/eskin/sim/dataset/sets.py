@@ -34,18 +34,6 @@ NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
 """Kind of `none` on the second side that has the counts of each gesture."""
 
 
-def parse_pair_kind(name: str) -> PairKind:
-    """Return the kind of pair of a name.
-
-    Raises:
-        ValueError: there is no such kind.
-    """
-    for kind in PAIR_SIDES:
-        if kind == name:
-            return kind
-    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(PAIR_SIDES)}")
-
-
 def find_pair_kind(side: Side) -> PairKind:
     """Return the kind of pair that a side belongs to."""
     return "bending" if side in PAIR_SIDES["bending"] else "merging"
