@@ -24,10 +24,10 @@ from eskin.live.graph_kernels import (
     MICROMETRES,
     NO_NODE,
     GraphWorkspace,
+    KernelStep,
     NeighbourWorkspace,
     SkinGeometry,
     TaxelHistory,
-    TimeStep,
     TouchNodeArrays,
     build_graph,
     collect_touch_nodes,
@@ -94,8 +94,7 @@ class GraphBuilder:
     Attributes:
         geometry: geometry of the skin.
         taxel_history: loads of each taxel when it was last active.
-        time_step: number and time of the latest reading.
-        T_world_link: pose of every link at that reading.
+        step: the latest reading.
         workspace: memory in which graphs are built.
     """
 
@@ -117,8 +116,10 @@ class GraphBuilder:
         self.poses = poses or LinkPoseCache(mounted, self.config.posed)
         self.geometry = build_skin_geometry(mounted, self.config)
         self.taxel_history = create_taxel_history(mounted.skin.count)
-        self.time_step = TimeStep(0, LONG_AGO, MAX_STEP, False)
-        self.T_world_link = np.empty((0, 4, 4))
+        no_pressure, no_poses = np.zeros(0, np.float32), np.empty((0, 4, 4))
+        self.step = KernelStep(
+            0, LONG_AGO, MAX_STEP, False, no_pressure, NO_SHEAR, no_poses
+        )
         self.workspace = allocate_workspace(INITIAL_NODES, self.geometry)
 
     def advance(self, reading: Reading, active: Int[np.ndarray, "active"]) -> None:
@@ -128,19 +129,21 @@ class GraphBuilder:
             reading: reading later than the previous one.
             active: taxels that are touched in it, in any order, all of them valid.
         """
-        shear = self.start_step(reading)
-        update_taxel_history(
-            active, reading.pressure, shear, self.time_step, self.taxel_history
-        )
+        self.start_step(reading)
+        update_taxel_history(active, self.step, self.taxel_history)
 
-    def start_step(self, reading: Reading) -> Float[np.ndarray, "taxel_or_none 2"]:
-        """Store time and pose of the next reading; return its shear, if any."""
-        step = (reading.stamp - self.time_step.stamp) * 1e-9
-        seconds = min(max(step, MIN_STEP), MAX_STEP)
-        number = self.time_step.reading + 1
-        self.time_step = TimeStep(number, reading.stamp, seconds, step <= MAX_STEP)
-        self.T_world_link = self.poses.get(reading.q)
-        return NO_SHEAR if reading.shear is None else reading.shear
+    def start_step(self, reading: Reading) -> None:
+        """Store the next reading with its time and pose."""
+        elapsed = (reading.stamp - self.step.stamp) * 1e-9
+        self.step = KernelStep(
+            reading=self.step.reading + 1,
+            stamp=reading.stamp,
+            seconds=min(max(elapsed, MIN_STEP), MAX_STEP),
+            has_previous=elapsed <= MAX_STEP,
+            pressure=reading.pressure,
+            shear=NO_SHEAR if reading.shear is None else reading.shear,
+            T_world_link=self.poses.get(reading.q),
+        )
 
     def reserve(self, active: int) -> GraphWorkspace:
         """Return memory for a graph of so many taxels active now or one reading ago."""
@@ -168,8 +171,7 @@ class GraphBuilder:
             taxels,
             earlier,
             history,
-            self.T_world_link,
-            self.time_step,
+            self.step,
             self.geometry,
             self.taxel_history,
             workspace,

@@ -14,7 +14,7 @@ from eskin.live.encoder_kernels import BLOCK, EncoderWeights, EncoderWorkspace
 from eskin.live.graph_builder import GraphBuilder, PackedTouchNodes
 from eskin.live.graph_features import NODE_SCALARS
 from eskin.live.head_kernels import SCALES, STATISTICS, HeadState, HeadWeights
-from eskin.live.model_config import EDGE_SCALARS, SLOT_NS, NetworkConfig
+from eskin.live.model_config import EDGE_SCALARS, NetworkConfig
 from eskin.live.model_file import (
     Model,
     check_weights,
@@ -179,21 +179,10 @@ def build_head_weights(weights: Weights) -> HeadWeights:
 def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState:
     """Return the state of one sequence, or of a pool, before the first reading."""
     inputs, channels = weights.project_weight.shape
-
-    def ring() -> np.ndarray:
-        return np.zeros((*pool, slots, channels), np.float32)
-
-    def seen() -> np.ndarray:
-        return np.zeros((*pool, slots), np.bool_)
-
     return HeadState(
         newest=np.zeros((*pool, inputs), np.float32),
-        fine_seen=seen(),
-        fine=ring(),
-        short_seen=seen(),
-        short=ring(),
-        long_seen=seen(),
-        long=ring(),
+        seen=np.zeros((*pool, SCALES, slots), np.bool_),
+        values=np.zeros((*pool, SCALES, slots, channels), np.float32),
         indices=np.zeros((*pool, slots), np.int64),
         statistics=np.zeros((*pool, SCALES * STATISTICS, channels), np.float32),
     )
@@ -210,7 +199,7 @@ def create_pool(weights: HeadWeights, slots: int, rows: int) -> SequencePool:
 
 def grow_pool(pool: SequencePool, weights: HeadWeights, rows: int) -> SequencePool:
     """Return a copy of a pool with room for more sequences."""
-    larger = create_pool(weights, pool.state.fine_seen.shape[1], rows)
+    larger = create_pool(weights, pool.state.seen.shape[2], rows)
     old = (pool.keys, pool.slots, *pool.state)
     new = (larger.keys, larger.slots, *larger.state)
     for source, target in zip(old, new, strict=True):
@@ -257,26 +246,15 @@ class LogitStream:
             reading: reading later than the previous one.
             nodes: taxels and history of each sequence.
         """
-        shear = self.builder.start_step(reading)
+        self.builder.start_step(reading)
         keys = nodes.keys
         if not keys:
             self.pool.keys.fill(FREE_ROW)
             self.logits, self.probabilities = {}, {}
             return
         self.reserve(nodes)
-        builder = self.builder
         out = np.empty((len(keys), 2, self.classes), np.float32)
-        step(
-            self.parts,
-            self.packed_pool,
-            nodes.packed,
-            reading.pressure,
-            shear,
-            builder.T_world_link,
-            builder.time_step,
-            reading.stamp // SLOT_NS,
-            out,
-        )
+        step(self.parts, self.packed_pool, nodes.packed, self.builder.step, out)
         self.logits = dict(zip(keys, out[:, 0], strict=True))
         self.probabilities = dict(zip(keys, out[:, 1], strict=True))
 
