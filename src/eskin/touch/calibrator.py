@@ -13,6 +13,7 @@ from eskin.touch.calibration import Calibration
 from eskin.touch.calibration_kernels import (
     GHOST,
     LEAK,
+    BaselineContext,
     BaselineParameters,
     BaselineState,
     CalibrationConfig,
@@ -141,16 +142,20 @@ class Calibrator:
         self.calibration = calibration
         self.config = config or CalibrationConfig()
         self.adjacency = Adjacency.build(skin)
-        self.gain = np.asarray(calibration.gain, np.float64)
-        self.curve = calibration.pressure_curve
         self.least_margin = calibration.compute_counts(self.config.margin)
         self.margin = self.least_margin
         self.noise: np.ndarray | None = None
         self.known_rest = (
             None if calibration.rest is None else KnownRest(skin, calibration)
         )
-        self.parameters = BaselineParameters(**vars(self.config))
         self.state = build_baseline_state(skin.count, self.config.tare_samples)
+        self.context = BaselineContext(
+            np.asarray(calibration.gain, np.float64),
+            calibration.pressure_curve,
+            self.adjacency,
+            self.state,
+            BaselineParameters(**vars(self.config)),
+        )
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
         self.first: int | None = None
         self.last: int | None = None
@@ -193,14 +198,9 @@ class Calibrator:
             scan.counts,
             use,
             seconds,
-            self.gain,
-            self.curve,
             self.margin,
-            self.adjacency.starts,
-            self.adjacency.neighbours,
             NO_TAXELS if latched is None else latched,
-            self.state,
-            self.parameters,
+            self.context,
             pressure,
         )
         shear = None
