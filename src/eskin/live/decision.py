@@ -5,7 +5,7 @@ Each touch is reported once: as soon as a gesture is certain, at closing at the 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, final
 
 import numpy as np
@@ -221,6 +221,7 @@ def build_thresholds(
     return [thresholds[name] for name in vocabulary]
 
 
+RECORD_FIELDS = fields(DetectionRecord)
 Heading = Literal["", "toward_tool", "toward_base", "left", "right"]
 """Direction of travel on a link: along it, or across it as seen by who faces the skin
 there with the tool above."""
@@ -262,25 +263,10 @@ class Detection:
 
     def record(self) -> DetectionRecord:
         """Return the row that a recording keeps of it."""
-        return DetectionRecord(
-            stamp=self.stamp,
-            gesture=self.gesture,
-            confidence=self.confidence,
-            onset=self.onset,
-            end=self.end,
-            link=self.link,
-            patch=self.patch,
-            p_world=to_tuple(self.p_world),
-            n_world=to_tuple(self.n_world),
-            direction_world=to_tuple(self.direction_world),
-            peak_force=self.peak_force,
-        )
-
-
-def to_tuple(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """Return a vector as plain numbers."""
-    x, y, z = array.tolist()
-    return x, y, z
+        kept = {field.name: getattr(self, field.name) for field in RECORD_FIELDS}
+        for name in ("p_world", "n_world", "direction_world"):
+            kept[name] = tuple(kept[name].tolist())
+        return DetectionRecord(**kept)
 
 
 MIN_HEADING = 0.5

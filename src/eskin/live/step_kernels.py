@@ -10,7 +10,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import Packed, compiled_fastmath
-from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
+from eskin.live.encoder_kernels import (
+    EncoderWeights,
+    EncoderWorkspace,
+    Encoding,
+    encode,
+)
 from eskin.live.graph import GraphBatch
 from eskin.live.graph_kernels import (
     GraphWorkspace,
@@ -126,7 +131,8 @@ def compute_features(
         centred = (out[k] - mean[k]) * scale[k]
         out[k] = min(max(centred, -CLIP), CLIP)
     if len(out) > len(mean):
-        encode(graph, shear, weights.encoder, workspace, out[len(mean) :])
+        encoding = Encoding(graph, shear, weights.encoder, workspace)
+        encode(encoding, out[len(mean) :])
 
 
 @compiled_fastmath
