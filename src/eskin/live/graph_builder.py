@@ -76,9 +76,7 @@ class GraphConfig:
     def restrict(self, shear: bool, neighbours: bool) -> "GraphConfig":
         """Return the same settings for graphs with no more than a network takes.
 
-        Args:
-            shear: whether taxels that only shear adds are kept.
-            neighbours: whether taxels are joined to others.
+        Without `shear` it adds no taxels; without `neighbours` taxels are not joined.
         """
         kept = self if shear else self.without_shear()
         return kept if neighbours else replace(kept, fixed=0, live=0)
@@ -106,10 +104,7 @@ class GraphBuilder:
     ) -> None:
         """Find the fixed neighbours of a skin on a robot.
 
-        Args:
-            mounted: the skin on its robot.
-            config: settings of the graph.
-            poses: poses of the robot's links, shared with other users of them.
+        `poses` are those of the robot's links, shared with other users of them.
         """
         self.mounted = mounted
         self.config = config or GraphConfig()
@@ -123,12 +118,7 @@ class GraphBuilder:
         self.workspace = allocate_workspace(INITIAL_NODES, self.geometry)
 
     def advance(self, reading: Reading, active: Int[np.ndarray, "active"]) -> None:
-        """Store the loads of the next reading.
-
-        Args:
-            reading: reading later than the previous one.
-            active: taxels that are touched in it, in any order, all of them valid.
-        """
+        """Store the loads of the next reading, of taxels that are touched and valid."""
         self.start_step(reading)
         update_taxel_history(active, self.step, self.taxel_history)
 
@@ -161,10 +151,7 @@ class GraphBuilder:
     ) -> GraphBatch:
         """Build the graph of one touch at the latest reading, as a batch of one.
 
-        Args:
-            taxels: active taxels of the touch now.
-            earlier: active taxels of the same touch at the previous reading.
-            history: history of the touch so far, with the columns `HISTORY`.
+        Arguments are the fields of `TouchNodes`.
         """
         workspace = self.reserve(len(taxels) + len(earlier))
         build_graph(
@@ -260,13 +247,7 @@ class GraphStream:
         config: GraphConfig | None = None,
         poses: LinkPoseCache | None = None,
     ) -> None:
-        """Start before the first reading.
-
-        Args:
-            mounted: the skin on its robot.
-            config: settings of the graphs.
-            poses: poses of the robot's links, shared with other users of them.
-        """
+        """Start before the first reading; see `GraphBuilder`."""
         self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
         self.earlier = NO_TAXELS

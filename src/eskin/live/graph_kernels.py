@@ -213,14 +213,9 @@ def build_graph(
 ) -> int:
     """Build the graph of one touch, and return its number of nodes.
 
-    Args:
-        taxels: active taxels of the touch now.
-        earlier: active taxels of the same touch at the previous reading.
-        touch_history: columns of `eskin.live.HISTORY`.
-        step: the reading.
-        geometry: the skin.
-        history: loads of the taxels, this reading included.
-        workspace: memory with room for the taxels and all their fixed neighbours.
+    Its taxels are active now or `earlier`, at the previous reading; `touch_history` has
+    the columns `eskin.live.HISTORY`, `history` includes this reading, and `workspace`
+    has room for the taxels and all their fixed neighbours.
     """
     graph, fixed = workspace.graph, geometry.fixed_neighbours.shape[1]
     nodes = find_support(taxels, earlier, geometry, workspace)

@@ -4,6 +4,7 @@ It lays out a model's weights and working memory for compiled code.
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -111,16 +112,10 @@ def build_encoder_weights(weights: Weights, config: NetworkConfig) -> EncoderWei
 
 def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspace:
     """Allocate memory for graphs of so many nodes with so many neighbours each."""
-
-    def real(*shape: int) -> np.ndarray:
-        return np.empty(shape, np.float32)
-
-    def whole(size: int) -> np.ndarray:
-        return np.empty(size, np.int32)
-
+    real, whole = partial(np.empty, dtype=np.float32), partial(np.empty, dtype=np.int32)
     edges, block = nodes * neighbours, max(BLOCK, neighbours)
     return EncoderWorkspace(
-        x=real(nodes, 3),
+        x=real((nodes, 3)),
         shear=np.zeros((nodes, 3), np.float32),
         row=whole(nodes),
         nodes=whole(nodes),
@@ -128,19 +123,19 @@ def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspac
         sources=whole(edges),
         source_rows=whole(edges),
         edge_weights=real(edges),
-        scalars=real(nodes, len(NODE_SCALARS)),
-        v=real(nodes, width),
-        u=real(nodes, width),
-        of_source=real(nodes, width),
-        of_target=real(nodes, width),
-        messages=real(nodes, width),
-        coord_update=real(nodes, 3),
-        r=real(block, 3),
-        edge_features=real(block, EDGE_SCALARS),
-        hidden=real(block, width),
-        edge_messages=real(block, width),
+        scalars=real((nodes, len(NODE_SCALARS))),
+        v=real((nodes, width)),
+        u=real((nodes, width)),
+        of_source=real((nodes, width)),
+        of_target=real((nodes, width)),
+        messages=real((nodes, width)),
+        coord_update=real((nodes, 3)),
+        r=real((block, 3)),
+        edge_features=real((block, EDGE_SCALARS)),
+        hidden=real((block, width)),
+        edge_messages=real((block, width)),
         coord_weights=real(block),
-        pooled=real(1, 2 * width),
+        pooled=real((1, 2 * width)),
     )
 
 
@@ -224,8 +219,7 @@ class LogitStream:
         Raises:
             ModelError: the weights do not fit the model's card.
         """
-        self.network = Network(model)
-        self.builder = builder
+        self.network, self.builder = Network(model), builder
         self.temperature = model.card.temperature
         self.classes = len(self.network.heads.classify_bias)
         self.logits: dict[int, PerClass] = {}
@@ -238,13 +232,9 @@ class LogitStream:
         self.packed_pool = pack(self.pool)
 
     def push(self, reading: Reading, nodes: PackedTouchNodes) -> None:
-        """Compute the logits at the next reading.
+        """Compute the logits at the next reading from the nodes of each sequence.
 
         A sequence that is not among `nodes` has ended.
-
-        Args:
-            reading: reading later than the previous one.
-            nodes: taxels and history of each sequence.
         """
         self.builder.start_step(reading)
         keys = nodes.keys

@@ -82,12 +82,8 @@ def step(
 ) -> None:
     """Store the loads of a reading, and write logits and probabilities.
 
-    Args:
-        packed_parts: packed `StepParts`, with room for every graph.
-        packed_pool: packed `SequencePool`, with a row for every sequence.
-        packed_nodes: packed `TouchNodeArrays` of the reading.
-        reading: the reading.
-        out: output, logits and probabilities of each sequence.
+    The packed tuples are `StepParts` with room for every graph, a `SequencePool` with a
+    row for every sequence, and the `TouchNodeArrays` of the reading.
     """
     parts, pool, nodes = packed_parts.parts, packed_pool.parts, packed_nodes.parts
     slot = reading.stamp // SLOT_NS

@@ -124,11 +124,9 @@ class DampedLeastSquaresIK:
     def solve_step(
         self, q: Float[np.ndarray, "joint"], step_world: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "joint"] | None:
-        """Return joint positions that translate the link; None where there are none.
+        """Return joint positions [rad] near `q` that translate the link by a step [m].
 
-        Args:
-            q: current joint positions [rad].
-            step_world: translation of the link [m].
+        There may be none.
         """
         goal = self.poses(q[None])[0]
         goal[:3, 3] += step_world

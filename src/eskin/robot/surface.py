@@ -103,8 +103,7 @@ def compute_corner_distance(
 ) -> tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point side"]]:
     """Compute distance and normal of a corner of perpendicular sides.
 
-    Args:
-        beyond: signed distance of each point from each side, negative inside [m].
+    `beyond` is the signed distance of each point from each side, negative inside [m].
     """
     outside = np.maximum(beyond, 0.0)
     length = np.linalg.norm(outside, axis=-1)

@@ -115,11 +115,7 @@ def skin_to_bytes(skin: Skin) -> bytes:
 
 
 def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
-    """Read what `skin_to_bytes` wrote.
-
-    Args:
-        data: the text.
-        source: where the text comes from, for messages.
+    """Read what `skin_to_bytes` wrote; messages name the source of the text.
 
     Raises:
         SkinError: The skin has problems; the message has the first.
@@ -169,10 +165,7 @@ def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin
     ids_wrong = find_id_problems(ids, problems, file)
     problems = [*find_repeated_patches(manifest), *problems, *ids_wrong]
     skin = Skin(
-        manifest.name,
-        patches,
-        **build_arrays(taxels),
-        calibrated=manifest.calibrated,
+        manifest.name, patches, **build_arrays(taxels), calibrated=manifest.calibrated
     )
     check_crowding(skin, file)
     return ParsedSkin(skin, ids, tuple(problems))

@@ -116,10 +116,8 @@ def build_ur5_skin(
 ) -> Skin:
     """Build the skin of nine patches on the links of `load_robot("ur5")`.
 
-    Args:
-        name: name of the skin.
-        density: density of taxels over that of the skin `ur5`.
-        missing: patches that are left out.
+    `density` is that of its taxels over that of the skin `ur5`; patches in `missing`
+    are left out.
     """
     outlines = [scale_density(outline, density) for outline in UR5_OUTLINES]
     return build_outline_skin(name, outlines, UR5_PARTS, missing)

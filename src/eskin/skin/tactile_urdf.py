@@ -42,11 +42,7 @@ THICKNESS = 1e-3
 
 
 def read_tactile_urdf(path: Path, name: str) -> Skin:
-    """Read the tactile sensors of a URDF, each as a patch.
-
-    Args:
-        path: the file.
-        name: name of the skin.
+    """Read the tactile sensors of a URDF, each as a patch, as a skin of a name.
 
     Raises:
         SkinError: The file cannot be read, has no tactile sensor, or has an error.

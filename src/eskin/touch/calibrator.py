@@ -79,14 +79,10 @@ class KnownRest:
     ) -> tuple[Float[np.ndarray, "taxel"], Bool[np.ndarray, "taxel"]]:
         """Return the rest of each taxel after drift, and where it is plausible.
 
-        It is plausible where the counts lie at it, or above it together with those of
-        a neighbour. A taxel that is neither has an offset of its own.
-
-        Args:
-            counts: first counts.
-            use: which taxels were received and are not faulty.
-            margin: counts above rest from which a taxel may be touched.
-            adjacency: neighbours of the taxels.
+        It is plausible where the counts lie at it, or above it by `margin`, from which
+        a taxel may be touched, together with those of a neighbour. A taxel that is
+        neither has an offset of its own. Taxels without `use` were not received or are
+        faulty.
         """
         rest = self.rest.copy()
         known = np.zeros(len(rest), bool)
@@ -109,9 +105,8 @@ def find_drift(
 ) -> float | None:
     """Return the common drift of a patch [counts]; None for another rest.
 
-    Args:
-        above: counts above the calibrated rest.
-        margin: counts above rest from which a taxel may be touched.
+    `above` are counts above the calibrated rest, `margin` those from which a taxel may
+    be touched.
     """
     low, middle = np.quantile(above, (LOW_RANK, 0.5))
     limit = float(np.median(margin))
@@ -177,11 +172,8 @@ class Calibrator:
     ) -> Reading:
         """Calibrate the next scan.
 
-        Args:
-            scan: the scan.
-            faulty: faulty taxels, which are not valid and not tracked.
-            latched: indices of the taxels that were in contact at the last reading:
-                their baselines stay.
+        Faulty taxels are not valid and not tracked; the baselines of `latched` ones,
+        which were in contact at the last reading, stay.
         """
         check_count(scan, self.skin)
         check_order(self.last, scan.stamp)

@@ -255,14 +255,7 @@ class FaultDetector:
         config: FaultConfig | None = None,
         contact: float = 0.7,
     ) -> None:
-        """Start without faults.
-
-        Args:
-            skin: the skin.
-            calibration: constants of its electronics.
-            config: thresholds of the evidence.
-            contact: pressure at which contact begins [kPa].
-        """
+        """Start without faults on a skin where contact begins at a pressure [kPa]."""
         self.skin = skin
         self.config = config or FaultConfig()
         self.full_scale = calibration.full_scale
@@ -433,10 +426,8 @@ class FaultDetector:
     ) -> None:
         """Doubt rows and columns that are pressed evenly from end to end.
 
-        Args:
-            above: counts above rest.
-            high: which taxels are away from rest, above it.
-            now: time of the scan [s].
+        That is where all taxels of one are `high`, and about as far above rest
+        [counts].
         """
         config = self.config
         if np.count_nonzero(high) < config.line_size:
@@ -527,10 +518,8 @@ class FaultDetector:
     ) -> Bool[np.ndarray, "taxel"]:
         """Find those of some taxels that deviate more than those around them.
 
-        Args:
-            deviates: the taxels.
-            factor: least ratio of the deviation of one to the median of its patch, and
-                to that of its neighbours.
+        `factor` is the least ratio of the deviation of one to the median of its patch,
+        and to that of its neighbours.
         """
         history, found = self.history, np.zeros(self.skin.count, bool)
         if deviates.any():

@@ -153,15 +153,13 @@ def track_touches(
 ) -> tuple[Packed, Int[np.ndarray, "touch column"], int, int]:
     """Track contacts and touches into the next reading.
 
-    Args:
-        candidates: all taxels of enough pressure to be active, ascending.
-        reading: the next reading.
-        packed_context: `TrackerContext`.
-        packed_before: `TouchRecords` of the previous reading.
+    `candidates` are all taxels of enough pressure to be active, ascending; the context
+    is a `TrackerContext`, and `packed_before` the `TouchRecords` of the previous
+    reading.
 
     Returns:
         `TouchRecords` of this reading; the `TouchStatus` of each touch as a row; the
-        number of open touches; and the number of tracks.
+            number of open touches; and the number of tracks.
     """
     context, before = packed_context.parts, packed_before.parts
     contacts, loads, points = find_contacts(candidates, reading, context)
