@@ -39,8 +39,7 @@ class Kinematics:
     ) -> Float[np.ndarray, "*batch link 4 4"]:
         """Return T_world_link of every link (float64), in the order of `robot.links`.
 
-        Args:
-            q: values of the joints in `robot.joint_names` [rad] or [m].
+        q are the values of the joints in `robot.joint_names` [rad] or [m].
 
         Raises:
             ValueError: q has the wrong length.
