@@ -126,14 +126,6 @@ class Sheet(Surface):
         )
         return np.einsum("pk,pki->pi", weights, places)
 
-    def fit_errors(
-        self, positions: Points, normals: Points
-    ) -> Float[np.ndarray, "point"]:
-        """Return the distances of points [m] plus the errors of normals [rad]."""
-        wrapped = self.wrap(self.unroll(positions))
-        away = np.linalg.norm(wrapped.positions - positions, axis=1)
-        return away + np.linalg.norm(wrapped.normals - normals, axis=1)
-
     def compute_curvature(
         self, unrolled: Float[np.ndarray, "*batch 2"]
     ) -> Float[np.ndarray, "*batch 2 2"]:
