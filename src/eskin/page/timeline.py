@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from html import escape
 from threading import RLock
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float
@@ -245,7 +245,9 @@ class Timeline:
         with tabs.add_tab("Colours", Icon.PALETTE):
             add_scale(gui, self.scene.scale)
         self.note = gui.add_html("")
-        digits = {key: f"label the range with gesture {key}" for key in DIGITS}
+        digits: dict[Key, str] = {
+            key: f"label the range with gesture {key}" for key in DIGITS
+        }
         for key, title in (KEYS | digits).items():
             add_key(gui, key, title, partial(self.press, key))
         self.list_labels()
@@ -254,7 +256,7 @@ class Timeline:
         """Add the controls of the playback: time, range, speed."""
         gui, clock = self.server.gui, self.clock
         longest = max(clock.length, STEP)
-        limits = {"min": 0.0, "max": longest, "step": STEP}
+        limits: dict[str, Any] = {"min": 0.0, "max": longest, "step": STEP}
         self.slider = gui.add_slider("time [s]", **limits, initial_value=0.0)
         hint = "Drag both ends over a touch, or set them at the position by I and O"
         first = (0.0, min(1.0, longest))
