@@ -31,11 +31,7 @@ PRODUCT = {
     "app": ("command",),
     "cli": ("app", "bus", "calibration"),
 }
-LEAVES = {
-    "learn": ("cli",),
-    "sim": ("learn",),
-    "design": ("cli",),
-}
+LEAVES = {"learn": ("cli",), "sim": ("learn",), "design": ("cli",)}
 """Optional packages, which nothing in the product imports."""
 BELOW = PRODUCT | LEAVES
 # What the subpackages of each package may import of it; "" is its modules at the root.
@@ -56,7 +52,8 @@ INSIDE = {
         "scene": ("people",),
         "sensor": ("",),
         "dataset": ("scene", "sensor"),
-        "interactive": ("dataset",),
+        "arm": (),
+        "interactive": ("arm", "dataset"),
         "demo": ("interactive",),
         "bench": ("virtual",),
         "commands": ("demo", "bench"),

@@ -10,6 +10,7 @@ from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
 from eskin.live import (
     NO_HISTORY,
+    SLOT_NS,
     GraphBuilder,
     LogitStream,
     Network,
@@ -127,13 +128,12 @@ def test_step_allocates_no_memory():
     nodes = pack_touch_nodes({1: one, 2: one})
     stream.push(reading, nodes)
     arguments = (stream.parts, stream.packed_pool, nodes.packed)
-    arguments += reading.pressure, reading.shear
-    arguments += stream.builder.T_world_link, stream.builder.time_step
+    now = stream.builder.step
     memsys_enable_stats()
     try:
         before = rtsys.get_allocation_stats()
         for n in range(30):
-            step(*arguments, 3 * n + 3, out)
+            step(*arguments, now._replace(stamp=(3 * n + 3) * SLOT_NS), out)
         after = rtsys.get_allocation_stats()
     finally:
         memsys_disable_stats()

@@ -7,11 +7,7 @@ import pytest
 import torch
 from torch.nn.functional import cross_entropy
 
-from eskin.learn.nn import (
-    RecogniserNetwork,
-    SlotIndex,
-    TemporalHead,
-)
+from eskin.learn.nn import RecogniserNetwork, SlotIndex, TemporalHead
 from eskin.live import MIN_SLOTS, NetworkConfig, join_graphs
 from helpers.graphs import (
     embed,

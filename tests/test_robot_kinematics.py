@@ -6,14 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from eskin.robot import (
-    Joint,
-    Kinematics,
-    Link,
-    Mimic,
-    Robot,
-    load_robot,
-)
+from eskin.robot import Joint, Kinematics, Link, Mimic, Robot, load_robot
 from eskin.transforms import exp_so3, make_transform, random_rotation
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")

@@ -17,12 +17,13 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import SUSPEND, Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.learn.events.event_scoring import score_events
 from eskin.learn.events.matching import ScoredStream, build_events
 from eskin.live import Detection, Model, Recognizer, load_model
 from eskin.recording import TruthRecord
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin

@@ -18,10 +18,10 @@ from eskin.live import (
     GraphBatch,
     GraphBuilder,
     GraphConfig,
-    compute_load_motion,
     compute_summary,
     join_graphs,
 )
+from eskin.live.summary_kernels import compute_load_motion
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
 from lab.baselines.interface import (
@@ -59,7 +59,7 @@ def compute_graph_features(
     """
     seconds = (stamps - stamps[0]) * 1e-9
     series = compute_pressure_series(graphs)
-    extent = np.ptp(compute_load_motion(graphs)[0][:, :2], axis=0)
+    extent = np.ptp(compute_load_motions(graphs)[0][:, :2], axis=0)
     whole = [
         seconds[-1] + float(np.median(graphs.seconds)),
         *compute_touched_area(graphs, series[2]),
@@ -86,9 +86,22 @@ def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
             graphs.sum_nodes(a * (p > 0)),
             *extents.T,
             graphs.sum_nodes(change),
-            np.linalg.norm(compute_load_motion(graphs)[1], axis=1),
+            np.linalg.norm(compute_load_motions(graphs)[1], axis=1),
         ]
     )
+
+
+def compute_load_motions(
+    graphs: GraphBatch,
+) -> tuple[Float[np.ndarray, "graph 3"], Float[np.ndarray, "graph 3"]]:
+    """Return the centre of the load of each graph [cm] and its velocity [cm/s].
+
+    The centre is zero where there is no load, the velocity at first contact.
+    """
+    batch = graphs.for_kernels()
+    motions = [compute_load_motion(batch, index)[1:] for index in range(graphs.size)]
+    centres, velocities = np.array(motions).reshape(-1, 2, 3).swapaxes(0, 1)
+    return centres, velocities
 
 
 def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:

@@ -44,7 +44,7 @@ def b(folder, tmp_path):
 
 
 @dataclass(frozen=True)
-class Constant(Method):
+class ConstantBaseline(Method):
     """Predicts one class, and logs each training."""
 
     answer: int = 0
@@ -58,7 +58,7 @@ class Constant(Method):
 
 
 def task(examples, tests=None, answer=0, **changed):
-    made = TrainingTask("constant", Constant(answer), examples, tests or {}, 0)
+    made = TrainingTask("constant", ConstantBaseline(answer), examples, tests or {}, 0)
     return replace(made, **changed)
 
 
@@ -159,7 +159,7 @@ def test_other_labels_or_times_of_clips_change_the_digest(change, a, tmp_path):
 def test_held_out_recordings_are_not_trained_on(folder, tmp_path):
     trained_on = []
 
-    class Spy(Constant):
+    class Spy(ConstantBaseline):
         def fit(self, examples, seed):
             trained_on.extend(examples.paths)
             return super().fit(examples, seed)
@@ -176,12 +176,12 @@ def test_held_out_recordings_are_not_trained_on(folder, tmp_path):
 
 def test_a_training_is_repeated_only_if_anything_differs(a, b, tmp_path):
     log, kept = tmp_path / "log", tmp_path / "results.jsonl"
-    first = task(a, {"test": b}, method=Constant(0, str(log)))
+    first = task(a, {"test": b}, method=ConstantBaseline(0, str(log)))
     assert run_tasks([first], kept) == run_tasks([first], kept)
     assert log.read_text() == "x"
     for changed in (
         {"seed": 1},
-        {"method": Constant(1, str(log))},
+        {"method": ConstantBaseline(1, str(log))},
         {"train": b},
         {"tests": {"test": a}},
         {"share": 0.5},
