@@ -7,8 +7,6 @@ statistics of the shear.
 """
 
 from collections import deque
-from collections.abc import Callable
-from copy import copy
 from typing import final
 
 import numpy as np
@@ -20,21 +18,18 @@ from eskin.live import (
     GraphBatch,
     GraphBuilder,
     GraphConfig,
-    compute_load_motion,
     compute_summary,
     join_graphs,
 )
+from eskin.live.summary_kernels import compute_load_motion
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
-from lab.baselines.estimators import Estimator
 from lab.baselines.interface import (
     READINGS,
     STEP_NS,
     TOUCHED,
-    Baseline,
     BaselineStream,
-    Labels,
-    Probabilities,
+    RowBaseline,
     SkinWindows,
 )
 
@@ -64,7 +59,7 @@ def compute_graph_features(
     """
     seconds = (stamps - stamps[0]) * 1e-9
     series = compute_pressure_series(graphs)
-    extent = np.ptp(compute_load_motion(graphs)[0][:, :2], axis=0)
+    extent = np.ptp(compute_load_motions(graphs)[0][:, :2], axis=0)
     whole = [
         seconds[-1] + float(np.median(graphs.seconds)),
         *compute_touched_area(graphs, series[2]),
@@ -91,9 +86,22 @@ def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
             graphs.sum_nodes(a * (p > 0)),
             *extents.T,
             graphs.sum_nodes(change),
-            np.linalg.norm(compute_load_motion(graphs)[1], axis=1),
+            np.linalg.norm(compute_load_motions(graphs)[1], axis=1),
         ]
     )
+
+
+def compute_load_motions(
+    graphs: GraphBatch,
+) -> tuple[Float[np.ndarray, "graph 3"], Float[np.ndarray, "graph 3"]]:
+    """Return the centre of the load of each graph [cm] and its velocity [cm/s].
+
+    The centre is zero where there is no load, the velocity at first contact.
+    """
+    batch = graphs.for_kernels()
+    motions = [compute_load_motion(batch, index)[1:] for index in range(graphs.size)]
+    centres, velocities = np.array(motions).reshape(-1, 2, 3).swapaxes(0, 1)
+    return centres, velocities
 
 
 def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
@@ -151,35 +159,8 @@ STAMPS = STEP_NS * np.arange(READINGS)
 
 
 @final
-class HandBaseline(Baseline):
+class HandBaseline(RowBaseline):
     """This baseline classifies hand-crafted features of the whole skin in a window."""
-
-    def __init__(
-        self, mounted: MountedSkin, estimator: Callable[[int], Estimator]
-    ) -> None:
-        """Create an untrained baseline.
-
-        Args:
-            mounted: the skin on its robot.
-            estimator: function that builds the classifier of rows from a seed.
-        """
-        super().__init__(mounted)
-        self.estimator = estimator
-        self.model: Estimator = None
-
-    def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
-        """Fit windows that have been checked."""
-        self.model = self.estimator(seed).fit(self.compute_rows(clips), labels)
-
-    def predict_windows(self, clips: SkinWindows) -> Probabilities:
-        """Classify windows that have been checked."""
-        return np.asarray(self.model.predict_proba(self.compute_rows(clips)))
-
-    def move_to(self, mounted: MountedSkin) -> "HandBaseline":
-        """Return the same baseline for a skin whose taxels have moved."""
-        other = copy(self)
-        other.mounted = mounted
-        return other
 
     def build_streams(self) -> dict[str, BaselineStream]:
         """Return a stream that computes each reading's graph once."""

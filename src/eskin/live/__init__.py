@@ -33,7 +33,6 @@ from eskin.live.graph_features import (
     PRESSURE_SUMMARY,
     SHEAR_SUMMARY,
     compress_shear,
-    compute_load_motion,
     compute_node_scalars,
     compute_summary,
 )
@@ -98,7 +97,6 @@ __all__ = [
     "check_limits",
     "check_weights",
     "compress_shear",
-    "compute_load_motion",
     "compute_node_scalars",
     "compute_probabilities",
     "compute_summary",

@@ -5,7 +5,7 @@ Each touch is reported once: as soon as a gesture is certain, at closing at the 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, final
 
 import numpy as np
@@ -109,13 +109,10 @@ class DecisionFilter:
         closed: Sequence[AnyTouch],
         probabilities: Mapping[int, Float[np.ndarray, "class"]],
     ) -> list[Decision]:
-        """Return the decisions at the next reading.
+        """Return the decisions at the next reading, at a stamp [ns since the epoch].
 
-        Args:
-            stamp: stamp of the reading [ns since the epoch].
-            touches: touches that are open.
-            closed: touches that have just closed.
-            probabilities: probabilities of every open touch, by its id.
+        `touches` are open, `closed` have just closed; `probabilities` has those of
+        every open touch by its id.
         """
         decisions = self.close(closed)
         for touch in touches:
@@ -221,6 +218,7 @@ def build_thresholds(
     return [thresholds[name] for name in vocabulary]
 
 
+RECORD_FIELDS = fields(DetectionRecord)
 Heading = Literal["", "toward_tool", "toward_base", "left", "right"]
 """Direction of travel on a link: along it, or across it as seen by who faces the skin
 there with the tool above."""
@@ -262,25 +260,10 @@ class Detection:
 
     def record(self) -> DetectionRecord:
         """Return the row that a recording keeps of it."""
-        return DetectionRecord(
-            stamp=self.stamp,
-            gesture=self.gesture,
-            confidence=self.confidence,
-            onset=self.onset,
-            end=self.end,
-            link=self.link,
-            patch=self.patch,
-            p_world=to_tuple(self.p_world),
-            n_world=to_tuple(self.n_world),
-            direction_world=to_tuple(self.direction_world),
-            peak_force=self.peak_force,
-        )
-
-
-def to_tuple(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """Return a vector as plain numbers."""
-    x, y, z = array.tolist()
-    return x, y, z
+        kept = {field.name: getattr(self, field.name) for field in RECORD_FIELDS}
+        for name in ("p_world", "n_world", "direction_world"):
+            kept[name] = tuple(kept[name].tolist())
+        return DetectionRecord(**kept)
 
 
 MIN_HEADING = 0.5
@@ -302,12 +285,7 @@ class DirectionTracker:
     """
 
     def __init__(self, poses: LinkPoseCache, min_travel: float) -> None:
-        """Start without touches.
-
-        Args:
-            poses: poses of the links of the robot that the touches are on.
-            min_travel: travel below which a touch has no direction [m].
-        """
+        """Start without touches; less than `min_travel` [m] has no direction."""
         self.poses = poses
         self.min_travel = min_travel
         self.contacts: dict[int, tuple[TouchState, np.ndarray]] = {}
@@ -339,9 +317,7 @@ class DirectionTracker:
     def find_heading(self, touch: int, n_world: Float[np.ndarray, "3"]) -> Heading:
         """Return along or across which side of its link a touch has travelled.
 
-        Args:
-            touch: id of the touch.
-            n_world: outward normal of the skin at its latest contact.
+        `n_world` is the outward normal of the skin at its latest contact.
         """
         state, T_world_link = self.contacts[touch]
         row, robot = find_row(state, touch), state.mounted.robot
@@ -368,15 +344,7 @@ def build_detection(
     direction_world: Float[np.ndarray, "3"],
     heading: Heading = "",
 ) -> Detection:
-    """Return the detection that reports a decision about a touch.
-
-    Args:
-        decision: the decision.
-        touch: the touch that it is about.
-        stamp: stamp of the reading at which it is reported [ns since the epoch].
-        direction_world: unit vector of the touch's travel, or zero.
-        heading: direction of that travel along or across the link.
-    """
+    """Return the detection that reports a decision about a touch at a stamp [ns]."""
     contact = touch.contact
     return Detection(
         stamp=stamp,

@@ -38,6 +38,10 @@ E5 = np.float32(0.001339086336)
 ROUNDER = np.float32(1.5 * 2**23)
 EXPONENT_SHIFT = np.int32(23)
 
+Channels = Float[np.ndarray, "channel"]
+Rows = Float[np.ndarray, "row channel"]
+Edges = Int[np.ndarray, "edge"]
+
 
 class EncoderWeights(NamedTuple):
     """Holds the parameters of the encoder, those of its layers stacked.
@@ -98,6 +102,15 @@ class EncoderWorkspace(NamedTuple):
     pooled: Float[np.ndarray, "1 channel"]  # maximum and mean over the active nodes
 
 
+class Encoding(NamedTuple):
+    """An encoding is a graph, and what it is encoded with."""
+
+    graph: GraphBatch  # a batch of one
+    shear: bool  # whether the network uses shear
+    weights: EncoderWeights
+    workspace: EncoderWorkspace
+
+
 @compiled(fastmath={"contract", "nsz"})
 def exp_negative(x: float) -> np.float32:
     """Return exp(-x) without a library call, so that loops over it are vectorised.
@@ -125,11 +138,7 @@ def silu(x: float) -> float:
 
 
 @compiled_fastmath
-def matmul(
-    x: Float[np.ndarray, "row input"],
-    weight: Float[np.ndarray, "input output"],
-    out: Float[np.ndarray, "row output"],
-) -> None:
+def matmul(x: Rows, weight: Rows, out: Rows) -> None:
     """Write x @ weight to `out`."""
     for first in range(0, len(x), BLOCK):
         last = min(first + BLOCK, len(x))
@@ -137,9 +146,7 @@ def matmul(
 
 
 @compiled_fastmath
-def add_bias(
-    x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
-) -> None:
+def add_bias(x: Rows, bias: Channels) -> None:
     """Add the same bias to every row."""
     for i in range(x.shape[0]):
         for c in range(x.shape[1]):
@@ -147,9 +154,7 @@ def add_bias(
 
 
 @compiled_fastmath
-def add(
-    x: Float[np.ndarray, "row channel"], out: Float[np.ndarray, "row channel"]
-) -> None:
+def add(x: Rows, out: Rows) -> None:
     """Add `x` to `out`."""
     for i in range(x.shape[0]):
         for c in range(x.shape[1]):
@@ -157,9 +162,7 @@ def add(
 
 
 @compiled_fastmath
-def activate(
-    x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
-) -> None:
+def activate(x: Rows, bias: Channels) -> None:
     """Replace each row by silu(row + bias)."""
     for i in range(x.shape[0]):
         for c in range(x.shape[1]):
@@ -167,12 +170,7 @@ def activate(
 
 
 @compiled_fastmath
-def layer_norm(
-    x: Float[np.ndarray, "row channel"],
-    scale: Float[np.ndarray, "channel"],
-    shift: Float[np.ndarray, "channel"],
-    out: Float[np.ndarray, "row channel"],
-) -> None:
+def layer_norm(x: Rows, scale: Channels, shift: Channels, out: Rows) -> None:
     """Normalise each row to zero mean and unit variance, then scale and shift it."""
     rows, channels = x.shape
     for i in range(rows):
@@ -189,24 +187,18 @@ def layer_norm(
 
 
 @compiled_fastmath
-def encode(
-    graph: GraphBatch,
-    shear: bool,
-    weights: EncoderWeights,
-    workspace: EncoderWorkspace,
-    out: Float[np.ndarray, "embedding"],
-) -> None:
-    """Write the embedding of a batch of one graph; zeros where nothing is active."""
-    targets = find_targets(graph, workspace)
+def encode(encoding: Encoding, out: Channels) -> None:
+    """Write the embedding of a graph; zeros where nothing is active."""
+    targets = find_targets(encoding.graph, encoding.workspace)
     if targets == 0:
         out[:] = np.float32(0.0)
         return
-    edges = find_edges(graph, targets, workspace)
-    write_coordinates(graph, shear, workspace)
-    rows = embed_nodes(graph, targets, edges, weights, workspace)
-    for layer in range(len(weights.message_weight)):
-        run_layer(layer, graph, shear, targets, rows, weights, workspace)
-    pool_nodes(graph, targets, weights, workspace, out)
+    edges = find_edges(targets, encoding.graph, encoding.workspace)
+    write_coordinates(encoding)
+    rows = embed_nodes(targets, edges, encoding)
+    for layer in range(len(encoding.weights.message_weight)):
+        run_layer(layer, targets, rows, encoding)
+    pool_nodes(targets, encoding, out)
 
 
 @compiled_fastmath
@@ -223,7 +215,7 @@ def find_targets(graph: GraphBatch, workspace: EncoderWorkspace) -> int:
 
 
 @compiled_fastmath
-def find_edges(graph: GraphBatch, targets: int, workspace: EncoderWorkspace) -> int:
+def find_edges(targets: int, graph: GraphBatch, workspace: EncoderWorkspace) -> int:
     """List the sources of each target, and return the number of edges."""
     sources, edge_weights = workspace.sources, workspace.edge_weights
     edges = 0
@@ -245,29 +237,23 @@ def find_edges(graph: GraphBatch, targets: int, workspace: EncoderWorkspace) -> 
 
 
 @compiled_fastmath
-def write_coordinates(
-    graph: GraphBatch, shear: bool, workspace: EncoderWorkspace
-) -> None:
+def write_coordinates(encoding: Encoding) -> None:
     """Write coordinates and, if the network uses it, compressed shear."""
+    graph, x, shear = encoding.graph, encoding.workspace.x, encoding.workspace.shear
     for node in range(graph.offsets[1]):
         for d in range(3):
-            workspace.x[node, d] = graph.positions[node, d] * PER_LENGTH
-        if shear:
+            x[node, d] = graph.positions[node, d] * PER_LENGTH
+        if encoding.shear:
             size = math.sqrt(squared_norm(graph.shear[node]))
             scale = np.float32(arcsinh(size) / (3.0 * max(size, 1e-9)))
             for d in range(3):
-                workspace.shear[node, d] = graph.shear[node, d] * scale
+                shear[node, d] = graph.shear[node, d] * scale
 
 
 @compiled_fastmath
-def embed_nodes(
-    graph: GraphBatch,
-    targets: int,
-    edges: int,
-    weights: EncoderWeights,
-    workspace: EncoderWorkspace,
-) -> int:
+def embed_nodes(targets: int, edges: int, encoding: Encoding) -> int:
     """Write the first features of every row, and return the number of rows."""
+    graph, weights, workspace = encoding.graph, encoding.weights, encoding.workspace
     for i in range(targets):
         write_node_features(graph, workspace.nodes[i], i, workspace)
     rows, rest = targets, NO_NODE
@@ -308,28 +294,19 @@ def write_node_features(
 
 
 @compiled_fastmath
-def run_layer(
-    layer: int,
-    graph: GraphBatch,
-    shear: bool,
-    targets: int,
-    rows: int,
-    weights: EncoderWeights,
-    workspace: EncoderWorkspace,
-) -> None:
+def run_layer(layer: int, targets: int, rows: int, encoding: Encoding) -> None:
     """Run one `eskin.learn.nn.EquivariantLayer`."""
-    u = workspace.u[:rows]
+    weights, workspace = encoding.weights, encoding.workspace
+    v, u = workspace.v[:rows], workspace.u[:rows]
     of_target, messages = workspace.of_target[:targets], workspace.messages[:targets]
     width = u.shape[1]
-    layer_norm(
-        workspace.v[:rows], weights.norm_weight[layer], weights.norm_bias[layer], u
-    )
+    layer_norm(v, weights.norm_weight[layer], weights.norm_bias[layer], u)
     matmul(u, weights.of_source_weight[layer], workspace.of_source[:rows])
     matmul(u[:targets], weights.of_target_weight[layer], of_target)
     add_bias(of_target, weights.of_target_bias[layer])
     workspace.coord_update[:targets] = np.float32(0.0)
     messages[:] = np.float32(0.0)
-    aggregate(layer, graph, shear, targets, weights, workspace)
+    aggregate(layer, targets, encoding)
     hidden = workspace.of_source[:targets]
     matmul(u[:targets], weights.update_hidden_weight[layer, :width], hidden)
     matmul(messages, weights.update_hidden_weight[layer, width:], of_target)
@@ -345,72 +322,42 @@ def run_layer(
 
 
 @compiled_fastmath
-def aggregate(
-    layer: int,
-    graph: GraphBatch,
-    shear: bool,
-    targets: int,
-    weights: EncoderWeights,
-    workspace: EncoderWorkspace,
-) -> None:
+def aggregate(layer: int, targets: int, encoding: Encoding) -> None:
     """Aggregate the messages to every target, in blocks of about `BLOCK` edges."""
-    begin = 0
+    first_edge, begin = encoding.workspace.first_edge, 0
     while begin < targets:
-        end, first = begin + 1, workspace.first_edge[begin]
-        while end < targets and workspace.first_edge[end + 1] - first <= BLOCK:
+        end, first = begin + 1, first_edge[begin]
+        while end < targets and first_edge[end + 1] - first <= BLOCK:
             end += 1
-        aggregate_block(layer, graph, shear, begin, end, weights, workspace)
+        aggregate_block(layer, begin, end, encoding)
         begin = end
 
 
 @compiled_fastmath
-def aggregate_block(
-    layer: int,
-    graph: GraphBatch,
-    shear: bool,
-    begin: int,
-    end: int,
-    weights: EncoderWeights,
-    workspace: EncoderWorkspace,
-) -> None:
+def aggregate_block(layer: int, begin: int, end: int, encoding: Encoding) -> None:
     """Aggregate the messages to the targets from `begin` to before `end`."""
+    weights, workspace = encoding.weights, encoding.workspace
     first_edge = workspace.first_edge[begin : end + 1]
     edges = first_edge[-1] - first_edge[0]
     sources = workspace.source_rows[first_edge[0] : first_edge[-1]]
-    edge_weights = workspace.edge_weights[first_edge[0] : first_edge[-1]]
+    shares = workspace.edge_weights[first_edge[0] : first_edge[-1]]
     hidden, messages = workspace.hidden[:edges], workspace.edge_messages[:edges]
-    write_edge_features(graph, shear, begin, end, workspace)
+    of_target, out = workspace.of_target[begin:end], workspace.messages[begin:end]
+    write_edge_features(begin, end, encoding)
     np.dot(workspace.edge_features[:edges], weights.of_edge_weight[layer], hidden)
-    add_node_terms(
-        first_edge, sources, workspace.of_target[begin:end], workspace.of_source, hidden
-    )
+    add_node_terms(first_edge, sources, of_target, workspace.of_source, hidden)
     np.dot(hidden, weights.message_weight[layer], messages)
-    sum_messages(
-        first_edge,
-        edge_weights,
-        weights.message_bias[layer],
-        messages,
-        workspace.messages[begin:end],
-    )
+    sum_messages(first_edge, shares, weights.message_bias[layer], messages, out)
     if layer + 1 < len(weights.message_weight):  # the last layer updates no coordinates
         coord_weights = workspace.coord_weights[:edges]
+        updates = workspace.coord_update[begin:end]
         np.dot(messages, weights.move_weight[layer], coord_weights)
-        sum_coord_updates(
-            first_edge,
-            edge_weights,
-            coord_weights,
-            workspace.r,
-            workspace.coord_update[begin:end],
-        )
+        sum_coord_updates(first_edge, shares, coord_weights, workspace.r, updates)
 
 
 @compiled_fastmath
 def add_node_terms(
-    first_edge: Int[np.ndarray, "target_and_one"],
-    sources: Int[np.ndarray, "edge"],
-    of_target: Float[np.ndarray, "target width"],
-    of_source: Float[np.ndarray, "row width"],
-    hidden: Float[np.ndarray, "edge width"],
+    first_edge: Edges, sources: Edges, of_target: Rows, of_source: Rows, hidden: Rows
 ) -> None:
     """Add the terms of target and source to each edge, and apply the silu."""
     edge = 0
@@ -425,36 +372,28 @@ def add_node_terms(
 
 @compiled_fastmath
 def sum_messages(
-    first_edge: Int[np.ndarray, "target_and_one"],
-    edge_weights: Float[np.ndarray, "edge"],
-    bias: Float[np.ndarray, "width"],
-    messages: Float[np.ndarray, "edge width"],
-    out: Float[np.ndarray, "target width"],
+    first_edge: Edges, shares: Channels, bias: Channels, messages: Rows, out: Rows
 ) -> None:
-    """Finish the messages, and sum those to each target by their weights."""
+    """Finish the messages, and sum those to each target by their shares."""
     edge = 0
     for i in range(len(first_edge) - 1):
         for _ in range(first_edge[i], first_edge[i + 1]):
-            weight = edge_weights[edge]
+            share = shares[edge]
             for c in range(messages.shape[1]):
                 message = silu(messages[edge, c] + bias[c])
                 messages[edge, c] = message
-                out[i, c] += weight * message
+                out[i, c] += share * message
             edge += 1
 
 
 @compiled_fastmath
 def sum_coord_updates(
-    first_edge: Int[np.ndarray, "target_and_one"],
-    edge_weights: Float[np.ndarray, "edge"],
-    coord_weights: Float[np.ndarray, "edge"],
-    r: Float[np.ndarray, "edge 3"],
-    out: Float[np.ndarray, "target 3"],
+    first_edge: Edges, shares: Channels, coord_weights: Channels, r: Rows, out: Rows
 ) -> None:
     """Sum the vectors `r` to each target, weighted by tanh of `coord_weights`."""
     for edge in range(len(coord_weights)):
         tanh = TWO * sigmoid(TWO * coord_weights[edge]) - ONE
-        coord_weights[edge] = tanh * edge_weights[edge]
+        coord_weights[edge] = tanh * shares[edge]
     edge = 0
     for i in range(len(first_edge) - 1):
         for _ in range(first_edge[i], first_edge[i + 1]):
@@ -464,38 +403,31 @@ def sum_coord_updates(
 
 
 @compiled_fastmath
-def write_edge_features(
-    graph: GraphBatch, shear: bool, begin: int, end: int, workspace: EncoderWorkspace
-) -> None:
+def write_edge_features(begin: int, end: int, encoding: Encoding) -> None:
     """Write |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges, r = x_i - x_j."""
-    x, n, s, r = workspace.x, graph.normals, workspace.shear, workspace.r
-    edge, first = workspace.edge_features, workspace.first_edge[begin]
+    workspace, n = encoding.workspace, encoding.graph.normals
+    x, s, r = workspace.x, workspace.shear, workspace.r
+    edge, first_edge = workspace.edge_features, workspace.first_edge
     for target in range(begin, end):
         i = workspace.nodes[target]
-        for e in range(workspace.first_edge[target], workspace.first_edge[target + 1]):
-            j, k = workspace.sources[e], e - first
+        for e in range(first_edge[target], first_edge[target + 1]):
+            j, k = workspace.sources[e], e - first_edge[begin]
             r0, r1, r2 = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
             r[k, 0], r[k, 1], r[k, 2] = r0, r1, r2
             edge[k, 0] = r0 * r0 + r1 * r1 + r2 * r2
             edge[k, 1] = n[i, 0] * n[j, 0] + n[i, 1] * n[j, 1] + n[i, 2] * n[j, 2]
             edge[k, 2] = n[i, 0] * r0 + n[i, 1] * r1 + n[i, 2] * r2
             edge[k, 3] = n[j, 0] * r0 + n[j, 1] * r1 + n[j, 2] * r2
-            if shear:
+            edge[k, 4], edge[k, 5] = np.float32(0.0), np.float32(0.0)
+            if encoding.shear:
                 edge[k, 4] = s[i, 0] * r0 + s[i, 1] * r1 + s[i, 2] * r2
                 edge[k, 5] = s[j, 0] * r0 + s[j, 1] * r1 + s[j, 2] * r2
-            else:
-                edge[k, 4], edge[k, 5] = np.float32(0.0), np.float32(0.0)
 
 
 @compiled_fastmath
-def pool_nodes(
-    graph: GraphBatch,
-    targets: int,
-    weights: EncoderWeights,
-    workspace: EncoderWorkspace,
-    out: Float[np.ndarray, "embedding"],
-) -> None:
+def pool_nodes(targets: int, encoding: Encoding, out: Channels) -> None:
     """Write the normalised maximum and force-weighted mean over the active nodes."""
+    graph, weights, workspace = encoding.graph, encoding.weights, encoding.workspace
     v, pooled = workspace.v, workspace.pooled
     width = v.shape[1]
     largest, mean = pooled[0, :width], pooled[0, width:]
@@ -511,9 +443,8 @@ def pool_nodes(
             mean[c] += weight * v[i, c]
     for c in range(width):
         mean[c] /= max(force, np.float32(1e-6))
-    layer_norm(
-        pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width)
-    )
+    row = out.reshape(1, 2 * width)
+    layer_norm(pooled, weights.pool_weight, weights.pool_bias, row)
 
 
 @compiled_fastmath

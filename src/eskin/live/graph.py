@@ -1,6 +1,7 @@
 """This module defines contact graphs and operations on batches of them."""
 
 from collections.abc import Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -155,22 +156,19 @@ def create_empty_batch(neighbours: int) -> GraphBatch:
 
 def allocate_graphs(graphs: int, nodes: int, neighbours: int) -> GraphBatch:
     """Return arrays of zeros for so many graphs, nodes and neighbours of each node."""
-
-    def real(*shape: int) -> np.ndarray:
-        return np.zeros(shape, np.float32)
-
+    real = partial(np.zeros, dtype=np.float32)
     return GraphBatch(
         taxels=np.zeros(nodes, np.int64),
         pressure=real(nodes),
         before=real(nodes),
         age=real(nodes),
         areas=real(nodes),
-        positions=real(nodes, 3),
-        normals=real(nodes, 3),
-        shear=real(nodes, 3),
-        shear_before=real(nodes, 3),
+        positions=real((nodes, 3)),
+        normals=real((nodes, 3)),
+        shear=real((nodes, 3)),
+        shear_before=real((nodes, 3)),
         neighbours=np.zeros((nodes, neighbours), np.int32),
         offsets=np.zeros(graphs + 1, np.int64),
         seconds=real(graphs),
-        history=real(graphs, len(HISTORY)),
+        history=real((graphs, len(HISTORY))),
     )

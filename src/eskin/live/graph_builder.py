@@ -24,10 +24,10 @@ from eskin.live.graph_kernels import (
     MICROMETRES,
     NO_NODE,
     GraphWorkspace,
+    KernelStep,
     NeighbourWorkspace,
     SkinGeometry,
     TaxelHistory,
-    TimeStep,
     TouchNodeArrays,
     build_graph,
     collect_touch_nodes,
@@ -76,9 +76,7 @@ class GraphConfig:
     def restrict(self, shear: bool, neighbours: bool) -> "GraphConfig":
         """Return the same settings for graphs with no more than a network takes.
 
-        Args:
-            shear: whether taxels that only shear adds are kept.
-            neighbours: whether taxels are joined to others.
+        Without `shear` it adds no taxels; without `neighbours` taxels are not joined.
         """
         kept = self if shear else self.without_shear()
         return kept if neighbours else replace(kept, fixed=0, live=0)
@@ -94,8 +92,7 @@ class GraphBuilder:
     Attributes:
         geometry: geometry of the skin.
         taxel_history: loads of each taxel when it was last active.
-        time_step: number and time of the latest reading.
-        T_world_link: pose of every link at that reading.
+        step: the latest reading.
         workspace: memory in which graphs are built.
     """
 
@@ -107,40 +104,36 @@ class GraphBuilder:
     ) -> None:
         """Find the fixed neighbours of a skin on a robot.
 
-        Args:
-            mounted: the skin on its robot.
-            config: settings of the graph.
-            poses: poses of the robot's links, shared with other users of them.
+        `poses` are those of the robot's links, shared with other users of them.
         """
         self.mounted = mounted
         self.config = config or GraphConfig()
         self.poses = poses or LinkPoseCache(mounted, self.config.posed)
         self.geometry = build_skin_geometry(mounted, self.config)
         self.taxel_history = create_taxel_history(mounted.skin.count)
-        self.time_step = TimeStep(0, LONG_AGO, MAX_STEP, False)
-        self.T_world_link = np.empty((0, 4, 4))
+        no_pressure, no_poses = np.zeros(0, np.float32), np.empty((0, 4, 4))
+        self.step = KernelStep(
+            0, LONG_AGO, MAX_STEP, False, no_pressure, NO_SHEAR, no_poses
+        )
         self.workspace = allocate_workspace(INITIAL_NODES, self.geometry)
 
     def advance(self, reading: Reading, active: Int[np.ndarray, "active"]) -> None:
-        """Store the loads of the next reading.
+        """Store the loads of the next reading, of taxels that are touched and valid."""
+        self.start_step(reading)
+        update_taxel_history(active, self.step, self.taxel_history)
 
-        Args:
-            reading: reading later than the previous one.
-            active: taxels that are touched in it, in any order, all of them valid.
-        """
-        shear = self.start_step(reading)
-        update_taxel_history(
-            active, reading.pressure, shear, self.time_step, self.taxel_history
+    def start_step(self, reading: Reading) -> None:
+        """Store the next reading with its time and pose."""
+        elapsed = (reading.stamp - self.step.stamp) * 1e-9
+        self.step = KernelStep(
+            reading=self.step.reading + 1,
+            stamp=reading.stamp,
+            seconds=min(max(elapsed, MIN_STEP), MAX_STEP),
+            has_previous=elapsed <= MAX_STEP,
+            pressure=reading.pressure,
+            shear=NO_SHEAR if reading.shear is None else reading.shear,
+            T_world_link=self.poses.get(reading.q),
         )
-
-    def start_step(self, reading: Reading) -> Float[np.ndarray, "taxel_or_none 2"]:
-        """Store time and pose of the next reading; return its shear, if any."""
-        step = (reading.stamp - self.time_step.stamp) * 1e-9
-        seconds = min(max(step, MIN_STEP), MAX_STEP)
-        number = self.time_step.reading + 1
-        self.time_step = TimeStep(number, reading.stamp, seconds, step <= MAX_STEP)
-        self.T_world_link = self.poses.get(reading.q)
-        return NO_SHEAR if reading.shear is None else reading.shear
 
     def reserve(self, active: int) -> GraphWorkspace:
         """Return memory for a graph of so many taxels active now or one reading ago."""
@@ -158,18 +151,14 @@ class GraphBuilder:
     ) -> GraphBatch:
         """Build the graph of one touch at the latest reading, as a batch of one.
 
-        Args:
-            taxels: active taxels of the touch now.
-            earlier: active taxels of the same touch at the previous reading.
-            history: history of the touch so far, with the columns `HISTORY`.
+        Arguments are the fields of `TouchNodes`.
         """
         workspace = self.reserve(len(taxels) + len(earlier))
         build_graph(
             taxels,
             earlier,
             history,
-            self.T_world_link,
-            self.time_step,
+            self.step,
             self.geometry,
             self.taxel_history,
             workspace,
@@ -258,13 +247,7 @@ class GraphStream:
         config: GraphConfig | None = None,
         poses: LinkPoseCache | None = None,
     ) -> None:
-        """Start before the first reading.
-
-        Args:
-            mounted: the skin on its robot.
-            config: settings of the graphs.
-            poses: poses of the robot's links, shared with other users of them.
-        """
+        """Start before the first reading; see `GraphBuilder`."""
         self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
         self.earlier = NO_TAXELS

@@ -4,11 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.live.graph import HISTORY, GraphBatch
-from eskin.live.summary_kernels import (
-    LEVELS,
-    summarise_all,
-    write_load_motions,
-)
+from eskin.live.summary_kernels import LEVELS, summarise_all
 
 NODE_SCALARS = ("active", "pressure", "rate", "age", "shear")
 """Columns of `compute_node_scalars`, each of order one."""
@@ -86,23 +82,9 @@ def compute_summary(
 ) -> Float[np.ndarray, "graph feature"]:
     """Return invariant features of each graph as a whole: force, size, shape, speed.
 
-    Args:
-        batch: the graphs.
-        shear: whether the columns `SHEAR_SUMMARY` follow those of `PRESSURE_SUMMARY`.
+    They are the columns `PRESSURE_SUMMARY`, and with shear those of `SHEAR_SUMMARY`.
     """
     features = len(PRESSURE_SUMMARY) + (len(SHEAR_SUMMARY) if shear else 0)
     out = np.empty((batch.size, features), batch.pressure.dtype)
     summarise_all(batch.for_kernels(), shear, out)
     return out
-
-
-def compute_load_motion(
-    batch: GraphBatch,
-) -> tuple[Float[np.ndarray, "graph 3"], Float[np.ndarray, "graph 3"]]:
-    """Return the centre of the load of each graph [cm] and its velocity [cm/s].
-
-    The centre is zero where there is no load, the velocity at first contact.
-    """
-    centres, velocities = np.empty((2, batch.size, 3))
-    write_load_motions(batch.for_kernels(), centres, velocities)
-    return centres, velocities

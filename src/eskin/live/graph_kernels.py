@@ -31,6 +31,10 @@ NO_NODE = -1
 COLUMNS = 7  # length of `eskin.live.HISTORY`
 S_PER_NS = 1e-9
 
+Taxels = Int[np.ndarray, "taxel"]
+Points = Float[np.ndarray, "point 3"]
+Nodes = Int[np.ndarray, "node"]
+
 
 class TouchNodeArrays(NamedTuple):
     """These arrays hold the taxels and histories of all sequences at one reading.
@@ -139,13 +143,16 @@ class TaxelHistory(NamedTuple):
     shear_before: Float[np.ndarray, "taxel 2"]  # one reading earlier [kPa]
 
 
-class TimeStep(NamedTuple):
-    """A time step tells the number and time of one reading."""
+class KernelStep(NamedTuple):
+    """A step holds what graphs take from one reading."""
 
     reading: int  # number of the reading
     stamp: int  # [ns since the epoch]
     seconds: float  # time since the previous reading, clipped to a range [s]
     has_previous: bool  # whether the previous reading is recent enough for a rate
+    pressure: Float[np.ndarray, "taxel"]  # [kPa]
+    shear: Float[np.ndarray, "taxel 2"]  # [kPa]; empty if it is not measured
+    T_world_link: Float[np.ndarray, "link 4 4"]  # pose of every link of the robot
 
 
 class NeighbourWorkspace(NamedTuple):
@@ -172,74 +179,49 @@ class GraphWorkspace(NamedTuple):
 
 @compiled
 def update_taxel_history(
-    active: Int[np.ndarray, "active"],
-    pressure: Float[np.ndarray, "taxel"],
-    shear: Float[np.ndarray, "taxel 2"],
-    time_step: TimeStep,
-    history: TaxelHistory,
+    active: Taxels, step: KernelStep, history: TaxelHistory
 ) -> None:
-    """Store the loads of the active taxels at the next reading.
-
-    Args:
-        active: taxels; some may occur more than once.
-        pressure: pressure of every taxel [kPa].
-        shear: shear of every taxel [kPa]; empty if it is not measured.
-        time_step: number and time of the reading.
-        history: loads of the readings before, updated in place.
-    """
+    """Store the loads of the active taxels, of which some may occur more than once."""
     for taxel in active:
-        if history.reading[taxel] == time_step.reading:
+        if history.reading[taxel] == step.reading:
             continue
-        if history.reading[taxel] == time_step.reading - 1:
+        if history.reading[taxel] == step.reading - 1:
             history.before[taxel] = history.pressure[taxel]
             history.shear_before[taxel, 0] = history.shear[taxel, 0]
             history.shear_before[taxel, 1] = history.shear[taxel, 1]
         else:
-            history.onset[taxel] = time_step.stamp
+            history.onset[taxel] = step.stamp
             history.before[taxel] = 0.0
             history.shear_before[taxel, 0] = 0.0
             history.shear_before[taxel, 1] = 0.0
-        history.reading[taxel] = time_step.reading
-        history.pressure[taxel] = pressure[taxel]
+        history.reading[taxel] = step.reading
+        history.pressure[taxel] = step.pressure[taxel]
         for d in range(2):
-            history.shear[taxel, d] = shear[taxel, d] if len(shear) > 0 else 0.0
+            shear = step.shear[taxel, d] if len(step.shear) > 0 else 0.0
+            history.shear[taxel, d] = shear
 
 
 @compiled
 def build_graph(
-    taxels: Int[np.ndarray, "active"],
-    earlier: Int[np.ndarray, "earlier"],
+    taxels: Taxels,
+    earlier: Taxels,
     touch_history: Float[np.ndarray, "column"],
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    time_step: TimeStep,
+    step: KernelStep,
     geometry: SkinGeometry,
     history: TaxelHistory,
     workspace: GraphWorkspace,
 ) -> int:
     """Build the graph of one touch, and return its number of nodes.
 
-    Args:
-        taxels: active taxels of the touch now.
-        earlier: active taxels of the same touch at the previous reading.
-        touch_history: columns of `eskin.live.HISTORY`.
-        T_world_link: pose of every link of the robot.
-        time_step: number and time of the reading.
-        geometry: the skin.
-        history: loads of the taxels, this reading included.
-        workspace: memory with room for the taxels and all their fixed neighbours.
+    Its taxels are active now or `earlier`, at the previous reading; `touch_history` has
+    the columns `eskin.live.HISTORY`, `history` includes this reading, and `workspace`
+    has room for the taxels and all their fixed neighbours.
     """
-    graph, table = workspace.graph, geometry.fixed_neighbours
-    nodes = find_support(
-        taxels, earlier, table, workspace.marks, graph.taxels, workspace.taxel_node
-    )
-    write_geometry(nodes, T_world_link, geometry, workspace)
-    write_loads(
-        nodes, taxels, earlier, T_world_link, time_step, geometry, history, workspace
-    )
-    fixed = table.shape[1]
-    write_fixed_neighbours(
-        graph.taxels[:nodes], table, workspace.taxel_node, graph.neighbours[:, :fixed]
-    )
+    graph, fixed = workspace.graph, geometry.fixed_neighbours.shape[1]
+    nodes = find_support(taxels, earlier, geometry, workspace)
+    write_geometry(nodes, step, geometry, workspace)
+    write_loads(nodes, taxels, earlier, step, geometry, history, workspace)
+    write_fixed_neighbours(nodes, geometry, workspace)
     write_live_neighbours(
         workspace.p_world[:nodes],
         workspace.patch[:nodes],
@@ -249,7 +231,7 @@ def build_graph(
         graph.neighbours[:nodes, fixed:],
     )
     graph.offsets[0], graph.offsets[1] = 0, nodes
-    graph.seconds[0] = time_step.seconds
+    graph.seconds[0] = step.seconds
     for column in range(len(touch_history)):
         graph.history[0, column] = touch_history[column]
     return nodes
@@ -257,18 +239,15 @@ def build_graph(
 
 @compiled
 def find_support(
-    taxels: Int[np.ndarray, "active"],
-    earlier: Int[np.ndarray, "earlier"],
-    table: Int[np.ndarray, "taxel k"],
-    marks: Int[np.ndarray, "word"],
-    node_taxel: Int[np.ndarray, "node"],
-    taxel_node: Int[np.ndarray, "taxel"],
+    taxels: Taxels, earlier: Taxels, geometry: SkinGeometry, workspace: GraphWorkspace
 ) -> int:
     """Find the nodes of a graph: taxels active now or before and fixed neighbours.
 
     Write the taxel of each node and the node of each of those taxels; return the number
     of nodes. Nodes are in the order of their taxels.
     """
+    table, marks = geometry.fixed_neighbours, workspace.marks
+    node_taxel, taxel_node = workspace.graph.taxels, workspace.taxel_node
     first, last = len(marks), -1
     for active in (taxels, earlier):
         for taxel in active:
@@ -298,60 +277,51 @@ def find_support(
 
 @compiled
 def write_fixed_neighbours(
-    node_taxel: Int[np.ndarray, "node"],
-    table: Int[np.ndarray, "taxel k"],
-    taxel_node: Int[np.ndarray, "taxel"],
-    out: Int[np.ndarray, "row k"],
+    nodes: int, geometry: SkinGeometry, workspace: GraphWorkspace
 ) -> None:
     """Write the fixed neighbours that are in the graph, as nodes, or -1."""
-    count = len(node_taxel)
-    for n in range(count):
+    table, taxel_node = geometry.fixed_neighbours, workspace.taxel_node
+    node_taxel, out = workspace.graph.taxels, workspace.graph.neighbours
+    for n in range(nodes):
         for k in range(table.shape[1]):
             neighbour = table[node_taxel[n], k]
             out[n, k] = NO_NODE
             if neighbour != NO_NODE:
                 m = taxel_node[neighbour]
-                if m < count and node_taxel[m] == neighbour:
+                if m < nodes and node_taxel[m] == neighbour:
                     out[n, k] = m
 
 
 @compiled
 def write_geometry(
-    nodes: int,
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    geometry: SkinGeometry,
-    workspace: GraphWorkspace,
+    nodes: int, step: KernelStep, geometry: SkinGeometry, workspace: GraphWorkspace
 ) -> None:
     """Write position, normal, area, patch and rank of the nodes."""
-    graph = workspace.graph
-    p_world, node_taxel = workspace.p_world, graph.taxels
-    positions, normals, areas = graph.positions, graph.normals, graph.areas
-    p_link, n_link, taxel_areas = geometry.positions, geometry.normals, geometry.areas
-    position_sum, patch, rank = workspace.position_sum, workspace.patch, workspace.rank
-    position_sum[:] = 0.0
+    graph, p_world, sums = workspace.graph, workspace.p_world, workspace.position_sum
+    sums[:] = 0.0
     for n in range(nodes):
-        taxel = node_taxel[n]
-        link = geometry.links[taxel]
+        taxel = graph.taxels[n]
+        T = step.T_world_link[geometry.links[taxel]]
         for d in range(3):
-            p_world[n, d] = T_world_link[link, d, 3] + rotate_axis(
-                d, link, T_world_link, taxel, p_link
-            )
-            normals[n, d] = rotate_axis(d, link, T_world_link, taxel, n_link)
-            position_sum[d] += p_world[n, d]
-        areas[n], patch[n] = taxel_areas[taxel], geometry.patch[taxel]
-        rank[n] = geometry.rank[taxel]
+            p_world[n, d] = T[d, 3] + rotate_axis(d, T, taxel, geometry.positions)
+            graph.normals[n, d] = rotate_axis(d, T, taxel, geometry.normals)
+            sums[d] += p_world[n, d]
+        graph.areas[n], workspace.patch[n] = (
+            geometry.areas[taxel],
+            geometry.patch[taxel],
+        )
+        workspace.rank[n] = geometry.rank[taxel]
     for n in range(nodes):
         for d in range(3):
-            positions[n, d] = (p_world[n, d] - position_sum[d] / nodes) * CM_PER_M
+            graph.positions[n, d] = (p_world[n, d] - sums[d] / nodes) * CM_PER_M
 
 
 @compiled
 def write_loads(
     nodes: int,
-    taxels: Int[np.ndarray, "active"],
-    earlier: Int[np.ndarray, "earlier"],
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    time_step: TimeStep,
+    taxels: Taxels,
+    earlier: Taxels,
+    step: KernelStep,
     geometry: SkinGeometry,
     history: TaxelHistory,
     workspace: GraphWorkspace,
@@ -360,8 +330,7 @@ def write_loads(
 
     Loads of taxels that belong to other touches are zero.
     """
-    graph = workspace.graph
-    node, links, tangents = workspace.taxel_node, geometry.links, geometry.tangents
+    graph, node = workspace.graph, workspace.taxel_node
     pressure, before, age = graph.pressure, graph.before, graph.age
     shear, shear_before = graph.shear, graph.shear_before
     pressure[:nodes], before[:nodes], age[:nodes] = ZERO, ZERO, ZERO
@@ -369,64 +338,56 @@ def write_loads(
     for taxel in taxels:
         n = node[taxel]
         pressure[n] = history.pressure[taxel]
-        age[n] = (time_step.stamp - history.onset[taxel]) * 1e-9
-        write_shear(taxel, links, T_world_link, tangents, history.shear, n, shear)
-    if not time_step.has_previous:
+        age[n] = (step.stamp - history.onset[taxel]) * S_PER_NS
+        write_shear(taxel, history.shear, step, geometry, n, shear)
+    if not step.has_previous:
         return
     for taxel in earlier:
         n = node[taxel]
-        if history.reading[taxel] == time_step.reading:
+        if history.reading[taxel] == step.reading:
             before[n] = history.before[taxel]
-            previous = history.shear_before
-        elif history.reading[taxel] == time_step.reading - 1:
+            write_shear(taxel, history.shear_before, step, geometry, n, shear_before)
+        elif history.reading[taxel] == step.reading - 1:
             before[n] = history.pressure[taxel]
-            previous = history.shear
-        else:
-            continue
-        write_shear(taxel, links, T_world_link, tangents, previous, n, shear_before)
+            write_shear(taxel, history.shear, step, geometry, n, shear_before)
 
 
 @compiled
 def write_shear(
     taxel: int,
-    links: Int[np.ndarray, "taxel"],
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    tangents: Float[np.ndarray, "2 taxel 3"],
     shear: Float[np.ndarray, "taxel 2"],
+    step: KernelStep,
+    geometry: SkinGeometry,
     n: int,
-    out: Float[np.ndarray, "node 3"],
+    out: Points,
 ) -> None:
     """Write a taxel's shear in the world [kPa] to row `n`, unless it is zero."""
     if shear[taxel, 0] == 0.0 and shear[taxel, 1] == 0.0:
         return
-    link = links[taxel]
+    T, tangents = step.T_world_link[geometry.links[taxel]], geometry.tangents
     for d in range(3):
-        x = rotate_axis(d, link, T_world_link, taxel, tangents[0])
-        y = rotate_axis(d, link, T_world_link, taxel, tangents[1])
+        x = rotate_axis(d, T, taxel, tangents[0])
+        y = rotate_axis(d, T, taxel, tangents[1])
         out[n, d] = x * shear[taxel, 0] + y * shear[taxel, 1]
 
 
 @compiled
 def rotate_axis(
-    d: int,
-    link: int,
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    taxel: int,
-    vectors: Float[np.ndarray, "taxel 3"],
+    d: int, T_world_link: Float[np.ndarray, "4 4"], taxel: int, vectors: Points
 ) -> float:
     """Return coordinate `d` in the world of a vector given in the link frame."""
     return (
-        T_world_link[link, d, 0] * vectors[taxel, 0]
-        + T_world_link[link, d, 1] * vectors[taxel, 1]
-        + T_world_link[link, d, 2] * vectors[taxel, 2]
+        T_world_link[d, 0] * vectors[taxel, 0]
+        + T_world_link[d, 1] * vectors[taxel, 1]
+        + T_world_link[d, 2] * vectors[taxel, 2]
     )
 
 
 @compiled
 def write_live_neighbours(
-    p_world: Float[np.ndarray, "node 3"],
-    patch: Int[np.ndarray, "node"],
-    rank: Int[np.ndarray, "node"],
+    p_world: Points,
+    patch: Nodes,
+    rank: Nodes,
     reach: float,
     workspace: NeighbourWorkspace,
     out: Int[np.ndarray, "node k"],
@@ -462,10 +423,7 @@ def write_live_neighbours(
 
 @compiled
 def find_candidates(
-    p_world: Float[np.ndarray, "node 3"],
-    patch: Int[np.ndarray, "node"],
-    reach: float,
-    workspace: NeighbourWorkspace,
+    p_world: Points, patch: Nodes, reach: float, workspace: NeighbourWorkspace
 ) -> int:
     """List the nodes within reach of the box around another patch; return their number.
 
@@ -491,11 +449,7 @@ def find_candidates(
 
 
 @compiled
-def write_boxes(
-    p_world: Float[np.ndarray, "node 3"],
-    patch: Int[np.ndarray, "node"],
-    workspace: NeighbourWorkspace,
-) -> int:
+def write_boxes(p_world: Points, patch: Nodes, workspace: NeighbourWorkspace) -> int:
     """Write the box around the nodes of each patch; return the number of boxes."""
     boxes, patches = workspace.boxes, workspace.patches
     count, b = 0, 0
@@ -519,7 +473,7 @@ def write_boxes(
 def insert_neighbour(
     node: int,
     length: float,
-    rank: Int[np.ndarray, "node"],
+    rank: Nodes,
     lengths: Float[np.ndarray, "k"],
     target: int,
     out: Int[np.ndarray, "node k"],
@@ -537,11 +491,7 @@ def insert_neighbour(
 
 @compiled
 def is_nearer(
-    one: int,
-    length: float,
-    other: int,
-    other_length: float,
-    rank: Int[np.ndarray, "node"],
+    one: int, length: float, other: int, other_length: float, rank: Nodes
 ) -> bool:
     """Return whether one node is nearer than another, or as near and lower in rank."""
     if other == NO_NODE or length != other_length:

@@ -7,12 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled_fastmath
 from eskin.live.encoder_kernels import silu
-from eskin.live.model_config import (
-    LONG_STRIDE,
-    LONG_TAPS,
-    SHORT_STRIDE,
-    SHORT_TAPS,
-)
+from eskin.live.model_config import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
 
 SCALES = 3
 """Number of time scales: a slot, and the spans of the two convolutions."""
@@ -20,8 +15,15 @@ SCALES = 3
 STATISTICS = 4
 """Statistics of each channel at each scale: mean, spread, maximum, integral."""
 
-LONG_SPACING = SHORT_STRIDE * LONG_STRIDE
+SPACINGS = (1, SHORT_STRIDE, SHORT_STRIDE * LONG_STRIDE)
+"""Slots between the values that the statistics of each scale are over."""
 ZERO = np.float32(0.0)
+
+Channels = Float[np.ndarray, "channel"]
+Filters = Float[np.ndarray, "branch tap*width width"]
+Values = Float[np.ndarray, "slot channel"]
+Seen = Bool[np.ndarray, "slot"]
+Indices = Int[np.ndarray, "output"]
 
 
 class HeadWeights(NamedTuple):
@@ -31,11 +33,11 @@ class HeadWeights(NamedTuple):
     """
 
     project_weight: Float[np.ndarray, "input channel"]
-    project_bias: Float[np.ndarray, "channel"]
-    short_weight: Float[np.ndarray, "branch tap*width width"]
-    short_bias: Float[np.ndarray, "channel"]
-    long_weight: Float[np.ndarray, "branch tap*width width"]
-    long_bias: Float[np.ndarray, "channel"]
+    project_bias: Channels
+    short_weight: Filters
+    short_bias: Channels
+    long_weight: Filters
+    long_bias: Channels
     classify_weight: Float[np.ndarray, "class scale*statistic*channel"]  # for the mean
     classify_bias: Float[np.ndarray, "class"]
 
@@ -43,27 +45,22 @@ class HeadWeights(NamedTuple):
 class HeadState(NamedTuple):
     """A state holds the ring buffers of one sequence; slot n is at n modulo the slots.
 
-    An output of a convolution is stored at the slot of its last tap, whether or not the
-    window that ends now uses it: it is computed once, and used every fourth or eighth
-    slot. `..._seen` tells whether an output covers a reading.
+    There are three time scales: the projected features of a slot, the output of the
+    short convolution, and that of the long one. An output is stored at the slot of its
+    last tap, whether or not the window that ends now uses it: it is computed once, and
+    used every fourth or eighth slot.
     """
 
     newest: Float[np.ndarray, "input"]  # features of the newest slot
-    fine_seen: Bool[np.ndarray, "slot"]
-    fine: Float[np.ndarray, "slot channel"]  # projection of the features
-    short_seen: Bool[np.ndarray, "slot"]
-    short: Float[np.ndarray, "slot channel"]  # output of the short convolution
-    long_seen: Bool[np.ndarray, "slot"]
-    long: Float[np.ndarray, "slot channel"]  # output of the long convolution
-    indices: Int[np.ndarray, "slot"]  # indices of the outputs that statistics are over
+    seen: Bool[np.ndarray, "scale slot"]  # whether a value covers a reading
+    values: Float[np.ndarray, "scale slot channel"]
+    indices: Int[np.ndarray, "slot"]  # indices of the values that statistics are over
     statistics: Float[np.ndarray, "scale*statistic channel"]  # of the window
 
 
 @compiled_fastmath
 def add_vecmat(
-    x: Float[np.ndarray, "input"],
-    weight: Float[np.ndarray, "input output"],
-    out: Float[np.ndarray, "output"],
+    x: Channels, weight: Float[np.ndarray, "input output"], out: Channels
 ) -> None:
     """Add x @ weight to `out`, four inputs at a time."""
     inputs, outputs = weight.shape
@@ -79,9 +76,7 @@ def add_vecmat(
 
 
 @compiled_fastmath
-def dot(
-    x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]
-) -> np.float32:
+def dot(x: Channels, weight: Channels) -> np.float32:
     """Return the sum of products, for short vectors faster than BLAS."""
     total = np.float32(0.0)
     for c in range(len(x)):
@@ -91,7 +86,7 @@ def dot(
 
 @compiled_fastmath
 def classify(
-    features: Float[np.ndarray, "input"],
+    features: Channels,
     before: int,
     now: int,
     weights: HeadWeights,
@@ -100,30 +95,23 @@ def classify(
 ) -> None:
     """Update the state with a reading, and write the logits of the window ending now.
 
-    Args:
-        features: features of the reading.
-        before: slot of the previous reading; `NO_SLOT` for the first.
-        now: slot of the reading, the same or later.
-        weights: weights of all heads.
-        state: state of the sequence.
-        logits: output, the logits.
+    `before` is the slot of the previous reading, `NO_SLOT` for the first; `now` is that
+    of this reading, the same or later.
     """
-    slots = len(state.fine_seen)
+    seen, slots = state.seen, state.seen.shape[1]
     if now - before >= slots:
-        state.fine_seen[:] = False
-        state.short_seen[:] = False
-        state.long_seen[:] = False
+        seen[:] = False
     else:
         for slot in range(before + 1, now):
-            state.fine_seen[slot % slots] = False
+            seen[0, slot % slots] = False
             convolve(slot, weights, state)
     if now == before:
         for c in range(len(features)):
             state.newest[c] = max(state.newest[c], features[c])
     else:
         state.newest[:] = features
-    state.fine_seen[now % slots] = True
-    fine = state.fine[now % slots]
+    seen[0, now % slots] = True
+    fine = state.values[0, now % slots]
     fine[:] = ZERO
     add_vecmat(state.newest, weights.project_weight, fine)
     activate_scaled(fine, np.float32(1.0), weights.project_bias)
@@ -137,81 +125,51 @@ def classify(
 @compiled_fastmath
 def convolve(slot: int, weights: HeadWeights, state: HeadState) -> None:
     """Compute the outputs of both convolutions whose last tap is a slot."""
-    convolve_taps(
-        slot,
-        SHORT_TAPS,
-        1,
-        state.fine_seen,
-        state.fine,
-        weights.short_weight,
-        weights.short_bias,
-        state.short_seen,
-        state.short,
+    convolve_scale(
+        slot, 0, SHORT_TAPS, 1, weights.short_weight, weights.short_bias, state
     )
-    convolve_taps(
-        slot,
-        LONG_TAPS,
-        SHORT_STRIDE,
-        state.short_seen,
-        state.short,
-        weights.long_weight,
-        weights.long_bias,
-        state.long_seen,
-        state.long,
+    convolve_scale(
+        slot, 1, LONG_TAPS, SHORT_STRIDE, weights.long_weight, weights.long_bias, state
     )
 
 
 @compiled_fastmath
-def convolve_taps(
+def convolve_scale(
     slot: int,
-    kernel: int,
+    scale: int,
+    taps: int,
     spacing: int,
-    seen: Bool[np.ndarray, "slot"],
-    x: Float[np.ndarray, "slot channel"],
-    weight: Float[np.ndarray, "branch tap_and_width width"],
-    bias: Float[np.ndarray, "channel"],
-    out_seen: Bool[np.ndarray, "slot"],
-    out: Float[np.ndarray, "slot channel"],
+    weight: Filters,
+    bias: Channels,
+    state: HeadState,
 ) -> None:
-    """Compute the output of a partial convolution whose last tap is a slot.
+    """Compute a partial convolution of a scale whose last tap is a slot.
 
-    Args:
-        slot: number of the slot.
-        kernel: number of taps.
-        spacing: slots between taps.
-        seen: which slots of `x` hold a value.
-        x: values to convolve.
-        weight: the filters.
-        bias: bias added to their output.
-        out_seen: output, whether any tap holds a value.
-        out: output of the convolution.
+    Its output belongs to the next scale; `spacing` is the number of slots between taps.
     """
+    seen, x, out = state.seen[scale], state.values[scale], state.values[scale + 1]
     slots, here = len(seen), slot % len(seen)
     branches, width = weight.shape[0], weight.shape[2]
     count = 0
-    for k in range(kernel):
-        count += seen[(slot - (kernel - 1 - k) * spacing) % slots]
-    out_seen[here] = count > 0
+    for k in range(taps):
+        count += seen[(slot - (taps - 1 - k) * spacing) % slots]
+    state.seen[scale + 1, here] = count > 0
     if count == 0:
         return
     for branch in range(branches):
-        y = out[here, branch * width : (branch + 1) * width]
+        channels = slice(branch * width, (branch + 1) * width)
+        y = out[here, channels]
         y[:] = ZERO
-        for k in range(kernel):
-            index = (slot - (kernel - 1 - k) * spacing) % slots
+        for k in range(taps):
+            index = (slot - (taps - 1 - k) * spacing) % slots
             if seen[index]:
-                add_vecmat(
-                    x[index, branch * width : (branch + 1) * width],
-                    weight[branch, k * width : (k + 1) * width],
-                    y,
-                )
-    activate_scaled(out[here], np.float32(kernel / count), bias)
+                kernel = weight[branch, k * width : (k + 1) * width]
+                add_vecmat(x[index, channels], kernel, y)
+    activate_scaled(out[here], np.float32(taps / count), bias)
 
 
 @compiled_fastmath
-def activate_scaled(
-    x: Float[np.ndarray, "channel"], scale: float, bias: Float[np.ndarray, "channel"]
-) -> None:
+def activate_scaled(x: Channels, scale: float, bias: Channels) -> None:
     """Replace x by silu(scale x + bias)."""
     for c in range(len(x)):
         x[c] = silu(x[c] * scale + bias[c])
@@ -220,21 +178,20 @@ def activate_scaled(
 @compiled_fastmath
 def update_statistics(now: int, state: HeadState) -> None:
     """Update the statistics of the window that ends now, at all three scales."""
-    slots, n = len(state.fine_seen), STATISTICS
-    out, indices = state.statistics, state.indices
+    slots, indices = state.seen.shape[1], state.indices
     shorts = (slots - SHORT_TAPS) // SHORT_STRIDE + 1
-    longs = (shorts - LONG_TAPS) // LONG_STRIDE + 1
-    share = np.float32(count_covered(now, state.fine_seen) / slots)
-    count = find_outputs(now, 1, slots, state.fine_seen, indices)
-    compute_statistics(state.fine, indices[:count], share, out[:n])
-    count = find_outputs(now, SHORT_STRIDE, shorts, state.short_seen, indices)
-    compute_statistics(state.short, indices[:count], share, out[n : 2 * n])
-    count = find_outputs(now, LONG_SPACING, longs, state.long_seen, indices)
-    compute_statistics(state.long, indices[:count], share, out[2 * n :])
+    outputs = (slots, shorts, (shorts - LONG_TAPS) // LONG_STRIDE + 1)
+    share = np.float32(count_covered(now, state.seen[0]) / slots)
+    for scale in range(SCALES):
+        seen, spacing = state.seen[scale], SPACINGS[scale]
+        count = find_outputs(now, spacing, outputs[scale], seen, indices)
+        first = scale * STATISTICS
+        out = state.statistics[first : first + STATISTICS]
+        compute_statistics(state.values[scale], indices[:count], share, out)
 
 
 @compiled_fastmath
-def count_covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
+def count_covered(now: int, seen: Seen) -> int:
     """Return the number of slots of the window since its first reading."""
     slots = len(seen)
     for age in range(slots - 1, 0, -1):
@@ -245,11 +202,7 @@ def count_covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
 
 @compiled_fastmath
 def find_outputs(
-    now: int,
-    spacing: int,
-    outputs: int,
-    seen: Bool[np.ndarray, "slot"],
-    indices: Int[np.ndarray, "slot"],
+    now: int, spacing: int, outputs: int, seen: Seen, indices: Indices
 ) -> int:
     """List the outputs that cover a reading, newest first; return their number.
 
@@ -266,10 +219,7 @@ def find_outputs(
 
 @compiled_fastmath
 def compute_statistics(
-    x: Float[np.ndarray, "slot channel"],
-    indices: Int[np.ndarray, "output"],
-    share: float,
-    out: Float[np.ndarray, "4 channel"],
+    x: Values, indices: Indices, share: float, out: Float[np.ndarray, "4 channel"]
 ) -> None:
     """Compute mean, spread, maximum and integral over some outputs, in one pass.
 
@@ -295,11 +245,7 @@ def compute_statistics(
 
 @compiled_fastmath
 def accumulate(
-    x: Float[np.ndarray, "channel"],
-    first: Float[np.ndarray, "channel"],
-    total: Float[np.ndarray, "channel"],
-    squares: Float[np.ndarray, "channel"],
-    largest: Float[np.ndarray, "channel"],
+    x: Channels, first: Channels, total: Channels, squares: Channels, largest: Channels
 ) -> None:
     """Add the difference of `x` from the first, and its square; update the maximum."""
     for c in range(len(x)):
@@ -311,15 +257,15 @@ def accumulate(
 
 @compiled_fastmath
 def accumulate_four(
-    x: Float[np.ndarray, "slot channel"],
-    indices: Int[np.ndarray, "4"],
-    first: Float[np.ndarray, "channel"],
-    total: Float[np.ndarray, "channel"],
-    squares: Float[np.ndarray, "channel"],
-    largest: Float[np.ndarray, "channel"],
+    x: Values,
+    four: Indices,
+    first: Channels,
+    total: Channels,
+    squares: Channels,
+    largest: Channels,
 ) -> None:
     """Accumulate four outputs at once, with a quarter of the writes."""
-    x0, x1, x2, x3 = x[indices[0]], x[indices[1]], x[indices[2]], x[indices[3]]
+    x0, x1, x2, x3 = x[four[0]], x[four[1]], x[four[2]], x[four[3]]
     for c in range(len(first)):
         f = first[c]
         a0, a1, a2, a3 = x0[c] - f, x1[c] - f, x2[c] - f, x3[c] - f

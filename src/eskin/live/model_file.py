@@ -13,17 +13,8 @@ from safetensors.numpy import save_file
 
 from eskin.errors import ModelError
 from eskin.files import atomic_path, open_file, shorten
-from eskin.live.graph_features import (
-    NODE_SCALARS,
-    PRESSURE_SUMMARY,
-    SHEAR_SUMMARY,
-)
-from eskin.live.model_config import (
-    EDGE_SCALARS,
-    LONG_TAPS,
-    SHORT_TAPS,
-    ModelCard,
-)
+from eskin.live.graph_features import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
+from eskin.live.model_config import EDGE_SCALARS, LONG_TAPS, SHORT_TAPS, ModelCard
 from eskin.recording.records import NONE
 
 CARD = "eskin"

@@ -4,6 +4,7 @@ It lays out a model's weights and working memory for compiled code.
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -14,7 +15,7 @@ from eskin.live.encoder_kernels import BLOCK, EncoderWeights, EncoderWorkspace
 from eskin.live.graph_builder import GraphBuilder, PackedTouchNodes
 from eskin.live.graph_features import NODE_SCALARS
 from eskin.live.head_kernels import SCALES, STATISTICS, HeadState, HeadWeights
-from eskin.live.model_config import EDGE_SCALARS, SLOT_NS, NetworkConfig
+from eskin.live.model_config import EDGE_SCALARS, NetworkConfig
 from eskin.live.model_file import (
     Model,
     check_weights,
@@ -111,16 +112,10 @@ def build_encoder_weights(weights: Weights, config: NetworkConfig) -> EncoderWei
 
 def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspace:
     """Allocate memory for graphs of so many nodes with so many neighbours each."""
-
-    def real(*shape: int) -> np.ndarray:
-        return np.empty(shape, np.float32)
-
-    def whole(size: int) -> np.ndarray:
-        return np.empty(size, np.int32)
-
+    real, whole = partial(np.empty, dtype=np.float32), partial(np.empty, dtype=np.int32)
     edges, block = nodes * neighbours, max(BLOCK, neighbours)
     return EncoderWorkspace(
-        x=real(nodes, 3),
+        x=real((nodes, 3)),
         shear=np.zeros((nodes, 3), np.float32),
         row=whole(nodes),
         nodes=whole(nodes),
@@ -128,19 +123,19 @@ def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspac
         sources=whole(edges),
         source_rows=whole(edges),
         edge_weights=real(edges),
-        scalars=real(nodes, len(NODE_SCALARS)),
-        v=real(nodes, width),
-        u=real(nodes, width),
-        of_source=real(nodes, width),
-        of_target=real(nodes, width),
-        messages=real(nodes, width),
-        coord_update=real(nodes, 3),
-        r=real(block, 3),
-        edge_features=real(block, EDGE_SCALARS),
-        hidden=real(block, width),
-        edge_messages=real(block, width),
+        scalars=real((nodes, len(NODE_SCALARS))),
+        v=real((nodes, width)),
+        u=real((nodes, width)),
+        of_source=real((nodes, width)),
+        of_target=real((nodes, width)),
+        messages=real((nodes, width)),
+        coord_update=real((nodes, 3)),
+        r=real((block, 3)),
+        edge_features=real((block, EDGE_SCALARS)),
+        hidden=real((block, width)),
+        edge_messages=real((block, width)),
         coord_weights=real(block),
-        pooled=real(1, 2 * width),
+        pooled=real((1, 2 * width)),
     )
 
 
@@ -179,21 +174,10 @@ def build_head_weights(weights: Weights) -> HeadWeights:
 def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState:
     """Return the state of one sequence, or of a pool, before the first reading."""
     inputs, channels = weights.project_weight.shape
-
-    def ring() -> np.ndarray:
-        return np.zeros((*pool, slots, channels), np.float32)
-
-    def seen() -> np.ndarray:
-        return np.zeros((*pool, slots), np.bool_)
-
     return HeadState(
         newest=np.zeros((*pool, inputs), np.float32),
-        fine_seen=seen(),
-        fine=ring(),
-        short_seen=seen(),
-        short=ring(),
-        long_seen=seen(),
-        long=ring(),
+        seen=np.zeros((*pool, SCALES, slots), np.bool_),
+        values=np.zeros((*pool, SCALES, slots, channels), np.float32),
         indices=np.zeros((*pool, slots), np.int64),
         statistics=np.zeros((*pool, SCALES * STATISTICS, channels), np.float32),
     )
@@ -210,7 +194,7 @@ def create_pool(weights: HeadWeights, slots: int, rows: int) -> SequencePool:
 
 def grow_pool(pool: SequencePool, weights: HeadWeights, rows: int) -> SequencePool:
     """Return a copy of a pool with room for more sequences."""
-    larger = create_pool(weights, pool.state.fine_seen.shape[1], rows)
+    larger = create_pool(weights, pool.state.seen.shape[2], rows)
     old = (pool.keys, pool.slots, *pool.state)
     new = (larger.keys, larger.slots, *larger.state)
     for source, target in zip(old, new, strict=True):
@@ -235,8 +219,7 @@ class LogitStream:
         Raises:
             ModelError: the weights do not fit the model's card.
         """
-        self.network = Network(model)
-        self.builder = builder
+        self.network, self.builder = Network(model), builder
         self.temperature = model.card.temperature
         self.classes = len(self.network.heads.classify_bias)
         self.logits: dict[int, PerClass] = {}
@@ -249,34 +232,19 @@ class LogitStream:
         self.packed_pool = pack(self.pool)
 
     def push(self, reading: Reading, nodes: PackedTouchNodes) -> None:
-        """Compute the logits at the next reading.
+        """Compute the logits at the next reading from the nodes of each sequence.
 
         A sequence that is not among `nodes` has ended.
-
-        Args:
-            reading: reading later than the previous one.
-            nodes: taxels and history of each sequence.
         """
-        shear = self.builder.start_step(reading)
+        self.builder.start_step(reading)
         keys = nodes.keys
         if not keys:
             self.pool.keys.fill(FREE_ROW)
             self.logits, self.probabilities = {}, {}
             return
         self.reserve(nodes)
-        builder = self.builder
         out = np.empty((len(keys), 2, self.classes), np.float32)
-        step(
-            self.parts,
-            self.packed_pool,
-            nodes.packed,
-            reading.pressure,
-            shear,
-            builder.T_world_link,
-            builder.time_step,
-            reading.stamp // SLOT_NS,
-            out,
-        )
+        step(self.parts, self.packed_pool, nodes.packed, self.builder.step, out)
         self.logits = dict(zip(keys, out[:, 0], strict=True))
         self.probabilities = dict(zip(keys, out[:, 1], strict=True))
 

@@ -10,18 +10,23 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import Packed, compiled_fastmath
-from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
+from eskin.live.encoder_kernels import (
+    EncoderWeights,
+    EncoderWorkspace,
+    Encoding,
+    encode,
+)
 from eskin.live.graph import GraphBatch
 from eskin.live.graph_kernels import (
     GraphWorkspace,
+    KernelStep,
     SkinGeometry,
     TaxelHistory,
-    TimeStep,
     build_graph,
     update_taxel_history,
 )
 from eskin.live.head_kernels import HeadState, HeadWeights, classify
-from eskin.live.model_config import MAX_DEVIATIONS
+from eskin.live.model_config import MAX_DEVIATIONS, SLOT_NS
 from eskin.live.summary_kernels import summarise
 
 CLIP = np.float32(MAX_DEVIATIONS)
@@ -31,6 +36,10 @@ FREE_ROW = -1
 
 NO_SLOT = -(2**62)
 """Slot of the reading before the first, older than any in a window."""
+
+
+Keys = Int[np.ndarray, "sequence"]
+Channels = Float[np.ndarray, "channel"]
 
 
 class FeatureWeights(NamedTuple):
@@ -68,83 +77,36 @@ def step(
     packed_parts: Packed,
     packed_pool: Packed,
     packed_nodes: Packed,
-    pressure: Float[np.ndarray, "taxel"],
-    shear: Float[np.ndarray, "taxel_or_none 2"],
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    time_step: TimeStep,
-    slot: int,
+    reading: KernelStep,
     out: Float[np.ndarray, "sequence 2 class"],
 ) -> None:
-    """Store the loads of a reading, and write the logits of each sequence.
+    """Store the loads of a reading, and write logits and probabilities.
 
-    Args:
-        packed_parts: packed `StepParts`, with room for every graph.
-        packed_pool: packed `SequencePool`, with a row for every sequence.
-        packed_nodes: packed `TouchNodeArrays` of the reading.
-        pressure: pressure of every taxel [kPa].
-        shear: shear of every taxel [kPa]; empty if it is not measured.
-        T_world_link: pose of every link of the robot.
-        time_step: number and time of the reading.
-        slot: slot of the reading, that of the previous reading or later.
-        out: output, logits and probabilities.
+    The packed tuples are `StepParts` with room for every graph, a `SequencePool` with a
+    row for every sequence, and the `TouchNodeArrays` of the reading.
     """
-    nodes, pool = packed_nodes.parts, packed_pool.parts
-    keys, now, before = nodes.keys, nodes.active_spans, nodes.earlier_spans
-    update_taxel_history(
-        nodes.active, pressure, shear, time_step, packed_parts.parts.history
-    )
-    free_ended_rows(keys, pool.keys)
-    for n in range(len(keys)):
-        row = find_row(keys[n], pool.keys, pool.slots)
-        step_sequence(
-            packed_parts,
-            nodes.active[now[n, 0] : now[n, 1]],
-            nodes.earlier[before[n, 0] : before[n, 1]],
+    parts, pool, nodes = packed_parts.parts, packed_pool.parts, packed_nodes.parts
+    slot = reading.stamp // SLOT_NS
+    update_taxel_history(nodes.active, reading, parts.history)
+    free_ended_rows(nodes.keys, pool.keys)
+    for n in range(len(nodes.keys)):
+        now, before = nodes.active_spans[n], nodes.earlier_spans[n]
+        build_graph(
+            nodes.active[now[0] : now[1]],
+            nodes.earlier[before[0] : before[1]],
             nodes.histories[n],
-            T_world_link,
-            time_step,
-            pool.slots[row],
-            slot,
-            select_row(row, pool.state),
-            out[n],
+            reading,
+            parts.geometry,
+            parts.history,
+            parts.workspace,
         )
+        graph, features = parts.workspace.graph, parts.features
+        compute_features(graph, parts.shear, parts.weights, parts.encoder, features)
+        row = find_row(nodes.keys[n], pool.keys, pool.slots)
+        state, logits = select_row(row, pool.state), out[n, 0]
+        classify(features, pool.slots[row], slot, parts.heads, state, logits)
         pool.slots[row] = slot
-
-
-@compiled_fastmath
-def step_sequence(
-    packed_parts: Packed,
-    taxels: Int[np.ndarray, "active"],
-    earlier: Int[np.ndarray, "earlier"],
-    history: Float[np.ndarray, "column"],
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    time_step: TimeStep,
-    before: int,
-    slot: int,
-    state: HeadState,
-    out: Float[np.ndarray, "2 class"],
-) -> None:
-    """Write logits and probabilities of one sequence.
-
-    Arguments are those of `build_graph` and `classify`: `before` is the slot of the
-    sequence's previous reading.
-    """
-    parts = packed_parts.parts
-    build_graph(
-        taxels,
-        earlier,
-        history,
-        T_world_link,
-        time_step,
-        parts.geometry,
-        parts.history,
-        parts.workspace,
-    )
-    compute_features(
-        parts.workspace.graph, parts.shear, parts.weights, parts.encoder, parts.features
-    )
-    classify(parts.features, before, slot, parts.heads, state, out[0])
-    write_probabilities(out[0], parts.temperature, out[1])
+        write_probabilities(logits, parts.temperature, out[n, 1])
 
 
 @compiled_fastmath
@@ -153,7 +115,7 @@ def compute_features(
     shear: bool,
     weights: FeatureWeights,
     workspace: EncoderWorkspace,
-    out: Float[np.ndarray, "channel"],
+    out: Channels,
 ) -> None:
     """Write the standardised summary and the embedding of a batch of one graph.
 
@@ -165,13 +127,12 @@ def compute_features(
         centred = (out[k] - mean[k]) * scale[k]
         out[k] = min(max(centred, -CLIP), CLIP)
     if len(out) > len(mean):
-        encode(graph, shear, weights.encoder, workspace, out[len(mean) :])
+        encoding = Encoding(graph, shear, weights.encoder, workspace)
+        encode(encoding, out[len(mean) :])
 
 
 @compiled_fastmath
-def free_ended_rows(
-    keys: Int[np.ndarray, "sequence"], rows: Int[np.ndarray, "row"]
-) -> None:
+def free_ended_rows(keys: Keys, rows: Keys) -> None:
     """Free the rows of ended sequences, those that are not among the keys."""
     for row in range(len(rows)):
         ended = True
@@ -182,9 +143,7 @@ def free_ended_rows(
 
 
 @compiled_fastmath
-def find_row(
-    key: int, rows: Int[np.ndarray, "row"], slots: Int[np.ndarray, "row"]
-) -> int:
+def find_row(key: int, rows: Keys, slots: Int[np.ndarray, "row"]) -> int:
     """Return the row of a sequence; a new sequence gets a free row."""
     free = FREE_ROW
     for row in range(len(rows)):
@@ -201,23 +160,15 @@ def select_row(row: int, state: HeadState) -> HeadState:
     """Return the state in one row of a pool."""
     return HeadState(
         state.newest[row],
-        state.fine_seen[row],
-        state.fine[row],
-        state.short_seen[row],
-        state.short[row],
-        state.long_seen[row],
-        state.long[row],
+        state.seen[row],
+        state.values[row],
         state.indices[row],
         state.statistics[row],
     )
 
 
 @compiled_fastmath
-def write_probabilities(
-    logits: Float[np.ndarray, "class"],
-    temperature: float,
-    out: Float[np.ndarray, "class"],
-) -> None:
+def write_probabilities(logits: Channels, temperature: float, out: Channels) -> None:
     """Write the softmax of logits divided by a temperature."""
     highest, total = max(logits), 0.0
     for k in range(len(logits)):

@@ -35,6 +35,9 @@ SWEEPS = 5
 """Sweeps of Jacobi's method; four bring 3x3 matrices to float64's last digit."""
 
 Vector = tuple[float, float, float]
+LoadMotion = tuple[float, Vector, Vector]
+"""Force of the load [N], its centre [cm] and its velocity [cm/s]."""
+Features = Float[np.ndarray, "feature"]
 
 
 @compiled_fastmath
@@ -47,42 +50,23 @@ def summarise_all(
 
 
 @compiled_fastmath
-def summarise(
-    graphs: GraphBatch, index: int, shear: bool, out: Float[np.ndarray, "feature"]
-) -> None:
-    """Write the columns of `PRESSURE_SUMMARY`, and with shear those of `SHEAR_SUMMARY`.
+def summarise(graphs: GraphBatch, index: int, shear: bool, out: Features) -> None:
+    """Write the summary of one of some graphs: the columns of `PRESSURE_SUMMARY`.
 
-    Args:
-        graphs: batch of graphs.
-        index: index of the graph to summarise.
-        shear: whether to write the summary of the shear.
-        out: output, the summary.
+    With shear those of `SHEAR_SUMMARY` follow.
     """
-    force, centre, velocity = compute_load_motion(graphs, index)
-    column = summarise_pressure(graphs, index, force, centre, velocity, out)
+    motion = compute_load_motion(graphs, index)
+    column = summarise_pressure(graphs, index, motion, out)
     for k in range(len(HISTORY_FLOORS)):
         out[column + k] = log(graphs.history[index, k], HISTORY_FLOORS[k])
     if shear:
         column += len(HISTORY_FLOORS)
-        summarise_shear(graphs, index, force, centre, velocity, out[column:])
+        summarise_shear(graphs, index, motion, out[column:])
 
 
 @compiled_fastmath
-def write_load_motions(
-    graphs: GraphBatch,
-    centres: Float[np.ndarray, "graph 3"],
-    velocities: Float[np.ndarray, "graph 3"],
-) -> None:
-    """Write the centre of the load of every graph [cm] and its velocity [cm/s]."""
-    for index in range(len(graphs.seconds)):
-        _, centre, velocity = compute_load_motion(graphs, index)
-        for d in range(3):
-            centres[index, d], velocities[index, d] = centre[d], velocity[d]
-
-
-@compiled_fastmath
-def compute_load_motion(graphs: GraphBatch, index: int) -> tuple[float, Vector, Vector]:
-    """Return the force of the load [N], its centre [cm] and its velocity [cm/s].
+def compute_load_motion(graphs: GraphBatch, index: int) -> LoadMotion:
+    """Return the motion of the load of a graph.
 
     The earlier load is placed where its taxels are now, so a load that rides on a
     moving link does not seem to move. The velocity is zero at first contact.
@@ -121,14 +105,10 @@ def compute_load_motion(graphs: GraphBatch, index: int) -> tuple[float, Vector, 
 
 @compiled_fastmath
 def summarise_pressure(
-    graphs: GraphBatch,
-    index: int,
-    force: float,
-    centre: Vector,
-    velocity: Vector,
-    out: Float[np.ndarray, "feature"],
+    graphs: GraphBatch, index: int, motion: LoadMotion, out: Features
 ) -> int:
     """Write the features of the pressure, and return their number."""
+    force, centre, velocity = motion
     first, end = graphs.offsets[index], graphs.offsets[index + 1]
     seconds = np.float64(graphs.seconds[index])
     pressure, previous = graphs.pressure[first:end], graphs.before[first:end]
@@ -198,14 +178,10 @@ def summarise_pressure(
 
 @compiled_fastmath
 def summarise_shear(
-    graphs: GraphBatch,
-    index: int,
-    force: float,
-    centre: Vector,
-    velocity: Vector,
-    out: Float[np.ndarray, "feature"],
+    graphs: GraphBatch, index: int, motion: LoadMotion, out: Features
 ) -> None:
     """Write the features of the shear."""
+    force, centre, velocity = motion
     first, end = graphs.offsets[index], graphs.offsets[index + 1]
     seconds = np.float64(graphs.seconds[index])
     areas, positions = graphs.areas[first:end], graphs.positions[first:end]

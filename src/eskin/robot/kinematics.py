@@ -39,8 +39,7 @@ class Kinematics:
     ) -> Float[np.ndarray, "*batch link 4 4"]:
         """Return T_world_link of every link (float64), in the order of `robot.links`.
 
-        Args:
-            q: values of the joints in `robot.joint_names` [rad] or [m].
+        q are the values of the joints in `robot.joint_names` [rad] or [m].
 
         Raises:
             ValueError: q has the wrong length.
@@ -124,11 +123,9 @@ class DampedLeastSquaresIK:
     def solve_step(
         self, q: Float[np.ndarray, "joint"], step_world: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "joint"] | None:
-        """Return joint positions that translate the link; None where there are none.
+        """Return joint positions [rad] near `q` that translate the link by a step [m].
 
-        Args:
-            q: current joint positions [rad].
-            step_world: translation of the link [m].
+        There may be none.
         """
         goal = self.poses(q[None])[0]
         goal[:3, 3] += step_world

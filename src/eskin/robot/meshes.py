@@ -1,13 +1,11 @@
 """This module reads the mesh files of a URDF, within its packages and within limits."""
 
 import importlib
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from eskin.errors import RobotError
 from eskin.files import read_file
@@ -29,14 +27,6 @@ URDF_FOLDERS = ("urdf", "robots")
 """Names of folders for the URDFs of a package; the package is the folder around."""
 
 
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """Triangles of a mesh file, in its own unit of length."""
-
-    vertices: Float[np.ndarray, "vertex 3"]
-    faces: Int[np.ndarray, "face 3"]
-
-
 @final
 class MeshReader:
     """Reads the meshes of one URDF with trimesh (extra `models`).
@@ -50,7 +40,7 @@ class MeshReader:
         """Start without meshes, for a URDF in a folder."""
         self.folder = folder
         self.package = find_package(folder)
-        self.files: dict[Path, Triangles] = {}
+        self.files: dict[Path, TriangleMesh] = {}
         self.bytes = self.triangles = 0
 
     def read(self, address: str, scale: tuple[float, ...], place: str) -> TriangleMesh:
@@ -151,8 +141,8 @@ def is_package(folder: Path) -> bool:
     return (folder / PACKAGE_FILE).is_file()
 
 
-def parse_mesh(trimesh: Any, data: bytes, path: Path, place: str) -> Triangles:  # noqa: ANN401
-    """Parse a mesh file, whose triangles are joined."""
+def parse_mesh(trimesh: Any, data: bytes, path: Path, place: str) -> TriangleMesh:  # noqa: ANN401
+    """Parse a mesh file, whose triangles are joined, in its own unit of length."""
     suffix = path.suffix.lower()
     if suffix == ".dae":
         check_collada(data, path, place)
@@ -174,7 +164,7 @@ def parse_mesh(trimesh: Any, data: bytes, path: Path, place: str) -> Triangles: 
         raise RobotError(f"{place}: mesh {path} has vertices that are not finite")
     if faces.max() >= len(vertices):
         raise RobotError(f"{place}: mesh {path} has triangles without their vertices")
-    return Triangles(vertices, faces)
+    return TriangleMesh(vertices, faces)
 
 
 def count_triangles(loaded: Any) -> int:  # noqa: ANN401

@@ -102,12 +102,9 @@ def build_box_mesh(box: Box) -> TriangleMesh:
 def revolve_profile(
     profile: Float[np.ndarray, "ring 2"], height: float, segments: int
 ) -> TriangleMesh:
-    """Revolve a profile of (radius, z) about z and close it with a point at each end.
+    """Revolve rings of (radius, z) [m] about z, the lowest first.
 
-    Args:
-        profile: rings from the lowest to the highest [m].
-        height: distance of the end points from z = 0 [m].
-        segments: number of corners of a ring.
+    Points at z = -height and z = height [m] close it; a ring has `segments` corners.
     """
     angle = np.arange(segments) * 2 * np.pi / segments
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -23,17 +23,11 @@ ON_SURFACE = 1e-7
 
 
 def compute_surface_distance(link: Link, p_link: Points) -> Distances:
-    """Compute distance and normal from points to the union of a link's geoms.
+    """Compute signed distances [m] and unit normals of the union of a link's geoms.
 
-    The distance is exact outside and on the surface. Inside overlapping geoms it is
-    that of the geom in which the point is deepest, a lower bound of the depth.
-
-    Args:
-        link: the link, which must have geoms.
-        p_link: points in the link's frame [m].
-
-    Returns:
-        The signed distances [m] and the unit normals in the link's frame.
+    Points and normals are in the link's frame. The distance is exact outside and on the
+    surface. Inside overlapping geoms it is that of the geom in which the point is
+    deepest, a lower bound of the depth.
 
     Raises:
         RobotError: The link has no geoms.
@@ -56,7 +50,8 @@ def compute_geom_distance(geom: Geom, p_link: Points) -> Distances:
     points = apply(invert(geom.T_link_shape), p_link)
     match geom.shape:
         case Sphere() as sphere:
-            distance, normal = compute_sphere_distance(sphere, points)
+            length, normal = split_length(points)
+            distance = length - sphere.radius
         case Box() as box:
             distance, normal = compute_box_distance(box, points)
         case Cylinder() as cylinder:
@@ -64,12 +59,6 @@ def compute_geom_distance(geom: Geom, p_link: Points) -> Distances:
         case mesh:
             distance, normal = compute_mesh_distance(mesh, points)
     return distance, rotate(geom.T_link_shape, normal)
-
-
-def compute_sphere_distance(sphere: Sphere, points: Points) -> Distances:
-    """Compute distance and normal of a sphere, in its own frame."""
-    length, normal = split_length(points)
-    return length - sphere.radius, normal
 
 
 def compute_box_distance(box: Box, points: Points) -> Distances:
@@ -103,8 +92,7 @@ def compute_corner_distance(
 ) -> tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point side"]]:
     """Compute distance and normal of a corner of perpendicular sides.
 
-    Args:
-        beyond: signed distance of each point from each side, negative inside [m].
+    `beyond` is the signed distance of each point from each side, negative inside [m].
     """
     outside = np.maximum(beyond, 0.0)
     length = np.linalg.norm(outside, axis=-1)

@@ -100,11 +100,7 @@ def check_mimics(root: Element, joints: Sequence[Joint]) -> None:
 
 
 class ElementError(RobotError):
-    """An element of a URDF cannot be used.
-
-    Attributes:
-        element: the element.
-    """
+    """An element of a URDF cannot be used."""
 
     def __init__(self, message: str, element: Element) -> None:
         """Store the message and the element."""

@@ -85,12 +85,9 @@ a number of pairs that is free."""
 def check_crowding(skin: Skin, file: str) -> None:
     """Raise where so many taxels lie in one place that pairs of them fill the memory.
 
-    Args:
-        skin: the skin.
-        file: where it is from, for messages.
-
     Raises:
-        SkinError: More than a few share a point, or lie closer than taxels can.
+        SkinError: More than a few share a point, or lie closer than taxels can; the
+            message names the file.
     """
     if not skin.count:
         return

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import yaml
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -25,7 +25,7 @@ from eskin.skin.presets import SKIN_PRESETS
 from eskin.skin.skin import Patch, Skin
 from eskin.skin.taxel_table import (
     MAX_TABLE_BYTES,
-    TaxelTable,
+    build_arrays,
     format_taxels,
     parse_taxels,
 )
@@ -115,11 +115,7 @@ def skin_to_bytes(skin: Skin) -> bytes:
 
 
 def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
-    """Read what `skin_to_bytes` wrote.
-
-    Args:
-        data: the text.
-        source: where the text comes from, for messages.
+    """Read what `skin_to_bytes` wrote; messages name the source of the text.
 
     Raises:
         SkinError: The skin has problems; the message has the first.
@@ -164,27 +160,15 @@ def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin
         SkinError: It is no table of taxels, or many of them lie in one place.
     """
     patches = tuple(Patch(**entry.model_dump()) for entry in manifest.patches)
-    table, problems = parse_taxels(table_text, patches, file)
-    ids_wrong = find_id_problems(table, problems, file)
+    taxels, problems = parse_taxels(table_text, patches, file)
+    ids = np.array([taxel.id for taxel in taxels], np.int64)
+    ids_wrong = find_id_problems(ids, problems, file)
     problems = [*find_repeated_patches(manifest), *problems, *ids_wrong]
-    order = np.argsort(table.ids, kind="stable")
-    normals, tangents = table.normals[order], table.tangents
     skin = Skin(
-        name=manifest.name,
-        patches=patches,
-        patch_index=table.patch_index[order],
-        rows=table.rows[order],
-        columns=table.columns[order],
-        positions=table.positions[order],
-        normals=normals,
-        areas=table.areas[order],
-        tangents=(
-            compute_default_tangents(normals) if tangents is None else tangents[order]
-        ),
-        calibrated=manifest.calibrated,
+        manifest.name, patches, **build_arrays(taxels), calibrated=manifest.calibrated
     )
     check_crowding(skin, file)
-    return ParsedSkin(skin, table.ids[order], tuple(problems))
+    return ParsedSkin(skin, ids, tuple(problems))
 
 
 def find_repeated_patches(manifest: SkinManifest) -> list[SkinProblem]:
@@ -198,13 +182,13 @@ def find_repeated_patches(manifest: SkinManifest) -> list[SkinProblem]:
 
 
 def find_id_problems(
-    table: TaxelTable, problems: list[SkinProblem], file: str
+    ids: Int[np.ndarray, "taxel"], problems: list[SkinProblem], file: str
 ) -> list[SkinProblem]:
     """Find ids that are not 0 to n-1, provided that all rows could be read."""
-    expected = np.arange(len(table.ids))
+    expected = np.arange(len(ids))
     if len(expected) == 0 and not problems:
         return [SkinProblem(f"{file}: got no taxels, allowed one or more")]
-    missing = np.setdiff1d(expected, table.ids)
+    missing = np.setdiff1d(expected, ids)
     if problems or len(missing) == 0:
         return []
     return [
@@ -238,20 +222,6 @@ def read_text(file: Path, max_bytes: int) -> str:
         ) from None
     except OSError as error:
         raise SkinError(f"{file} cannot be read: {error.strerror}") from None
-
-
-# A vector that overflows is not a unit vector and is refused later.
-@np.errstate(over="ignore", invalid="ignore")
-def compute_default_tangents(
-    normals: Float[np.ndarray, "taxel 3"],
-) -> Float[np.ndarray, "taxel 3"]:
-    """Compute local x axes by projecting the link's x axis onto the tangent planes.
-
-    Where the normal is nearly along x, the link's y axis is projected instead.
-    """
-    seed = np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    across = seed - np.sum(seed * normals, axis=1, keepdims=True) * normals
-    return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
 def parse_manifest(text: str, file: str) -> SkinManifest:

@@ -14,16 +14,18 @@ from jaxtyping import Float
 from eskin.errors import SkinError
 from eskin.files import atomic_path
 from eskin.robot import Robot, compute_surface_distance
-from eskin.skin.files import compute_default_tangents
 from eskin.skin.patch_taxels import (
-    MAX_TAXELS,
     PatchTaxels,
     estimate_areas,
     join_patches,
     read_source,
 )
 from eskin.skin.skin import Skin
-from eskin.skin.taxel_table import MAX_TABLE_BYTES
+from eskin.skin.taxel_table import (
+    MAX_TABLE_BYTES,
+    MAX_TAXELS,
+    compute_default_tangents,
+)
 
 GENTACT_HEAD = ("Index", "X", "Y", "Z", "Radius", "Parent")
 GENTACT_ELECTRODES = ("Index", "X (mm)", "Y (mm)", "Z (mm)")

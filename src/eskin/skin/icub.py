@@ -12,10 +12,8 @@ from jaxtyping import Float
 
 from eskin.errors import SkinError
 from eskin.files import atomic_path
-from eskin.skin.files import compute_default_tangents
 from eskin.skin.patch_taxels import (
     MAX_SIDE,
-    MAX_TAXELS,
     PatchTaxels,
     estimate_areas,
     format_numbers,
@@ -23,7 +21,11 @@ from eskin.skin.patch_taxels import (
     read_source,
 )
 from eskin.skin.skin import Skin
-from eskin.skin.taxel_table import MAX_TABLE_BYTES
+from eskin.skin.taxel_table import (
+    MAX_TABLE_BYTES,
+    MAX_TAXELS,
+    compute_default_tangents,
+)
 
 ICUB_CHANNELS = 12
 """Number of channels of a triangle of the iCub's skin: a row of its patch."""

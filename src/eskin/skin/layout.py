@@ -62,11 +62,8 @@ def cut_corners(
 ) -> Bool[np.ndarray, "row column"]:
     """Return the mask of a grid without a triangle of cells at each corner.
 
-    Args:
-        rows: number of rows of the grid.
-        columns: number of columns of the grid.
-        cuts: length of the triangles [cells] at the first row's first and last column,
-            then at the last row's first and last column.
+    `cuts` are the lengths of the triangles [cells] at the first row's first and last
+    column, then at the last row's first and last column.
     """
     row, column = np.mgrid[:rows, :columns]
     from_end, from_right = rows - 1 - row, columns - 1 - column
@@ -79,10 +76,8 @@ def build_skin(
 ) -> Skin:
     """Build a skin of patches; its taxels are ordered by patch, row and column.
 
-    Args:
-        name: name of the skin.
-        placed: each patch with its grid and the surface that the grid is laid on.
-        calibrated: False where geometry and units are nominal.
+    Each patch has its grid and the surface that it is laid on; a skin is not calibrated
+    where geometry and units are nominal.
     """
     cells = [grid.cells() for _, grid, _ in placed]
     points = [surface.wrap(grid.unrolled()) for _, grid, surface in placed]

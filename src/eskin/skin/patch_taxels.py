@@ -16,9 +16,8 @@ from eskin.errors import SkinError
 from eskin.files import read_file
 from eskin.skin.check import check_crowding, find_direction_problems
 from eskin.skin.skin import Patch, Skin
+from eskin.skin.taxel_table import MAX_TAXELS
 
-MAX_TAXELS = 200_000
-"""Largest number of taxels that are read."""
 MAX_SIDE = 65_535
 """Largest number of rows, and of columns, of a patch."""
 

@@ -48,36 +48,22 @@ UR5_PARTS = {
 }
 """Tubes and flat ends of `load_robot("ur5")`."""
 
-half_shell = partial(
-    PatchOutline,
-    part="upper_arm",
-    rows=22,
-    columns=16,
-    row_pitch=0.0098,
-    column_pitch=0.0096,
-    cuts=(4, 4, 2, 2),
-)
-trapezoid = partial(PatchOutline, part="forearm", rows=30, columns=16, row_pitch=0.0077)
+HALF_SHELL = (22, 16, 0.0098, 0.0096, (4, 4, 2, 2))
+"""Rows, columns, their pitches [m], and cut corners; so for the shapes below."""
 WIDE, NARROW = 0.0076, 0.0066
-"""Column pitches at the two ends of a trapezoid [m]."""
+"""Column pitches at the two ends of a trapezoid on the forearm [m]."""
 
 UR5_OUTLINES = (
-    half_shell("upper_arm_front", front=X),
-    half_shell("upper_arm_back", front=BACK),
+    PatchOutline("upper_arm_front", "upper_arm", X, *HALF_SHELL),
+    PatchOutline("upper_arm_back", "upper_arm", BACK, *HALF_SHELL),
     PatchOutline("elbow_cap", "elbow", DOWN, 10, 10, 0.0081, 0.0081, (3, 3, 3, 3)),
     # One narrows toward the wrist as the other widens.
-    trapezoid(
-        "forearm_front",
-        front=X,
-        column_pitch=WIDE,
-        cuts=(0, 0, 3, 3),
+    PatchOutline(
+        *("forearm_front", "forearm", X, 30, 16, 0.0077, WIDE, (0, 0, 3, 3)),
         taper=NARROW / WIDE,
     ),
-    trapezoid(
-        "forearm_back",
-        front=BACK,
-        column_pitch=NARROW,
-        cuts=(3, 3, 0, 0),
+    PatchOutline(
+        *("forearm_back", "forearm", BACK, 30, 16, 0.0077, NARROW, (3, 3, 0, 0)),
         taper=WIDE / NARROW,
     ),
     PatchOutline("wrist_1", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (1, 1, 2, 2)),
@@ -98,57 +84,29 @@ UR10_PARTS = {
 }
 """Tubes and flat ends of `load_robot("ur10")`."""
 
-ring = partial(
-    PatchOutline,
-    part="upper_arm",
-    rows=10,
-    columns=32,
-    row_pitch=0.0097,
-    column_pitch=0.0097,
-    cuts=(1, 1, 1, 1),
-)
-hexagon = partial(
-    PatchOutline,
-    part="forearm",
-    rows=16,
-    columns=15,
-    row_pitch=0.0073,
-    column_pitch=0.0072,
-    cuts=(5, 5, 5, 5),
-)
-triangle = partial(
-    PatchOutline,
-    part="forearm",
-    rows=8,
-    columns=16,
-    row_pitch=0.0073,
-    column_pitch=0.0071,
-    offset=0.096,
-)
-half_ring = partial(
-    PatchOutline,
-    part="wrist_3",
-    rows=5,
-    columns=19,
-    row_pitch=0.0058,
-    column_pitch=0.0057,
-    cuts=(3, 0, 0, 3),
-)
-
+RIGHT = (0.0, -1.0, 0.0)
+RING = (10, 32, 0.0097, 0.0097, (1, 1, 1, 1))
+HEXAGON = (16, 15, 0.0073, 0.0072, (5, 5, 5, 5))
+TRIANGLE = (8, 16, 0.0073, 0.0071)
+HALF_RING = (5, 19, 0.0058, 0.0057, (3, 0, 0, 3))
 UR5_SHAPES_OUTLINES = (
-    ring("upper_arm_ring_1", front=X, offset=-0.056),
-    ring("upper_arm_ring_2", front=Y, offset=0.053),
+    PatchOutline("upper_arm_ring_1", "upper_arm", X, *RING, offset=-0.056),
+    PatchOutline("upper_arm_ring_2", "upper_arm", Y, *RING, offset=0.053),
     PatchOutline("elbow_hexagon", "elbow", DOWN, 9, 13, 0.0081, 0.0081, (4, 4, 4, 4)),
     PatchOutline("forearm_ring", "forearm", Y, 8, 32, 0.0074, 0.0072, offset=-0.095),
-    hexagon("forearm_hexagon_front", front=X),
-    hexagon("forearm_hexagon_back", front=BACK),
-    triangle("forearm_triangle_1", front=Y, cuts=(0, 0, 7, 7)),
-    triangle("forearm_triangle_2", front=(0.0, -1.0, 0.0), cuts=(7, 7, 0, 0)),
+    PatchOutline("forearm_hexagon_front", "forearm", X, *HEXAGON),
+    PatchOutline("forearm_hexagon_back", "forearm", BACK, *HEXAGON),
+    PatchOutline(
+        *("forearm_triangle_1", "forearm", Y, *TRIANGLE, (0, 0, 7, 7)), offset=0.096
+    ),
+    PatchOutline(
+        *("forearm_triangle_2", "forearm", RIGHT, *TRIANGLE, (7, 7, 0, 0)), offset=0.096
+    ),
     PatchOutline("wrist_1_hexagon", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (4, 4, 4, 4)),
     PatchOutline("wrist_1_cap", "wrist_1_end", X, 9, 7, 0.0066, 0.0066, (2, 2, 2, 2)),
     PatchOutline("wrist_2_triangle", "wrist_2", Z, 9, 12, 0.0063, 0.0064, (0, 0, 5, 5)),
-    half_ring("wrist_3_front", front=X),
-    half_ring("wrist_3_back", front=BACK),
+    PatchOutline("wrist_3_front", "wrist_3", X, *HALF_RING),
+    PatchOutline("wrist_3_back", "wrist_3", BACK, *HALF_RING),
 )
 """Patches of the skin `ur5-shapes`."""
 
@@ -158,10 +116,8 @@ def build_ur5_skin(
 ) -> Skin:
     """Build the skin of nine patches on the links of `load_robot("ur5")`.
 
-    Args:
-        name: name of the skin.
-        density: density of taxels over that of the skin `ur5`.
-        missing: patches that are left out.
+    `density` is that of its taxels over that of the skin `ur5`; patches in `missing`
+    are left out.
     """
     outlines = [scale_density(outline, density) for outline in UR5_OUTLINES]
     return build_outline_skin(name, outlines, UR5_PARTS, missing)

@@ -135,9 +135,8 @@ class MountedSkin:
     ]:
         """Return positions [m] and outward normals of taxels in the world.
 
-        Args:
-            q: joint values [rad] in the order of `robot.joint_names`, or a batch.
-            taxels: indices of the taxels; None for all of them.
+        q is in the order of `robot.joint_names` [rad], or a batch; None takes all
+        taxels.
         """
         selected = np.arange(self.skin.count) if taxels is None else taxels
         rotations, origins = self.get_link_poses(q, selected)
@@ -152,9 +151,7 @@ class MountedSkin:
     ) -> Float[np.ndarray, "*batch selected 3 3"]:
         """Return R_world_taxel, with tangent x, tangent y and normal as columns.
 
-        Args:
-            q: joint values [rad] in the order of `robot.joint_names`, or a batch.
-            taxels: indices of the taxels; None for all of them.
+        Arguments are those of `place_taxels`.
         """
         selected = np.arange(self.skin.count) if taxels is None else taxels
         rotations, _ = self.get_link_poses(q, selected)

@@ -48,11 +48,13 @@ class Surface(ABC):
     def unroll(self, positions: Points) -> Unrolled:
         """Return the unrolled coordinates (s, t) [m] of points on the surface [m]."""
 
-    @abstractmethod
     def fit_errors(
         self, positions: Points, normals: Points
     ) -> Float[np.ndarray, "point"]:
         """Return the distances of points [m] plus the errors of normals [rad]."""
+        found = self.wrap(self.unroll(positions))
+        distances = np.linalg.norm(found.positions - positions, axis=1)
+        return distances + np.linalg.norm(found.normals - normals, axis=1)
 
     def to_surface_frame(self, positions: Points) -> Points:
         """Return points of the link in the surface's own frame [m]."""
@@ -124,12 +126,6 @@ class Tube(Surface):
         x, y, z = self.to_surface_frame(positions).T
         return np.column_stack([self.radius * np.arctan2(y, x), z])
 
-    def fit_errors(
-        self, positions: Points, normals: Points
-    ) -> Float[np.ndarray, "point"]:
-        """Return the distances from the tube [m] plus the errors of normals [rad]."""
-        return compute_errors(self, positions, normals)
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -167,22 +163,6 @@ class Dome(Surface):
         across = np.linalg.norm(local[:, :2], axis=1)
         arc = self.radius * np.arctan2(across, local[:, 2])
         return local[:, :2] * (arc / np.where(across > 0, across, 1.0))[:, None]
-
-    def fit_errors(
-        self, positions: Points, normals: Points
-    ) -> Float[np.ndarray, "point"]:
-        """Return the distances from the dome [m] plus the errors of normals [rad]."""
-        return compute_errors(self, positions, normals)
-
-
-def compute_errors(
-    surface: Surface, positions: Points, normals: Points
-) -> Float[np.ndarray, "point"]:
-    """Compute the errors of points [m] plus those of normals [rad]."""
-    wrapped = surface.wrap(surface.unroll(positions))
-    return np.linalg.norm(wrapped.positions - positions, axis=1) + np.linalg.norm(
-        wrapped.normals - normals, axis=1
-    )
 
 
 def fit_surface(positions: Points, normals: Points) -> Surface | None:

@@ -25,7 +25,6 @@ from eskin.robot.urdf import (
 )
 from eskin.skin.patch_taxels import (
     MAX_SIDE,
-    MAX_TAXELS,
     PatchTaxels,
     estimate_areas,
     format_numbers,
@@ -33,6 +32,7 @@ from eskin.skin.patch_taxels import (
     read_source,
 )
 from eskin.skin.skin import Patch, Skin
+from eskin.skin.taxel_table import MAX_TAXELS
 from eskin.transforms import apply, make_transform, rpy_to_matrix
 
 SAME = 1e-9
@@ -42,11 +42,7 @@ THICKNESS = 1e-3
 
 
 def read_tactile_urdf(path: Path, name: str) -> Skin:
-    """Read the tactile sensors of a URDF, each as a patch.
-
-    Args:
-        path: the file.
-        name: name of the skin.
+    """Read the tactile sensors of a URDF, each as a patch, as a skin of a name.
 
     Raises:
         SkinError: The file cannot be read, has no tactile sensor, or has an error.

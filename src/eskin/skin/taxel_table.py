@@ -3,12 +3,11 @@
 import csv
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass
 from decimal import Decimal
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from eskin.errors import SkinError
 from eskin.files import shorten
@@ -45,34 +44,14 @@ class TaxelRow(NamedTuple):
     """Local x axis; empty where the file has none."""
 
 
-@dataclass(frozen=True)
-class TaxelTable:
-    """A table holds the readable rows of a `taxels.csv`, in the order of the file."""
-
-    ids: Int[np.ndarray, "taxel"]
-    """Ids, which give the order of the taxels."""
-    patch_index: Int[np.ndarray, "taxel"]
-    """Index of each taxel's patch in the manifest."""
-    rows: Int[np.ndarray, "taxel"]
-    columns: Int[np.ndarray, "taxel"]
-    positions: Float[np.ndarray, "taxel 3"]
-    """Centres in the links' frames [m]."""
-    normals: Float[np.ndarray, "taxel 3"]
-    """Outward normals in the links' frames."""
-    areas: Float[np.ndarray, "taxel"]
-    """Sensing areas [m2]."""
-    tangents: Float[np.ndarray, "taxel 3"] | None
-    """Local x axes in the links' frames, where the file has them."""
-
-
 class BadCellError(ValueError):
     """A cell has a value that its column does not allow."""
 
 
 def parse_taxels(
     text: str, patches: tuple[Patch, ...], file: str
-) -> tuple[TaxelTable, list[SkinProblem]]:
-    """Read the valid rows, and list what is wrong with the others.
+) -> tuple[list[TaxelRow], list[SkinProblem]]:
+    """Read the valid rows by their ids, and list what is wrong with the others.
 
     The rest is not read after `MAX_PROBLEMS` problems.
 
@@ -115,7 +94,7 @@ def parse_taxels(
             )
         lines_of[taxel.id] = line
         taxels.append(taxel)
-    return build_table(taxels), problems
+    return sorted(taxels, key=lambda taxel: taxel.id), problems
 
 
 def iterate_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
@@ -258,18 +237,36 @@ def build_problem(error: BadCellError, row: dict[str, str]) -> SkinProblem:
     return SkinProblem(str(error), patch or None, taxel)
 
 
-def build_table(taxels: list[TaxelRow]) -> TaxelTable:
-    """Build the arrays of all taxels."""
+def build_arrays(taxels: list[TaxelRow]) -> dict[str, np.ndarray]:
+    """Build the arrays of a `Skin` of some taxels, by their names."""
     fields = zip(*taxels, strict=True) if taxels else [()] * len(TaxelRow._fields)
-    ids, patches, rows, columns, vectors, areas, tangents = fields
+    _, patches, rows, columns, vectors, areas, tangents = fields
     vectors = np.array(vectors, dtype=float).reshape(-1, 6)
-    return TaxelTable(
-        ids=np.array(ids, dtype=np.int64),
-        patch_index=np.array(patches, dtype=np.int64),
-        rows=np.array(rows, dtype=np.int64),
-        columns=np.array(columns, dtype=np.int64),
-        positions=vectors[:, :3].copy(),
-        normals=vectors[:, 3:].copy(),
-        areas=np.array(areas, dtype=float),
-        tangents=np.array(tangents) if tangents and tangents[0] else None,
-    )
+    normals = vectors[:, 3:].copy()
+    return {
+        "patch_index": np.array(patches, dtype=np.int64),
+        "rows": np.array(rows, dtype=np.int64),
+        "columns": np.array(columns, dtype=np.int64),
+        "positions": vectors[:, :3].copy(),
+        "normals": normals,
+        "areas": np.array(areas, dtype=float),
+        "tangents": (
+            np.array(tangents)
+            if tangents and tangents[0]
+            else compute_default_tangents(normals)
+        ),
+    }
+
+
+# A vector that overflows is not a unit vector and is refused later.
+@np.errstate(over="ignore", invalid="ignore")
+def compute_default_tangents(
+    normals: Float[np.ndarray, "taxel 3"],
+) -> Float[np.ndarray, "taxel 3"]:
+    """Compute local x axes by projecting the link's x axis onto the tangent planes.
+
+    Where the normal is nearly along x, the link's y axis is projected instead.
+    """
+    seed = np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    across = seed - np.sum(seed * normals, axis=1, keepdims=True) * normals
+    return across / np.linalg.norm(across, axis=1, keepdims=True)

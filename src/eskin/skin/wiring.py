@@ -63,9 +63,7 @@ def get_cells(
 def check_wiring(skin: Skin, responses: Sequence[PressResponse]) -> list[str]:
     """Describe each patch whose responses differ from its file.
 
-    Args:
-        skin: the skin that was pressed.
-        responses: responses of all targets, or those of the three of some patches.
+    Responses are those of all targets, or of the three of some patches.
     """
     texts = []
     for patch in skin.patches:

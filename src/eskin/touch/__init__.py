@@ -18,13 +18,7 @@ from eskin.touch.records import (
     TrackConfig,
     TrackingResult,
 )
-from eskin.touch.touches import (
-    Contact,
-    PressDetector,
-    Touch,
-    TouchState,
-    Track,
-)
+from eskin.touch.touches import Contact, PressDetector, Touch, TouchState, Track
 
 __all__ = [
     "NO_TOUCHES",

@@ -1,6 +1,7 @@
 """This module finds neighbouring taxels, and groups taxels by row, column and patch."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,9 +18,8 @@ MAX_PAIRS = 8_000_000
 preset skins have 20 to 30 a taxel."""
 
 
-@dataclass(frozen=True, eq=False)
-class Adjacency:
-    """A table holds the neighbours of each taxel on its own link, in any pose.
+class Adjacency(NamedTuple):
+    """An adjacency holds the neighbours of each taxel on its own link, in any pose.
 
     The neighbours of taxel i are `neighbours[starts[i] : starts[i + 1]]`, ascending.
     """
@@ -30,8 +30,6 @@ class Adjacency:
     """Indices of neighbouring taxels."""
     reach: Float[np.ndarray, "taxel"]
     """Reach of each taxel [m]; two are neighbours within the larger of their two."""
-    link_index: Int[np.ndarray, "taxel"]
-    """Link of each taxel, numbered in order of appearance in the patches."""
 
     @classmethod
     def build(
@@ -50,9 +48,7 @@ class Adjacency:
         source, target = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
         order = np.lexsort((target, source))
         starts = np.searchsorted(source[order], np.arange(skin.count + 1))
-        return cls(
-            starts.astype(np.int32), target[order].astype(np.int32), reach, links
-        )
+        return cls(starts.astype(np.int32), target[order].astype(np.int32), reach)
 
 
 def compute_spacing(skin: Skin) -> Float[np.ndarray, "taxel"]:

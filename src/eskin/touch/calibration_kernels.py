@@ -12,6 +12,11 @@ from pydantic import Field
 
 from eskin.compiled import compiled
 from eskin.files import Duration, Factor, Pause, Pressure, Share
+from eskin.touch.adjacency import Adjacency
+
+Taxels = Int[np.ndarray, "taxel"]
+Values = Float[np.ndarray, "taxel"]
+Flags = Bool[np.ndarray, "taxel"]
 
 
 class PressureCurve(NamedTuple):
@@ -119,6 +124,21 @@ class BaselineState(NamedTuple):
     """(taxel, sample) samples of the tare, ascending."""
 
 
+class BaselineContext(NamedTuple):
+    """A context holds the arguments of the kernels that are kept between scans."""
+
+    gain: np.ndarray
+    """(taxel) gain [kPa/count]."""
+    curve: PressureCurve
+    """Relation of pressure and counts."""
+    adjacency: Adjacency
+    """Neighbours of each taxel."""
+    state: BaselineState
+    """State of the baselines, which is updated."""
+    parameters: BaselineParameters
+    """How baselines are tared and tracked."""
+
+
 PRESSED_SHARE = 0.5
 """Smallest part of its recent peak at which a neighbour is still pressed."""
 STALE_SECONDS = 0.5
@@ -162,10 +182,7 @@ def add_unfelt(felt: float, curve: PressureCurve) -> float:
 
 @compiled
 def compute_pressures(
-    above: Float[np.ndarray, "value"],
-    gain: Float[np.ndarray, "value"],
-    curve: PressureCurve,
-    out: Float[np.ndarray, "value"],
+    above: Values, gain: Values, curve: PressureCurve, out: Values
 ) -> None:
     """Write the pressures [kPa] at counts above rest."""
     for i in range(len(above)):
@@ -174,10 +191,7 @@ def compute_pressures(
 
 @compiled
 def compute_counts(
-    pressure: Float[np.ndarray, "value"],
-    gain: Float[np.ndarray, "value"],
-    curve: PressureCurve,
-    out: Float[np.ndarray, "value"],
+    pressure: Values, gain: Values, curve: PressureCurve, out: Values
 ) -> None:
     """Write the counts above rest at pressures [kPa]."""
     scale = curve.full_scale
@@ -193,31 +207,33 @@ def compute_counts(
 
 
 @compiled
+def find_near(i: int, adjacency: Adjacency) -> Taxels:
+    """Return the neighbours of a taxel."""
+    return adjacency.neighbours[adjacency.starts[i] : adjacency.starts[i + 1]]
+
+
+@compiled
 def calibrate(
-    counts: Int[np.ndarray, "taxel"],
-    use: Bool[np.ndarray, "taxel"],
+    counts: Taxels,
+    use: Flags,
     now: float,
-    gain: Float[np.ndarray, "taxel"],
-    curve: PressureCurve,
-    margin: Float[np.ndarray, "taxel"],
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
-    latched: Int[np.ndarray, "latched"],
-    state: BaselineState,
-    parameters: BaselineParameters,
-    out: Float[np.ndarray, "taxel"],
+    margin: Values,
+    latched: Taxels,
+    context: BaselineContext,
+    out: Values,
 ) -> None:
     """Update the baselines with one scan and write the pressures [kPa] to `out`.
 
-    `starts` and `neighbours` are those of `Adjacency`; taxels with `use` False are not
-    received or faulty; `margin` is in counts; `latched` are those that were in contact
-    at the last reading.
+    Taxels with `use` False are not received or faulty; `margin` is in counts; `latched`
+    are those that were in contact at the last reading.
     """
     # Local references to the arrays make the compiled loops faster.
+    gain, curve, state = context.gain, context.curve, context.state
     baseline, peak = state.baseline, state.peak
     last_received, sample_count = state.last_received, state.sample_count
     touched_since = state.touched_since
-    after, silence = parameters.after_fraction, parameters.silence_seconds
+    after = context.parameters.after_fraction
+    silence = context.parameters.silence_seconds
     size = state.samples.shape[1]
     for i in range(len(counts)):
         if not use[i]:
@@ -226,51 +242,40 @@ def calibrate(
                 state.above[i], touched_since[i] = 0.0, np.inf
             continue
         if sample_count[i] < size or now - last_received[i] > silence:
-            update_tare(i, counts[i], now, margin[i], state, parameters)
+            update_tare(i, counts[i], now, margin[i], context)
         above = counts[i] - baseline[i]
         state.above[i] = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
         if above > margin[i] and above > after * peak[i]:
             if touched_since[i] == np.inf:
                 touched_since[i] = now
-            near = neighbours[starts[i] : starts[i + 1]]
-            if not is_residual(i, above, now, near, margin, state, parameters):
-                mark_touched(i, above, now, near, state)
+            if not is_residual(i, above, now, margin[i], context):
+                mark_touched(i, above, now, context)
         else:
             touched_since[i] = np.inf
     for i in latched:
         above = counts[i] - baseline[i]
-        near = neighbours[starts[i] : starts[i + 1]]
-        if use[i] and not is_residual(i, above, now, near, margin, state, parameters):
-            mark_touched(i, above, now, near, state)
-    update_baselines(counts, use, now, margin, starts, neighbours, state, parameters)
+        if use[i] and not is_residual(i, above, now, margin[i], context):
+            mark_touched(i, above, now, context)
+    update_baselines(counts, use, now, margin, context)
 
 
 @compiled
-def mark_touched(
-    i: int,
-    above: float,
-    now: float,
-    near: Int[np.ndarray, "neighbour"],
-    state: BaselineState,
-) -> None:
+def mark_touched(i: int, above: float, now: float, context: BaselineContext) -> None:
     """Mark a taxel and its neighbours as touched, and raise their peaks."""
+    state = context.state
     state.last_touched[i] = now
-    for j in near:
+    for j in find_near(i, context.adjacency):
         state.last_touched[j] = now
         state.peak[j] = max(state.peak[j], above)
 
 
 @compiled
 def update_tare(
-    i: int,
-    count: int,
-    now: float,
-    margin: float,
-    state: BaselineState,
-    parameters: BaselineParameters,
+    i: int, count: int, now: float, margin: float, context: BaselineContext
 ) -> None:
     """Take a sample of the tare if one is due, and restart it after a long silence."""
+    state, parameters = context.state, context.parameters
     if now - state.last_received[i] > parameters.silence_seconds:
         state.sample_count[i] = 0
         state.next_sample[i] = now
@@ -296,46 +301,35 @@ def update_tare(
 
 @compiled
 def is_residual(
-    i: int,
-    above: float,
-    now: float,
-    near: Int[np.ndarray, "neighbour"],
-    margin: Float[np.ndarray, "taxel"],
-    state: BaselineState,
-    parameters: BaselineParameters,
+    i: int, above: float, now: float, margin: float, context: BaselineContext
 ) -> bool:
     """Return whether counts above the baseline are steady, and no touch.
 
     They are the residual of a touch that pressed far more, or the offset of a single
     taxel.
     """
+    state, parameters = context.state, context.parameters
     steady = now - state.steady_since[i]
     if steady <= parameters.steady_seconds:
         return False
-    if above <= parameters.steady_band * margin[i]:
+    if above <= parameters.steady_band * margin:
         return False
     is_alone, is_pressed = True, False
-    for j in near:
+    for j in find_near(i, context.adjacency):
         is_alone &= state.touched_since[j] == np.inf
         is_pressed |= state.above[j] > PRESSED_SHARE * state.peak[i]
     if is_alone and steady > parameters.alone_seconds:
         return True
-    limit = min(parameters.residual * state.peak[i], parameters.kept * margin[i])
+    limit = min(parameters.residual * state.peak[i], parameters.kept * margin)
     return above < limit and not is_pressed
 
 
 @compiled
 def update_baselines(
-    counts: Int[np.ndarray, "taxel"],
-    use: Bool[np.ndarray, "taxel"],
-    now: float,
-    margin: Float[np.ndarray, "taxel"],
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
-    state: BaselineState,
-    parameters: BaselineParameters,
+    counts: Taxels, use: Flags, now: float, margin: Values, context: BaselineContext
 ) -> None:
     """Move each baseline towards the counts while the taxel is untouched."""
+    state, parameters = context.state, context.parameters
     baseline, peak = state.baseline, state.peak
     low, low_since = state.low, state.low_since
     last_received, sample_count = state.last_received, state.sample_count
@@ -368,15 +362,7 @@ def update_baselines(
             if now - since >= LOW_SECONDS:
                 above = max(above, was_low - baseline[i])
                 step = dt / (parameters.low_seconds + dt)
-        elif last_touched[i] < now and is_residual(
-            i,
-            above,
-            now,
-            neighbours[starts[i] : starts[i + 1]],
-            margin,
-            state,
-            parameters,
-        ):
+        elif last_touched[i] < now and is_residual(i, above, now, margin[i], context):
             step = dt / (parameters.settle_seconds + dt)
         elif touched_since[i] < np.inf:
             if now - touched_since[i] > parameters.longest_seconds:
@@ -459,8 +445,8 @@ class CrosstalkEstimate(NamedTuple):
 
 @compiled
 def compensate_patch(
-    pressure: Float[np.ndarray, "skin"],
-    valid: Bool[np.ndarray, "skin"],
+    pressure: Values,
+    valid: Flags,
     curve: PressureCurve,
     patch: MatrixPatch,
     estimate: CrosstalkEstimate,
@@ -484,17 +470,15 @@ def compensate_patch(
     leak, ghost = estimate.value[LEAK], estimate.value[GHOST]
     for k in range(len(patch.taxels)):
         foreign = leak * patch.lines[k] + ghost * patch.detours[k]
-        own = max(
-            patch.shown[patch.rows[k], patch.columns[k]] - SUBTRACTION_FACTOR * foreign,
-            0.0,
-        )
+        shown = patch.shown[patch.rows[k], patch.columns[k]]
+        own = max(shown - SUBTRACTION_FACTOR * foreign, 0.0)
         felt = own ** (1.0 / curve.exponent) * patch.half_scale[k]
         pressure[patch.taxels[k]] = add_unfelt(felt, curve)
 
 
 @compiled
 def write_conductance(
-    pressure: Float[np.ndarray, "skin"], curve: PressureCurve, patch: MatrixPatch
+    pressure: Values, curve: PressureCurve, patch: MatrixPatch
 ) -> float:
     """Write the measured conductance of each taxel, and return the largest."""
     largest = 0.0
@@ -542,7 +526,7 @@ def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
 
 @compiled
 def update_estimate(
-    valid: Bool[np.ndarray, "skin"], patch: MatrixPatch, estimate: CrosstalkEstimate
+    valid: Flags, patch: MatrixPatch, estimate: CrosstalkEstimate
 ) -> None:
     """Observe leakage where detours are negligible, and ghosts where they are not."""
     lines, detours, count = patch.lines, patch.detours, 0
@@ -563,9 +547,7 @@ def update_estimate(
 
 
 @compiled
-def add_observation(
-    part: int, shares: Float[np.ndarray, "some"], estimate: CrosstalkEstimate
-) -> None:
+def add_observation(part: int, shares: Values, estimate: CrosstalkEstimate) -> None:
     """Add a quantile of the shares as an observation, unless it is due to a touch."""
     if len(shares) < MIN_SHARES:
         return

@@ -13,6 +13,7 @@ from eskin.touch.calibration import Calibration
 from eskin.touch.calibration_kernels import (
     GHOST,
     LEAK,
+    BaselineContext,
     BaselineParameters,
     BaselineState,
     CalibrationConfig,
@@ -78,14 +79,10 @@ class KnownRest:
     ) -> tuple[Float[np.ndarray, "taxel"], Bool[np.ndarray, "taxel"]]:
         """Return the rest of each taxel after drift, and where it is plausible.
 
-        It is plausible where the counts lie at it, or above it together with those of
-        a neighbour. A taxel that is neither has an offset of its own.
-
-        Args:
-            counts: first counts.
-            use: which taxels were received and are not faulty.
-            margin: counts above rest from which a taxel may be touched.
-            adjacency: neighbours of the taxels.
+        It is plausible where the counts lie at it, or above it by `margin`, from which
+        a taxel may be touched, together with those of a neighbour. A taxel that is
+        neither has an offset of its own. Taxels without `use` were not received or are
+        faulty.
         """
         rest = self.rest.copy()
         known = np.zeros(len(rest), bool)
@@ -108,9 +105,8 @@ def find_drift(
 ) -> float | None:
     """Return the common drift of a patch [counts]; None for another rest.
 
-    Args:
-        above: counts above the calibrated rest.
-        margin: counts above rest from which a taxel may be touched.
+    `above` are counts above the calibrated rest, `margin` those from which a taxel may
+    be touched.
     """
     low, middle = np.quantile(above, (LOW_RANK, 0.5))
     limit = float(np.median(margin))
@@ -141,16 +137,20 @@ class Calibrator:
         self.calibration = calibration
         self.config = config or CalibrationConfig()
         self.adjacency = Adjacency.build(skin)
-        self.gain = np.asarray(calibration.gain, np.float64)
-        self.curve = calibration.pressure_curve
         self.least_margin = calibration.compute_counts(self.config.margin)
         self.margin = self.least_margin
         self.noise: np.ndarray | None = None
         self.known_rest = (
             None if calibration.rest is None else KnownRest(skin, calibration)
         )
-        self.parameters = BaselineParameters(**vars(self.config))
         self.state = build_baseline_state(skin.count, self.config.tare_samples)
+        self.context = BaselineContext(
+            np.asarray(calibration.gain, np.float64),
+            calibration.pressure_curve,
+            self.adjacency,
+            self.state,
+            BaselineParameters(**vars(self.config)),
+        )
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
         self.first: int | None = None
         self.last: int | None = None
@@ -172,11 +172,8 @@ class Calibrator:
     ) -> Reading:
         """Calibrate the next scan.
 
-        Args:
-            scan: the scan.
-            faulty: faulty taxels, which are not valid and not tracked.
-            latched: indices of the taxels that were in contact at the last reading:
-                their baselines stay.
+        Faulty taxels are not valid and not tracked; the baselines of `latched` ones,
+        which were in contact at the last reading, stay.
         """
         check_count(scan, self.skin)
         check_order(self.last, scan.stamp)
@@ -193,14 +190,9 @@ class Calibrator:
             scan.counts,
             use,
             seconds,
-            self.gain,
-            self.curve,
             self.margin,
-            self.adjacency.starts,
-            self.adjacency.neighbours,
             NO_TAXELS if latched is None else latched,
-            self.state,
-            self.parameters,
+            self.context,
             pressure,
         )
         shear = None

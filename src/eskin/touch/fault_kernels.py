@@ -3,9 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
+from eskin.touch.adjacency import Adjacency
+from eskin.touch.calibration_kernels import find_near
+
+Taxels = Int[np.ndarray, "some"]
+Values = Float[np.ndarray, "taxel"]
 
 LEVEL_SECONDS = 0.3
 """Time constant of the mean counts above rest of a taxel [s]."""
@@ -134,48 +139,74 @@ class CountHistory(NamedTuple):
     """Size of that step [counts]."""
 
 
-@compiled
-def update_history(
-    counts: Int[np.ndarray, "taxel"],
-    received: Bool[np.ndarray, "taxel"],
-    now: float,
-    full_scale: int,
-    silence: float,
-    longest: float,
-    history: CountHistory,
-    mask: Bool[np.ndarray, "taxel"],
-) -> None:
-    """Update the history with a scan, and mask negative counts at once.
+class CountScan(NamedTuple):
+    """A scan is passed to the kernels in this form."""
 
-    Args:
-        counts: counts of the scan.
-        received: which counts are new.
-        now: time of the scan [s].
-        full_scale: counts at which the converter saturates.
-        silence: time without data after which the history restarts [s].
-        longest: time above zero after which `least` is measured again [s].
-        history: updated.
-        mask: faulty taxels; those with negative counts are added.
-    """
+    counts: np.ndarray
+    """(taxel) counts."""
+    received: np.ndarray
+    """(taxel) which counts are new."""
+    rest: np.ndarray
+    """(taxel) counts at rest."""
+    rest_band: np.ndarray
+    """(taxel) counts from which it is away from rest."""
+    mask: np.ndarray
+    """(taxel) which are faulty; those with negative counts are added."""
+    now: float
+    """Time at which it was taken, since the first scan [s]."""
+    elapsed: float
+    """Time since the last scan [s]."""
+    turn: int
+    """Index of the scan in `CountHistory.recent`."""
+
+
+class CountLimits(NamedTuple):
+    """Limits tell what is faulty and what is noisy; see `FaultConfig`."""
+
+    full_scale: int
+    """Counts at which the converter saturates."""
+    contact: np.ndarray
+    """Counts above rest (taxel) at which contact begins."""
+    deviation: np.ndarray
+    """Deviation (taxel) from a straight course that makes a taxel noisy [counts]."""
+    cut: np.ndarray
+    """Counts (taxel) that a converter which cuts small values may swing by about
+    zero."""
+    step_seconds: float
+    """Time constant with which an isolated step counts for less [s]."""
+    silence_seconds: float
+    """Time without data after which the history restarts [s]."""
+    saturated_seconds: float
+    """Time above zero after which `CountHistory.least` is measured again [s]."""
+    pressed: float
+    """Pressure on neighbours at which a taxel is expected to respond [kPa]."""
+    pressed_share: float
+    """Share of neighbours that must have that pressure."""
+
+
+@compiled
+def update_history(scan: CountScan, limits: CountLimits, history: CountHistory) -> None:
+    """Update the history with a scan, and mask negative counts at once."""
+    counts, now = scan.counts, scan.now
     last_received, least = history.last_received, history.least
     last_nonzero, last_zero = history.last_nonzero, history.last_zero
     for i in range(len(counts)):
-        if not received[i]:
+        if not scan.received[i]:
             continue
         count = counts[i]
-        if now - last_received[i] > silence:
+        if now - last_received[i] > limits.silence_seconds:
             reset_taxel(i, count, now, history)
         last_received[i] = now
         if count != history.counts[i]:
             history.counts[i] = count
             history.last_changed[i] = now
             history.unanswered[i] = 0.0
-        if count < full_scale:
+        if count < limits.full_scale:
             history.last_below_full[i] = now
         if count > 0:
             if last_nonzero[i] < last_zero[i]:
                 least[i] = 0.0
-            elif least[i] == 0.0 and now - last_zero[i] > longest:
+            elif least[i] == 0.0 and now - last_zero[i] > limits.saturated_seconds:
                 least[i] = count
             elif count < least[i]:
                 least[i] = count
@@ -184,7 +215,7 @@ def update_history(
             last_zero[i] = now
         else:
             history.last_negative[i] = now
-            mask[i] = True
+            scan.mask[i] = True
 
 
 @compiled
@@ -211,35 +242,9 @@ def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
     history.isolated_since[i] = NEVER
 
 
-class NoiseLimits(NamedTuple):
-    """Limits tell what is noisy; see `FaultConfig`."""
-
-    contact: np.ndarray
-    """Counts above rest (taxel) at which contact begins."""
-    deviation: np.ndarray
-    """Deviation (taxel) from a straight course that makes a taxel noisy [counts]."""
-    cut: np.ndarray
-    """Counts (taxel) that a converter which cuts small values may swing by about
-    zero."""
-    step_seconds: float
-    """Time constant with which an isolated step counts for less [s]."""
-
-
 @compiled(error_model="numpy")
 def update_noise(
-    counts: Int[np.ndarray, "taxel"],
-    received: Bool[np.ndarray, "taxel"],
-    mask: Bool[np.ndarray, "taxel"],
-    rest: Float[np.ndarray, "taxel"],
-    full_scale: int,
-    now: float,
-    elapsed: float,
-    turn: int,
-    limits: NoiseLimits,
-    rest_band: Float[np.ndarray, "taxel"],
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
-    history: CountHistory,
+    scan: CountScan, limits: CountLimits, adjacency: Adjacency, history: CountHistory
 ) -> int:
     """Follow how far the counts of each taxel deviate from a straight course.
 
@@ -248,28 +253,15 @@ def update_noise(
     towards each of them, so that a single one, however large, moves it little. Swings
     between zero and small values, as of a converter that cuts those, are no deviation.
 
-    Args:
-        counts: counts of the scan.
-        received: which counts are new.
-        mask: faulty taxels.
-        rest: counts of each taxel at rest.
-        full_scale: counts at which the converter saturates.
-        now: time of the scan [s].
-        elapsed: time since the last scan [s].
-        turn: index of the scan in `CountHistory.recent`.
-        limits: what is noisy.
-        rest_band: counts from which a taxel is away from rest.
-        starts: first neighbour of each taxel, as in `Adjacency`.
-        neighbours: neighbouring taxels, as in `Adjacency`.
-        history: updated.
-
     Returns:
         How many taxels are away from rest, below it.
     """
-    latest = history.recent[turn]
-    first = history.recent[(turn - 1) % RECENT]
-    second = history.recent[(turn - 2) % RECENT]
-    third = history.recent[(turn - 3) % RECENT]
+    counts, rest, rest_band = scan.counts, scan.rest, scan.rest_band
+    now, elapsed = scan.now, scan.elapsed
+    latest = history.recent[scan.turn]
+    first = history.recent[(scan.turn - 1) % RECENT]
+    second = history.recent[(scan.turn - 2) % RECENT]
+    third = history.recent[(scan.turn - 3) % RECENT]
     deviation, level, steps = history.deviation, history.level, history.steps
     last_straight, noise = history.last_straight, history.noise
     first_received, start_noise = history.first_received, history.start_noise
@@ -286,7 +278,7 @@ def update_noise(
     is_slow = elapsed > MAX_STEP_INTERVAL
     low = 0
     for i in range(len(counts)):
-        if not received[i]:
+        if not scan.received[i]:
             latest[i] = np.nan
             continue
         count, contact, usual = float(counts[i]), contacts[i], deviation[i]
@@ -337,7 +329,7 @@ def update_noise(
                 in_contact[i] = False
                 usual = deviation[i] = min(usual, noise[i])
         elif level[i] >= contact and usual < level[i]:
-            near = neighbours[starts[i] : starts[i + 1]]
+            near = find_near(i, adjacency)
             in_contact[i] = any_pressed(near, level, deviation, contacts)
         if usual < noisy[i]:
             last_straight[i] = now
@@ -349,32 +341,15 @@ def update_noise(
         stays = min(abs(count - first[i]), abs(count - second[i]))
         flat = FLAT * step
         if stays <= flat and abs(second[i] - third[i]) <= flat:
-            if is_alone(i, step, first, second, starts, neighbours):
+            if is_alone(i, step, first, second, adjacency):
                 steps[i] = min(steps[i] + 1.0, MAX_STEPS)
-    update_isolated(
-        counts,
-        received,
-        mask,
-        rest,
-        full_scale,
-        now,
-        elapsed,
-        turn,
-        limits,
-        rest_band,
-        starts,
-        neighbours,
-        history,
-    )
+    update_isolated(scan, limits, adjacency, history)
     return low
 
 
 @compiled
 def any_pressed(
-    taxels: Int[np.ndarray, "some"],
-    level: Float[np.ndarray, "taxel"],
-    deviation: Float[np.ndarray, "taxel"],
-    contacts: Float[np.ndarray, "taxel"],
+    taxels: Taxels, level: Values, deviation: Values, contacts: Values
 ) -> bool:
     """Return whether any of some taxels is pressed for a while, rather than noisy."""
     for i in taxels:
@@ -385,19 +360,7 @@ def any_pressed(
 
 @compiled
 def update_isolated(
-    counts: Int[np.ndarray, "taxel"],
-    received: Bool[np.ndarray, "taxel"],
-    mask: Bool[np.ndarray, "taxel"],
-    rest: Float[np.ndarray, "taxel"],
-    full_scale: int,
-    now: float,
-    elapsed: float,
-    turn: int,
-    limits: NoiseLimits,
-    rest_band: Float[np.ndarray, "taxel"],
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
-    history: CountHistory,
+    scan: CountScan, limits: CountLimits, adjacency: Adjacency, history: CountHistory
 ) -> None:
     """Follow taxels that stepped up alone in one scan while their counts are flat.
 
@@ -406,28 +369,24 @@ def update_isolated(
     if it had made `FLAT_STEPS` isolated steps. Where scans are slower, a finger lands
     within one; at full scale all that presses is flat.
 
-    The arguments are those of `update_noise`, which has updated the history.
+    `update_noise` has updated the history.
     """
-    latest = history.recent[turn]
-    first = history.recent[(turn - 1) % RECENT]
-    second = history.recent[(turn - 2) % RECENT]
-    since, level, size = (
-        history.isolated_since,
-        history.isolated_level,
-        history.isolated_step,
-    )
-    deviation, contacts = history.deviation, limits.contact
-    longest = (
-        ISOLATED_SECONDS if elapsed <= MAX_STEP_INTERVAL else SLOW_ISOLATED_SECONDS
-    )
-    if elapsed > MAX_ISOLATED_INTERVAL:
+    counts, now = scan.counts, scan.now
+    latest = history.recent[scan.turn]
+    first = history.recent[(scan.turn - 1) % RECENT]
+    second = history.recent[(scan.turn - 2) % RECENT]
+    since, size = history.isolated_since, history.isolated_step
+    level = history.isolated_level
+    is_slow = scan.elapsed > MAX_STEP_INTERVAL
+    longest = SLOW_ISOLATED_SECONDS if is_slow else ISOLATED_SECONDS
+    if scan.elapsed > MAX_ISOLATED_INTERVAL:
         since[:] = NEVER
         return
     for i in range(len(counts)):
-        if not received[i] or mask[i] or counts[i] >= full_scale:
+        if not scan.received[i] or scan.mask[i] or counts[i] >= limits.full_scale:
             since[i] = NEVER
             continue
-        count, usual = latest[i], deviation[i]
+        count, usual = latest[i], history.deviation[i]
         if since[i] > NEVER:
             flat = max(ISOLATED_FLAT * size[i], STEP_FACTOR * usual)
             if abs(count - level[i]) > min(flat, FLAT * size[i]):
@@ -437,36 +396,23 @@ def update_isolated(
                 since[i] = NEVER
             continue
         step = count - first[i]
-        least = max(
-            contacts[i], rest_band[i], MIN_ISOLATED_STEP, ISOLATED_FACTOR * usual
-        )
-        rises = step >= least and count - rest[i] >= least
+        least = max(MIN_ISOLATED_STEP, ISOLATED_FACTOR * usual)
+        least = max(least, limits.contact[i], scan.rest_band[i])
+        rises = step >= least and count - scan.rest[i] >= least
         if rises and abs(first[i] - second[i]) <= ISOLATED_FLAT * step:
-            if is_alone(i, step, latest, first, starts, neighbours):
+            if is_alone(i, step, latest, first, adjacency):
                 since[i], level[i], size[i] = now, count, step
 
 
 @compiled
 def is_alone(
-    i: int,
-    step: float,
-    after: Float[np.ndarray, "taxel"],
-    before: Float[np.ndarray, "taxel"],
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
+    i: int, step: float, after: Values, before: Values, adjacency: Adjacency
 ) -> bool:
-    """Return whether no neighbour took part in a step of a taxel.
+    """Return whether no neighbour of a taxel took part in its step.
 
-    Args:
-        i: the taxel.
-        step: size of its step [counts].
-        after: counts after the step.
-        before: counts before it.
-        starts: first neighbour of each taxel, as in `Adjacency`.
-        neighbours: neighbouring taxels, as in `Adjacency`.
+    `after` and `before` are the counts after and before the step.
     """
-    for k in range(starts[i], starts[i + 1]):
-        j = neighbours[k]
+    for j in find_near(i, adjacency):
         if abs(after[j] - before[j]) >= FOLLOWS * step:
             return False
     return True
@@ -474,14 +420,11 @@ def is_alone(
 
 @compiled
 def update_unanswered(
-    pressure: Float[np.ndarray, "taxel"],
-    valid: Bool[np.ndarray, "taxel"],
-    now: float,
+    pressure: Values,
     elapsed: float,
-    pressed: float,
-    pressed_share: float,
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
+    scan: CountScan,
+    limits: CountLimits,
+    adjacency: Adjacency,
     history: CountHistory,
 ) -> None:
     """Add the elapsed time to taxels that do not respond while neighbours are pressed.
@@ -489,42 +432,32 @@ def update_unanswered(
     Such a taxel has not changed since all its neighbours were at rest; one that is held
     down steadily changed when it was pressed.
     """
-    for i in range(len(starts) - 1):
+    for i in range(len(pressure)):
         known, count = 0, 0
-        for k in range(starts[i], starts[i + 1]):
-            if valid[neighbours[k]]:
+        for j in find_near(i, adjacency):
+            if scan.received[j] and not scan.mask[j]:
                 known += 1
-                count += pressure[neighbours[k]] >= pressed
+                count += pressure[j] >= limits.pressed
         if count == 0:
-            history.last_unpressed[i] = now
-        elif known >= 3 and count >= pressed_share * known:
+            history.last_unpressed[i] = scan.now
+        elif known >= 3 and count >= limits.pressed_share * known:
             if history.last_changed[i] <= history.last_unpressed[i]:
                 history.unanswered[i] += elapsed
 
 
 @compiled
 def find_noisier(
-    candidates: Int[np.ndarray, "candidate"],
-    factor: float,
-    starts: Int[np.ndarray, "taxel_and_one"],
-    neighbours: Int[np.ndarray, "pair"],
-    history: CountHistory,
-) -> Int[np.ndarray, "found"]:
-    """Return the candidates that deviate more than their neighbours.
+    candidates: Taxels, factor: float, adjacency: Adjacency, history: CountHistory
+) -> Taxels:
+    """Return the candidates that deviate more than their neighbours, by a factor.
 
-    One under a hand is compared with those of them that are under it too.
-
-    Args:
-        candidates: taxels to look at.
-        factor: least ratio of its deviation to the median of its neighbours'.
-        starts: index of the first neighbour of each taxel.
-        neighbours: neighbours of all taxels, one taxel after the other.
-        history: deviation of each taxel, and which are under a hand.
+    The deviation is compared with the median of the neighbours; that of a taxel under a
+    hand with those of them that are under it too.
     """
     deviation, in_contact = history.deviation, history.in_contact
     found = np.zeros(len(candidates), np.bool_)
     for n, taxel in enumerate(candidates):
-        near = neighbours[starts[taxel] : starts[taxel + 1]]
+        near = find_near(taxel, adjacency)
         if in_contact[taxel]:
             near = near[in_contact[near]]
         usual = np.median(deviation[near]) if len(near) else 0.0

@@ -13,7 +13,8 @@ from eskin.touch.fault_kernels import (
     NEVER,
     RECENT,
     CountHistory,
-    NoiseLimits,
+    CountLimits,
+    CountScan,
     find_noisier,
     update_history,
     update_noise,
@@ -254,23 +255,21 @@ class FaultDetector:
         config: FaultConfig | None = None,
         contact: float = 0.7,
     ) -> None:
-        """Start without faults.
-
-        Args:
-            skin: the skin.
-            calibration: constants of its electronics.
-            config: thresholds of the evidence.
-            contact: pressure at which contact begins [kPa].
-        """
+        """Start without faults on a skin where contact begins at a pressure [kPa]."""
         self.skin = skin
         self.config = config or FaultConfig()
         self.full_scale = calibration.full_scale
         counts = calibration.compute_counts(contact)
-        self.limits = NoiseLimits(
+        self.limits = CountLimits(
+            full_scale=calibration.full_scale,
             contact=counts,
             deviation=np.maximum(self.config.noisy * counts, MIN_DEVIATION),
             cut=np.minimum(MAX_CUT, CUT_CONTACTS * counts),
             step_seconds=self.config.step_seconds,
+            silence_seconds=self.config.silence_seconds,
+            saturated_seconds=self.config.saturated_seconds,
+            pressed=self.config.pressed,
+            pressed_share=self.config.pressed_share,
         )
         self.adjacency = Adjacency.build(skin)
         self.grouper = FaultGrouper(skin)
@@ -311,67 +310,40 @@ class FaultDetector:
         self.last = scan.stamp
         now = (scan.stamp - self.first) / NS_PER_S
         self.mask = self.mask.copy()
-        update_history(
-            scan.counts,
-            scan.received,
-            now,
-            self.full_scale,
-            self.config.silence_seconds,
-            self.config.saturated_seconds,
-            self.history,
-            self.mask,
-        )
         self.turn = (self.turn + 1) % RECENT
-        low_count = update_noise(
-            scan.counts,
-            scan.received,
-            self.mask,
-            rest,
-            self.full_scale,
-            now,
-            elapsed,
-            self.turn,
-            self.limits,
-            self.noise.rest_band,
-            self.adjacency.starts,
-            self.adjacency.neighbours,
-            self.history,
+        counted = CountScan(
+            counts=scan.counts,
+            received=scan.received,
+            rest=rest,
+            rest_band=self.noise.rest_band,
+            mask=self.mask,
+            now=now,
+            elapsed=elapsed,
+            turn=self.turn,
         )
-        if now >= MIN_LEARNED and (low_count or self.swings.going):
+        update_history(counted, self.limits, self.history)
+        low_count = update_noise(counted, self.limits, self.adjacency, self.history)
+        may_swing = now >= MIN_LEARNED and (low_count or self.swings.going)
+        is_due = now - self.last_check >= self.config.check_seconds - 1e-6
+        if may_swing or is_due:
             above, received = scan.counts - rest, scan.received
-            high, low = (
-                received & (above > self.noise.rest_band),
-                received & (above < -self.noise.rest_band),
-            )
-            self.swings.update(high, low, now)
-            self.doubt_mixed_lines(high, low, now)
-        if now - self.last_check >= self.config.check_seconds - 1e-6:
-            self.check(scan, pressure, rest, now)
+            high = received & (above > self.noise.rest_band)
+            if may_swing:
+                low = received & (above < -self.noise.rest_band)
+                self.swings.update(high, low, now)
+                self.doubt_mixed_lines(high, low, now)
+            if is_due:
+                self.doubt_even_lines(above, high, now)
+                self.check(counted, pressure)
         return self.mask, self.faults
 
-    def check(
-        self,
-        scan: Scan,
-        pressure: Float[np.ndarray, "taxel"],
-        rest: Float[np.ndarray, "taxel"],
-        now: float,
-    ) -> None:
+    def check(self, scan: CountScan, pressure: Float[np.ndarray, "taxel"]) -> None:
         """Check the evidence, and update the mask and the faults."""
-        config, adjacency = self.config, self.adjacency
-        elapsed = min(now - self.last_check, MAX_ELAPSED)
+        now, elapsed = scan.now, min(scan.now - self.last_check, MAX_ELAPSED)
         update_unanswered(
-            pressure,
-            scan.received & ~self.mask,
-            now,
-            elapsed,
-            config.pressed,
-            config.pressed_share,
-            adjacency.starts,
-            adjacency.neighbours,
-            self.history,
+            pressure, elapsed, scan, self.limits, self.adjacency, self.history
         )
-        self.doubt_even_lines(scan.counts - rest, scan.received, now)
-        self.update_codes(rest, now)
+        self.update_codes(scan.rest, now)
         self.noise.update(self.mask, now)
         self.last_check = now
         self.mask = self.code >= 0
@@ -380,7 +352,7 @@ class FaultDetector:
         self.faults = tuple(
             self.grouper.list_faults(
                 self.code,
-                now - received >= config.line_seconds,
+                now - received >= self.config.line_seconds,
                 np.round(begun).astype(np.int64) + (self.first or 0),
             )
         )
@@ -449,12 +421,15 @@ class FaultDetector:
     def doubt_even_lines(
         self,
         above: Float[np.ndarray, "taxel"],
-        received: Bool[np.ndarray, "taxel"],
+        high: Bool[np.ndarray, "taxel"],
         now: float,
     ) -> None:
-        """Doubt rows and columns that are pressed evenly from end to end."""
+        """Doubt rows and columns that are pressed evenly from end to end.
+
+        That is where all taxels of one are `high`, and about as far above rest
+        [counts].
+        """
         config = self.config
-        high = received & (above > self.noise.rest_band)
         if np.count_nonzero(high) < config.line_size:
             return
         for groups in (self.grouper.rows, self.grouper.columns):
@@ -543,24 +518,15 @@ class FaultDetector:
     ) -> Bool[np.ndarray, "taxel"]:
         """Find those of some taxels that deviate more than those around them.
 
-        Args:
-            deviates: the taxels.
-            factor: least ratio of the deviation of one to the median of its patch, and
-                to that of its neighbours.
+        `factor` is the least ratio of the deviation of one to the median of its patch,
+        and to that of its neighbours.
         """
         history, found = self.history, np.zeros(self.skin.count, bool)
         if deviates.any():
             usual = [np.median(history.deviation[each]) for each in self.members]
             least = factor * np.array(usual)[self.skin.patch_index]
-            found[
-                find_noisier(
-                    np.flatnonzero(deviates & (history.deviation >= least)),
-                    factor,
-                    self.adjacency.starts,
-                    self.adjacency.neighbours,
-                    history,
-                )
-            ] = True
+            taxels = np.flatnonzero(deviates & (history.deviation >= least))
+            found[find_noisier(taxels, factor, self.adjacency, history)] = True
         return found
 
 

@@ -1,8 +1,6 @@
 """Compiled kernels that group the tracks of a reading into touches.
 
-Of `tracks` (TRACK), the first `ongoing` are ongoing. `before` is the `TouchRecords` of
-the previous reading, `buffer` has the contacts and loads of this one, and `update` the
-touches while they are updated.
+`update` holds the tracks, and the touches while they are updated.
 """
 # The types of compiled code are those that numba infers.
 # pyright: reportAttributeAccessIssue=false
@@ -27,7 +25,6 @@ from eskin.touch.records import (
     NO_INDEX,
     TOUCH,
     KernelReading,
-    TouchRecords,
     TrackerContext,
     TrackerState,
     TrackingParameters,
@@ -51,8 +48,18 @@ and of those that were open at the previous reading."""
 
 
 class TouchUpdate(NamedTuple):
-    """An update holds the touches of a reading while they are updated."""
+    """An update holds the tracks and touches of a reading while they are grouped."""
 
+    tracks: np.ndarray
+    """(track) TRACK, ongoing ones first."""
+    ongoing: int
+    """Number of ongoing tracks."""
+    points: np.ndarray
+    """(load, 3) positions of the loads in the world [m]."""
+    boxes: np.ndarray
+    """(ongoing, 2, 3) bounding boxes of the current contacts of tracks [m]."""
+    buffer: RecordBuffer
+    """Contacts and loads of this reading, and the records of the previous one."""
     touches: np.ndarray
     """(touch) TOUCH: those open at the previous reading, then new ones."""
     survivors: np.ndarray
@@ -73,16 +80,27 @@ class TouchUpdate(NamedTuple):
 def begin_update(
     tracks: np.ndarray,
     ongoing: int,
-    before: TouchRecords,
+    points: Float[np.ndarray, "load 3"],
     reading: KernelReading,
     parameters: TrackingParameters,
+    buffer: RecordBuffer,
 ) -> TouchUpdate:
     """Begin with the touches that were open, and close those after the pause."""
+    boxes, before = np.empty((ongoing, 2, 3)), buffer.before
+    for track in range(ongoing):
+        span = buffer.contacts[tracks[track].contact].loads
+        if tracks[track].last == reading.stamp:
+            compute_box(points[span[0] : span[1]], boxes[track])
     count = 0
     while count < len(before.touches) and not before.touches[count].closed:
         count += 1
     most = count + 2 * ongoing
     update = TouchUpdate(
+        tracks,
+        ongoing,
+        points,
+        boxes,
+        buffer,
         np.empty(most, TOUCH),
         np.full(most, NO_INDEX),
         np.empty(most, np.int64),
@@ -119,11 +137,10 @@ def find_survivor(touch: int, update: TouchUpdate) -> int:
 
 
 @compiled
-def start_touch(
-    track: np.void, state: TrackerState, buffer: RecordBuffer, update: TouchUpdate
-) -> int:
+def start_touch(track: np.void, state: TrackerState, update: TouchUpdate) -> int:
     """Start a touch with its first track, and return its index."""
-    place, contact = update.counts[ALL], buffer.contacts[track.contact]
+    place, buffer = update.counts[ALL], update.buffer
+    contact = buffer.contacts[track.contact]
     update.counts[ALL] += 1
     update.renewed[place] = True
     touch = update.touches[place]
@@ -176,23 +193,11 @@ def close_touch(touch: int, merged_into: int, update: TouchUpdate) -> None:
     update.counts[CLOSED] += 1
 
 
-class ContactRegions(NamedTuple):
-    """Regions hold the positions of the contacts of a reading."""
-
-    points: np.ndarray
-    """(load, 3) positions in the world [m]."""
-    boxes: np.ndarray
-    """(track, 2, 3) bounding boxes of the current contacts [m]."""
-    reach: float
-    """Largest distance between contacts of one touch [m]."""
-
-
 @compiled
 def group_tracks(
     tracks: np.ndarray,
     ongoing: int,
     points: Float[np.ndarray, "load 3"],
-    before: TouchRecords,
     reading: KernelReading,
     context: TrackerContext,
     buffer: RecordBuffer,
@@ -205,24 +210,17 @@ def group_tracks(
     may be noise is a touch of its own until it has more evidence: where many taxels
     are noisy, their contacts must not keep a touch open for ever. On a skin that
     is not calibrated, distances have no meaning: all contacts within the pause are one
-    touch. `points` are the positions of the loads in the world [m].
+    touch.
     """
     parameters = context.parameters
-    update = begin_update(tracks, ongoing, before, reading, parameters)
-    boxes = np.empty((ongoing, 2, 3))
-    for track in range(ongoing):
-        span = buffer.contacts[tracks[track].contact].loads
-        if tracks[track].last == reading.stamp:
-            compute_box(points[span[0] : span[1]], boxes[track])
-    regions = ContactRegions(points, boxes, parameters.max_separation)
-    current = tracks[:ongoing]
-    gained, became_sure = weigh_tracks(current, reading, context, buffer)
+    update = begin_update(tracks, ongoing, points, reading, parameters, buffer)
+    gained, became_sure = weigh_tracks(reading, context, update)
     for track in range(ongoing):
         if update.owners[track] == NO_INDEX or became_sure[track]:
-            assign_touch(track, tracks, regions, reading, context, buffer, update)
-    merge_near(current, regions, reading.stamp, parameters, buffer, update)
-    restart_touches(current, reading, context, buffer, update)
-    update_open_touches(current, gained, before, reading, context, buffer, update)
+            assign_touch(track, reading, context, update)
+    merge_near(reading.stamp, parameters, update)
+    restart_touches(reading, context, update)
+    update_open_touches(gained, reading, context, update)
     return update
 
 
@@ -259,10 +257,7 @@ def weigh_contact(
 
 @compiled
 def weigh_tracks(
-    tracks: np.ndarray,
-    reading: KernelReading,
-    context: TrackerContext,
-    buffer: RecordBuffer,
+    reading: KernelReading, context: TrackerContext, update: TouchUpdate
 ) -> tuple[Float[np.ndarray, "track"], Bool[np.ndarray, "track"]]:
     """Add the evidence of this reading to that of the tracks, which fades.
 
@@ -270,10 +265,11 @@ def weigh_tracks(
     has faded takes no later track into its touch.
 
     Returns:
-        The evidence added, and which tracks have enough of it only now to be of one
-        touch with others.
+        The evidence added to each ongoing track, and which have enough of it only now
+        to be of one touch with others.
     """
-    parameters = context.parameters
+    parameters, buffer = context.parameters, update.buffer
+    tracks = update.tracks[: update.ongoing]
     least = parameters.least_evidence
     elapsed = min(reading.elapsed, parameters.pause_ns)
     kept = np.exp(-elapsed / (FADE_SECONDS * NS_PER_S))
@@ -290,19 +286,14 @@ def weigh_tracks(
 
 @compiled
 def assign_touch(
-    track: int,
-    tracks: np.ndarray,
-    regions: ContactRegions,
-    reading: KernelReading,
-    context: TrackerContext,
-    buffer: RecordBuffer,
-    update: TouchUpdate,
+    track: int, reading: KernelReading, context: TrackerContext, update: TouchUpdate
 ) -> None:
     """Assign a touch to a track that has none, and merge the touches that it connects.
 
     Tracks that may be noise connect nothing.
     """
-    least, owner = context.parameters.least_evidence, update.owners[track]
+    tracks, owner = update.tracks, update.owners[track]
+    least = context.parameters.least_evidence
     fitting = np.zeros(update.counts[ALL], np.bool_)
     if owner != NO_INDEX:
         fitting[find_survivor(owner, update)] = True
@@ -313,7 +304,7 @@ def assign_touch(
             touch = find_survivor(update.owners[other], update)
             if not fitting[touch]:
                 fitting[touch] = belongs_together(
-                    track, other, tracks, regions, reading, context.parameters, buffer
+                    track, other, reading, context.parameters, update
                 )
     first = NO_INDEX
     for touch in range(len(fitting)):
@@ -325,7 +316,7 @@ def assign_touch(
     if owner != NO_INDEX:
         return
     if first == NO_INDEX:
-        first = start_touch(tracks[track], context.state, buffer, update)
+        first = start_touch(tracks[track], context.state, update)
     update.owners[track] = update.joined[track] = first
 
 
@@ -333,17 +324,16 @@ def assign_touch(
 def belongs_together(
     track: int,
     other: int,
-    tracks: np.ndarray,
-    regions: ContactRegions,
     reading: KernelReading,
     parameters: TrackingParameters,
-    buffer: RecordBuffer,
+    update: TouchUpdate,
 ) -> bool:
     """Return whether a track belongs to the same touch as another, by where it is."""
+    tracks, buffer = update.tracks, update.buffer
     if tracks[track].parent == tracks[other].id or not parameters.calibrated:
         return True
     if min(tracks[track].last, tracks[other].last) == reading.stamp:
-        return are_near(track, other, tracks, regions, buffer)
+        return are_near(track, other, parameters.max_separation, update)
     if reading.stamp - tracks[other].last > parameters.pause_ns:
         return False
     end = buffer.contacts[tracks[other].contact]
@@ -353,19 +343,13 @@ def belongs_together(
 
 
 @compiled
-def are_near(
-    one: int,
-    other: int,
-    tracks: np.ndarray,
-    regions: ContactRegions,
-    buffer: RecordBuffer,
-) -> bool:
-    """Return whether the nearest taxels of two contacts are within reach in space."""
-    points, boxes, reach = regions.points, regions.boxes, regions.reach
+def are_near(one: int, other: int, reach: float, update: TouchUpdate) -> bool:
+    """Return whether the nearest taxels of two contacts are within reach [m]."""
+    points, boxes, buffer = update.points, update.boxes, update.buffer
     if box_gap(boxes[one], boxes[other]) > reach:
         return False
-    a = buffer.contacts[tracks[one].contact].loads
-    b = buffer.contacts[tracks[other].contact].loads
+    a = buffer.contacts[update.tracks[one].contact].loads
+    b = buffer.contacts[update.tracks[other].contact].loads
     for m in range(a[0], a[1]):
         if point_gap(points[m], boxes[other]) > reach:
             continue
@@ -376,15 +360,9 @@ def are_near(
 
 
 @compiled
-def merge_near(
-    tracks: np.ndarray,
-    regions: ContactRegions,
-    stamp: int,
-    parameters: TrackingParameters,
-    buffer: RecordBuffer,
-    update: TouchUpdate,
-) -> None:
+def merge_near(stamp: int, parameters: TrackingParameters, update: TouchUpdate) -> None:
     """Merge the touches of ongoing tracks whose contacts are beside each other."""
+    tracks, reach = update.tracks[: update.ongoing], parameters.max_separation
     if update.counts[ALL] - update.counts[CLOSED] < 2:
         return
     for one in range(len(tracks)):
@@ -397,24 +375,21 @@ def merge_near(
             b = find_survivor(update.owners[other], update)
             if a == b or min(tracks[one].last, tracks[other].last) < stamp:
                 continue
-            if are_near(one, other, tracks, regions, buffer):
+            if are_near(one, other, reach, update):
                 merge_touches(min(a, b), max(a, b), parameters.restart, update)
 
 
 @compiled
 def restart_touches(
-    tracks: np.ndarray,
-    reading: KernelReading,
-    context: TrackerContext,
-    buffer: RecordBuffer,
-    update: TouchUpdate,
+    reading: KernelReading, context: TrackerContext, update: TouchUpdate
 ) -> None:
     """Start a new touch where the force grows far beyond that of a touch.
 
     What came before may be noise, or a hand that hovers; it gives the new one neither
     its age nor its place. A confirmed touch is merged into the new one.
     """
-    parameters = context.parameters
+    parameters, buffer = context.parameters, update.buffer
+    tracks = update.tracks[: update.ongoing]
     for n in range(update.counts[PREVIOUS]):
         touch = update.touches[n]
         if touch.closed or touch.settled == 0.0:
@@ -429,7 +404,7 @@ def restart_touches(
                     largest, strongest = contact.force, track
         if strongest == NO_INDEX or force < parameters.restart * touch.settled:
             continue
-        new = start_touch(tracks[strongest], context.state, buffer, update)
+        new = start_touch(tracks[strongest], context.state, update)
         update.touches[new].onset = update.touches[new].settled_at = reading.stamp
         update.touches[new].confirmed = touch.confirmed
         for track in range(len(tracks)):
@@ -441,17 +416,14 @@ def restart_touches(
 
 @compiled
 def update_open_touches(
-    tracks: np.ndarray,
     gained: Float[np.ndarray, "track"],
-    before: TouchRecords,
     reading: KernelReading,
     context: TrackerContext,
-    buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
     """Update every open touch with the contacts of ongoing tracks."""
-    parameters = context.parameters
-    count = update.counts[ALL]
+    parameters, buffer = context.parameters, update.buffer
+    tracks, count = update.tracks[: update.ongoing], update.counts[ALL]
     force, centre = np.zeros(count), np.zeros((count, 3))
     # The force in a longer gap between readings is unknown.
     seconds = 0.0
@@ -490,6 +462,6 @@ def update_open_touches(
         if reading.stamp - touch.settled_at >= parameters.settle_ns:
             touch.settled, touch.settled_at = touch.peak_force, reading.stamp
         if n < update.counts[PREVIOUS]:
-            last = before.touches[n].last
+            last = buffer.before.touches[n].last
             lifted = last < reading.stamp - reading.elapsed
             touch.contacts += lifted and touch.last - last > MIN_LIFT_NS

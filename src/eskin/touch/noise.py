@@ -52,12 +52,9 @@ class NoiseFloor:
     ) -> None:
         """Start with the calibrated noise, or with what is assumed without one.
 
-        Args:
-            calibration: constants of the electronics.
-            contact: counts above rest at which contact begins.
-            members: indices of the taxels of each patch.
-            history: history of the counts, whose noise starts as calibrated.
-            start_floor: pressure that may be noise until it is known [kPa].
+        `contact` are the counts above rest at which contact begins, `members` the
+        taxels of each patch, `start_floor` is the pressure that may be noise until it
+        is known [kPa].
         """
         self.calibration = calibration
         self.contact = contact
@@ -73,11 +70,7 @@ class NoiseFloor:
     def measure_noise(
         self, deviation: Float[np.ndarray, "taxel"]
     ) -> Float[np.ndarray, "taxel"]:
-        """Return the counts above rest up to which they are noise.
-
-        Args:
-            deviation: deviation from a straight course, as `CountHistory.noise`.
-        """
+        """Return the counts above rest that may be noise of a `CountHistory.noise`."""
         least = np.clip(MIN_NOISE_CONTACTS * self.contact, *MIN_NOISE)
         return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, least)
 
@@ -87,10 +80,7 @@ class NoiseFloor:
         """Return the median depth below rest of each taxel [counts].
 
         It is at least a part of that of its patch, in units of the counts at which
-        contact begins.
-
-        Args:
-            mask: faulty taxels, which do not count for their patch.
+        contact begins, where faulty taxels do not count.
         """
         slow_noise, contact = self.history.slow_noise, self.contact
         ratio, usual = slow_noise / contact, np.zeros(len(self.contact))
@@ -102,12 +92,7 @@ class NoiseFloor:
         return np.maximum(slow_noise, SLOW_NOISE_SHARE * usual * contact)
 
     def update(self, mask: Bool[np.ndarray, "taxel"], now: float) -> None:
-        """Update what may be noise by the history at a time [s].
-
-        Args:
-            mask: faulty taxels.
-            now: time since the first scan [s].
-        """
+        """Update what may be noise by the history, without faulty taxels, at a time."""
         fast = self.measure_noise(self.history.noise)
         slow = SLOW_NOISE_SIGMAS / SLOW_NOISE_MEDIAN * self.measure_slow_noise(mask)
         self.counts = np.maximum(fast, slow)

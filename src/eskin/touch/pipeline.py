@@ -11,11 +11,7 @@ from eskin.errors import ReadingError
 from eskin.skin import MountedSkin
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
-from eskin.touch.calibrator import (
-    CalibrationConfig,
-    Calibrator,
-    CrosstalkCompensator,
-)
+from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
@@ -44,12 +40,7 @@ class LinkPoseCache:
     """A cache holds the link poses at the latest q, computed once q changes."""
 
     def __init__(self, mounted: MountedSkin, use_kinematics: bool = True) -> None:
-        """Start without a pose.
-
-        Args:
-            mounted: the skin on its robot.
-            use_kinematics: whether q is used; else every joint is taken as 0.
-        """
+        """Start without a pose; without kinematics every joint is taken as 0."""
         self.mounted = mounted
         self.use_kinematics = use_kinematics
         self.joints = len(mounted.robot.joint_names)
@@ -123,11 +114,7 @@ class TouchTracker:
     def push(
         self, reading: Reading, floor: Float[np.ndarray, "taxel"] | None = None
     ) -> TrackingResult:
-        """Process the next reading.
-
-        Args:
-            reading: the reading.
-            floor: pressure of each taxel up to which it may be noise [kPa]; 0 for None.
+        """Process the next reading; up to `floor` [kPa] it may be noise, 0 for None.
 
         Raises:
             ReadingError: It is of another skin or robot, or not later than the last
@@ -213,14 +200,7 @@ class TouchPipeline:
         config: PipelineConfig | None = None,
         poses: LinkPoseCache | None = None,
     ) -> None:
-        """Start with every stage in its initial state.
-
-        Args:
-            mounted: the skin on its robot.
-            calibration: constants of the skin's electronics.
-            config: configuration of every stage.
-            poses: cache of link poses to share; None for one of its own.
-        """
+        """Start with every stage in its initial state; `poses` may be shared."""
         self.config = config or PipelineConfig()
         self.mounted = mounted
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
@@ -284,11 +264,7 @@ class TouchPipeline:
     ) -> TouchState:
         """Process the next reading, which is calibrated already.
 
-        Args:
-            reading: the reading.
-            faults: faults of the skin.
-            floor: pressure of each taxel up to which it may be noise [kPa]; None for
-                readings without noise, in which every contact is a touch.
+        Pressures up to `floor` [kPa] may be noise; for None every contact is a touch.
 
         Raises:
             ReadingError: As for `push`.

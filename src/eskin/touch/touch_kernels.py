@@ -1,8 +1,7 @@
 """Compiled kernels that track contacts and touches into the next reading.
 
-They run the stages of a reading, and write the records of its touches. `before` is the
-`TouchRecords` of the previous reading, `buffer` has the contacts and loads of this one,
-and `update` the touches while they are updated.
+They run the stages of a reading, and write the records of its touches. `update` holds
+its tracks, and the touches while they are updated.
 """
 # The types of compiled code are those that numba infers.
 # pyright: reportAttributeAccessIssue=false
@@ -30,7 +29,6 @@ from eskin.touch.records import (
 from eskin.touch.track_kernels import (
     CONTACTS,
     LOADS,
-    RecordBuffer,
     append_loads,
     build_buffer,
     copy_contact_with_loads,
@@ -41,19 +39,13 @@ STATUS_SIZE = len(TouchStatus._fields)
 
 
 @compiled
-def write_spans(
-    tracks: np.ndarray,
-    ongoing: int,
-    before: TouchRecords,
-    stamp: int,
-    buffer: RecordBuffer,
-    update: TouchUpdate,
-) -> Int[np.ndarray, "member"]:
+def write_spans(stamp: int, update: TouchUpdate) -> Int[np.ndarray, "member"]:
     """Write the spans of all touches, and the touch of each track.
 
     Returns:
         `TouchRecords.members`.
     """
+    tracks = update.tracks
     for track in range(len(tracks)):
         owner = update.owners[track]
         tracks[track].touch = 0
@@ -64,16 +56,15 @@ def write_spans(
         touch = update.touches[n]
         touch.loads[0] = touch.loads[1] = touch.before[0] = touch.before[1] = 0
         if not touch.closed:
-            write_loads(n, tracks[:ongoing], stamp, buffer, update)
-            write_previous_loads(n, before, buffer, update)
-    return write_members(tracks, before, update)
+            write_loads(n, stamp, update)
+            write_previous_loads(n, update)
+    return write_members(update)
 
 
 @compiled
-def write_loads(
-    n: int, tracks: np.ndarray, stamp: int, buffer: RecordBuffer, update: TouchUpdate
-) -> None:
+def write_loads(n: int, stamp: int, update: TouchUpdate) -> None:
     """Write the span of a touch's loads; those of several contacts are copied first."""
+    tracks, buffer = update.tracks[: update.ongoing], update.buffer
     span, parts = update.touches[n].loads, 0
     for track in range(len(tracks)):
         if update.owners[track] == n and tracks[track].last == stamp:
@@ -90,10 +81,9 @@ def write_loads(
 
 
 @compiled
-def write_previous_loads(
-    n: int, before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
-) -> None:
+def write_previous_loads(n: int, update: TouchUpdate) -> None:
     """Write the previous loads of a touch and of those merged into it."""
+    buffer, before = update.buffer, update.buffer.before
     span = update.touches[n].before
     span[0] = span[1] = buffer.used[LOADS]
     for other in range(update.counts[PREVIOUS]):
@@ -103,13 +93,12 @@ def write_previous_loads(
 
 
 @compiled
-def write_members(
-    tracks: np.ndarray, before: TouchRecords, update: TouchUpdate
-) -> Int[np.ndarray, "member"]:
+def write_members(update: TouchUpdate) -> Int[np.ndarray, "member"]:
     """Write the ids of the tracks of each touch, ascending.
 
     The tracks of a touch count for those into which it is merged too.
     """
+    tracks, before = update.tracks, update.buffer.before
     ends = np.zeros(update.counts[ALL] + 1, np.int64)
     for n in range(update.counts[PREVIOUS]):
         span = before.touches[n].tracks
@@ -166,23 +155,21 @@ def track_touches(
 ) -> tuple[Packed, Int[np.ndarray, "touch column"], int, int]:
     """Track contacts and touches into the next reading.
 
-    Args:
-        candidates: all taxels of enough pressure to be active, ascending.
-        reading: the next reading.
-        packed_context: `TrackerContext`.
-        packed_before: `TouchRecords` of the previous reading.
+    `candidates` are all taxels of enough pressure to be active, ascending; the context
+    is a `TrackerContext`, and `packed_before` the `TouchRecords` of the previous
+    reading.
 
     Returns:
         `TouchRecords` of this reading; the `TouchStatus` of each touch as a row; the
-        number of open touches; and the number of tracks.
+            number of open touches; and the number of tracks.
     """
     context, before = packed_context.parts, packed_before.parts
     contacts, loads, points = find_contacts(candidates, reading, context)
     buffer = build_buffer(contacts, loads, before)
-    tracks, ongoing = track_contacts(contacts, loads, before, reading, context, buffer)
-    update = group_tracks(tracks, ongoing, points, before, reading, context, buffer)
-    members = write_spans(tracks, ongoing, before, reading.stamp, buffer, update)
-    touches = collect_touches(before, buffer, update)
+    tracks, ongoing = track_contacts(contacts, loads, reading, context, buffer)
+    update = group_tracks(tracks, ongoing, points, reading, context, buffer)
+    members = write_spans(reading.stamp, update)
+    touches = collect_touches(update)
     records = TouchRecords(
         buffer.contacts[: buffer.used[CONTACTS]],
         tracks,
@@ -207,16 +194,14 @@ def build_statuses(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
 
 
 @compiled
-def collect_touches(
-    before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
-) -> np.ndarray:
+def collect_touches(update: TouchUpdate) -> np.ndarray:
     """Return open touches, then closed ones, and copy their contacts to the buffer."""
     touches = np.empty(update.counts[ALL], TOUCH)
     count = 0
     for n in range(update.counts[ALL]):
         touch = update.touches[n]
         if not update.renewed[n]:
-            touch.contact = copy_contact_with_loads(touch.contact, before, buffer)
+            touch.contact = copy_contact_with_loads(touch.contact, update.buffer)
         if not touch.closed:
             touches[count] = touch
             count += 1

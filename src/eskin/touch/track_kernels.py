@@ -1,8 +1,6 @@
 """Compiled kernels that track contacts from one reading to the next.
 
-`before` is the `TouchRecords` of the previous reading. Tracks are matched as follows:
-`successor` is the contact in which each track continues, `owner` the track that keeps
-its id in each contact, `parents` the track of which each contact covers most.
+`before` is the `TouchRecords` of the previous reading.
 """
 # The types of compiled code are those that numba infers.
 # pyright: reportAttributeAccessIssue=false
@@ -10,7 +8,7 @@ its id in each contact, `parents` the track of which each contact covers most.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from eskin.compiled import compiled
 from eskin.touch.contact_kernels import distance_to_link_point
@@ -39,6 +37,8 @@ CONTACTS, LOADS = 0, 1
 class RecordBuffer(NamedTuple):
     """A buffer has space for the contacts and loads of a reading, and older ones."""
 
+    before: TouchRecords
+    """Records of the previous reading."""
     contacts: np.ndarray
     """(space) CONTACT."""
     loads: np.ndarray
@@ -59,6 +59,7 @@ def build_buffer(
     both readings, for the touches.
     """
     buffer = RecordBuffer(
+        before,
         np.empty(len(contacts) + len(before.contacts), CONTACT),
         np.empty(2 * (len(loads) + len(before.loads)), LOAD),
         np.full(len(before.contacts), NO_INDEX),
@@ -70,11 +71,9 @@ def build_buffer(
 
 
 @compiled
-def copy_contact_with_loads(
-    old: int, before: TouchRecords, buffer: RecordBuffer
-) -> int:
+def copy_contact_with_loads(old: int, buffer: RecordBuffer) -> int:
     """Copy a previous contact with its loads, and return its new index."""
-    place = copy_contact(old, before, buffer)
+    place, before = copy_contact(old, buffer), buffer.before
     span = buffer.contacts[place].loads
     if span[0] == span[1]:
         old_span = before.contacts[old].loads
@@ -84,13 +83,13 @@ def copy_contact_with_loads(
 
 
 @compiled
-def copy_contact(old: int, before: TouchRecords, buffer: RecordBuffer) -> int:
+def copy_contact(old: int, buffer: RecordBuffer) -> int:
     """Copy a previous contact without its loads, and return its new index."""
     if buffer.copied_to[old] == NO_INDEX:
         place = buffer.used[CONTACTS]
         buffer.used[CONTACTS] += 1
         buffer.copied_to[old] = place
-        buffer.contacts[place] = before.contacts[old]
+        buffer.contacts[place] = buffer.before.contacts[old]
         buffer.contacts[place].loads[0] = buffer.contacts[place].loads[1] = 0
     return buffer.copied_to[old]
 
@@ -104,11 +103,21 @@ def append_loads(loads: np.ndarray, buffer: RecordBuffer) -> int:
     return end
 
 
+class TrackMatches(NamedTuple):
+    """Matches relate previous tracks and the contacts of a reading; -1 is none."""
+
+    successor: np.ndarray
+    """(track) contact in which it continues."""
+    parents: np.ndarray
+    """(contact) track of which it covers most."""
+    owner: np.ndarray
+    """(contact) track that keeps its id in it."""
+
+
 @compiled
 def track_contacts(
     contacts: np.ndarray,
     loads: np.ndarray,
-    before: TouchRecords,
     reading: KernelReading,
     context: TrackerContext,
     buffer: RecordBuffer,
@@ -132,34 +141,25 @@ def track_contacts(
         TRACK records: ongoing ones by id, ended ones by id, then past ones; and the
         number of ongoing ones.
     """
-    parameters = context.parameters
-    successor = np.full(count_ongoing(before.tracks), NO_INDEX)
-    parents = np.full(len(contacts), NO_INDEX)
-    if reading.elapsed <= parameters.gap_seconds * NS_PER_S:
-        match_overlaps(contacts, loads, before, context, successor, parents)
-        gate = parameters.gate + parameters.speed * (reading.elapsed / NS_PER_S)
-        pair_nearest(
-            contacts,
-            before,
-            reading,
-            gate,
-            parameters.least_evidence,
-            successor,
-            parents,
-        )
-    owner = find_owners(
-        successor, len(contacts), before.tracks, parameters.least_evidence
+    parameters, before = context.parameters, buffer.before
+    matches = TrackMatches(
+        np.full(count_ongoing(before.tracks), NO_INDEX),
+        np.full(len(contacts), NO_INDEX),
+        np.full(len(contacts), NO_INDEX),
     )
+    if reading.elapsed <= parameters.gap_seconds * NS_PER_S:
+        match_overlaps(contacts, loads, before, context, matches)
+        pair_nearest(contacts, before, reading, parameters, matches)
+    find_owners(before.tracks, parameters.least_evidence, matches)
     tracks = np.empty(len(before.tracks) + len(contacts), TRACK)
-    count = write_ongoing(successor, owner, before, reading, parameters, tracks, buffer)
+    count = write_ongoing(matches, reading, parameters, buffer, tracks)
     for n in range(len(contacts)):
-        if owner[n] == NO_INDEX:
-            start_track(n, parents[n], before, reading.stamp, tracks[count], context)
+        if matches.owner[n] == NO_INDEX:
+            parent = matches.parents[n]
+            start_track(n, parent, before, reading.stamp, tracks[count], context)
             count += 1
     ongoing = count
-    count = write_ended(
-        successor, owner, before, reading, parameters, tracks, count, buffer
-    )
+    count = write_ended(matches, reading, parameters, buffer, tracks, count)
     return tracks[:count], ongoing
 
 
@@ -178,10 +178,10 @@ def match_overlaps(
     loads: np.ndarray,
     before: TouchRecords,
     context: TrackerContext,
-    successor: Int[np.ndarray, "track"],
-    parents: Int[np.ndarray, "contact"],
+    matches: TrackMatches,
 ) -> None:
-    """Write `successor` and `parents` where contacts overlap the previous ones."""
+    """Match contacts that overlap the previous ones of tracks."""
+    successor, parents = matches.successor, matches.parents
     geometry, taxels = context.geometry, context.state.taxels
     mark_taxels(before, len(successor), taxels, True)
     covered, best = np.zeros(len(successor)), np.zeros(len(successor))
@@ -223,16 +223,15 @@ def pair_nearest(
     contacts: np.ndarray,
     before: TouchRecords,
     reading: KernelReading,
-    gate: float,
-    least_evidence: float,
-    successor: Int[np.ndarray, "track"],
-    parents: Int[np.ndarray, "contact"],
+    parameters: TrackingParameters,
+    matches: TrackMatches,
 ) -> None:
     """Pair tracks and contacts that overlap nothing, nearest first within the gate."""
-    T_world_link, free = reading.T_world_link, parents == NO_INDEX
-    is_lost = successor == NO_INDEX
+    gate = parameters.gate + parameters.speed * (reading.elapsed / NS_PER_S)
+    T_world_link, free = reading.T_world_link, matches.parents == NO_INDEX
+    successor, is_lost = matches.successor, matches.successor == NO_INDEX
     for track in range(len(successor)):
-        is_lost[track] &= before.tracks[track].evidence >= least_evidence
+        is_lost[track] &= before.tracks[track].evidence >= parameters.least_evidence
     lost = np.flatnonzero(is_lost)
     if not lost.size or not free.any():
         return
@@ -276,16 +275,13 @@ def find_nearest(
 
 @compiled
 def find_owners(
-    successor: Int[np.ndarray, "track"],
-    count: int,
-    tracks: np.ndarray,
-    least_evidence: float,
-) -> np.ndarray:
-    """Return the oldest of the tracks that continue in each contact, or -1.
+    tracks: np.ndarray, least_evidence: float, matches: TrackMatches
+) -> None:
+    """Let the oldest of the tracks that continue in each contact keep its id.
 
     Tracks that may be noise come after all others.
     """
-    owner = np.full(count, NO_INDEX)
+    successor, owner = matches.successor, matches.owner
     for track in range(len(successor)):
         n = successor[track]
         if n == NO_INDEX:
@@ -300,28 +296,25 @@ def find_owners(
             owner[n] = track if is_sure else other
         elif tracks[track].onset < tracks[other].onset:
             owner[n] = track
-    return owner
 
 
 @compiled
 def write_ongoing(
-    successor: Int[np.ndarray, "track"],
-    owner: Int[np.ndarray, "contact"],
-    before: TouchRecords,
+    matches: TrackMatches,
     reading: KernelReading,
     parameters: TrackingParameters,
-    tracks: np.ndarray,
     buffer: RecordBuffer,
+    tracks: np.ndarray,
 ) -> int:
     """Write the tracks that continue, and return their number."""
-    count = 0
-    for track in range(len(successor)):
-        n, old = successor[track], before.tracks[track]
+    count, before = 0, buffer.before
+    for track in range(len(matches.successor)):
+        n, old = matches.successor[track], before.tracks[track]
         if n == NO_INDEX and is_coasting(old, before, reading, parameters):
             tracks[count] = old
-            tracks[count].contact = copy_contact_with_loads(old.contact, before, buffer)
+            tracks[count].contact = copy_contact_with_loads(old.contact, buffer)
             count += 1
-        elif n != NO_INDEX and owner[n] == track:
+        elif n != NO_INDEX and matches.owner[n] == track:
             tracks[count] = old
             tracks[count].last, tracks[count].contact = reading.stamp, n
             count += 1
@@ -369,37 +362,36 @@ def start_track(
 
 @compiled
 def write_ended(
-    successor: Int[np.ndarray, "track"],
-    owner: Int[np.ndarray, "contact"],
-    before: TouchRecords,
+    matches: TrackMatches,
     reading: KernelReading,
     parameters: TrackingParameters,
+    buffer: RecordBuffer,
     tracks: np.ndarray,
     count: int,
-    buffer: RecordBuffer,
 ) -> int:
     """Append the tracks that have ended, and return the number of all tracks.
 
     Tracks that ended before are kept while a new one may join their touch.
     """
+    before = buffer.before
     for track in range(len(before.tracks)):
         old = before.tracks[track]
-        if track >= len(successor):
+        if track >= len(matches.successor):
             if reading.stamp - old.last <= parameters.pause_ns:
                 tracks[count] = old
                 tracks[count].phase = PAST
-                tracks[count].contact = copy_contact(old.contact, before, buffer)
+                tracks[count].contact = copy_contact(old.contact, buffer)
                 count += 1
             continue
-        n = successor[track]
-        merged = n != NO_INDEX and owner[n] != track
+        n = matches.successor[track]
+        merged = n != NO_INDEX and matches.owner[n] != track
         if merged or (
             n == NO_INDEX and not is_coasting(old, before, reading, parameters)
         ):
             tracks[count] = old
             tracks[count].phase = ENDED
-            tracks[count].contact = copy_contact_with_loads(old.contact, before, buffer)
+            tracks[count].contact = copy_contact_with_loads(old.contact, buffer)
             if merged:
-                tracks[count].merged_into = before.tracks[owner[n]].id
+                tracks[count].merged_into = before.tracks[matches.owner[n]].id
             count += 1
     return count
