@@ -103,13 +103,6 @@ def test_features_of_a_batch_are_those_of_each_graph(graphs, features):
     assert np.isfinite(together).all()
 
 
-def test_summary_of_an_empty_graph_is_zero():
-    empty = random_graph(np.random.default_rng(0), 0)
-    empty = empty._replace(history=np.zeros_like(empty.history))
-    assert not pressure_summary(empty).any()
-    assert not shear_summary(empty).any()
-
-
 def feature(batch, name, floor=None):
     """Return a column of the summary; with a floor, without its logarithm."""
     names, values = PRESSURE_SUMMARY, pressure_summary(batch)
