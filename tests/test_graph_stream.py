@@ -5,11 +5,11 @@ import pytest
 
 from eskin.live import (
     HISTORY,
-    WHOLE_SKIN,
     GraphConfig,
     GraphStream,
     join_graphs,
 )
+from eskin.live.graph_builder import WHOLE_SKIN
 from eskin.touch import Calibration, TouchPipeline
 from helpers.graphs import (
     SCENES,

@@ -12,7 +12,8 @@ from eskin.learn.nn import (
     SlotIndex,
     TemporalHead,
 )
-from eskin.live import MIN_SLOTS, NetworkConfig, join_graphs
+from eskin.live import NetworkConfig, join_graphs
+from eskin.live.model_config import MIN_SLOTS
 from helpers.graphs import (
     embed,
     flat,
