@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from html import escape
 from threading import RLock
-from typing import Any, Literal, final
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
