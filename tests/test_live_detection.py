@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.compiled import pack
-from eskin.live import DirectionTracker
+from eskin.live.decision import DirectionTracker
 from eskin.touch import (
     NO_TOUCHES,
     TOUCH,

@@ -7,16 +7,24 @@ import torch
 from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
 from eskin.live import (
+<<<<<<< HEAD
     NO_HISTORY,
+=======
+    SLOT_NS,
+>>>>>>> learn
     GraphBuilder,
-    LogitStream,
     Network,
     Recognizer,
-    TouchNodes,
     compute_probabilities,
-    pack_touch_nodes,
 )
+<<<<<<< HEAD
 from eskin.live.network import INITIAL_SEQUENCES
+=======
+from eskin.live.graph import NO_HISTORY
+from eskin.live.graph_builder import TouchNodes, pack_touch_nodes
+from eskin.live.network import INITIAL_SEQUENCES, LogitStream
+from eskin.live.step_kernels import step
+>>>>>>> learn
 from eskin.touch import Reading
 from helpers.live import (
     calibration_of,
@@ -101,7 +109,10 @@ def test_step_computes_graph_features_and_window(kind):
     model = model_of(network(kind), temperature=1.7)
     stream = LogitStream(model, GraphBuilder(on))
     builder, live = GraphBuilder(on), Network(model)
-    window, earlier = SequenceWindow(live.heads, live.slots), np.empty(0, np.int64)
+    window, earlier = (
+        SequenceWindow(live.parts.heads, live.slots),
+        np.empty(0, np.int64),
+    )
     for n, count in enumerate((5, 40, 0, 900, 3, 400)):
         taxels = np.sort(rng.permutation(on.skin.count)[:count])
         reading = make_reading(on, n, taxels, rng)

@@ -80,8 +80,8 @@ SLOTS = (25, 26, 30, 41, 101)
 def assert_windows_equal(slots, stamps, width=4):
     """Compare the logits at every stamp with those of torch for the whole window."""
     net, live = make_networks(slots=slots, channels=6, width=width)
-    window = SequenceWindow(live.heads, live.slots)
-    rows = np.random.default_rng(0).normal(size=(len(stamps), live.channels))
+    window = SequenceWindow(live.parts.heads, live.slots)
+    rows = np.random.default_rng(0).normal(size=(len(stamps), len(live.parts.features)))
     rows = 2 * rows.astype(np.float32)
     numbers = np.array(stamps) // SLOT_NS
     slot = numbers - numbers[:, None] + slots - 1

@@ -14,7 +14,6 @@ from safetensors.torch import save_file as save_torch
 from eskin.errors import ModelError
 from eskin.learn.checkpoint import to_model, to_network
 from eskin.live import (
-    MIN_SLOTS,
     PRESSURE_SUMMARY,
     DecisionConfig,
     GraphConfig,
@@ -26,7 +25,7 @@ from eskin.live import (
     load_model,
     save_model,
 )
-from eskin.live.model_config import read_limits
+from eskin.live.model_config import MIN_SLOTS, read_limits
 from eskin.touch import ContactConfig, PipelineConfig
 from helpers.graphs import logits, press_on_seam
 from helpers.live import VOCABULARY, model_of, network

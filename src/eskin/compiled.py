@@ -91,6 +91,9 @@ def digest_sources(path: Path) -> str:
     """Return a digest of a module of kernels and of the modules that it imports."""
     text = path.read_text(encoding="utf-8")
     digest = hashlib.sha256(text.encode())
+    if path == Path(__file__):  # `pack` takes tuples of all modules of kernels.
+        for kernels in sorted(PACKAGE.rglob("*_kernels.py")):
+            digest.update(digest_sources(kernels).encode())
     for name in IMPORTS.findall(text):
         imported = PACKAGE.joinpath(*name.split(".")).with_suffix(".py")
         if name.endswith("kernels"):

@@ -20,11 +20,9 @@ def compute_features(
     They are overwritten with those of the next graph.
     """
     graph = graph.for_kernels()
-    network.reserve(int(graph.offsets[1]), graph.neighbours.shape[1])
-    compiled_features(
-        graph, network.shear, network.weights, network.workspace, network.features
-    )
-    return network.features
+    parts = network.reserve(int(graph.offsets[1]), graph.neighbours.shape[1])
+    compiled_features(graph, parts)
+    return parts.features
 
 
 @final

@@ -5,13 +5,11 @@ from eskin.live.decision import (
     Decision,
     DecisionFilter,
     Detection,
-    DirectionTracker,
     build_detection,
 )
 from eskin.live.graph import (
     GRAPH_FIELDS,
     HISTORY,
-    NO_HISTORY,
     NODE_FIELDS,
     SHEAR_FIELDS,
     GraphBatch,
@@ -19,14 +17,11 @@ from eskin.live.graph import (
     join_graphs,
 )
 from eskin.live.graph_builder import (
-    WHOLE_SKIN,
     FixedNeighbours,
     GraphBuilder,
     GraphConfig,
     GraphStream,
-    TouchNodes,
     find_live_neighbours,
-    pack_touch_nodes,
 )
 from eskin.live.graph_features import (
     NODE_SCALARS,
@@ -42,7 +37,6 @@ from eskin.live.model_config import (
     LONG_STRIDE,
     LONG_TAPS,
     MAX_DEVIATIONS,
-    MIN_SLOTS,
     SHORT_STRIDE,
     SHORT_TAPS,
     SLOT_NS,
@@ -52,7 +46,7 @@ from eskin.live.model_config import (
     check_limits,
 )
 from eskin.live.model_file import MODELS, Model, check_weights, load_model, save_model
-from eskin.live.network import LogitStream, Network, compute_probabilities
+from eskin.live.network import Network, compute_probabilities
 from eskin.live.recognizer import Recognizer, mount_skin, warm_up
 
 __all__ = [
@@ -60,7 +54,6 @@ __all__ = [
     "DecisionConfig",
     "DecisionFilter",
     "Detection",
-    "DirectionTracker",
     "EDGE_SCALARS",
     "FixedNeighbours",
     "GRAPH_FIELDS",
@@ -72,15 +65,12 @@ __all__ = [
     "LENGTH_CM",
     "LONG_STRIDE",
     "LONG_TAPS",
-    "LogitStream",
     "MAX_DEVIATIONS",
-    "MIN_SLOTS",
     "MODELS",
     "Model",
     "ModelCard",
     "NODE_FIELDS",
     "NODE_SCALARS",
-    "NO_HISTORY",
     "Network",
     "NetworkConfig",
     "PRESSURE_SUMMARY",
@@ -90,9 +80,7 @@ __all__ = [
     "SHORT_STRIDE",
     "SHORT_TAPS",
     "SLOT_NS",
-    "TouchNodes",
     "UNKNOWN",
-    "WHOLE_SKIN",
     "build_detection",
     "check_limits",
     "check_weights",
@@ -105,7 +93,6 @@ __all__ = [
     "join_graphs",
     "load_model",
     "mount_skin",
-    "pack_touch_nodes",
     "save_model",
     "warm_up",
 ]

@@ -80,12 +80,7 @@ class DecisionFilter:
         config: DecisionConfig | None = None,
         change_ends: bool = False,
     ) -> None:
-        """Start without touches.
-
-        Args:
-            vocabulary: classes in the order of the probabilities.
-            config: thresholds and times.
-            change_ends: whether the fourth rule applies.
+        """Start without touches; the fourth rule applies if `change_ends`.
 
         Raises:
             ValueError: a threshold is of no gesture in the vocabulary.

@@ -102,15 +102,6 @@ class EncoderWorkspace(NamedTuple):
     pooled: Float[np.ndarray, "1 channel"]  # maximum and mean over the active nodes
 
 
-class Encoding(NamedTuple):
-    """An encoding is a graph, and what it is encoded with."""
-
-    graph: GraphBatch  # a batch of one
-    shear: bool  # whether the network uses shear
-    weights: EncoderWeights
-    workspace: EncoderWorkspace
-
-
 @compiled(fastmath={"contract", "nsz"})
 def exp_negative(x: float) -> np.float32:
     """Return exp(-x) without a library call, so that loops over it are vectorised.
@@ -187,18 +178,24 @@ def layer_norm(x: Rows, scale: Channels, shift: Channels, out: Rows) -> None:
 
 
 @compiled_fastmath
-def encode(encoding: Encoding, out: Channels) -> None:
-    """Write the embedding of a graph; zeros where nothing is active."""
-    targets = find_targets(encoding.graph, encoding.workspace)
+def encode(
+    graph: GraphBatch,
+    shear: bool,
+    weights: EncoderWeights,
+    workspace: EncoderWorkspace,
+    out: Channels,
+) -> None:
+    """Write the embedding of a batch of one graph; zeros where nothing is active."""
+    targets = find_targets(graph, workspace)
     if targets == 0:
         out[:] = np.float32(0.0)
         return
-    edges = find_edges(targets, encoding.graph, encoding.workspace)
-    write_coordinates(encoding)
-    rows = embed_nodes(targets, edges, encoding)
-    for layer in range(len(encoding.weights.message_weight)):
-        run_layer(layer, targets, rows, encoding)
-    pool_nodes(targets, encoding, out)
+    edges = find_edges(graph, targets, workspace)
+    write_coordinates(graph, shear, workspace)
+    rows = embed_nodes(graph, targets, edges, weights, workspace)
+    for layer in range(len(weights.message_weight)):
+        run_layer(layer, graph, shear, targets, rows, weights, workspace)
+    pool_nodes(graph, targets, weights, workspace, out)
 
 
 @compiled_fastmath
@@ -215,7 +212,7 @@ def find_targets(graph: GraphBatch, workspace: EncoderWorkspace) -> int:
 
 
 @compiled_fastmath
-def find_edges(targets: int, graph: GraphBatch, workspace: EncoderWorkspace) -> int:
+def find_edges(graph: GraphBatch, targets: int, workspace: EncoderWorkspace) -> int:
     """List the sources of each target, and return the number of edges."""
     sources, edge_weights = workspace.sources, workspace.edge_weights
     edges = 0
@@ -237,23 +234,29 @@ def find_edges(targets: int, graph: GraphBatch, workspace: EncoderWorkspace) -> 
 
 
 @compiled_fastmath
-def write_coordinates(encoding: Encoding) -> None:
+def write_coordinates(
+    graph: GraphBatch, shear: bool, workspace: EncoderWorkspace
+) -> None:
     """Write coordinates and, if the network uses it, compressed shear."""
-    graph, x, shear = encoding.graph, encoding.workspace.x, encoding.workspace.shear
     for node in range(graph.offsets[1]):
         for d in range(3):
-            x[node, d] = graph.positions[node, d] * PER_LENGTH
-        if encoding.shear:
+            workspace.x[node, d] = graph.positions[node, d] * PER_LENGTH
+        if shear:
             size = math.sqrt(squared_norm(graph.shear[node]))
             scale = np.float32(arcsinh(size) / (3.0 * max(size, 1e-9)))
             for d in range(3):
-                shear[node, d] = graph.shear[node, d] * scale
+                workspace.shear[node, d] = graph.shear[node, d] * scale
 
 
 @compiled_fastmath
-def embed_nodes(targets: int, edges: int, encoding: Encoding) -> int:
+def embed_nodes(
+    graph: GraphBatch,
+    targets: int,
+    edges: int,
+    weights: EncoderWeights,
+    workspace: EncoderWorkspace,
+) -> int:
     """Write the first features of every row, and return the number of rows."""
-    graph, weights, workspace = encoding.graph, encoding.weights, encoding.workspace
     for i in range(targets):
         write_node_features(graph, workspace.nodes[i], i, workspace)
     rows, rest = targets, NO_NODE
@@ -294,19 +297,28 @@ def write_node_features(
 
 
 @compiled_fastmath
-def run_layer(layer: int, targets: int, rows: int, encoding: Encoding) -> None:
+def run_layer(
+    layer: int,
+    graph: GraphBatch,
+    shear: bool,
+    targets: int,
+    rows: int,
+    weights: EncoderWeights,
+    workspace: EncoderWorkspace,
+) -> None:
     """Run one `eskin.learn.nn.EquivariantLayer`."""
-    weights, workspace = encoding.weights, encoding.workspace
-    v, u = workspace.v[:rows], workspace.u[:rows]
+    u = workspace.u[:rows]
     of_target, messages = workspace.of_target[:targets], workspace.messages[:targets]
     width = u.shape[1]
-    layer_norm(v, weights.norm_weight[layer], weights.norm_bias[layer], u)
+    layer_norm(
+        workspace.v[:rows], weights.norm_weight[layer], weights.norm_bias[layer], u
+    )
     matmul(u, weights.of_source_weight[layer], workspace.of_source[:rows])
     matmul(u[:targets], weights.of_target_weight[layer], of_target)
     add_bias(of_target, weights.of_target_bias[layer])
     workspace.coord_update[:targets] = np.float32(0.0)
     messages[:] = np.float32(0.0)
-    aggregate(layer, targets, encoding)
+    aggregate(layer, graph, shear, targets, weights, workspace)
     hidden = workspace.of_source[:targets]
     matmul(u[:targets], weights.update_hidden_weight[layer, :width], hidden)
     matmul(messages, weights.update_hidden_weight[layer, width:], of_target)
@@ -322,28 +334,42 @@ def run_layer(layer: int, targets: int, rows: int, encoding: Encoding) -> None:
 
 
 @compiled_fastmath
-def aggregate(layer: int, targets: int, encoding: Encoding) -> None:
+def aggregate(
+    layer: int,
+    graph: GraphBatch,
+    shear: bool,
+    targets: int,
+    weights: EncoderWeights,
+    workspace: EncoderWorkspace,
+) -> None:
     """Aggregate the messages to every target, in blocks of about `BLOCK` edges."""
-    first_edge, begin = encoding.workspace.first_edge, 0
+    begin = 0
     while begin < targets:
-        end, first = begin + 1, first_edge[begin]
-        while end < targets and first_edge[end + 1] - first <= BLOCK:
+        end, first = begin + 1, workspace.first_edge[begin]
+        while end < targets and workspace.first_edge[end + 1] - first <= BLOCK:
             end += 1
-        aggregate_block(layer, begin, end, encoding)
+        aggregate_block(layer, graph, shear, begin, end, weights, workspace)
         begin = end
 
 
 @compiled_fastmath
-def aggregate_block(layer: int, begin: int, end: int, encoding: Encoding) -> None:
+def aggregate_block(
+    layer: int,
+    graph: GraphBatch,
+    shear: bool,
+    begin: int,
+    end: int,
+    weights: EncoderWeights,
+    workspace: EncoderWorkspace,
+) -> None:
     """Aggregate the messages to the targets from `begin` to before `end`."""
-    weights, workspace = encoding.weights, encoding.workspace
     first_edge = workspace.first_edge[begin : end + 1]
     edges = first_edge[-1] - first_edge[0]
     sources = workspace.source_rows[first_edge[0] : first_edge[-1]]
     shares = workspace.edge_weights[first_edge[0] : first_edge[-1]]
     hidden, messages = workspace.hidden[:edges], workspace.edge_messages[:edges]
     of_target, out = workspace.of_target[begin:end], workspace.messages[begin:end]
-    write_edge_features(begin, end, encoding)
+    write_edge_features(graph, shear, begin, end, workspace)
     np.dot(workspace.edge_features[:edges], weights.of_edge_weight[layer], hidden)
     add_node_terms(first_edge, sources, of_target, workspace.of_source, hidden)
     np.dot(hidden, weights.message_weight[layer], messages)
@@ -403,31 +429,38 @@ def sum_coord_updates(
 
 
 @compiled_fastmath
-def write_edge_features(begin: int, end: int, encoding: Encoding) -> None:
+def write_edge_features(
+    graph: GraphBatch, shear: bool, begin: int, end: int, workspace: EncoderWorkspace
+) -> None:
     """Write |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges, r = x_i - x_j."""
-    workspace, n = encoding.workspace, encoding.graph.normals
-    x, s, r = workspace.x, workspace.shear, workspace.r
-    edge, first_edge = workspace.edge_features, workspace.first_edge
+    x, n, s, r = workspace.x, graph.normals, workspace.shear, workspace.r
+    edge, first = workspace.edge_features, workspace.first_edge[begin]
     for target in range(begin, end):
         i = workspace.nodes[target]
-        for e in range(first_edge[target], first_edge[target + 1]):
-            j, k = workspace.sources[e], e - first_edge[begin]
+        for e in range(workspace.first_edge[target], workspace.first_edge[target + 1]):
+            j, k = workspace.sources[e], e - first
             r0, r1, r2 = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
             r[k, 0], r[k, 1], r[k, 2] = r0, r1, r2
             edge[k, 0] = r0 * r0 + r1 * r1 + r2 * r2
             edge[k, 1] = n[i, 0] * n[j, 0] + n[i, 1] * n[j, 1] + n[i, 2] * n[j, 2]
             edge[k, 2] = n[i, 0] * r0 + n[i, 1] * r1 + n[i, 2] * r2
             edge[k, 3] = n[j, 0] * r0 + n[j, 1] * r1 + n[j, 2] * r2
-            edge[k, 4], edge[k, 5] = np.float32(0.0), np.float32(0.0)
-            if encoding.shear:
+            if shear:
                 edge[k, 4] = s[i, 0] * r0 + s[i, 1] * r1 + s[i, 2] * r2
                 edge[k, 5] = s[j, 0] * r0 + s[j, 1] * r1 + s[j, 2] * r2
+            else:
+                edge[k, 4], edge[k, 5] = np.float32(0.0), np.float32(0.0)
 
 
 @compiled_fastmath
-def pool_nodes(targets: int, encoding: Encoding, out: Channels) -> None:
+def pool_nodes(
+    graph: GraphBatch,
+    targets: int,
+    weights: EncoderWeights,
+    workspace: EncoderWorkspace,
+    out: Channels,
+) -> None:
     """Write the normalised maximum and force-weighted mean over the active nodes."""
-    graph, weights, workspace = encoding.graph, encoding.weights, encoding.workspace
     v, pooled = workspace.v, workspace.pooled
     width = v.shape[1]
     largest, mean = pooled[0, :width], pooled[0, width:]
@@ -443,8 +476,9 @@ def pool_nodes(targets: int, encoding: Encoding, out: Channels) -> None:
             mean[c] += weight * v[i, c]
     for c in range(width):
         mean[c] /= max(force, np.float32(1e-6))
-    row = out.reshape(1, 2 * width)
-    layer_norm(pooled, weights.pool_weight, weights.pool_bias, row)
+    layer_norm(
+        pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width)
+    )
 
 
 @compiled_fastmath

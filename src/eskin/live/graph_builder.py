@@ -88,12 +88,7 @@ class GraphBuilder:
 
     It keeps the previous reading and since when each taxel has been active, so
     `advance` must be called once for every reading, before `build`.
-
-    Attributes:
-        geometry: geometry of the skin.
-        taxel_history: loads of each taxel when it was last active.
-        step: the latest reading.
-        workspace: memory in which graphs are built.
+    `step` is the latest reading, `workspace` the memory in which graphs are built.
     """
 
     def __init__(
@@ -110,7 +105,15 @@ class GraphBuilder:
         self.config = config or GraphConfig()
         self.poses = poses or LinkPoseCache(mounted, self.config.posed)
         self.geometry = build_skin_geometry(mounted, self.config)
-        self.taxel_history = create_taxel_history(mounted.skin.count)
+        taxels = mounted.skin.count
+        self.taxel_history = TaxelHistory(
+            reading=np.full(taxels, NEVER),
+            onset=np.zeros(taxels, np.int64),
+            pressure=np.zeros(taxels),
+            before=np.zeros(taxels),
+            shear=np.zeros((taxels, 2)),
+            shear_before=np.zeros((taxels, 2)),
+        )
         no_pressure, no_poses = np.zeros(0, np.float32), np.empty((0, 4, 4))
         self.step = KernelStep(
             0, LONG_AGO, MAX_STEP, False, no_pressure, NO_SHEAR, no_poses
@@ -184,18 +187,6 @@ def build_skin_geometry(mounted: MountedSkin, config: GraphConfig) -> SkinGeomet
     )
 
 
-def create_taxel_history(taxels: int) -> TaxelHistory:
-    """Return the history of so many taxels before the first reading."""
-    return TaxelHistory(
-        reading=np.full(taxels, NEVER),
-        onset=np.zeros(taxels, np.int64),
-        pressure=np.zeros(taxels),
-        before=np.zeros(taxels),
-        shear=np.zeros((taxels, 2)),
-        shear_before=np.zeros((taxels, 2)),
-    )
-
-
 def allocate_workspace(nodes: int, geometry: SkinGeometry) -> GraphWorkspace:
     """Allocate memory for graphs of so many nodes of a skin."""
     taxels, fixed = geometry.fixed_neighbours.shape
@@ -214,23 +205,17 @@ def allocate_workspace(nodes: int, geometry: SkinGeometry) -> GraphWorkspace:
 class TouchNodes(NamedTuple):
     """Touch nodes are the taxels and the history of a sequence at one reading."""
 
-    taxels: Int[np.ndarray, "active"]
-    """Active taxels now."""
-    earlier: Int[np.ndarray, "earlier"]
-    """Active taxels one reading ago."""
-    history: Float[np.ndarray, "column"]
-    """History of the touch so far, with the columns `HISTORY`."""
+    taxels: Int[np.ndarray, "active"]  # active now
+    earlier: Int[np.ndarray, "earlier"]  # active one reading ago
+    history: Float[np.ndarray, "column"]  # of the touch so far: columns `HISTORY`
 
 
 class PackedTouchNodes(NamedTuple):
     """This tuple holds the touch nodes of all sequences, packed for kernels."""
 
-    keys: list[int]
-    """Keys of the sequences."""
-    max_taxels: int
-    """Largest number of taxels of a sequence, now and one reading ago together."""
-    packed: Packed
-    """Packed `TouchNodeArrays`."""
+    keys: list[int]  # of the sequences
+    max_taxels: int  # largest number of a sequence, now and one reading ago together
+    packed: Packed  # `TouchNodeArrays`
 
 
 @final
@@ -400,15 +385,9 @@ def find_live_neighbours(
 ) -> Int[np.ndarray, "node {k}"]:
     """Return the `k` nearest nodes of other patches by kinematic distance, or -1.
 
-    Distances are compared in whole micrometres, so that a motion of the whole robot
-    neither reorders equal ones nor moves one across the reach.
-
-    Args:
-        p_world: positions in the world [m].
-        patch: the patch of each node.
-        rank: rank of each node, which breaks ties.
-        k: number of neighbours per node.
-        reach: largest distance to a neighbour [m].
+    Distances up to `reach` [m] are compared in whole micrometres, so that a motion of
+    the whole robot neither reorders equal ones, of which ranks decide, nor moves one
+    across the reach.
     """
     nearest = np.empty((len(p_world), k), np.int32)
     workspace = allocate_search(len(patch), k)

@@ -297,23 +297,27 @@ def write_geometry(
     nodes: int, step: KernelStep, geometry: SkinGeometry, workspace: GraphWorkspace
 ) -> None:
     """Write position, normal, area, patch and rank of the nodes."""
-    graph, p_world, sums = workspace.graph, workspace.p_world, workspace.position_sum
+    # Local references to the arrays make the compiled loops faster.
+    graph, T_world_link = workspace.graph, step.T_world_link
+    p_world, node_taxel = workspace.p_world, graph.taxels
+    positions, normals, areas = graph.positions, graph.normals, graph.areas
+    p_link, n_link, taxel_areas = geometry.positions, geometry.normals, geometry.areas
+    sums, patch, rank = workspace.position_sum, workspace.patch, workspace.rank
     sums[:] = 0.0
     for n in range(nodes):
-        taxel = graph.taxels[n]
-        T = step.T_world_link[geometry.links[taxel]]
+        taxel = node_taxel[n]
+        link = geometry.links[taxel]
         for d in range(3):
-            p_world[n, d] = T[d, 3] + rotate_axis(d, T, taxel, geometry.positions)
-            graph.normals[n, d] = rotate_axis(d, T, taxel, geometry.normals)
+            p_world[n, d] = T_world_link[link, d, 3] + rotate_axis(
+                d, link, T_world_link, taxel, p_link
+            )
+            normals[n, d] = rotate_axis(d, link, T_world_link, taxel, n_link)
             sums[d] += p_world[n, d]
-        graph.areas[n], workspace.patch[n] = (
-            geometry.areas[taxel],
-            geometry.patch[taxel],
-        )
-        workspace.rank[n] = geometry.rank[taxel]
+        areas[n], patch[n] = taxel_areas[taxel], geometry.patch[taxel]
+        rank[n] = geometry.rank[taxel]
     for n in range(nodes):
         for d in range(3):
-            graph.positions[n, d] = (p_world[n, d] - sums[d] / nodes) * CM_PER_M
+            positions[n, d] = (p_world[n, d] - sums[d] / nodes) * CM_PER_M
 
 
 @compiled
@@ -364,22 +368,26 @@ def write_shear(
     """Write a taxel's shear in the world [kPa] to row `n`, unless it is zero."""
     if shear[taxel, 0] == 0.0 and shear[taxel, 1] == 0.0:
         return
-    T, tangents = step.T_world_link[geometry.links[taxel]], geometry.tangents
+    link, tangents = geometry.links[taxel], geometry.tangents
     for d in range(3):
-        x = rotate_axis(d, T, taxel, tangents[0])
-        y = rotate_axis(d, T, taxel, tangents[1])
+        x = rotate_axis(d, link, step.T_world_link, taxel, tangents[0])
+        y = rotate_axis(d, link, step.T_world_link, taxel, tangents[1])
         out[n, d] = x * shear[taxel, 0] + y * shear[taxel, 1]
 
 
 @compiled
 def rotate_axis(
-    d: int, T_world_link: Float[np.ndarray, "4 4"], taxel: int, vectors: Points
+    d: int,
+    link: int,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    taxel: int,
+    vectors: Points,
 ) -> float:
     """Return coordinate `d` in the world of a vector given in the link frame."""
     return (
-        T_world_link[d, 0] * vectors[taxel, 0]
-        + T_world_link[d, 1] * vectors[taxel, 1]
-        + T_world_link[d, 2] * vectors[taxel, 2]
+        T_world_link[link, d, 0] * vectors[taxel, 0]
+        + T_world_link[link, d, 1] * vectors[taxel, 1]
+        + T_world_link[link, d, 2] * vectors[taxel, 2]
     )
 
 

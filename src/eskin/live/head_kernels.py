@@ -157,14 +157,14 @@ def convolve_scale(
     if count == 0:
         return
     for branch in range(branches):
-        channels = slice(branch * width, (branch + 1) * width)
-        y = out[here, channels]
+        first, last = branch * width, (branch + 1) * width
+        y = out[here, first:last]
         y[:] = ZERO
         for k in range(taps):
             index = (slot - (taps - 1 - k) * spacing) % slots
             if seen[index]:
                 kernel = weight[branch, k * width : (k + 1) * width]
-                add_vecmat(x[index, channels], kernel, y)
+                add_vecmat(x[index, first:last], kernel, y)
     activate_scaled(out[here], np.float32(taps / count), bias)
 
 

@@ -83,7 +83,9 @@ def load_model(name_or_path: str | Path) -> Model:
         with safe_open(path, framework="numpy") as file:
             card = read_card((file.metadata() or {}).get(CARD), path)
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        check_types(weights)
+        for name, weight in weights.items():
+            if weight.dtype.kind == "V":  # a type of another package, not of numpy
+                raise TypeError(f"{name} is of {weight.dtype}")
     except FileNotFoundError:
         raise ModelError(
             f"{path}: no such model; allowed are {', '.join(MODELS)} and files; train "
@@ -97,16 +99,6 @@ def load_model(name_or_path: str | Path) -> Model:
             "written by eskin train; train it again"
         ) from None
     return Model(weights, card)
-
-
-def check_types(weights: Mapping[str, np.ndarray]) -> None:
-    """Raise a TypeError where numbers are of a type that numpy does not have itself.
-
-    Other packages can give it such types.
-    """
-    for name, weight in weights.items():
-        if weight.dtype.kind == "V":
-            raise TypeError(f"{name} is of {weight.dtype}")
 
 
 def check_size(path: Path) -> None:
@@ -220,10 +212,15 @@ def check_weights(model: Model) -> Weights:
     """Return the weights in float32, if they fit the card.
 
     Raises:
-        ModelError: naming the first parameter that does not fit.
+        ModelError: naming the first parameter that does not fit, or a vocabulary that
+            is not of different gestures and `none`.
     """
-    check_vocabulary(model.card)
-    shapes = network_shapes(model.card)
+    names, shapes = model.card.vocabulary, network_shapes(model.card)
+    if NONE not in names or len(set(names)) < max(len(names), 2):
+        raise ModelError(
+            f"model's vocabulary is {', '.join(names) or 'empty'}; allowed are "
+            f"different gestures and '{NONE}'; train it again"
+        )
     for name, shape in shapes.items():
         check_parameter(model, name, shape)
     unknown = sorted(set(model.weights) - set(shapes))
@@ -234,16 +231,6 @@ def check_weights(model: Model) -> Weights:
             "with this version of eskin"
         )
     return {name: weight.astype(np.float32) for name, weight in model.weights.items()}
-
-
-def check_vocabulary(card: ModelCard) -> None:
-    """Refuse a vocabulary that is not a list of different gestures and `none`."""
-    names = card.vocabulary
-    if NONE not in names or len(set(names)) < max(len(names), 2):
-        raise ModelError(
-            f"model's vocabulary is {', '.join(names) or 'empty'}; allowed are "
-            f"different gestures and '{NONE}'; train it again"
-        )
 
 
 def check_parameter(model: Model, name: str, shape: tuple[int, ...]) -> None:

@@ -26,7 +26,7 @@ from eskin.live.model_file import (
 from eskin.live.step_kernels import (
     FREE_ROW,
     NO_SLOT,
-    FeatureWeights,
+    NetworkParts,
     SequencePool,
     StepParts,
     step,
@@ -64,25 +64,28 @@ class Network:
         Raises:
             ModelError: naming the first parameter that does not fit the model's card.
         """
-        weights, config = check_weights(model), model.card.network
-        self.shear = model.card.kind == "shear"
-        self.slots, self.width = config.slots, config.width
-        self.weights = FeatureWeights(
-            weights["summary_mean"],
-            weights["summary_scale"],
-            build_encoder_weights(weights, config),
+        weights, card = check_weights(model), model.card
+        self.slots, self.width = card.network.slots, card.network.width
+        features = len(weights["summary_mean"]) + 2 * self.width
+        self.parts = NetworkParts(
+            shear=card.kind == "shear",
+            summary_mean=weights["summary_mean"],
+            summary_scale=weights["summary_scale"],
+            encoder=build_encoder_weights(weights, card.network),
+            heads=build_head_weights(weights),
+            temperature=card.temperature,
+            workspace=allocate_encoder(INITIAL_NODES, INITIAL_NEIGHBOURS, self.width),
+            features=np.empty(features, np.float32),
         )
-        self.heads = build_head_weights(weights)
-        self.workspace = allocate_encoder(INITIAL_NODES, INITIAL_NEIGHBOURS, self.width)
-        self.channels = len(self.weights.summary_mean) + 2 * self.width
-        self.features = np.empty(self.channels, np.float32)
 
-    def reserve(self, nodes: int, neighbours: int) -> None:
-        """Allocate memory for twice as large a graph if this one does not fit."""
-        workspace = self.workspace
+    def reserve(self, nodes: int, neighbours: int) -> NetworkParts:
+        """Return the parts, with memory for twice a graph that did not fit before."""
+        workspace = self.parts.workspace
         fits = nodes <= len(workspace.nodes) and neighbours <= len(workspace.hidden)
         if not fits or nodes * neighbours > len(workspace.sources):
-            self.workspace = allocate_encoder(2 * nodes, neighbours, self.width)
+            workspace = allocate_encoder(2 * nodes, neighbours, self.width)
+            self.parts = self.parts._replace(workspace=workspace)
+        return self.parts
 
 
 def build_encoder_weights(weights: Weights, config: NetworkConfig) -> EncoderWeights:
@@ -207,8 +210,6 @@ class LogitStream:
     """A logit stream classifies the graphs of readings, each encoded only once.
 
     Attributes:
-        network: the network.
-        builder: the builder of the graphs.
         logits: logits of each sequence at the latest reading, by its key.
         probabilities: calibrated probabilities, by the same keys.
     """
@@ -220,15 +221,12 @@ class LogitStream:
             ModelError: the weights do not fit the model's card.
         """
         self.network, self.builder = Network(model), builder
-        self.temperature = model.card.temperature
-        self.classes = len(self.network.heads.classify_bias)
+        self.heads = self.network.parts.heads
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
         self.workspace = builder.workspace
         self.parts = self.pack_parts()
-        self.pool = create_pool(
-            self.network.heads, self.network.slots, INITIAL_SEQUENCES
-        )
+        self.pool = create_pool(self.heads, self.network.slots, INITIAL_SEQUENCES)
         self.packed_pool = pack(self.pool)
 
     def push(self, reading: Reading, nodes: PackedTouchNodes) -> None:
@@ -243,7 +241,8 @@ class LogitStream:
             self.logits, self.probabilities = {}, {}
             return
         self.reserve(nodes)
-        out = np.empty((len(keys), 2, self.classes), np.float32)
+        classes = len(self.heads.classify_bias)
+        out = np.empty((len(keys), 2, classes), np.float32)
         step(self.parts, self.packed_pool, nodes.packed, self.builder.step, out)
         self.logits = dict(zip(keys, out[:, 0], strict=True))
         self.probabilities = dict(zip(keys, out[:, 1], strict=True))
@@ -255,26 +254,15 @@ class LogitStream:
             self.workspace, self.parts = workspace, self.pack_parts()
         count = len(nodes.keys)
         if count > len(self.pool.keys):
-            self.pool = grow_pool(self.pool, self.network.heads, 2 * count)
+            self.pool = grow_pool(self.pool, self.heads, 2 * count)
             self.packed_pool = pack(self.pool)
 
     def pack_parts(self) -> Packed:
         """Pack everything that a step needs, again whenever memory has grown."""
-        builder, network = self.builder, self.network
-        network.reserve(*builder.workspace.graph.neighbours.shape)
-        return pack(
-            StepParts(
-                geometry=builder.geometry,
-                history=builder.taxel_history,
-                workspace=builder.workspace,
-                shear=network.shear,
-                weights=network.weights,
-                encoder=network.workspace,
-                features=network.features,
-                heads=network.heads,
-                temperature=self.temperature,
-            )
-        )
+        builder, workspace = self.builder, self.builder.workspace
+        parts = self.network.reserve(*workspace.graph.neighbours.shape)
+        history = builder.taxel_history
+        return pack(StepParts(builder.geometry, history, workspace, parts))
 
 
 def compute_probabilities(logits: PerClass, temperature: float) -> PerClass:

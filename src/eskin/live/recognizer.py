@@ -16,7 +16,7 @@ from eskin.live.decision import (
     build_detection,
 )
 from eskin.live.graph_builder import GraphStream
-from eskin.live.model_config import DecisionConfig, ModelCard
+from eskin.live.model_config import DecisionConfig
 from eskin.live.model_file import MODELS, Model, load_model
 from eskin.live.network import LogitStream
 from eskin.robot import Robot, load_robot
@@ -55,15 +55,6 @@ def mount_skin(
             "name, a URDF or a Robot; give the robot that it is on"
         )
     return MountedSkin(skin, robot)
-
-
-def check_sensor_kind(card: ModelCard, skin: Skin) -> None:
-    """Refuse a skin that does not measure shear for a model that needs it."""
-    if card.kind == "shear" and not skin.has_shear:
-        raise SkinMismatchError(
-            f"model needs shear, skin '{skin.name}' measures only pressure; allowed is "
-            "a skin with a patch of kind shear; use a model for pressure alone"
-        )
 
 
 @final
@@ -105,13 +96,18 @@ class Recognizer:
             SkinMismatchError: the skin does not measure what the model needs.
             ModelError: the weights do not fit the model's card.
         """
-        card = model.card
-        check_sensor_kind(card, mounted.skin)
+        card, skin = model.card, mounted.skin
+        if card.kind == "shear" and not skin.has_shear:
+            raise SkinMismatchError(
+                f"model needs shear, skin '{skin.name}' measures only pressure; "
+                "allowed is a skin with a patch of kind shear; use a model for "
+                "pressure alone"
+            )
         self.model = model
         self.mounted = mounted
         self.has_calibration = calibration is not None
         # Never used: without a calibration, scans are refused.
-        calibration = calibration or Calibration.uniform(mounted.skin.count, 1, 1.0)
+        calibration = calibration or Calibration.uniform(skin.count, 1, 1.0)
         poses = LinkPoseCache(mounted, card.graph.posed)
         self.touches = TouchPipeline(mounted, calibration, card.pipeline, poses)
         self.graphs = GraphStream(mounted, card.graph_used, poses)
@@ -119,7 +115,7 @@ class Recognizer:
         self.decision_filter = DecisionFilter(
             card.vocabulary,
             decision or card.decision,
-            change_ends=not mounted.skin.calibrated,
+            change_ends=not skin.calibrated,
         )
         self.directions = DirectionTracker(
             poses if poses.use_kinematics else LinkPoseCache(mounted),
@@ -224,7 +220,7 @@ class Recognizer:
                 f"scan at {sample.stamp} ns, but there is no calibration; allowed are "
                 "readings; give the recogniser the calibration of the skin"
             )
-        if self.stream.network.shear and sample.shear is None:
+        if self.stream.network.parts.shear and sample.shear is None:
             raise ReadingError(
                 f"reading at {sample.stamp} ns has no shear, which the model needs; "
                 "allowed are readings with shear; use a model for pressure alone"

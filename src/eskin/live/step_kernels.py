@@ -13,7 +13,6 @@ from eskin.compiled import Packed, compiled_fastmath
 from eskin.live.encoder_kernels import (
     EncoderWeights,
     EncoderWorkspace,
-    Encoding,
     encode,
 )
 from eskin.live.graph import GraphBatch
@@ -42,12 +41,17 @@ Keys = Int[np.ndarray, "sequence"]
 Channels = Float[np.ndarray, "channel"]
 
 
-class FeatureWeights(NamedTuple):
-    """These weights determine the features of a graph."""
+class NetworkParts(NamedTuple):
+    """These parts of a network compute the features and the logits of one graph."""
 
+    shear: bool  # whether the network uses shear
     summary_mean: Float[np.ndarray, "feature"]  # over the training readings
     summary_scale: Float[np.ndarray, "feature"]  # inverse of the standard deviation
     encoder: EncoderWeights
+    heads: HeadWeights
+    temperature: float  # divisor of the logits
+    workspace: EncoderWorkspace
+    features: Channels  # memory for the features of a graph
 
 
 class SequencePool(NamedTuple):
@@ -64,12 +68,7 @@ class StepParts(NamedTuple):
     geometry: SkinGeometry
     history: TaxelHistory
     workspace: GraphWorkspace
-    shear: bool  # whether the network uses shear
-    weights: FeatureWeights
-    encoder: EncoderWorkspace  # with room for every graph that `workspace` holds
-    features: Float[np.ndarray, "channel"]  # memory for the features of a graph
-    heads: HeadWeights
-    temperature: float  # divisor of the logits
+    network: NetworkParts  # with room for every graph that `workspace` holds
 
 
 @compiled_fastmath
@@ -100,35 +99,29 @@ def step(
             parts.history,
             parts.workspace,
         )
-        graph, features = parts.workspace.graph, parts.features
-        compute_features(graph, parts.shear, parts.weights, parts.encoder, features)
+        network, features = parts.network, parts.network.features
+        compute_features(parts.workspace.graph, network)
         row = find_row(nodes.keys[n], pool.keys, pool.slots)
         state, logits = select_row(row, pool.state), out[n, 0]
-        classify(features, pool.slots[row], slot, parts.heads, state, logits)
+        classify(features, pool.slots[row], slot, network.heads, state, logits)
         pool.slots[row] = slot
-        write_probabilities(logits, parts.temperature, out[n, 1])
+        write_probabilities(logits, network.temperature, out[n, 1])
 
 
 @compiled_fastmath
-def compute_features(
-    graph: GraphBatch,
-    shear: bool,
-    weights: FeatureWeights,
-    workspace: EncoderWorkspace,
-    out: Channels,
-) -> None:
+def compute_features(graph: GraphBatch, network: NetworkParts) -> None:
     """Write the standardised summary and the embedding of a batch of one graph.
 
     Without room for an embedding none is computed.
     """
-    mean, scale = weights.summary_mean, weights.summary_scale
-    summarise(graph, 0, shear, out)
+    mean, scale, out = network.summary_mean, network.summary_scale, network.features
+    summarise(graph, 0, network.shear, out)
     for k in range(len(mean)):
         centred = (out[k] - mean[k]) * scale[k]
         out[k] = min(max(centred, -CLIP), CLIP)
     if len(out) > len(mean):
-        encoding = Encoding(graph, shear, weights.encoder, workspace)
-        encode(encoding, out[len(mean) :])
+        embedding, workspace = out[len(mean) :], network.workspace
+        encode(graph, network.shear, network.encoder, workspace, embedding)
 
 
 @compiled_fastmath

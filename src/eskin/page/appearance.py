@@ -22,8 +22,9 @@ SEGMENTS = 48
 """Number of segments around a solid of revolution."""
 EDGE_RADIUS = 0.007
 """Radius of the rounded edge of a cylinder [m]."""
-ARC_POINTS = 5
-"""Number of points on the profile of a rounded edge."""
+ANGLES = np.linspace(0.0, np.pi / 2, 5)
+ARC = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
+"""Points on the profile of a rounded edge of radius 1."""
 SLENDER = 3.5
 """Length of a cylinder by its radius above which it is a tube, and no housing."""
 COVER_DISTANCE = 0.006
@@ -112,17 +113,13 @@ def build_rounded_cylinder(body: Geom) -> TriangleMesh:
     """Return a cylinder with rounded edges, in the frame of its link."""
     shape = body.shape
     assert isinstance(shape, Cylinder)
-    radius, height = shape.radius, shape.length / 2
-    edge = min(EDGE_RADIUS, radius / 3, height / 2)
-    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
-    arc = np.stack(
-        [radius - edge + edge * np.cos(angle), height - edge + edge * np.sin(angle)],
-        axis=-1,
-    )
-    rim = np.array([[radius - edge - 0.001, height]])
-    upper = np.concatenate([arc, rim])
+    height = shape.length / 2
+    edge = min(EDGE_RADIUS, shape.radius / 3, height / 2)
+    inner = shape.radius - edge
+    arc = np.array([inner, height - edge]) + edge * ARC
+    upper = np.concatenate([arc, [[inner - 0.001, height]]])
     profile = np.concatenate([upper[::-1] * (1, -1), upper])
-    return transform_mesh(revolve_profile(profile, height, SEGMENTS), body.T_link_shape)
+    return revolve(profile, height, body.T_link_shape)
 
 
 def build_lid(body: Geom, end: int) -> TriangleMesh:
@@ -135,20 +132,19 @@ def build_lid(body: Geom, end: int) -> TriangleMesh:
     shape = body.shape
     assert isinstance(shape, Cylinder)
     radius = shape.radius - min(EDGE_RADIUS, shape.radius / 3)
-    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
-    dome = np.stack(
-        [radius - 0.006 * (1 - np.cos(angle)), LID_HEIGHT * np.sin(angle)], axis=-1
-    )
-    inside = np.array([[radius, -LID_HEIGHT]])
-    profile = np.concatenate([inside, dome, [[radius / 2, LID_HEIGHT]]])
-    mesh = revolve_profile(profile, LID_HEIGHT, SEGMENTS)
+    dome = np.array([radius - 0.006, 0.0]) + ARC * (0.006, LID_HEIGHT)
+    ends = [[radius, -LID_HEIGHT]], [[radius / 2, LID_HEIGHT]]
     T_shape_end = np.diag([1.0, end, end, 1.0])
     T_shape_end[2, 3] = end * shape.length / 2
-    return transform_mesh(mesh, body.T_link_shape @ T_shape_end)
+    profile = np.concatenate([ends[0], dome, ends[1]])
+    return revolve(profile, LID_HEIGHT, body.T_link_shape @ T_shape_end)
 
 
-def transform_mesh(mesh: TriangleMesh, T: Float[np.ndarray, "4 4"]) -> TriangleMesh:
-    """Return a mesh transformed by a matrix."""
+def revolve(
+    profile: Float[np.ndarray, "ring 2"], height: float, T: Float[np.ndarray, "4 4"]
+) -> TriangleMesh:
+    """Return a solid of revolution by its profile and half its height, transformed."""
+    mesh = revolve_profile(profile, height, SEGMENTS)
     return TriangleMesh(apply(T, mesh.vertices), mesh.faces)
 
 

@@ -291,39 +291,27 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
         head = f"touch {first.id} on {render_name(first.link)}, {first.force:.1f} N"
         best, probabilities = int(np.argmax(first.probabilities)), first.probabilities
     colours, commands = choose_gesture_colours(setup.gestures), describe_commands(setup)
-    rows = [
-        render_bar(
-            gesture, float(share), number == best, colours[gesture], commands[gesture]
-        )
-        for number, (gesture, share) in enumerate(
-            zip(setup.gestures, probabilities, strict=True)
-        )
-    ]
-    return render_block(div(f"color:{PALE};margin:2px 0", head), *rows)
-
-
-def render_bar(
-    gesture: str, probability: float, is_best: bool, colour: str, command: str
-) -> str:
-    """Return one probability as an HTML bar, with what the gesture commands."""
     below = f"color:{PALE};font-size:10.5px;line-height:1.2;margin:0 0 2px 14px"
-    bar = (
-        f"display:block;height:9px;border-radius:5px;width:{probability:.0%};"
-        f"background:{colour}"
-    )
-    return div(
-        "display:flex;align-items:center;gap:8px;height:17px",
-        span(
-            f"width:88px;font-weight:{600 if is_best else 400};white-space:nowrap",
-            render_dot(colour),
-            render_name(gesture),
-        ),
-        span(f"flex:1;height:9px;border-radius:5px;background:{LINE}", span(bar)),
-        span(
-            f"width:36px;text-align:right;color:{PALE};{NUMERALS}",
-            f"{probability:.0%}",
-        ),
-    ) + (div(below, escape(command)) if command else "")
+    rows = [div(f"color:{PALE};margin:2px 0", head)]
+    for number, gesture in enumerate(setup.gestures):
+        colour, share = colours[gesture], f"{probabilities[number]:.0%}"
+        weight = f"font-weight:{600 if number == best else 400}"
+        name = render_dot(colour) + render_name(gesture)
+        bar = "display:block;height:9px;border-radius:5px"
+        rows += [
+            div(
+                "display:flex;align-items:center;gap:8px;height:17px",
+                span(f"width:88px;{weight};white-space:nowrap", name),
+                span(
+                    f"flex:1;height:9px;border-radius:5px;background:{LINE}",
+                    span(f"{bar};width:{share};background:{colour}"),
+                ),
+                span(f"width:36px;text-align:right;color:{PALE};{NUMERALS}", share),
+            )
+        ]
+        if commands[gesture]:
+            rows += [div(below, escape(commands[gesture]))]
+    return render_block(*rows)
 
 
 def render_log(

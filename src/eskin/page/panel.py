@@ -322,10 +322,10 @@ class TouchPanel(Panel):
         """Add the controls of cables, dead taxels, skins and recording."""
         gui, setup = self.gui, self.setup
         patch = gui.add_dropdown("cable of", setup.patches)
-        cable = {"unplug": "unplug", "plug in": "plug"}
+        cable: dict[str, PageKind] = {"unplug": "unplug", "plug in": "plug"}
         self.add_orders("is to", cable, lambda kind: patch.value)
         kill = f"kill {KILL_SHARE:.0%}"
-        taxels = {kill: "kill", "restore": "restore"}
+        taxels: dict[str, PageKind] = {kill: "kill", "restore": "restore"}
         self.add_orders("taxels", taxels, {"kill": KILL_SHARE}.get)
         self.add_orders("recording", {"record": "record", "stop": "stop_recording"})
         if len(setup.skins) > 1:

@@ -205,14 +205,14 @@ class Scene(PagePart):
         share: float,
         colour: UInt8[np.ndarray, "1 3"],
     ) -> BatchedMeshHandle:
-        """Add a disc on each taxel of a link, in the frame of the link.
+        """Add a disc of a colour on each taxel of a link.
 
         Args:
             name: name of the discs in the scene.
             link: index of the link.
             lift: distance of the discs from the surface [m].
             share: radius as a share of the radius of a circle of the taxel's area.
-            colour: colour of all discs, which can then be changed one by one.
+            colour: colour of all discs at first.
         """
         setup, taxels = self.setup, self.taxels[link]
         normals = setup.normals[taxels]

@@ -245,7 +245,9 @@ class Timeline:
         with tabs.add_tab("Colours", Icon.PALETTE):
             add_scale(gui, self.scene.scale)
         self.note = gui.add_html("")
-        digits = {key: f"label the range with gesture {key}" for key in DIGITS}
+        digits: dict[Key, str] = {
+            key: f"label the range with gesture {key}" for key in DIGITS
+        }
         for key, title in (KEYS | digits).items():
             add_key(gui, key, title, partial(self.press, key))
         self.list_labels()
@@ -254,12 +256,14 @@ class Timeline:
         """Add the controls of the playback: time, range, speed."""
         gui, clock = self.server.gui, self.clock
         longest = max(clock.length, STEP)
-        limits = {"min": 0.0, "max": longest, "step": STEP}
-        self.slider = gui.add_slider("time [s]", **limits, initial_value=0.0)
-        hint = "Drag both ends over a touch, or set them at the position by I and O"
-        first = (0.0, min(1.0, longest))
+        self.slider = gui.add_slider("time [s]", 0.0, longest, STEP, 0.0)
         self.range = gui.add_multi_slider(
-            "range [s]", **limits, initial_value=first, hint=hint
+            "range [s]",
+            0.0,
+            longest,
+            STEP,
+            (0.0, min(1.0, longest)),
+            hint="Drag both ends over a touch, or set them at the position by I and O",
         )
         keys = gui.add_button_group("go", ("play/pause", "previous", "next"))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")

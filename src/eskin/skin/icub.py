@@ -136,10 +136,8 @@ def write_icub_positions(folder: Path, skin: Skin) -> None:
         taxels = skin.find_taxels(patch.id)
         channels = skin.rows[taxels] * patch.columns + skin.columns[taxels]
         table = np.zeros((patch.rows * patch.columns, 6))
-        table[channels, :3], table[channels, 3:] = (
-            skin.positions[taxels],
-            skin.normals[taxels],
-        )
+        table[channels, :3] = skin.positions[taxels]
+        table[channels, 3:] = skin.normals[taxels]
         own = np.full(len(table), -1)
         own[channels] = channels
         lines = [f"name\t{patch.link}", "spatial_sampling\ttaxel"]

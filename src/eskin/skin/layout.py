@@ -185,14 +185,9 @@ class PatchOutline:
 
     def grid(self) -> TaxelGrid:
         """Return the grid of its taxels."""
-        return TaxelGrid(
-            self.rows,
-            self.columns,
-            self.row_pitch,
-            self.column_pitch,
-            self.taper,
-            cut_corners(self.rows, self.columns, self.cuts),
-        )
+        present = cut_corners(self.rows, self.columns, self.cuts)
+        pitches = self.row_pitch, self.column_pitch
+        return TaxelGrid(self.rows, self.columns, *pitches, self.taper, present)
 
 
 def scale_density(outline: PatchOutline, factor: float) -> PatchOutline:

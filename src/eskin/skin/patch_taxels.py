@@ -40,6 +40,10 @@ class PatchTaxels:
     tangents: Vectors
 
 
+ARRAYS = ("rows", "columns", "positions", "normals", "areas", "tangents")
+"""Fields of `PatchTaxels` with a value of each taxel, as in a `Skin`."""
+
+
 def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
     """Join patches to a skin; its taxels are ordered by patch, row and column.
 
@@ -71,12 +75,7 @@ def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
         patch_index=np.repeat(
             np.arange(len(parts)), [len(part.rows) for part in parts]
         ),
-        rows=join("rows"),
-        columns=join("columns"),
-        positions=join("positions"),
-        normals=join("normals"),
-        areas=join("areas"),
-        tangents=join("tangents"),
+        **{name: join(name) for name in ARRAYS},
     )
     if problems := find_direction_problems(skin):
         raise SkinError(f"{file}: {problems[0]}")

@@ -15,7 +15,6 @@ from eskin.touch.records import (
     TouchRecord,
     TouchRecords,
     TouchStatus,
-    TrackConfig,
     TrackingResult,
 )
 from eskin.touch.touches import Contact, PressDetector, Touch, TouchState, Track
@@ -47,6 +46,5 @@ __all__ = [
     "TouchState",
     "TouchStatus",
     "Track",
-    "TrackConfig",
     "TrackingResult",
 ]

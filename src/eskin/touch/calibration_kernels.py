@@ -127,16 +127,11 @@ class BaselineState(NamedTuple):
 class BaselineContext(NamedTuple):
     """A context holds the arguments of the kernels that are kept between scans."""
 
-    gain: np.ndarray
-    """(taxel) gain [kPa/count]."""
-    curve: PressureCurve
-    """Relation of pressure and counts."""
-    adjacency: Adjacency
-    """Neighbours of each taxel."""
-    state: BaselineState
-    """State of the baselines, which is updated."""
-    parameters: BaselineParameters
-    """How baselines are tared and tracked."""
+    gain: np.ndarray  # (taxel) gain [kPa/count]
+    curve: PressureCurve  # Relation of pressure and counts
+    adjacency: Adjacency  # Neighbours of each taxel
+    state: BaselineState  # State of the baselines, which is updated
+    parameters: BaselineParameters  # How baselines are tared and tracked
 
 
 PRESSED_SHARE = 0.5
@@ -408,26 +403,18 @@ SHARE_QUANTILE = (0.4, 0.25)
 class MatrixPatch(NamedTuple):
     """A patch has rows and columns that are read out together, and working buffers."""
 
-    taxels: np.ndarray
-    """(taxel) indices of its taxels in the skin."""
-    rows: np.ndarray
-    """(taxel) row, numbered from 0 without gaps."""
-    columns: np.ndarray
-    """(taxel) column, numbered from 0 without gaps."""
+    taxels: np.ndarray  # (taxel) indices of its taxels in the skin
+    rows: np.ndarray  # (taxel) row, numbered from 0 without gaps
+    columns: np.ndarray  # (taxel) column, numbered from 0 without gaps
     half_scale: np.ndarray
     """(taxel) pressure at half scale, or at full scale of a linear device [kPa]."""
     shown: np.ndarray
     """(row, column) measured conductance, relative to half scale; 0 without a taxel."""
-    own: np.ndarray
-    """(row, column) that conductance without leakage."""
-    row_sums: np.ndarray
-    """(row) sums of `own`."""
-    column_sums: np.ndarray
-    """(column) sums of `own`."""
-    lines: np.ndarray
-    """(taxel) conductance of the others of its row and column."""
-    detours: np.ndarray
-    """(taxel) conductance of the paths over three others."""
+    own: np.ndarray  # (row, column) that conductance without leakage
+    row_sums: np.ndarray  # (row) sums of `own`
+    column_sums: np.ndarray  # (column) sums of `own`
+    lines: np.ndarray  # (taxel) conductance of the others of its row and column
+    detours: np.ndarray  # (taxel) conductance of the paths over three others
     shares: np.ndarray
     """(taxel) space for ratios of a taxel's conductance to that of the others."""
 
@@ -435,10 +422,8 @@ class MatrixPatch(NamedTuple):
 class CrosstalkEstimate(NamedTuple):
     """An estimate holds the crosstalk coefficients of a device, with observations."""
 
-    value: np.ndarray
-    """(coefficient) median of the latest observations."""
-    seen: np.ndarray
-    """(coefficient) number of observations so far."""
+    value: np.ndarray  # (coefficient) median of the latest observations
+    seen: np.ndarray  # (coefficient) number of observations so far
     observed: np.ndarray
     """(coefficient, observation) ring buffer of the latest observations."""
 

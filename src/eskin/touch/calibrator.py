@@ -26,6 +26,9 @@ from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.units import NS_PER_S
 
+Flags = Bool[np.ndarray, "taxel"]
+Values = Float[np.ndarray, "taxel"]
+Counts = Int[np.ndarray, "taxel"]
 MIN_CROSSTALK_PRESSURE = 1.5
 """Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
 NO_TAXELS = np.empty(0, np.int64)
@@ -71,12 +74,8 @@ class KnownRest:
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
 
     def compare(
-        self,
-        counts: Int[np.ndarray, "taxel"],
-        use: Bool[np.ndarray, "taxel"],
-        margin: Float[np.ndarray, "taxel"],
-        adjacency: Adjacency,
-    ) -> tuple[Float[np.ndarray, "taxel"], Bool[np.ndarray, "taxel"]]:
+        self, counts: Counts, use: Flags, margin: Values, adjacency: Adjacency
+    ) -> tuple[Values, Flags]:
         """Return the rest of each taxel after drift, and where it is plausible.
 
         It is plausible where the counts lie at it, or above it by `margin`, from which
@@ -155,7 +154,7 @@ class Calibrator:
         self.first: int | None = None
         self.last: int | None = None
 
-    def set_noise(self, counts: Float[np.ndarray, "taxel"]) -> None:
+    def set_noise(self, counts: Values) -> None:
         """Set the counts above rest of each taxel up to which they are noise.
 
         A taxel may be touched from twice of it on.
@@ -167,7 +166,7 @@ class Calibrator:
     def push(
         self,
         scan: Scan,
-        faulty: Bool[np.ndarray, "taxel"] | None = None,
+        faulty: Flags | None = None,
         latched: Int[np.ndarray, "latched"] | None = None,
     ) -> Reading:
         """Calibrate the next scan.
@@ -201,11 +200,7 @@ class Calibrator:
         return Reading(scan.stamp, pressure, use.copy(), scan.q, shear)
 
     def start_from_rest(
-        self,
-        known: KnownRest,
-        counts: Int[np.ndarray, "taxel"],
-        use: Bool[np.ndarray, "taxel"],
-        seconds: float,
+        self, known: KnownRest, counts: Counts, use: Flags, seconds: float
     ) -> None:
         """Start baselines from the calibrated rest where a taxel has its first data.
 
@@ -229,7 +224,7 @@ class Calibrator:
     def calibrate_shear(
         self,
         counts: Int[np.ndarray, "taxel 2"],
-        use: Bool[np.ndarray, "taxel"],
+        use: Flags,
         seconds: float,
         elapsed: float,
     ) -> Float[np.ndarray, "taxel 2"]:

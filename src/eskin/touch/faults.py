@@ -24,6 +24,10 @@ from eskin.touch.noise import NoiseFloor
 from eskin.touch.reading import Scan, check_order
 from eskin.units import NS_PER_S
 
+Flags = Bool[np.ndarray, "taxel"]
+Values = Float[np.ndarray, "taxel"]
+Counts = Int[np.ndarray, "taxel"]
+
 FaultKind = Literal[
     "stuck", "dead", "negative", "saturated", "noisy", "row", "column", "patch"
 ]
@@ -87,12 +91,7 @@ class FaultGrouper:
         self.columns = TaxelGroups.build(skin, np.asarray(skin.columns))
         self.patches = TaxelGroups.build(skin, np.asarray(skin.patch_index))
 
-    def list_faults(
-        self,
-        code: Int[np.ndarray, "taxel"],
-        silent: Bool[np.ndarray, "taxel"],
-        since: Int[np.ndarray, "taxel"],
-    ) -> list[Fault]:
+    def list_faults(self, code: Counts, silent: Flags, since: Counts) -> list[Fault]:
         """List the faults: patches first, then rows, columns and the remaining taxels.
 
         Args:
@@ -219,12 +218,7 @@ class SwingDetector:
         self.turned_at = np.full(len(groups.sizes), NEVER)
         self.last = 0.0
 
-    def update(
-        self,
-        high: Bool[np.ndarray, "taxel"],
-        low: Bool[np.ndarray, "taxel"],
-        now: float,
-    ) -> None:
+    def update(self, high: Flags, low: Flags, now: float) -> None:
         """Update by the taxels above rest and below it in a scan at a time [s]."""
         share, groups = self.config.swing_share, self.groups
         self.swings *= np.exp(-(now - self.last) / self.config.step_seconds)
@@ -293,11 +287,8 @@ class FaultDetector:
         self.turn = 0
 
     def push(
-        self,
-        scan: Scan,
-        pressure: Float[np.ndarray, "taxel"],
-        rest: Float[np.ndarray, "taxel"],
-    ) -> tuple[Bool[np.ndarray, "taxel"], tuple[Fault, ...]]:
+        self, scan: Scan, pressure: Values, rest: Values
+    ) -> tuple[Flags, tuple[Fault, ...]]:
         """Check the next scan, its calibrated pressure [kPa], and the counts at rest.
 
         Returns:
@@ -337,7 +328,7 @@ class FaultDetector:
                 self.check(counted, pressure)
         return self.mask, self.faults
 
-    def check(self, scan: CountScan, pressure: Float[np.ndarray, "taxel"]) -> None:
+    def check(self, scan: CountScan, pressure: Values) -> None:
         """Check the evidence, and update the mask and the faults."""
         now, elapsed = scan.now, min(scan.now - self.last_check, MAX_ELAPSED)
         update_unanswered(
@@ -357,7 +348,7 @@ class FaultDetector:
             )
         )
 
-    def update_codes(self, rest: Float[np.ndarray, "taxel"], now: float) -> None:
+    def update_codes(self, rest: Values, now: float) -> None:
         """Update the code of each taxel's fault, -1 for none."""
         history = self.history
         zero = history.counts == 0
@@ -384,9 +375,7 @@ class FaultDetector:
         self.last_doubted[doubtful] = now
         self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
 
-    def find_lifted(
-        self, rest: Float[np.ndarray, "taxel"]
-    ) -> Bool[np.ndarray, "taxel"]:
+    def find_lifted(self, rest: Values) -> Flags:
         """Find noisy and saturated taxels that lie below rest now.
 
         A hand was on them when the skin was switched on, and has lifted: its pressure
@@ -398,12 +387,7 @@ class FaultDetector:
         found[masked] = highest < rest[masked] - self.noise.rest_band[masked]
         return found
 
-    def doubt_mixed_lines(
-        self,
-        high: Bool[np.ndarray, "taxel"],
-        low: Bool[np.ndarray, "taxel"],
-        now: float,
-    ) -> None:
+    def doubt_mixed_lines(self, high: Flags, low: Flags, now: float) -> None:
         """Doubt rows and columns that are partly above rest and partly below it.
 
         So does a line that is not connected, of which at least `MIN_MIXED` taxels are
@@ -418,12 +402,7 @@ class FaultDetector:
             if mixed.any():
                 self.last_doubted[mixed[groups.group_index]] = now
 
-    def doubt_even_lines(
-        self,
-        above: Float[np.ndarray, "taxel"],
-        high: Bool[np.ndarray, "taxel"],
-        now: float,
-    ) -> None:
+    def doubt_even_lines(self, above: Values, high: Flags, now: float) -> None:
         """Doubt rows and columns that are pressed evenly from end to end.
 
         That is where all taxels of one are `high`, and about as far above rest
@@ -443,7 +422,7 @@ class FaultDetector:
                 even &= squares <= (1.0 + config.line_spread**2) * means**2
                 self.last_doubted[even[groups.group_index]] = now
 
-    def find_still(self) -> Bool[np.ndarray, "taxel"]:
+    def find_still(self) -> Flags:
         """Find taxels with constant counts, zero included, that should have changed."""
         history, config = self.history, self.config
         counts = history.counts
@@ -465,7 +444,7 @@ class FaultDetector:
         remains = was_still & inside & (age > SAME_SECONDS)
         return (possible & (age > limit)) | ignored | remains
 
-    def has_offset(self) -> Bool[np.ndarray, "taxel"]:
+    def has_offset(self) -> Flags:
         """Return which taxels have had counts well above zero for long enough."""
         history, least = self.history, self.history.least
         seconds = history.last_nonzero - history.first_received
@@ -475,7 +454,7 @@ class FaultDetector:
             & np.isfinite(least)
         )
 
-    def find_lost_lines(self) -> Bool[np.ndarray, "taxel"]:
+    def find_lost_lines(self) -> Flags:
         """Find the taxels of rows and columns with an offset that read zero."""
         history = self.history
         seconds = history.last_received - history.last_nonzero
@@ -490,7 +469,7 @@ class FaultDetector:
             result |= out[groups.group_index]
         return result
 
-    def find_saturated(self) -> Bool[np.ndarray, "taxel"]:
+    def find_saturated(self) -> Flags:
         """Find taxels at full scale for longer than a touch."""
         history, config = self.history, self.config
         full = history.counts >= self.full_scale
@@ -502,7 +481,7 @@ class FaultDetector:
         long = history.last_received - begun >= limit
         return full & (long | (self.code == SATURATED))
 
-    def find_noisy(self) -> tuple[Bool[np.ndarray, "taxel"], Bool[np.ndarray, "taxel"]]:
+    def find_noisy(self) -> tuple[Flags, Flags]:
         """Find the taxels that are noisy, and those doubtful for their noise."""
         history, config = self.history, self.config
         level = config.noisy_level * history.level
@@ -513,9 +492,7 @@ class FaultDetector:
         deviates = deviation >= config.doubtful / config.noisy
         return noisy, doubtful | self.find_noisier(deviates, DOUBTFUL_NOISIER)
 
-    def find_noisier(
-        self, deviates: Bool[np.ndarray, "taxel"], factor: float
-    ) -> Bool[np.ndarray, "taxel"]:
+    def find_noisier(self, deviates: Flags, factor: float) -> Flags:
         """Find those of some taxels that deviate more than those around them.
 
         `factor` is the least ratio of the deviation of one to the median of its patch,

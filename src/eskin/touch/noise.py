@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float, Int
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import START_SECONDS, CountHistory
 
+Flags = Bool[np.ndarray, "taxel"]
+Values = Float[np.ndarray, "taxel"]
 MIN_NOISE, MIN_NOISE_CONTACTS = (2.0, 4.0), 2.0
 """Limits of the smallest difference from rest that may be noise [counts], and what it
 is between them, in units of the counts at which contact begins: converters round, and
@@ -45,7 +47,7 @@ class NoiseFloor:
     def __init__(
         self,
         calibration: Calibration,
-        contact: Float[np.ndarray, "taxel"],
+        contact: Values,
         members: list[Int[np.ndarray, "_"]],
         history: CountHistory,
         start_floor: float,
@@ -67,16 +69,12 @@ class NoiseFloor:
         self.rest_band = contact / 2.0
         self.floor = np.full(len(contact), start_floor)
 
-    def measure_noise(
-        self, deviation: Float[np.ndarray, "taxel"]
-    ) -> Float[np.ndarray, "taxel"]:
+    def measure_noise(self, deviation: Values) -> Values:
         """Return the counts above rest that may be noise of a `CountHistory.noise`."""
         least = np.clip(MIN_NOISE_CONTACTS * self.contact, *MIN_NOISE)
         return np.maximum(FLOOR_SIGMAS / SIGMA_DEVIATION * deviation, least)
 
-    def measure_slow_noise(
-        self, mask: Bool[np.ndarray, "taxel"]
-    ) -> Float[np.ndarray, "taxel"]:
+    def measure_slow_noise(self, mask: Flags) -> Values:
         """Return the median depth below rest of each taxel [counts].
 
         It is at least a part of that of its patch, in units of the counts at which
@@ -91,7 +89,7 @@ class NoiseFloor:
                 usual[members] = np.partition(ratio[used], middle)[middle]
         return np.maximum(slow_noise, SLOW_NOISE_SHARE * usual * contact)
 
-    def update(self, mask: Bool[np.ndarray, "taxel"], now: float) -> None:
+    def update(self, mask: Flags, now: float) -> None:
         """Update what may be noise by the history, without faulty taxels, at a time."""
         fast = self.measure_noise(self.history.noise)
         slow = SLOW_NOISE_SIGMAS / SLOW_NOISE_MEDIAN * self.measure_slow_noise(mask)

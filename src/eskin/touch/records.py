@@ -23,61 +23,41 @@ from eskin.units import NS_PER_S
 NO_INDEX = -1
 """Index of no contact, track or touch."""
 
-SPAN = ("i8", 2)
-VECTOR = ("f8", 3)
+
+def build_dtype(
+    integers: str, reals: str, vectors: str = "", spans: str = ""
+) -> np.dtype:
+    """Build the type of records from the names of their fields of each kind."""
+    kinds = ((integers, "i8", ()), (reals, "f8", ()), (vectors, "f8", 3))
+    return np.dtype(
+        [
+            (name, kind, shape)
+            for names, kind, shape in (*kinds, (spans, "i8", 2))
+            for name in names.split()
+        ]
+    )
+
 
 ONGOING, ENDED, PAST = 0, 1, 2
 """Phases of a track: ongoing, with contact or while its taxels are not received; ended
 with this reading; ended before, but still within the pause of its touch."""
-LOAD = np.dtype([("taxel", "i8"), ("pressure", "f8"), ("onset", "i8")])
+LOAD = build_dtype("taxel onset", "pressure")
 """An active taxel, its pressure [kPa], and the stamp from which it is active [ns]."""
 
-CONTACT = np.dtype(
-    [
-        ("stamp", "i8"),
-        ("force", "f8"),
-        ("area", "f8"),
-        ("peak", "f8"),
-        ("p_world", *VECTOR),
-        ("n_world", *VECTOR),
-        ("p_link", *VECTOR),
-        ("link", "i8"),
-        ("patch", "i8"),
-        ("loads", *SPAN),
-    ]
+CONTACT = build_dtype(
+    "stamp link patch", "force area peak", "p_world n_world p_link", "loads"
 )
 """A `Contact`, the stamp of its reading, and the span of its loads."""
 
-TRACK_FIELDS = "id onset last parent merged_into phase touch contact".split()
-TRACK = np.dtype([*((name, "i8") for name in TRACK_FIELDS), ("evidence", "f8")])
+TRACK = build_dtype("id onset last parent merged_into phase touch contact", "evidence")
 """A `Track`, the id of its touch, the index of its latest contact, and the evidence
 that it is no noise."""
 
-TOUCH = np.dtype(
-    [
-        ("id", "i8"),
-        ("onset", "i8"),
-        ("last", "i8"),
-        ("impulse", "f8"),
-        ("peak_force", "f8"),
-        ("peak", "f8"),
-        ("link", "i8"),
-        ("start", *VECTOR),
-        ("latest", *VECTOR),
-        ("contact", "i8"),
-        ("merged_into", "i8"),
-        ("closed", "i8"),
-        ("force", "f8"),
-        ("contacts", "i8"),
-        ("farthest", "f8"),
-        ("settled", "f8"),
-        ("settled_at", "i8"),
-        ("evidence", "f8"),
-        ("confirmed", "i8"),
-        ("loads", *SPAN),
-        ("before", *SPAN),
-        ("tracks", *SPAN),
-    ]
+TOUCH = build_dtype(
+    "id onset last link contact merged_into closed contacts settled_at confirmed",
+    "impulse peak_force peak force farthest settled evidence",
+    "start latest",
+    "loads before tracks",
 )
 """A `Touch`, and further values for the recogniser.
 
@@ -139,36 +119,16 @@ NO_TOUCHES = TouchRecords(
 )
 """Records of an untouched skin."""
 
-TAXEL_GEOMETRY = np.dtype(
-    [
-        ("position", *VECTOR),
-        ("normal", *VECTOR),
-        ("area", "f8"),
-        ("reach", "f8"),
-        ("link", "i8"),
-        ("patch", "i8"),
-        ("rank", "i8"),
-        ("neighbours", *SPAN),
-    ]
+TAXEL_GEOMETRY = build_dtype(
+    "link patch rank", "area reach", "position normal", "neighbours"
 )
 """A taxel in the frame of its link: position [m], outward normal, area [m2], reach as
 in `Adjacency` [m], link, patch, rank by patch, row and column, and the span of its
 neighbours on the same link."""
 
-TAXEL_STATE = np.dtype(
-    [
-        ("active_at", "f8"),
-        ("peak", "f8"),
-        ("peak_at", "f8"),
-        ("pressure", "f8"),
-        ("onset", "i8"),
-        ("latched", "i8"),
-        ("highest", "f8"),
-        ("changed", "i8"),
-        ("moved", "i8"),
-        ("risen_at", "f8"),
-        ("scratch_index", "i8"),
-    ]
+TAXEL_STATE = build_dtype(
+    "onset latched changed moved scratch_index",
+    "active_at peak peak_at pressure highest risen_at",
 )
 """State of a taxel: when it was last active [s], its recent peak and its pressure at
 that time [kPa], the stamp from which it was active [ns], whether it has not been

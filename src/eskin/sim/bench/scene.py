@@ -1,7 +1,7 @@
 """This module builds readings of a moving ur5 arm that is touched, in memory."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from jaxtyping import Int
@@ -58,7 +58,9 @@ def large_skin(taxels: int) -> Skin:
 def concatenate_skins(one: Skin, other: Skin) -> Skin:
     """Concatenate the patches of two skins."""
     names = ("rows", "columns", "positions", "normals", "areas", "tangents")
-    both = {n: np.concatenate([getattr(one, n), getattr(other, n)]) for n in names}
+    both: dict[str, Any] = {
+        n: np.concatenate([getattr(one, n), getattr(other, n)]) for n in names
+    }
     patch_index = [one.patch_index, other.patch_index + len(one.patches)]
     return Skin(
         name=f"{one.name} and {other.name}",

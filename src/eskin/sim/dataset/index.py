@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -109,7 +110,7 @@ class ClipRow:
     def from_line(cls, line: str) -> "ClipRow":
         """Parse a line of the index."""
         facts = json.loads(line)
-        parsed = {each.name: facts[each.name] for each in fields(cls)}
+        parsed: dict[str, Any] = {each.name: facts[each.name] for each in fields(cls)}
         parsed["touches"] = tuple(TouchRow(**touch) for touch in facts["touches"])
         return cls(**parsed | {"plan": parse_plan(facts["plan"])})
 
