@@ -3,17 +3,8 @@
 import numpy as np
 import pytest
 
-<<<<<<< HEAD
-from eskin.live import HISTORY, WHOLE_SKIN, GraphConfig, GraphStream, join_graphs
-=======
-from eskin.live import (
-    HISTORY,
-    GraphConfig,
-    GraphStream,
-    join_graphs,
-)
+from eskin.live import HISTORY, GraphConfig, GraphStream, join_graphs
 from eskin.live.graph_builder import WHOLE_SKIN
->>>>>>> learn
 from eskin.touch import Calibration, TouchPipeline
 from helpers.graphs import (
     SCENES,

@@ -6,25 +6,10 @@ import torch
 
 from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
-from eskin.live import (
-<<<<<<< HEAD
-    NO_HISTORY,
-=======
-    SLOT_NS,
->>>>>>> learn
-    GraphBuilder,
-    Network,
-    Recognizer,
-    compute_probabilities,
-)
-<<<<<<< HEAD
-from eskin.live.network import INITIAL_SEQUENCES
-=======
+from eskin.live import GraphBuilder, Network, Recognizer, compute_probabilities
 from eskin.live.graph import NO_HISTORY
 from eskin.live.graph_builder import TouchNodes, pack_touch_nodes
 from eskin.live.network import INITIAL_SEQUENCES, LogitStream
-from eskin.live.step_kernels import step
->>>>>>> learn
 from eskin.touch import Reading
 from helpers.live import (
     calibration_of,

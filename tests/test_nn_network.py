@@ -7,18 +7,9 @@ import pytest
 import torch
 from torch.nn.functional import cross_entropy
 
-<<<<<<< HEAD
 from eskin.learn.nn import RecogniserNetwork, SlotIndex, TemporalHead
-from eskin.live import MIN_SLOTS, NetworkConfig, join_graphs
-=======
-from eskin.learn.nn import (
-    RecogniserNetwork,
-    SlotIndex,
-    TemporalHead,
-)
 from eskin.live import NetworkConfig, join_graphs
 from eskin.live.model_config import MIN_SLOTS
->>>>>>> learn
 from helpers.graphs import (
     embed,
     flat,
