@@ -46,7 +46,7 @@ def test_a_row_for_every_scene(taxels, monkeypatch, capsys):
     ("argv", "message"),
     [
         (("--steps", 9), "--steps is 9; allowed are 10 and above"),
-        (("--active", 0), "--active is 0; allowed are 1 to 468"),
+        (("--active", 0), "--active is 0; allowed are 1 to 326"),
         (("--active", 400), "--active is 400; allowed are 1 to 326"),
         (("--taxels", 100), "--taxels is 100; allowed are 2112, which is the ur5"),
     ],

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.live import (
-    HISTORY,
-    GraphConfig,
-    GraphStream,
-    join_graphs,
-)
+from eskin.live import HISTORY, GraphConfig, GraphStream, join_graphs
 from eskin.live.graph_builder import WHOLE_SKIN
 from eskin.touch import Calibration, TouchPipeline
 from helpers.graphs import (

@@ -6,12 +6,7 @@ import torch
 
 from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
-from eskin.live import (
-    GraphBuilder,
-    Network,
-    Recognizer,
-    compute_probabilities,
-)
+from eskin.live import GraphBuilder, Network, Recognizer, compute_probabilities
 from eskin.live.graph import NO_HISTORY
 from eskin.live.graph_builder import TouchNodes, pack_touch_nodes
 from eskin.live.network import INITIAL_SEQUENCES, LogitStream
