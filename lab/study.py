@@ -112,9 +112,9 @@ def build_study_row(
     """Return the row of a variant, compared with the first of its network."""
     val, val_std, val_ahead = summarise_test(results, first, "val")
     test, test_std, test_ahead = summarise_test(results, first, "test")
-    facts = asdict(variant) | {"runs": len(results)}
     return VariantRow(
-        **facts,
+        **asdict(variant),
+        runs=len(results),
         val_accuracy=val,
         val_std=val_std,
         val_ahead=val_ahead,

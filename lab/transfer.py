@@ -15,7 +15,7 @@ second choice is taken as the touch closes, when no second pat can follow.
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
