@@ -22,13 +22,7 @@ from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import prepare
 from eskin.learn.sets import convert_sleeve
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.live import Model, ModelCard
-from eskin.recording import (
-    Recording,
-    find_recordings,
-    label_instants,
-)
-from eskin.robot import load_robot
+from eskin.recording import find_recordings, label_instants
 
 HELP = """no recordings in {data}; get the folder Annotated-dataset of \
 github.com/mdethmers/Social-Touch-Research and run: make touches DATA=that/folder"""
@@ -65,18 +59,18 @@ def main(demo: Demo) -> None:
     )
 
 
-def train(paths: list[Path], config: TrainConfig) -> Model:
+def train(paths: list[Path], config: TrainConfig) -> eskin.Model:
     """Train a recogniser."""
     print(f"training on {len(paths)} recordings ...")
     dataset = prepare(paths)
     network = Trainer(dataset, dataset.vocabulary, config).run()
-    card = ModelCard(vocabulary=dataset.vocabulary, network=config.network)
+    card = eskin.ModelCard(vocabulary=dataset.vocabulary, network=config.network)
     return to_model(network, card)
 
 
-def replay(model: Model, recording: Recording) -> Counter[str]:
+def replay(model: eskin.Model, recording: eskin.Recording) -> Counter[str]:
     """Push every scan and print each detection beside the label at its time."""
-    mounted = eskin.MountedSkin(recording.skin, load_robot(recording.robot_name))
+    mounted = eskin.MountedSkin(recording.skin, eskin.load_robot(recording.robot_name))
     decision = eskin.DecisionConfig(threshold=0.35)
     recognizer = eskin.Recognizer(model, mounted, recording.calibration, decision)
     detections = [d for scan in recording.scans() for d in recognizer.push(scan)]
@@ -91,7 +85,7 @@ def replay(model: Model, recording: Recording) -> Counter[str]:
     return counts
 
 
-def label_at(recording: Recording, stamp: int) -> str:
+def label_at(recording: eskin.Recording, stamp: int) -> str:
     """The gesture that was made at a stamp."""
     names = ["none", *sorted({label.gesture for label in recording.labels})]
     return names[label_instants(recording.labels, np.array([stamp]), names)[0]]

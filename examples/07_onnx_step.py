@@ -15,12 +15,7 @@ import numpy as np
 import onnxruntime
 import tyro
 
-from eskin.live import (
-    GraphBatch,
-    GraphStream,
-    compute_node_scalars,
-    compute_summary,
-)
+from eskin.live import GraphBatch, GraphStream, compute_node_scalars, compute_summary
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration, Scan, TouchPipeline

@@ -6,22 +6,22 @@
 Every row is `eskin demo --headless` in one condition: on sensors as in training, aged
 ones and those of each family, with short and long pauses between touches, on a slow and
 a fast arm, and on skins that fail meanwhile. Each build of the skin has people of its
-own; neither is in any set, nor were thresholds chosen on them
-(`lab.command_thresholds`). Builds of a family with less than 20 readings a
-second command no arm and are left out. Intervals are those of 95 % of resampled builds
-with their people (percentile bootstrap). The command prints a table of docs/results.md,
-and below it why touches were lost.
+own; neither is in any set, nor were thresholds chosen on them. Builds of a family with
+less than 20 readings a second command no arm and are left out. Intervals are those of
+95 % of resampled builds with their people (percentile bootstrap). The command prints a
+table of docs/results.md, and below it why touches were lost.
 """
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 
 from eskin.errors import ArmError
+from eskin.learn.metrics import resample_clusters
 from eskin.sim.demo import (
     DemoConfig,
     DemoResult,
@@ -60,8 +60,6 @@ ROWS: dict[str, DemoConfig] = {
 }
 """Conditions by their names in the table."""
 
-RESAMPLES = 2000
-"""Number of resamples of an interval."""
 
 HEAD = [
     *("condition", "touches", "obeyed", "wrong", "accidents", "stops by accidents"),
@@ -97,42 +95,37 @@ def run_part(part: tuple[float, DemoConfig, int]) -> DemoResult | None:
         return None
 
 
-def count_obeyed(part: DemoResult) -> tuple[float, float]:
-    """Return how many touches were obeyed correctly, and how many there were."""
-    return part.score.count("correct"), len(part.score.attempts)
-
-
-def count_wrong(part: DemoResult) -> tuple[float, float]:
-    """Return how many touches were obeyed wrongly, and how many there were."""
-    return part.score.count("wrong"), len(part.score.attempts)
-
-
-def count_stops(part: DemoResult) -> tuple[float, float]:
-    """Return how many unasked stops and how many accidents there were."""
-    return part.score.count_unasked()["unasked_stops"], len(part.score.accidents)
-
-
-def count_unasked_going_on(part: DemoResult) -> tuple[float, float]:
-    """Return how many unasked commands went on, and the simulated hours."""
-    return part.score.count_unasked()["unasked_going_on"], part.seconds / 3600.0
-
-
 def compute_interval(
-    parts: list[DemoResult], count: Callable[[DemoResult], tuple[float, float]]
+    counts: Float[np.ndarray, "build 2"],
 ) -> tuple[float, float, float]:
     """Return a ratio over builds, and its 95 % interval.
 
     Args:
-        parts: results of the builds.
-        count: returns numerator and denominator of a build.
+        counts: numerator and denominator of each build.
     """
-    counts = np.array([count(part) for part in parts])
-    rng = np.random.default_rng(28)
-    drawn = counts[rng.integers(len(parts), size=(RESAMPLES, len(parts)))].sum(axis=1)
-    ratios = drawn[:, 0] / np.maximum(drawn[:, 1], 1e-9)
-    total = counts.sum(axis=0)
-    low, high = np.percentile(ratios, [2.5, 97.5])
-    return float(total[0] / max(total[1], 1e-9)), float(low), float(high)
+    total, per = resample_clusters(counts, 28).T
+    low, high = np.percentile(total / np.maximum(per, 1e-9), [2.5, 97.5])
+    total, per = counts.sum(axis=0)
+    return float(total / max(per, 1e-9)), float(low), float(high)
+
+
+def count_outcomes(part: DemoResult) -> Float[np.ndarray, "4 2"]:
+    """Return numerators and denominators of a build.
+
+    They are of touches obeyed correctly and wrongly, of unasked stops by accidents,
+    and of unasked commands to go on by simulated hours.
+    """
+    score, unasked = part.score, part.score.count_unasked()
+    attempts = len(score.attempts)
+    return np.array(
+        [
+            (score.count("correct"), attempts),
+            (score.count("wrong"), attempts),
+            (unasked["unasked_stops"], len(score.accidents)),
+            (unasked["unasked_going_on"], part.seconds / 3600.0),
+        ],
+        dtype=np.float64,
+    )
 
 
 def format_times(times: tuple[float, float] | None) -> str:
@@ -144,22 +137,18 @@ def format_result(name: str, parts: list[DemoResult]) -> str:
     """Format the builds of a condition as a row of the table."""
     result = merge_results(parts)
     by_faults = result.score.by_faults
-    shares = [
-        "{:.1%} ({:.0%} to {:.0%})".format(*compute_interval(parts, count))
-        for count in (count_obeyed, count_wrong, count_stops)
-    ]
-    rate = "{:.1f} ({:.1f} to {:.1f})".format(
-        *compute_interval(parts, count_unasked_going_on)
-    )
+    counts = np.stack([count_outcomes(part) for part in parts], axis=1)
+    *shares, rate = (compute_interval(each) for each in counts)
+    obeyed, wrong, stops = ("{:.1%} ({:.0%} to {:.0%})".format(*s) for s in shares)
     return format_row(
         [
             name,
             str(len(result.score.attempts)),
-            shares[0],
-            shares[1],
+            obeyed,
+            wrong,
             str(len(result.score.accidents)),
-            shares[2],
-            rate,
+            stops,
+            "{:.1f} ({:.1f} to {:.1f})".format(*rate),
             format_times(result.delay),
             format_times(result.stop_delay),
             f"{result.availability:.1%}",

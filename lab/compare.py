@@ -16,19 +16,14 @@ from eskin.cli.checks import check_folder, check_writable
 from eskin.errors import EskinError
 from eskin.live import check_limits
 from eskin.units import format_count
-from lab.comparison import (
-    METHODS,
-    Examples,
-    Method,
-    MethodResult,
+from lab.comparison.examples import Examples, find_examples
+from lab.comparison.methods import METHODS, Method
+from lab.comparison.results import MethodResult, TrainingTask, find_stale, run_tasks
+from lab.comparison.table import (
     RunKey,
-    TrainingTask,
     build_rows,
-    find_examples,
-    find_stale,
     format_gesture_tables,
     format_tables,
-    run_tasks,
 )
 from lab.program import run_program
 

@@ -11,14 +11,15 @@ ur5 skin for the same people and the same gestures, with 95 % intervals from dra
 people anew.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import tyro
 
 from eskin.cli.main import run
 from eskin.learn.checkpoint import to_network
@@ -73,9 +74,10 @@ def call(*words: object) -> None:
         raise SystemExit(f"eskin {' '.join(map(str, words[:2]))} failed")
 
 
-def measure(name: str, work: Path, set_name: str, clips: int, model: str) -> None:
+def measure(name: str, command: "Command") -> None:
     """Design a skin, simulate a set on it, and classify the clips of the set."""
-    skin, sets = SKINS[name], work / "sets" / name
+    skin, work = SKINS[name], command.work
+    sets = work / "sets" / name
     where: list[object] = ["--skin", "ur5"]
     if skin.robot:
         folder, urdf = work / "skins" / name, find_robot(skin.robot)
@@ -84,9 +86,9 @@ def measure(name: str, work: Path, set_name: str, clips: int, model: str) -> Non
             asked = ["--out", folder, "--density", skin.density, *links]
             call("skin", "design", urdf, *asked)
         where = ["--skin", folder, "--robot-urdf", urdf]
-    wanted = ["--set", set_name, "--clips", clips, "--workers", 1]
+    wanted = ["--set", command.set, "--clips", command.clips, "--workers", 1]
     call("generate", sets, *where, *wanted)
-    loaded = load_model(model)
+    loaded = load_model(command.model)
     card = loaded.card
     paths = find_recordings([sets])
     dataset = prepare(paths, card.pipeline, card.graph_used)
@@ -126,21 +128,16 @@ def read_answers(path: Path) -> ClipAnswers:
 
 def compare(own: ClipAnswers, other: ClipAnswers) -> tuple[float, float, float]:
     """Return the difference of two accuracies and its 95 % interval."""
-    names = np.unique(np.concatenate([own.people, other.people]))
-    sums = np.array(
-        [
-            [
-                each.correct[each.people == name].sum()
-                if counted
-                else np.count_nonzero(each.people == name)
-                for each in (own, other)
-                for counted in (True, False)
-            ]
-            for name in names
-        ],
-        dtype=np.float64,
+    names, index = np.unique(
+        np.concatenate([own.people, other.people]), return_inverse=True
     )
-    a, n, b, m = resample_clusters(sums, 0).T
+    rows = np.split(index, [len(own.people)])
+    sums = [
+        np.bincount(row, weights, len(names))
+        for row, each in zip(rows, (own, other), strict=True)
+        for weights in (each.correct.astype(np.float64), np.ones(len(row)))
+    ]
+    a, n, b, m = resample_clusters(np.stack(sums, axis=1), 0).T
     low, high = np.percentile(a / n - b / m, [2.5, 97.5])
     return float(own.correct.mean() - other.correct.mean()), float(low), float(high)
 
@@ -177,21 +174,32 @@ def print_table(work: Path) -> None:
         )
 
 
+@dataclass(frozen=True)
+class Command:
+    """Measure skins, or print the table of those that were measured."""
+
+    what: tyro.conf.Positional[Literal["measure", "table"]]
+    """What to do."""
+    work: Path
+    """Folder of all that is made."""
+    only: tuple[str, ...] = tuple(SKINS)
+    """Skins to measure."""
+    set: str = "test-p"
+    """Set whose people touch the skins."""
+    clips: int = 300
+    """Number of clips on each."""
+    model: str = "ur5"
+    """Name of weights that come with eskin, or a model file."""
+
+
 def main() -> None:
     """Measure skins, or print the table of those that were measured."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("what", choices=("measure", "table"))
-    parser.add_argument("--work", type=Path, required=True)
-    parser.add_argument("--only", nargs="+", choices=SKINS, default=list(SKINS))
-    parser.add_argument("--set", default="test-p")
-    parser.add_argument("--clips", type=int, default=300)
-    parser.add_argument("--model", default="ur5")
-    options = parser.parse_args()
-    if options.what == "table":
-        print_table(options.work)
+    command = tyro.cli(Command)
+    if command.what == "table":
+        print_table(command.work)
         return
-    for name in options.only:
-        measure(name, options.work, options.set, options.clips, options.model)
+    for name in command.only:
+        measure(name, command)
 
 
 if __name__ == "__main__":

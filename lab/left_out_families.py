@@ -15,18 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from jaxtyping import Bool, Float, Int
 
 from eskin.learn.checkpoint import to_network
-from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import predict_clips
+from eskin.learn.metrics import bootstrap_difference
 from eskin.live import load_model
 from eskin.recording import find_recordings
 from eskin.sim.sensor import FAMILIES
 from lab.tables import format_head, format_row
-
-RESAMPLES = 2000
-"""Number of resamples of an interval."""
 
 
 @dataclass(frozen=True)
@@ -55,56 +52,25 @@ def main() -> None:
         pack=command.sets / "pack",
         workers=command.workers,
     )
-    session, family = list_sessions(dataset, card.vocabulary)
-    trained = classify(dataset, command.models / "all-families.safetensors")
+    found = predict_clips(to_network(everything), dataset, card.vocabulary)
+    trained, session = found.predicted == found.truth, np.asarray(found.recording)
+    names = [r.metadata.notes.get("family", "") for r in dataset.recordings]
+    family = np.array(names)[session]
     print(
         format_head(["family", "clips", "trained on it", "left out", "lost [points]"])
     )
     for name in FAMILIES:
         of_family = family == name
-        right = classify(dataset, command.models / f"without-{name}.safetensors")
-        lost = 100.0 * (trained.astype(float) - right)[of_family]
-        low, high = draw_interval(lost, session[of_family])
+        model = load_model(command.models / f"without-{name}.safetensors")
+        found = predict_clips(to_network(model), dataset, model.card.vocabulary)
+        right = found.predicted == found.truth
+        parts = trained[of_family], right[of_family]
+        ends = bootstrap_difference(*parts, cluster=session[of_family].tolist())
+        lost = parts[0].mean() - parts[1].mean()
+        points = [f"{100.0 * each:.1f}" for each in (lost, *ends)]
         shares = (f"{each[of_family].mean():.1%}" for each in (trained, right))
-        interval = f"{lost.mean():.1f} [{low:.1f}, {high:.1f}]"
-        print(format_row([name, str(of_family.sum()), *shares, interval]))
-
-
-def list_sessions(
-    dataset: Dataset, vocabulary: tuple[str, ...]
-) -> tuple[Int[np.ndarray, "clip"], np.ndarray]:
-    """Return the recording of each clip, and the family of its sensor."""
-    session = np.array(
-        [
-            number
-            for number, clips in enumerate(dataset.clips)
-            for clip in clips
-            if clip.gesture in vocabulary
-        ]
-    )
-    names = [r.metadata.notes.get("family", "") for r in dataset.recordings]
-    return session, np.array(names)[session]
-
-
-def classify(dataset: Dataset, path: Path) -> Bool[np.ndarray, "clip"]:
-    """Return which clips a model classifies correctly."""
-    model = load_model(path)
-    found = predict_clips(to_network(model), dataset, model.card.vocabulary)
-    return found.predicted == found.truth
-
-
-def draw_interval(
-    lost: Float[np.ndarray, "clip"], session: Int[np.ndarray, "clip"]
-) -> tuple[float, float]:
-    """Return the 95 % interval of a mean over clips, from drawing sessions anew."""
-    rng = np.random.default_rng(26)
-    parts = [lost[session == each] for each in np.unique(session)]
-    means = []
-    for _ in range(RESAMPLES):
-        drawn = [parts[n] for n in rng.integers(len(parts), size=len(parts))]
-        means.append(np.concatenate(drawn).mean())
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
+        cells = [name, str(of_family.sum()), *shares]
+        print(format_row([*cells, "{} [{}, {}]".format(*points)]))
 
 
 if __name__ == "__main__":

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import tyro
 
-from lab.browser import chromium, new_tab, see
+from lab.browser import Visit, becomes, chromium, new_tab, see
 from lab.served_demo import ServedDemo
 from lab.tables import format_head, format_row
-from lab.visit import Visit, becomes
 
 WAIT = 2.0
 """Longest simulated time from a touch to the change of the arm [s]."""

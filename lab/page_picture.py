@@ -19,9 +19,8 @@ import tyro
 from PIL import Image
 from playwright.sync_api import Page
 
-from lab.browser import chromium, new_tab, see
+from lab.browser import Visit, becomes, chromium, new_tab, see
 from lab.served_demo import ServedDemo
-from lab.visit import Visit, becomes
 
 SEED, PACE, SCALE = 4, 0.06, 0.75
 TRIES = 5

@@ -48,8 +48,6 @@ class Group:
     """Names in the set."""
     truth: str | None = None
     """True class; None without one."""
-    bar: float | None = None
-    """Required accuracy of the forced choice; None without a requirement."""
     longer: float = 0.0
     """Shortest duration of contact of a counted trial [s]."""
     shorter: float = math.inf
@@ -68,8 +66,6 @@ class Trial:
     """Times of the readings, increasing [s]."""
     share: Float[np.ndarray, "reading taxel"]
     """Pressure as a share of full scale, row by row; 0 at rest."""
-    source: str = ""
-    """Recording of which it is a part; empty if it is one of its own."""
 
 
 @dataclass(frozen=True)
@@ -92,16 +88,6 @@ class PublicSet:
     """Assumed pressure at full scale [kPa]; no set states it."""
     floor: float = 0.0
     """Share of full scale below which a signal is not a touch."""
-
-    @property
-    def headline(self) -> "PublicSet":
-        """Return the set with the groups that have a required accuracy.
-
-        If none has one, they are those that have a true class.
-        """
-        required = tuple(group for group in self.groups if group.bar is not None)
-        known = tuple(group for group in self.groups if group.truth is not None)
-        return replace(self, groups=required or known)
 
 
 def read_trials(
@@ -150,7 +136,6 @@ def read_shearsense(folder: Path) -> Iterator[Trial]:
                 label.gesture,
                 seconds[run],
                 share[run],
-                clip.name,
             )
 
 
@@ -200,7 +185,7 @@ def read_sleeve(folder: Path) -> Iterator[Trial]:
         runs += [(NONE, run) for run in cut_runs(idle, seconds)]
         for gesture, run in runs:
             if len(run) > 1:
-                yield Trial(session, gesture, seconds[run], share[run], clip.name)
+                yield Trial(session, gesture, seconds[run], share[run])
 
 
 def read_shares(
@@ -243,12 +228,12 @@ def group_socialtouch() -> tuple[Group, ...]:
     """Group the 32 gestures of SocialTouch by their true class."""
     fingers, resting = GROUPS["finger touch"], (*GROUPS["contact"], *GROUPS["arm"])
     return (
-        Group("poke", GROUPS["poke"], "poke", bar=0.80),
-        Group("stroke", GROUPS["stroke"], "stroke", bar=0.92),
-        Group("resting hand or arm", resting, NONE, bar=0.96),
+        Group("poke", GROUPS["poke"], "poke"),
+        Group("stroke", GROUPS["stroke"], "stroke"),
+        Group("resting hand or arm", resting, NONE),
         Group(f"finger held, {HELD:g} s or longer", fingers, NONE, longer=HELD),
         Group("finger touch, shorter", fingers, shorter=HELD),
-        Group("pat", GROUPS["pat"], "double_pat", bar=0.75),
+        Group("pat", GROUPS["pat"], "double_pat"),
         Group("tap", GROUPS["tap"]),
         Group("slap, hit", GROUPS["hit"]),
         Group("pinch", GROUPS["pinch"]),

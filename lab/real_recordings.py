@@ -7,49 +7,238 @@
 One session (sleeve) or one participant (ShearSense, SocialTouch) is held out at a time.
 The recogniser is trained with the defaults of `eskin train` on the others and tested on
 the held-out one; classical classifiers are tested on the same examples with hand-made
-features, and a convolutional network on the pressures of all taxels. With `--start ur5`
-a second recogniser of the size of that model starts from its weights instead of random
-ones, and the gain is printed. The command prints the
-tables of docs/results.md.
+features, and a convolutional network on the pressures of all taxels. The command prints
+the tables of docs/results.md.
 """
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, final
 
 import numpy as np
+import torch
 import tyro
+from jaxtyping import Float, Int
+from joblib import Parallel, delayed
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
+from eskin.errors import RecordingError
 from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.evaluation import find_window_ends, score_segments
+from eskin.learn.ground_truth import Segment
 from eskin.learn.metrics import (
     bootstrap_difference,
     compute_group_accuracies,
     score_predictions,
 )
-from eskin.learn.plots import draw_confusion
+from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.sets import (
     convert_shearsense,
     convert_sleeve,
     convert_socialtouch,
 )
 from eskin.learn.sets.socialtouch import find_group
-from eskin.learn.training import TrainConfig
-from eskin.live import load_model
+from eskin.learn.training import TrainConfig, Trainer
 from eskin.recording import NONE, find_recordings
-from lab.crossvalidation import (
-    Answers,
-    classify_instants,
-    classify_segments,
-    find_groups,
-    train_folds,
+from eskin.skin import MountedSkin
+from lab.baselines import FitConfig, SkinWindows, build_baseline
+from lab.baselines.estimators import (
+    Estimator,
+    GradientBoosting,
+    NearestNeighbours,
+    RandomForest,
+    SupportVectors,
 )
+from lab.baselines.hand import compute_features
+from lab.baselines.interface import READINGS, STEP_NS
+from lab.tables import format_head, format_row
+
+
+@final
+@dataclass(frozen=True)
+class Standardised:
+    """Standardises features for another estimator."""
+
+    of: Callable[[int], Estimator]
+    """Function that builds the other estimator from a seed."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Build an estimator."""
+        return make_pipeline(StandardScaler(), self.of(seed))
+
+
+ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
+    "random forest": RandomForest(),
+    "boosting": GradientBoosting(),
+    "SVM": Standardised(SupportVectors()),
+    "kNN": Standardised(NearestNeighbours()),
+}
+"""Estimators compared with the recogniser on features of whole segments, by name."""
 
 OURS = "eskin"
+"""Name of the recogniser."""
 
-Measure = Callable[[tuple[Path, ...], "Command"], Answers]
+CNN = "3D-CNN"
+"""Name of the network compared with the recogniser on the pressures of all taxels."""
+
+CNN_FIT = FitConfig(epochs=20, batch=32)
+"""Settings of its training."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Holds the true class and the predictions of every method for each example."""
+
+    truth: Int[np.ndarray, "example"]
+    """True classes, as indices into `vocabulary`."""
+
+    predicted: dict[str, Int[np.ndarray, "example"]]
+    """Predictions by method; `eskin` is the recogniser."""
+
+    groups: tuple[str, ...]
+    """Person or session of each example."""
+
+    vocabulary: tuple[str, ...]
+    """Classes."""
+
+
+Networks = dict[str, RecogniserNetwork]
+
+
+def find_groups(dataset: Dataset, by: str) -> list[str]:
+    """Return the group of each recording: `subject` or `session`.
+
+    Raises:
+        RecordingError: if there are fewer than two groups.
+    """
+    groups = [str(getattr(r.metadata, by)) for r in dataset.recordings]
+    if len(set(groups)) < 2:
+        raise RecordingError(
+            f"all recordings have {by} '{groups[0]}'; leaving one out needs at least "
+            f"two; give recordings of more than one {by}"
+        )
+    return groups
+
+
+def train_folds(
+    dataset: Dataset,
+    groups: Sequence[str],
+    config: TrainConfig,
+    seed: int = 0,
+    workers: int = 1,
+) -> Networks:
+    """Return one network for each group, trained on all the others.
+
+    The result does not depend on the number of workers.
+
+    Args:
+        dataset: data set to divide.
+        groups: group of each recording.
+        config: settings of the training.
+        seed: seed of every training.
+        workers: number of processes.
+    """
+    names = sorted(set(groups))
+    train = delayed(train_without)
+    jobs = (train(dataset, groups, name, config, seed) for name in names)
+    networks: Any = Parallel(n_jobs=workers, verbose=10)(jobs)
+    return dict(zip(names, networks, strict=True))
+
+
+def train_without(
+    dataset: Dataset,
+    groups: Sequence[str],
+    held: str,
+    config: TrainConfig,
+    seed: int,
+) -> RecogniserNetwork:
+    """Return a network trained without one group."""
+    torch.set_num_threads(1)
+    others = [i for i, group in enumerate(groups) if group != held]
+    trainer = Trainer(dataset, dataset.vocabulary, config, others, seed)
+    return trainer.run(quiet=True)
+
+
+def classify_segments(
+    dataset: Dataset,
+    groups: Sequence[str],
+    networks: Networks,
+    shear: bool,
+    seed: int,
+) -> Answers:
+    """Classify whole labelled segments with methods trained on other groups."""
+    segments = dataset.labelled
+    spoken = {segment.gesture for segment in segments}
+    vocabulary = tuple(name for name in dataset.vocabulary if name in spoken)
+    columns = [dataset.vocabulary.index(name) for name in vocabulary]
+    truth = np.array([vocabulary.index(s.gesture) for s in segments])
+    group = np.array([groups[s.recording] for s in segments])
+    features = np.array(
+        [compute_features(dataset, np.arange(s.first, s.end), shear) for s in segments]
+    )
+    methods = (OURS, *ON_FEATURES, CNN)
+    predicted = {name: np.zeros_like(truth) for name in methods}
+    windows, segment_index = cut_skin_windows(dataset, segments)
+    for held, network in networks.items():
+        out = group == held
+        chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
+        scores = score_segments(network, dataset, chosen)
+        predicted[OURS][out] = scores[:, columns].argmax(axis=1)
+        for name, make in ON_FEATURES.items():
+            model = make(seed).fit(features[~out], truth[~out])
+            predicted[name][out] = model.predict(features[out])
+        within = out[segment_index]
+        known, labels = np.unique(truth[segment_index[~within]], return_inverse=True)
+        cnn = build_baseline("3d-cnn", mount_skin(dataset), CNN_FIT)
+        cnn.fit(windows.select(~within), labels, seed)
+        found = np.log(cnn.predict_probabilities(windows.select(within)) + 1e-9)
+        starts = np.unique(segment_index[within], return_index=True)[1]
+        sums = np.add.reduceat(found, starts, axis=0)
+        predicted[CNN][out] = known[sums.argmax(axis=1)]
+    return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+
+
+def mount_skin(dataset: Dataset) -> MountedSkin:
+    """Return the skin of all recordings on its robot."""
+    first = dataset.recordings[0]
+    return MountedSkin(first.skin, first.load_robot())
+
+
+def cut_skin_windows(
+    dataset: Dataset, segments: Sequence[Segment]
+) -> tuple[SkinWindows, Int[np.ndarray, "window"]]:
+    """Return the pressures of all taxels in the windows of segments, at 50 Hz.
+
+    The windows are those in which the recogniser scores a segment; the time before the
+    segment is zero. Readings between two are interpolated.
+
+    Returns:
+        the windows, and the index of each one's segment.
+    """
+    taxels = dataset.recordings[0].skin.count
+    pressures: list[Float[np.ndarray, "100 taxel"]] = []
+    indices: list[int] = []
+    for index, segment in enumerate(segments):
+        rows = np.arange(segment.first, segment.end)
+        graphs = dataset.graphs.select(rows)
+        images = np.zeros((len(rows), taxels), np.float32)
+        images[graphs.graph_index, graphs.taxels] = graphs.pressure
+        stamps = dataset.stamps[rows]
+        for end in find_window_ends(dataset, segment) - segment.first:
+            times = stamps[end] - STEP_NS * np.arange(READINGS)[::-1]
+            place = np.interp(times, stamps, np.arange(len(rows)))
+            low = place.astype(np.int64)
+            high, part = np.minimum(low + 1, len(rows) - 1), (place - low)[:, None]
+            window = (1 - part) * images[low] + part * images[high]
+            window[times < stamps[0]] = 0.0
+            pressures.append(window.astype(np.float16))
+            indices.append(index)
+    joints = np.zeros((len(pressures), READINGS, 0), np.float32)
+    return SkinWindows(np.stack(pressures), joints), np.array(indices)
 
 
 @dataclass(frozen=True)
@@ -60,14 +249,10 @@ class Command:
     """Data set."""
     data: Path
     """Folder of the data set, as downloaded."""
-    picture: Path | None = None
-    """Path of the picture of the recogniser's confusions (.png)."""
     seed: int = 0
     """Random seed."""
     workers: int = 2
     """Number of processes for training."""
-    start: Path | None = None
-    """Model to start a second recogniser from."""
     train: TrainConfig = field(default_factory=lambda: TrainConfig(validation=0.0))
     """Settings of the training."""
 
@@ -79,43 +264,33 @@ def main() -> None:
     convert, measure = KINDS[command.kind]
     with tempfile.TemporaryDirectory() as folder:
         convert(command.data, Path(folder))
-        answers = measure(find_recordings((Path(folder),)), command)
-    if command.picture is not None:
-        result = score_predictions(
-            answers.truth, answers.predicted[OURS], answers.vocabulary
-        )
-        title = f"{command.kind}: accuracy {result.accuracy:.1%}"
-        draw_confusion(result.confusion, answers.vocabulary, command.picture, title)
+        measure(find_recordings((Path(folder),)), command)
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
-def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
-    """Classify segments and instants, with one session held out."""
-    dataset = prepare(paths)
-    groups = find_groups(dataset, "session")
-    networks = train_folds(
-        dataset, groups, command.train, command.seed, command.workers
-    )
-    segments = classify_segments(dataset, groups, networks, False, command.seed)
-    print(table("Whole segments", segments))
-    print_start_gain(dataset, groups, command, command.train, segments)
-    instants = classify_instants(dataset, groups, networks, command.seed)
-    print(table("Every instant, with the class none", instants, whole=True))
-    return segments
+def sleeve(paths: tuple[Path, ...], command: Command) -> None:
+    """Classify segments, with one session held out."""
+    config = replace(command.train, shear=False)
+    answers = cross_validate(prepare(paths), "session", command, config)
+    print(table("Whole segments", answers))
 
 
-def shearsense(paths: tuple[Path, ...], command: Command) -> Answers:
+def shearsense(paths: tuple[Path, ...], command: Command) -> None:
     """Classify recordings without and with shear, with one participant held out."""
-    pressure = classify_held_out_people(paths, command, False)
+    # Without shear not even which taxels it touches is used.
+    pressure, both = (
+        cross_validate(
+            prepare(paths, graph=config.select_graph()), "subject", command, config
+        )
+        for config in (replace(command.train, shear=each) for each in (False, True))
+    )
     print(table("Recordings, pressure", pressure))
-    both = classify_held_out_people(paths, command, True)
     print(table("Recordings, pressure and shear", both))
     right = [a.predicted[OURS] == a.truth for a in (both, pressure)]
     print(f"\nShear adds {difference(*right)} points to the recogniser.")
-    return both
 
 
-def socialtouch(paths: tuple[Path, ...], command: Command) -> Answers:
+def socialtouch(paths: tuple[Path, ...], command: Command) -> None:
     """Classify repetitions as gestures, then as groups, with a person held out."""
     dataset = prepare(paths, graph=command.train.select_graph())
     gestures = cross_validate(dataset, "subject", command, command.train)
@@ -123,7 +298,6 @@ def socialtouch(paths: tuple[Path, ...], command: Command) -> Answers:
     grouped = rename_gestures(dataset, find_group)
     groups = cross_validate(grouped, "subject", command, command.train)
     print(table("Repetitions, groups of gestures", groups))
-    return groups
 
 
 def rename_gestures(dataset: Dataset, rename: Callable[[str], str]) -> Dataset:
@@ -141,82 +315,32 @@ def rename_gestures(dataset: Dataset, rename: Callable[[str], str]) -> Dataset:
     )
 
 
-def classify_held_out_people(
-    paths: tuple[Path, ...], command: Command, shear: bool
-) -> Answers:
-    """Classify the recordings of each person with training on the others.
-
-    Without shear no shear information is used, not even which taxels it touches.
-    """
-    config = replace(command.train, shear=shear)
-    dataset = prepare(paths, graph=config.select_graph())
-    return cross_validate(dataset, "subject", command, config)
-
-
 def cross_validate(
     dataset: Dataset, by: str, command: Command, config: TrainConfig
 ) -> Answers:
     """Classify segments of each group, a person or a session, by all the others."""
     groups = find_groups(dataset, by)
     networks = train_folds(dataset, groups, config, command.seed, command.workers)
-    answers = classify_segments(dataset, groups, networks, config.shear, command.seed)
-    print_start_gain(dataset, groups, command, config, answers)
-    return answers
+    return classify_segments(dataset, groups, networks, config.shear, command.seed)
 
 
-def print_start_gain(
-    dataset: Dataset,
-    groups: list[str],
-    command: Command,
-    config: TrainConfig,
-    scratch: Answers,
-) -> None:
-    """Train from a model's weights, and from random ones of its size; print both."""
-    if command.start is None:
-        return
-    model = load_model(command.start)
-    config = replace(config, network=model.card.network)
-    started, large = (
-        classify_segments(
-            dataset,
-            groups,
-            train_folds(dataset, groups, config, command.seed, command.workers, start),
-            config.shear,
-            command.seed,
-        )
-        for start in (model, None)
-    )
-    rights = [a.predicted[OURS] == a.truth for a in (started, large, scratch)]
-    print(
-        f"\nStarted from {command.start}: {rights[0].mean():.1%}; as large from random "
-        f"weights: {rights[1].mean():.1%}. The start adds {difference(*rights[:2])} "
-        f"points to that, {difference(rights[0], rights[2])} to the one above."
-    )
+HEAD = ("method", "accuracy", "macro F1", "difference of eskin [95 % interval]")
 
 
-def table(title: str, answers: Answers, whole: bool = False) -> str:
-    """Format accuracy, macro F1, groups and the difference of eskin, by method.
-
-    Args:
-        title: title of the table.
-        answers: answers to score.
-        whole: whether the bootstrap draws whole recordings, not single examples.
-    """
-    cluster = answers.recordings if whole else None
+def table(title: str, answers: Answers) -> str:
+    """Format accuracy, macro F1, groups and the difference of eskin, by method."""
     names = sorted(set(answers.groups))
     rows = [
         f"\n**{title}** ({len(answers.truth)} examples, "
         f"{len(answers.vocabulary)} classes)\n",
-        "| method | accuracy | macro F1 | difference of eskin [95 % interval] | "
-        f"{' | '.join(names)} |",
-        "|---" * (4 + len(names)) + "|",
+        format_head([*HEAD, *names]),
     ]
     ours = answers.predicted[OURS] == answers.truth
     for name, predicted in answers.predicted.items():
         result = score_predictions(answers.truth, predicted, answers.vocabulary)
         right = predicted == answers.truth
         groups = compute_group_accuracies(right, answers.groups)
-        ahead = "" if name == OURS else difference(ours, right, cluster)
+        ahead = "" if name == OURS else difference(ours, right)
         cells = [
             name,
             f"{result.accuracy:.1%}",
@@ -224,20 +348,18 @@ def table(title: str, answers: Answers, whole: bool = False) -> str:
             ahead,
             *(f"{groups[group]:.1%}" for group in names),
         ]
-        rows.append(f"| {' | '.join(cells)} |")
+        rows.append(format_row(cells))
     return "\n".join(rows)
 
 
-def difference(
-    ours: np.ndarray, theirs: np.ndarray, cluster: tuple[int, ...] | None = None
-) -> str:
+def difference(ours: np.ndarray, theirs: np.ndarray) -> str:
     """Format a difference of accuracies with its paired bootstrap interval."""
-    low, high = bootstrap_difference(ours, theirs, cluster=cluster)
+    low, high = bootstrap_difference(ours, theirs)
     mean = ours.mean() - theirs.mean()
     return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
 
 
-KINDS: dict[str, tuple[Callable[[Path, Path], object], Measure]] = {
+KINDS = {
     "sleeve": (convert_sleeve, sleeve),
     "shearsense": (convert_shearsense, shearsense),
     "socialtouch": (convert_socialtouch, socialtouch),

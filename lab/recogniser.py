@@ -26,7 +26,6 @@ from eskin.learn.events import (
     score_events,
     trace_recordings,
 )
-from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.live import Model, load_model
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.dataset.sets import FINAL_SETS, PAIR_SIDES
@@ -56,10 +55,6 @@ class Command:
     """Number of clips of each test set, or streams of each set; all unless given."""
     only: tuple[str, ...] = ()
     """Sets or skins to evaluate; all unless given."""
-    first: int | None = None
-    """Number of recordings of each set of streams; all unless given."""
-    pictures: Path | None = None
-    """Folder for pictures of confusions and reliability."""
     seed: int = 0
     """Random seed of the sets; final sets are drawn anew for new weights."""
     workers: int = os.cpu_count() or 1
@@ -94,7 +89,6 @@ def evaluate_clip_sets(command: Command, names: Sequence[str]) -> str:
     for name in choose_names(command, names):
         found = evaluate_clips(command, find_set(command, name))
         rows.append(format_clip_row(name, found))
-        draw_clips(command, name, found)
     return "\n".join(rows)
 
 
@@ -145,10 +139,6 @@ def evaluate_stream_sets(command: Command, names: Sequence[str]) -> str:
                 format_stream_row(f"{name}, {family}", score_events(some, vocabulary))
                 for family, some in sorted(by_family.items())
             ]
-        if command.pictures is not None and score.total.matched:
-            target = command.pictures / f"events_{name}.png"
-            title = f"{name}: F1 {score.total.f1:.3f}"
-            draw_confusion(score.confusion, score.names, target, title)
     return "\n".join(rows)
 
 
@@ -185,7 +175,7 @@ def evaluate_clips(command: Command, folder: Path) -> Evaluation:
 def replay_streams(command: Command, folder: Path) -> dict[str, list[ScoredStream]]:
     """Return the detections of a set of streams, by the family of their sensors."""
     model = load_model(command.model)
-    paths = find_recordings([folder])[: command.first]
+    paths = find_recordings([folder])
     by_family: dict[str, list[ScoredStream]] = {}
     for stream in trace_recordings(paths, model, command.workers):
         family = read_recording(stream.path).metadata.notes.get("family", "")
@@ -203,13 +193,15 @@ def format_clip_row(name: str, found: Evaluation) -> str:
     """Format a row of a table of clips, with the recall of each class."""
     people = list(found.per_subject.values())
     low, high = found.interval
-    recalls = " | ".join(
-        f"{r['recall']:.1%}" for r in found.segments.per_class.values()
-    )
-    return (
-        f"| {name} | {found.segments.confusion.sum()} | {found.segments.accuracy:.1%} "
-        f"({low:.1%}-{high:.1%}) | {np.std(people, ddof=1):.1%}, {min(people):.1%} | "
-        f"{recalls} | {found.ece:.3f} |"
+    return format_row(
+        [
+            name,
+            str(found.segments.confusion.sum()),
+            f"{found.segments.accuracy:.1%} ({low:.1%}-{high:.1%})",
+            f"{np.std(people, ddof=1):.1%}, {min(people):.1%}",
+            *(f"{r['recall']:.1%}" for r in found.segments.per_class.values()),
+            f"{found.ece:.3f}",
+        ]
     )
 
 
@@ -235,19 +227,7 @@ def format_stream_row(name: str, score: EventScore) -> str:
         f"{score.accidents.mistaken} of {score.accidents.count}",
         f"{unknown.mistaken} of {unknown.count}",
     )
-    return "| " + " | ".join(cells) + " |"
-
-
-def draw_clips(command: Command, name: str, found: Evaluation) -> None:
-    """Draw confusions and reliability of a set, if a folder for pictures is given."""
-    if command.pictures is None:
-        return
-    vocabulary = load_model(command.model).card.vocabulary
-    title = f"{name}: accuracy {found.segments.accuracy:.1%}"
-    target = command.pictures / f"confusion_{name}.png"
-    draw_confusion(found.segments.confusion, vocabulary, target, title)
-    target = command.pictures / f"reliability_{name}.png"
-    draw_reliability(found.reliability, target, name)
+    return format_row(cells)
 
 
 PARTS: dict[str, Callable[[Command], str]] = {

@@ -1,31 +1,26 @@
 """Compare recognisers on simulated people, and print the tables.
 
-python -m lab.results [PART] --sets FOLDER [--form short]: PART is one of table, large,
-study or all. Sets that are missing in FOLDER are generated there. The answers of each
-method are kept in FOLDER/kept, one file per table, so that nothing is trained twice
-and an interrupted run can be resumed; pictures go to FOLDER/pictures. Answers of other
-code, settings or clips are reported and computed again.
+python -m lab.results [PART] --sets FOLDER [--form short]: PART is one of table, large
+or all. Sets that are missing in FOLDER are generated there. The answers of each method
+are kept in FOLDER/kept, one file per table, so that nothing is trained twice and an
+interrupted run can be resumed. Answers of other code, settings or clips are reported
+and computed again.
 """
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from lab import compare, study
+from lab import compare
 from lab.baselines import NETWORKS
-from lab.comparison import (
-    METHODS,
-    read_results,
-)
+from lab.comparison.methods import METHODS
 from lab.simulated_sets import made_set
 
-Part = Literal["table", "large", "study", "all"]
 TESTS = ("test-s", "test-p", "test-x", "test-m")
 
 
@@ -49,9 +44,6 @@ class Form:
     """Large test sets."""
     large: tuple[str, ...]
     """Methods trained on the large training set."""
-    studies: Mapping[str, tuple[int, tuple[str, ...]]]
-    """Studies of neighbours and pooling, by name of the picture: number of paper-size
-    sets, and further options."""
 
 
 FORMS = {
@@ -64,12 +56,6 @@ FORMS = {
         test=16,
         tests=("test-m",),
         large=("boosting-on-touch", "gradient-boosting"),
-        studies={
-            "study": (
-                1,
-                ("--networks", "paper", "--k", "8", "--epochs", "1", "--seeds", "1"),
-            )
-        },
     ),
     "long": Form(
         draws=10,
@@ -80,10 +66,6 @@ FORMS = {
         test=1000,
         tests=TESTS,
         large=tuple(name for name in METHODS if name not in ("paper", "3d-cnn")),
-        studies={
-            "study": (1, ("--epochs", "5", "--seeds", "1")),
-            "study_ours": (3, ("--networks", "eskin", "--seeds", "1")),
-        },
     ),
 }
 
@@ -92,7 +74,7 @@ FORMS = {
 class Command:
     """Compute and print the tables."""
 
-    part: tyro.conf.Positional[Part] = "all"
+    part: tyro.conf.Positional[Literal["table", "large", "all"]] = "all"
     """Table to compute."""
 
     form: Literal["short", "long"] = "long"
@@ -107,126 +89,69 @@ class Command:
     minutes: float = math.inf
     """Time after which a part begins no further training [min]."""
 
-    @property
-    def results(self) -> Path:
-        """Folder of the answers of methods."""
-        return self.sets / "kept"
-
-    @property
-    def pictures(self) -> Path:
-        """Folder of the pictures."""
-        return self.sets / "pictures"
-
-    def options(self, table: str) -> dict[str, object]:
-        """Return the options of the comparison of a table."""
-        return {
-            "results": self.results / f"{table}.jsonl",
-            "pack": self.sets / "pack",
-            "workers": self.workers,
-            "minutes": self.minutes,
-        }
-
 
 def main() -> None:
     """Compute and print the chosen tables."""
     command = tyro.cli(Command)
-    for name, part in PARTS.items():
+    for name, part in {"table": table, "large": large}.items():
         if command.part in (name, "all"):
             print(f"\n## {name}\n", flush=True)
             part(command, FORMS[command.form])
-    print(f"\n{describe_trainings(command.results)}")
-
-
-def describe_trainings(results: Path) -> str:
-    """Format the number of trainings kept in a folder, and their total time."""
-    files = [read_results(path) for path in results.glob("*.jsonl")]
-    seconds = [kept.result.seconds for kept in chain(*map(dict.values, files))]
-    hours = sum(seconds) / 3600
-    return f"{len(seconds)} trainings kept, of {hours:.1f} hours on one core together"
-
-
-def paper_sets(command: Command, count: int) -> list[Path]:
-    """Generate paper-size sets, each with its own people, poses, build and seed."""
-    return [paper_set(command, FORMS[command.form].clips, n) for n in range(count)]
-
-
-def paper_set(command: Command, clips: int | None, seed: int) -> Path:
-    """Generate a paper-size set; with `clips`, of six people and that many clips."""
-    return made_set(
-        *(command.sets, "paper"),
-        clips=clips,
-        people=None if clips is None else 6,
-        seed=seed,
-        workers=command.workers,
-    )
-
-
-def split_draws(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """Return the training set and the test set of each draw."""
-    return tuple(d / "train" for d in draws), tuple(d / "test" for d in draws)
 
 
 def table(command: Command, form: Form) -> None:
-    """Compare all methods on paper-size sets (Table III)."""
-    draws = paper_sets(command, form.draws)
-    show_compared(command, form, draws, form.table)
+    """Compare all methods on paper-size sets (Table III).
+
+    Each has its own people, poses, build and seed; a short one has six people.
+    """
+    draws = [
+        made_set(
+            *(command.sets, "paper"),
+            clips=form.clips,
+            people=None if form.clips is None else 6,
+            seed=seed,
+            workers=command.workers,
+        )
+        for seed in range(form.draws)
+    ]
+    trains, tests = ([draw / part for draw in draws] for part in ("train", "test"))
+    show_compared(command, "table", trains, tests, form.table)
     if form.network_draws:
         print("\nNetworks of others on the first of these:\n")
+        some = slice(form.network_draws)
         networks = ("eskin", *NETWORKS)
-        show_compared(command, form, draws[: form.network_draws], networks)
-
-
-def show_compared(
-    command: Command, form: Form, draws: Sequence[Path], methods: tuple[str, ...]
-) -> None:
-    """Compare methods on some draws."""
-    trains, tests = split_draws(draws)
-    compare.run_compare(
-        compare.CompareCommand(
-            trains,
-            tests,
-            methods=methods,
-            **command.options("table"),  # type: ignore
-        )
-    )
+        show_compared(command, "table", trains[some], tests[some], networks)
 
 
 def large(command: Command, form: Form) -> None:
     """Compare methods trained on many people, on the large tests."""
     sets, workers = command.sets, command.workers
     train = made_set(sets, "train", clips=form.train, workers=workers)
-    tests = tuple(
+    tests = [
         made_set(sets, name, clips=form.test, workers=workers) for name in form.tests
-    )
+    ]
+    show_compared(command, "large", [train], tests, form.large)
+
+
+def show_compared(
+    command: Command,
+    name: str,
+    trains: Sequence[Path],
+    tests: Sequence[Path],
+    methods: tuple[str, ...],
+) -> None:
+    """Compare methods on sets; keep their answers by the name of the table."""
     compare.run_compare(
         compare.CompareCommand(
-            (train,),
-            tests,
-            methods=form.large,
-            **command.options("large"),  # type: ignore
+            tuple(trains),
+            tuple(tests),
+            methods=methods,
+            results=command.sets / "kept" / f"{name}.jsonl",
+            pack=command.sets / "pack",
+            workers=command.workers,
+            minutes=command.minutes,
         )
     )
-
-
-def show_study(command: Command, form: Form) -> None:
-    """Compare numbers of neighbours and kinds of pooling (Fig. 32)."""
-    for name, (draws, words) in form.studies.items():
-        data = [str(place) for place in paper_sets(command, draws)]
-        picture = str(command.pictures / f"{name}.png")
-        chosen = tyro.cli(
-            study.StudyCommand, args=[*data, *words, "--picture", picture]
-        )
-        changed = {**vars(chosen), **command.options("study")}
-        print(f"On {draws} of the sets:\n")
-        study.run_study(study.StudyCommand(**changed))
-        print()
-
-
-PARTS: dict[str, Callable[[Command, Form], None]] = {
-    "table": table,
-    "large": large,
-    "study": show_study,
-}
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -26,23 +25,19 @@ from eskin.sim.dataset import (
     plan_single_pair,
     simulate_pair,
 )
-from eskin.sim.demo.headless import DemoConfig
 from eskin.sim.scene import (
     SimEnvironment,
     are_collision_free,
     compute_joint_limits,
     load_environment,
 )
-from eskin.sim.sensor.build import BuildKind
-from eskin.skin import SKIN_PRESETS, MountedSkin
+from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S, format_count
 from lab.program import run_program
 
 REST_BEFORE, REST_AFTER = 4.0, 4.0
 """Time without touch before and after the counts that are compared [s]."""
-MOVE_SECONDS = 3.0
-"""Duration of the motion to the pose, at the start of the rest [s]."""
 PATH_SAMPLES = 60
 """Number of poses on a path that are checked for collisions."""
 MAX_DRAWS = 400
@@ -76,53 +71,29 @@ class SameTouch:
     period: int
     """Time between two readings [ns]."""
 
-    def scans(self, side: int, begin: int, come_from: Pose | None) -> Iterator[Scan]:
-        """Yield the scans of one playback.
-
-        Args:
-            side: index of the pose, 0 or 1.
-            begin: stamp of its first scan [ns since the epoch].
-            come_from: joint positions before [rad]; None if it is already there.
-        """
-        pose = self.poses[side]
-        start = pose if come_from is None else come_from
-        for index, (counts, received) in enumerate(
-            zip(self.counts, self.received, strict=True)
-        ):
-            way = min(index * self.period / (MOVE_SECONDS * NS_PER_S), 1.0)
-            q = pose + (start - pose) * (1 + np.cos(np.pi * way)) / 2
-            yield Scan(begin + index * self.period, counts, received, q)
+    def scans(self, side: int) -> Iterator[Scan]:
+        """Yield the scans of one playback, in the pose of an index, 0 or 1."""
+        rows = zip(self.counts, self.received, strict=True)
+        for number, (counts, received) in enumerate(rows, 1):
+            yield Scan(number * self.period, counts, received, self.poses[side])
 
 
-def draw_touches(
-    number: int,
-    skin: str = "ur5",
-    build_kind: BuildKind = "fresh",
-    seed: int = 0,
-) -> tuple[SameTouch, ...]:
-    """Draw touches of people of no data set, on one build of the sensor.
+def draw_touches(number: int, seed: int = 0) -> tuple[SameTouch, ...]:
+    """Draw touches of people of no data set, on one fresh build of the ur5 skin.
 
     The arm can go straight from each pose to the next, and from the last to the first.
 
     Args:
         number: number of touches.
-        skin: name of a preset skin.
-        build_kind: distributions that the sensor is drawn from.
-        seed: seed of all that is drawn.
+        seed: seed of all that is drawn, 0 and above.
 
     Raises:
-        ValueError: the skin is unknown, its patches never meet, the seed is
-            negative, or too few paths are collision-free.
+        ValueError: too few paths are collision-free.
     """
-    if skin not in SKIN_PRESETS or seed < 0:
-        raise ValueError(
-            f"skin '{skin}' with seed {seed}; allowed are {', '.join(SKIN_PRESETS)} "
-            "and seeds of 0 and above; change it"
-        )
-    environment = load_environment(skin)
+    environment = load_environment("ur5")
     level, own = environment.constants.value("sets.difficulty"), seed * SEED_STRIDE
     first = plan_single_pair("merging", own, level, environment.constants)
-    build = replace(first.build, kind=build_kind)
+    build = replace(first.build, kind="fresh")
     found: list[SameTouch] = []
     for trial in count():
         if trial == MAX_DRAWS * number:
@@ -253,56 +224,31 @@ class RecognitionResult:
         return self.gestures == ([] if label in NON_GESTURES else [label])
 
 
-@final
-class RecognitionRun:
-    """Feeds one playback to a fresh recogniser."""
-
-    def __init__(self, model: Model, touch: SameTouch) -> None:
-        """Start with a model."""
-        self.recognizer = Recognizer(model, touch.mounted, touch.calibration)
-        self.classes = len(model.card.vocabulary)
-        self.probabilities: dict[int, np.ndarray] = {}
-        self.detected: set[int] = set()
-        self.detections: list[Detection] = []
-
-    def push(self, scan: Scan) -> None:
-        """Process the next scan."""
-        detections = self.recognizer.push(scan)
-        self.detections += detections
-        state = self.recognizer.state
-        assert state is not None
-        detected = {detection.touch for detection in detections}
-        current = {touch.id for touch in state.open} | detected
-        self.probabilities |= {
-            touch: probabilities
-            for touch, probabilities in self.recognizer.probabilities.items()
-            if touch in current - self.detected
-        }
-        self.detected |= detected
-
-    def finish(self) -> None:
-        """Process the end of the playback."""
-        self.detections += self.recognizer.finish()
-
-    @property
-    def result(self) -> RecognitionResult:
-        """The result so far."""
-        touch = max(self.probabilities, default=None)
-        if self.detections:
-            touch = max(self.detections, key=lambda each: each.peak_force).touch
-        nothing = np.zeros(self.classes)
-        probabilities = nothing if touch is None else self.probabilities[touch]
-        detected = tuple((each.gesture, each.confidence) for each in self.detections)
-        return RecognitionResult(detected, probabilities)
-
-
 def recognise_touch(touch: SameTouch, side: int, model: Model) -> RecognitionResult:
     """Recognise the playback of a touch in one of its poses."""
-    run = RecognitionRun(model, touch)
-    for scan in touch.scans(side, touch.period, None):
-        run.push(scan)
-    run.finish()
-    return run.result
+    recognizer = Recognizer(model, touch.mounted, touch.calibration)
+    found: list[Detection] = []
+    last: dict[int, np.ndarray] = {}
+    for scan in touch.scans(side):
+        new = recognizer.push(scan)
+        assert recognizer.state is not None
+        detected = {each.touch for each in found}
+        current = {each.id for each in recognizer.state.open}
+        current |= {each.touch for each in new}
+        last |= {
+            key: probabilities
+            for key, probabilities in recognizer.probabilities.items()
+            if key in current - detected
+        }
+        found += new
+    found += recognizer.finish()
+    strongest = max(last, default=None)
+    if found:
+        strongest = max(found, key=lambda each: each.peak_force).touch
+    nothing = np.zeros(len(model.card.vocabulary))
+    probabilities = nothing if strongest is None else last[strongest]
+    pairs = tuple((each.gesture, each.confidence) for each in found)
+    return RecognitionResult(pairs, probabilities)
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,30 +276,6 @@ class PoseComparison:
         return one.detected == other.detected and equal
 
 
-def compare_models(number: int, config: DemoConfig) -> list[PoseComparison]:
-    """Compare both models on some touches, faster than real time.
-
-    Args:
-        number: number of touches.
-        config: skin, model and build.
-    """
-    models = load_both_models(config.model)
-    touches = draw_touches(number, config.skin, config.build_kind, config.seed)
-    found = []
-    for touch in touches:
-        posed, blind = (
-            (recognise_touch(touch, 0, model), recognise_touch(touch, 1, model))
-            for model in models
-        )
-        found.append(PoseComparison(touch.labels, posed, blind))
-    return found
-
-
-def load_both_models(name: str) -> tuple[Model, Model]:
-    """Load a model, and one that was trained without the pose."""
-    return load_model(name), load_model(BLIND_MODEL)
-
-
 @dataclass(frozen=True)
 class Command:
     """Compare two recognisers on the same touches."""
@@ -370,12 +292,19 @@ class Command:
 
 def main(command: Command) -> dict[str, object]:
     """Play the touches; print and return what both recognisers say."""
-    if command.pairs < 1:
+    if command.pairs < 1 or command.seed < 0:
         raise DeviceError(
-            f"--pairs is {command.pairs}; allowed is 1 and above; change it"
+            f"--pairs is {command.pairs} and --seed {command.seed}; allowed are pairs "
+            "of 1 and above and seeds of 0 and above; change it"
         )
-    config = DemoConfig(model=command.model, seed=command.seed)
-    found = compare_models(command.pairs, config)
+    models = load_model(command.model), load_model(BLIND_MODEL)
+    found = []
+    for touch in draw_touches(command.pairs, command.seed):
+        posed, blind = (
+            (recognise_touch(touch, 0, model), recognise_touch(touch, 1, model))
+            for model in models
+        )
+        found.append(PoseComparison(touch.labels, posed, blind))
     for number, each in enumerate(found):
         print(f"touch {number + 1}: {each.labels[0]}, then {each.labels[1]}")
         for pose, (one, other) in (("with", each.posed), ("without", each.blind)):

@@ -25,11 +25,13 @@ from eskin.sim.bench.latency import (
 )
 from eskin.sim.bench.scene import find_forearm_taxels
 from eskin.skin import MountedSkin
+from lab.tables import format_head, format_row
 
 UR5 = 2112
 SKINS = (UR5, 8192, 32768, 131072)
 ACTIVE = (5, 10, 20, 40, 60, 80, 120, 160)
 USUAL = 60
+HEADS = ("taxels", "active", "p50 [ms]", "p99 [ms]", "ratio to the first")
 BLUE, ORANGE = "#0072b2", "#d55e00"  # distinct for all colour vision
 
 
@@ -53,14 +55,10 @@ def main() -> None:
         ("By taxels of the skin", skins),
         ("By active taxels", touches),
     ):
-        print(
-            f"\n{title}\n\n| taxels | active | p50 [ms] | p99 [ms] | "
-            "ratio to the first |"
-        )
-        print("|---|---|---|---|---|")
+        print(f"\n{title}\n\n{format_head(HEADS)}")
         for row in rows:
-            times = f"{row.p50_ms:.3f} | {row.p99_ms:.3f} | {row.ratio:.2f} x"
-            print(f"| {row.taxels} | {row.active} | {times} |")
+            times = (f"{row.p50_ms:.3f}", f"{row.p99_ms:.3f}", f"{row.ratio:.2f} x")
+            print(format_row([str(row.taxels), str(row.active), *times]))
     if command.picture is not None:
         draw(touches, skins, command.picture)
 

@@ -5,26 +5,187 @@ python -m lab.study SETS/paper --k 4 8 16 32 --pool max mean
 
 import math
 import sys
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from eskin.cli.checks import check_folder, check_picture, check_writable
-from eskin.live import check_limits
+from eskin.learn.plots import save_figure
+from eskin.live import GraphConfig, check_limits
 from lab.baselines import Pooling
 from lab.compare import train_all
-from lab.comparison import MethodResult, RunKey, TrainingTask, find_examples
-from lab.comparison.study import (
-    StudyNetwork,
-    Variant,
-    build_study_rows,
-    draw_study,
-    format_study,
+from lab.comparison.examples import find_examples
+from lab.comparison.methods import (
+    FIT_CONFIGS,
+    FOR_SMALL_SETS,
+    Method,
+    RecogniserMethod,
+    build_paper_method,
+)
+from lab.comparison.results import MethodResult, TrainingTask
+from lab.comparison.table import (
+    LEGEND,
+    Lead,
+    RunKey,
+    format_lead,
+    format_share,
+    summarise_test,
 )
 from lab.program import run_program
+from lab.tables import format_head, format_row
+
+StudyNetwork = Literal["eskin", "paper"]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A variant is a network with a number of neighbours and a way of pooling."""
+
+    network: StudyNetwork
+    """Network that is varied."""
+    k: int
+    """Number of neighbours of a taxel inside its patch."""
+    pool: Pooling
+    """Pooling over the nodes of a reading."""
+
+    def build_method(self, epochs: int) -> Method:
+        """Return the method that trains the variant."""
+        if self.network == "paper":
+            fit = replace(FIT_CONFIGS["paper"], epochs=epochs)
+            return build_paper_method(fit, self.k, self.pool)
+        config = replace(FOR_SMALL_SETS, graph=GraphConfig(fixed=self.k))
+        return RecogniserMethod(config, self.pool)
+
+
+@dataclass(frozen=True)
+class VariantRow(Variant):
+    """A variant row summarises the results of one variant."""
+
+    runs: int
+    """Number of times that it was trained."""
+    val_accuracy: float | None
+    """Mean accuracy on validation; None where nothing could be held out."""
+    val_std: float
+    """Standard deviation; 0 of a single run."""
+    val_ahead: Lead | None
+    """Lead of the first variant of this network; None for the first itself, and where
+    nothing could be held out."""
+    test_accuracy: float | None
+    """Mean accuracy on the test; None where there is no test."""
+    test_std: float
+    """Standard deviation; 0 of a single run."""
+    test_ahead: Lead | None
+    """Lead of the first variant of this network on the test."""
+
+
+def build_study_rows(
+    found: Mapping[Variant, Mapping[RunKey, MethodResult]],
+) -> list[VariantRow]:
+    """Return one row for each variant, from its runs that its network's first has too.
+
+    Args:
+        found: results by variant and by run.
+    """
+    firsts: dict[StudyNetwork, Variant] = {}
+    rows = []
+    for variant, results in found.items():
+        first = firsts.setdefault(variant.network, variant)
+        shared = {key: r for key, r in results.items() if key in found[first]}
+        if shared:
+            other = None if variant == first else found[first]
+            rows.append(build_study_row(variant, shared, other))
+    return rows
+
+
+def build_study_row(
+    variant: Variant,
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult] | None,
+) -> VariantRow:
+    """Return the row of a variant, compared with the first of its network."""
+    val, val_std, val_ahead = summarise_test(results, first, "val")
+    test, test_std, test_ahead = summarise_test(results, first, "test")
+    facts = asdict(variant) | {"runs": len(results)}
+    return VariantRow(
+        **facts,
+        val_accuracy=val,
+        val_std=val_std,
+        val_ahead=val_ahead,
+        test_accuracy=test,
+        test_std=test_std,
+        test_ahead=test_ahead,
+    )
+
+
+def format_study(rows: Sequence[VariantRow]) -> str:
+    """Format the rows as a Markdown table."""
+    lead = f"K {rows[0].k}, {rows[0].pool} ahead"
+    heads = ["network", "K", "pooling", "runs", "validation (SD)", lead]
+    heads += ["test (SD)", lead]
+    lines = [format_head(heads)]
+    for row in rows:
+        cells = (
+            row.network,
+            str(row.k),
+            row.pool,
+            str(row.runs),
+            format_share(row.val_accuracy, row.val_std),
+            format_lead(row.val_ahead),
+            format_share(row.test_accuracy, row.test_std),
+            format_lead(row.test_ahead),
+        )
+        lines.append(format_row(cells))
+    return "\n".join([*lines, "", LEGEND])
+
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+"""Colour-blind safe palette (Okabe and Ito 2008)."""
+
+
+def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
+    """Draw accuracy against neighbours, on validation and on the test."""
+    figure = Figure(figsize=(7.5, 3.7), dpi=120, layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    curves = dict.fromkeys((r.network, r.pool) for r in rows)
+    for n, (network, pool) in enumerate(curves):
+        chosen = [r for r in rows if (r.network, r.pool) == (network, pool)]
+        colour, label = COLOURS[n % 5], f"{network}, {pool}"
+        # Points are shifted, so that their error bars do not overlap.
+        k = [r.k * 1.05**n for r in chosen]
+        points = ((r.val_accuracy, r.val_std) for r in chosen)
+        plot_shares(left, k, points, colour, label)
+        points = ((r.test_accuracy, r.test_std) for r in chosen)
+        plot_shares(right, k, points, colour, label)
+    for axes, title in ((left, "validation"), (right, "test")):
+        axes.set(xscale="log", xlabel="neighbours K", title=title)
+        ticks = sorted({r.k for r in rows})
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
+    left.set_ylabel("accuracy [%]")
+    lines = right.get_legend_handles_labels()
+    figure.legend(*lines, loc="outside upper center", ncols=4, frameon=False)
+    save_figure(figure, path)
+
+
+def plot_shares(
+    axes: Axes,
+    x: Sequence[int | float],
+    points: Iterable[tuple[float | None, float]],
+    colour: str,
+    label: str,
+) -> None:
+    """Plot mean shares with their standard deviations, in percent."""
+    y, spreads = 100 * np.array(list(points), float).T
+    line = axes.errorbar(x, y, spreads, color=colour, marker="o", ms=4, capsize=3)
+    line.set_label(label)
 
 
 @dataclass(frozen=True)

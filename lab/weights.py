@@ -6,14 +6,12 @@
 `ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
 touches of the people of SocialTouch beside the same sets. `p0` and `p1` are trained on
 with one person each, so that `python -m lab.transfer --people P1 --model
-FOLDER/p0.safetensors` tests on the other one. `ur5-pairs`, which does not come with
-eskin, learns from more pairs. `ur5-groups` knows the 12 groups of gestures of
-SocialTouch instead of the classes of the paper, and starts from `ur5-sim`; `groups-p0`
-and `groups-p1` are trained on one person each (`lab.transfer
+FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows the 12 groups of
+gestures of SocialTouch instead of the classes of the paper, and starts from `ur5-sim`;
+`groups-p0` and `groups-p1` are trained on one person each (`lab.transfer
 socialtouch-groups`). `without-FAMILY` is trained without a family of sensors, and
-`all-families` for as long with all. The decisions of `ur5` and `ur5-pairs` are chosen
-on streams, those of the others are the default. Sets and prepared recordings that exist
-are used as they are.
+`all-families` for as long with all. The decision of `ur5` is chosen on streams, that of
+the others is the default. Sets and prepared recordings that exist are used as they are.
 """
 
 import subprocess
@@ -39,11 +37,6 @@ SIMULATED = {
 """Sets of simulated people to train on, by their folder, with the options of `eskin
 generate`."""
 
-MORE = {
-    "train-pairs-more": "--set pairs --seed 7 --clips 1000",
-    "train-sparse-more": "--set train-families --seed 6 --skin ur5-sparse --clips 2400",
-}
-"""Sets of what simulated weights know least: pairs, and skins of few taxels."""
 
 VALIDATION = {
     "tuneval": "--set val --clips 400",
@@ -70,8 +63,6 @@ class Recipe:
     epochs: int
     steps: int
     """Steps of an epoch."""
-    more: bool = False
-    """Whether the sets of `MORE` are trained on as well, with `MORE_SHARES`."""
     decides: bool = False
     """Whether the decision is chosen on streams."""
     grouped: bool = False
@@ -83,7 +74,6 @@ class Recipe:
 WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
     "ur5": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
-    "ur5-pairs": Recipe("ur5-sim", (0, 1), 10, 250, more=True, decides=True),
     "p0": Recipe("ur5-sim", (0,), 8, 200),
     "p1": Recipe("ur5-sim", (1,), 8, 200),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
@@ -104,14 +94,11 @@ OPTIONS = """
 --train.augment.offset 0.25 --train.augment.crop 0 --train.augment.stretch 0.1
 --train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05
 --train.augment.noise 0.02
+--train.network.width 32 --train.network.layers 3 --train.network.channels 48
+--train.shares recorded 0.5
 """.split()
-"""Options of every training."""
-
-SHARES = ["recorded", "0.5"]
-"""Sets, each followed by its share of the windows of a class."""
-
-MORE_SHARES = ["recorded", "0.4", "pairs", "0.2"]
-"""The same where the sets of `MORE` are trained on."""
+"""Options of every training; after a set of `shares` follows its share of the windows
+of a class."""
 
 
 @dataclass(frozen=True)
@@ -128,12 +115,6 @@ class Command:
     """Names of the weights to make, those to start from first."""
     seed: int = 0
     """Seed of the training."""
-    width: int = 32
-    """Channels of a node of the network; 0 for the summary alone."""
-    layers: int = 3
-    """Equivariant layers; 0 without messages between taxels."""
-    channels: int = 48
-    """Channels of each of its heads."""
     workers: int = 2
     """Number of processes that generate and prepare, and of threads that train."""
 
@@ -159,8 +140,7 @@ def train(name: str, command: Command) -> None:
     """Train weights on their sets."""
     recipe = WEIGHTS[name]
     recorded = build_recorded_sets(recipe, command.socialtouch)
-    simulated = SIMULATED | MORE if recipe.more else SIMULATED
-    trained = recorded if recipe.grouped else simulated | recorded
+    trained = recorded if recipe.grouped else SIMULATED | recorded
     validation = {} if recipe.grouped else VALIDATION
     streams = STREAMS if recipe.decides else {}
     for sets in (trained, validation, streams):
@@ -179,11 +159,7 @@ def train(name: str, command: Command) -> None:
         *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
         *("--train.workers", str(command.workers)),
         *("--seed", str(command.seed)),
-        *("--train.network.width", str(command.width)),
-        *("--train.network.layers", str(command.layers)),
-        *("--train.network.channels", str(command.channels)),
         *OPTIONS,
-        *("--train.shares", *(MORE_SHARES if recipe.more else SHARES)),
         *(["--start", str(start)] if recipe.start else []),
         *chosen,
     )
@@ -203,15 +179,15 @@ def list_recordings(root: Path, sets: Iterable[str], left_out: str) -> list[str]
 
 def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:
     """Return the sets of recorded people, by folder, with their options."""
-    kind, folder, clips = "recorded", "rec", 2400
+    kind, folder = "recorded", "rec"
     if recipe.grouped:
-        kind, folder, clips = "recorded-groups", "groups", 2400
+        kind, folder = "recorded-groups", "groups"
     sets = {}
     for person in recipe.people:
         options = f"--set {kind} --recorded {source} --people {person}"
-        dense = f"{options} --skin ur5-dense --seed 1 --clips {clips // 2}"
+        dense = f"{options} --skin ur5-dense --seed 1 --clips 1200"
         sets |= {
-            f"{folder}{person}": f"{options} --clips {clips}",
+            f"{folder}{person}": f"{options} --clips 2400",
             f"{folder}{person}-dense": dense,
         }
     return sets

@@ -41,7 +41,7 @@ def test_recording_is_played_with_its_skin_and_calibration(tmp_path):
 
 
 def test_simulation_has_electronics_of_its_build(monkeypatch):
-    monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
+    monkeypatch.setattr("eskin.sim.interactive.player.Simulator", StillSimulator)
     with open_source("sim:ur5", config=SourceConfig(pace=np.inf, seed=3)) as source:
         assert source.info.uri == "sim:ur5" and source.info.robot_name == "table"
         assert source.info.calibration.full_scale == 4095

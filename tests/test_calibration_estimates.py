@@ -7,13 +7,12 @@ import pytest
 
 from eskin.calibration import (
     FingertipPress,
-    GainPrior,
     RestEstimate,
-    RestRecord,
     estimate_gains,
     estimate_rest,
 )
 from eskin.calibration.fingertip import press_taxels
+from eskin.calibration.gains import GainPrior
 from eskin.calibration.rest import find_resting_hand
 from eskin.touch import Calibration
 from helpers.touch import build_grid_skin, scan_at
@@ -25,11 +24,9 @@ ROUNDING = 12**-0.5
 
 def record_rest(make_counts, seconds=5.0, received=None):
     """Record scans whose counts are a function of the time."""
-    record = RestRecord()
-    for number in range(round(seconds * RATE)):
-        use = None if received is None else received[number]
-        record.add(scan_at(number / RATE, make_counts(number / RATE), use))
-    return record
+    times = np.arange(round(seconds * RATE)) / RATE
+    uses = [None] * len(times) if received is None else received
+    return [scan_at(t, make_counts(t), use) for t, use in zip(times, uses, strict=True)]
 
 
 def gaussian(deviation, drift=0.0, seed=0):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.calibration.fingertip import press_taxels
+import helpers.guided
 from eskin.calibration.pose import (
     KnownPoint,
     PoseGuide,
@@ -18,14 +18,19 @@ from eskin.cli.guided import guide_person
 from eskin.cli.main import run
 from eskin.cli.pose import PoseDialogue
 from eskin.errors import SkinError
-from eskin.recording import Metadata, RecordingWriter
-from eskin.robot import load_robot
-from eskin.skin import MountedSkin, fit_surface, load_skin
-from eskin.touch import Calibration, Scan
+from eskin.skin import fit_surface, load_skin
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate
 from helpers.cli import assert_refused, call_json
-from helpers.guided import RememberedPage
-from helpers.touch import build_grid_skin
+from helpers.guided import (
+    CALIBRATION,
+    MOUNTED,
+    SKIN,
+    RememberedPage,
+    act_during_next_press,
+    press,
+    record,
+    rest,
+)
 
 UR5 = load_skin("ur5")
 PATCHES = ("forearm_front", "elbow_cap", "wrist_1_cap")
@@ -91,18 +96,6 @@ def test_offset_of_a_large_patch_is_found_to_a_millimetre_and_a_degree():
         errors.append(measure_error(found, T))
     shift, turn = np.median(errors, axis=0)
     assert shift < 1e-3 and turn < np.deg2rad(1.0)
-
-
-@pytest.mark.parametrize("patch", PATCHES)
-def test_confidence_region_contains_the_truth_as_often_as_it_says(patch):
-    """To three standard deviations of a share of 95 % in so many draws."""
-    rng = np.random.default_rng(3)
-    inside = []
-    for _ in range(200):
-        T = draw_motion(UR5, patch, rng)
-        found = estimate_pose(UR5, patch, *draw_presses(patch, T, rng))
-        inside.append(found.contains(T))
-    assert 0.90 <= np.mean(inside) <= 0.996
 
 
 @pytest.mark.parametrize("patch", PATCHES)
@@ -185,10 +178,6 @@ def test_presses_that_cannot_place_a_patch_are_refused():
 
 # The guide and the command
 
-SKIN = build_grid_skin(8, 8, patches=2)
-CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
-PERIOD, REST = 50_000_000, 200
-TIP = press_taxels(6.0, np.array([160e-6]), np.zeros((1, 2)), 0.01)[0]
 PLACES = ((1, 1), (1, 6), (6, 1), (6, 6), (3, 4), (4, 2), (2, 3))
 OFFSET = make_transform(exp_so3(np.array([0.0, 0.0, 0.1])), np.array([4e-3, -6e-3, 0]))
 
@@ -207,7 +196,7 @@ POINTS = tuple(
 
 
 def make_guide():
-    return PoseGuide(MountedSkin(SKIN, load_robot("table")), CALIBRATION, POINTS)
+    return PoseGuide(MOUNTED, CALIBRATION, POINTS)
 
 
 def guide_presses(places, wait=30.0, act=None):
@@ -221,30 +210,18 @@ def guide_presses(places, wait=30.0, act=None):
 
 def make_scans(taxels):
     """Yield scans of rest, and of a press on each of some taxels."""
-    rng = np.random.default_rng(0)
-    above = [np.zeros(SKIN.count)] * 70
+    above = rest(70)
     for taxel in taxels:
-        rows = SKIN.rows - SKIN.rows[taxel]
-        columns = SKIN.columns - SKIN.columns[taxel]
-        own = SKIN.patch_index == SKIN.patch_index[taxel]
-        near = own & (abs(rows) <= 2) & (abs(columns) <= 2)
-        pressure = np.where(near, TIP[(rows + 2) % 5, (columns + 2) % 5], 0.0)
-        above += [pressure / CALIBRATION.gain[0]] * 12 + [np.zeros(SKIN.count)] * 12
-    for number, counts in enumerate(above):
-        noise = np.round(rng.standard_normal(SKIN.count))
-        total = (REST + noise + np.round(counts)).astype(np.int32)
-        yield Scan(PERIOD * (number + 1), total, np.ones(SKIN.count, bool), np.zeros(0))
+        above += press(taxel, force=6.0, offset=0.0)
+    return helpers.guided.make_scans(above)
 
 
 @pytest.fixture
 def pressed(tmp_path):
     """Return a recording of presses of a moved patch, and the file of their points."""
     taxels = [find_taxel(1, *place) for place in PLACES]
-    recording, points = tmp_path / "presses.mcap", tmp_path / "points.csv"
-    metadata = Metadata("test", "nobody", "one")
-    with RecordingWriter(recording, "table", SKIN, CALIBRATION, metadata) as writer:
-        for scan in make_scans(taxels):
-            writer.write(scan)
+    recording = record(tmp_path / "presses.mcap", make_scans(taxels))
+    points = tmp_path / "points.csv"
     name = SKIN.patches[1].id
     lines = ["patch,x_mm,y_mm,z_mm"]
     for x, y, z in 1e3 * apply(OFFSET, SKIN.positions[taxels]):
@@ -327,14 +304,9 @@ def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
 def test_press_that_goes_on_at_a_skip_or_a_repeat_counts_for_no_point(
     action, last, expected
 ):
-    guide = make_guide()
-    taxels, acted = [find_taxel(1, *PLACES[n]) for n in (0, 1, last)], False
-    for scan in make_scans(taxels):
-        guide.push(scan)
-        if guide.is_pressed and guide.presses and not acted:
-            getattr(guide, action)()
-            acted = True
-    assert acted and [press.number for press in guide.presses] == expected
+    guide, taxels = make_guide(), [find_taxel(1, *PLACES[n]) for n in (0, 1, last)]
+    act_during_next_press(guide, action, make_scans(taxels))
+    assert [press.number for press in guide.presses] == expected
 
 
 def test_time_that_runs_out_during_a_press_leaves_no_point_out(capsys):

@@ -7,65 +7,44 @@ import numpy as np
 import pytest
 
 import eskin.app
+import helpers.guided
 from eskin.calibration import CalibrationGuide, GuideConfig
-from eskin.calibration.fingertip import press_taxels
 from eskin.calibration.guide import PLACES
 from eskin.cli import calibrate
 from eskin.cli.guided import await_page, guide_person
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
-from eskin.recording import Metadata, RecordingWriter, read_recording
-from eskin.robot import load_robot
-from eskin.skin import MountedSkin
+from eskin.recording import read_recording
 from eskin.skin.wiring import find_nearest_taxel
 from eskin.touch import Calibration, Scan
 from helpers.cli import assert_refused, call, call_json
-from helpers.guided import RememberedPage
-from helpers.touch import build_grid_skin
+from helpers.guided import (
+    CALIBRATION,
+    MOUNTED,
+    RATE,
+    REST,
+    SKIN,
+    RememberedPage,
+    act_during_next_press,
+    press_counts,
+    record,
+    rest,
+)
 
 pytestmark = pytest.mark.slow
 
-SKIN = build_grid_skin(8, 8, patches=2)
-MOUNTED = MountedSkin(SKIN, load_robot("table"))
-CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
-PERIOD, RATE = 50_000_000, 20
-REST, NOISE = 200, 2.0
-REST_SCANS, PRESS_SCANS, PAUSE_SCANS = 102, 12, 12
-TIP = press_taxels(4.0, np.array([160e-6]), np.full((1, 2), 0.003), 0.01)[0]
-"""Pressure of a fingertip on the taxels around the middle one [kPa]."""
+NOISE = 2.0
+REST_SCANS = 102
 GAINS = (1.0, 2.0)
 """True gain of each patch, by the assumed one."""
 STUCK = 0
 
 
-def press_counts(taxel, width=0):
-    """Return counts above rest of a fingertip on a taxel, or of a hand of a width."""
-    patch = SKIN.patch_index[taxel]
-    rows = SKIN.rows - SKIN.rows[taxel]
-    columns = SKIN.columns - SKIN.columns[taxel]
-    near = (abs(rows) <= 2) & (abs(columns) <= 2) & (SKIN.patch_index == patch)
-    pressure = np.where(near, TIP[(rows + 2) % 5, (columns + 2) % 5], 0.0)
-    if width:
-        wide = (abs(rows) <= width) & (abs(columns) <= width)
-        pressure = np.where(wide & (SKIN.patch_index == patch), 20.0, 0.0)
-    return np.round(pressure / (GAINS[patch] * CALIBRATION.gain[0])).astype(int)
+def press(taxel, width=0):
+    return helpers.guided.press(taxel, width=width, gain=GAINS[SKIN.patch_index[taxel]])
 
 
 def make_scans(above, seed=0):
-    """Yield noisy scans with some counts above rest; one taxel is stuck."""
-    rng = np.random.default_rng(seed)
-    for number, counts in enumerate(above):
-        noise = np.round(NOISE * rng.standard_normal(SKIN.count)).astype(int)
-        total = (REST + noise + counts).astype(np.int32)
-        total[STUCK] = 1000
-        yield Scan(PERIOD * (number + 1), total, np.ones(SKIN.count, bool), np.zeros(0))
-
-
-def rest(scans=REST_SCANS):
-    return [np.zeros(SKIN.count, int)] * scans
-
-
-def press(taxel, width=0):
-    return [press_counts(taxel, width)] * PRESS_SCANS + rest(PAUSE_SCANS)
+    return helpers.guided.make_scans(above, NOISE, seed, [STUCK])
 
 
 def places(patch):
@@ -86,12 +65,9 @@ def push_all(above, config=None, guide=None):
 @pytest.fixture
 def recording(tmp_path):
     """Record rest and five presses of each patch; return the path."""
-    path = tmp_path / "presses.mcap"
-    metadata = Metadata("test", "nobody", "one")
-    with RecordingWriter(path, "table", SKIN, CALIBRATION, metadata) as writer:
-        for scan in make_scans(rest() + all_presses()):
-            writer.write(scan)
-    return path
+    return record(
+        tmp_path / "presses.mcap", make_scans(rest(REST_SCANS) + all_presses())
+    )
 
 
 def test_recording_of_presses_gives_a_calibration_file(recording, tmp_path, capsys):
@@ -138,11 +114,8 @@ def test_calibration_of_another_skin_is_refused(recording, tmp_path, capsys):
 
 
 def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
-    path, out = tmp_path / "touched.mcap", tmp_path / "calibration.json"
-    metadata = Metadata("test", "nobody", "one")
-    with RecordingWriter(path, "table", SKIN, CALIBRATION, metadata) as writer:
-        for scan in make_scans(rest(50) + press(19) * 4):
-            writer.write(scan)
+    out = tmp_path / "calibration.json"
+    path = record(tmp_path / "touched.mcap", make_scans(rest(50) + press(19) * 4))
     printed = assert_refused(
         capsys, "calibrate", f"replay:{path}", "--out", out, part="had no 5 s at rest"
     )
@@ -188,7 +161,11 @@ def test_interrupted_calibration_writes_nothing(
 def test_device_is_asked_for_presses_and_may_leave_a_patch_out(
     tmp_path, monkeypatch, capsys
 ):
-    above = rest() + [scan for taxel in places(0) for scan in press(taxel)] + rest(200)
+    above = (
+        rest(REST_SCANS)
+        + [scan for taxel in places(0) for scan in press(taxel)]
+        + rest(200)
+    )
     info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
     source = PlayedSource(info, make_scans(above), STEPPED, ManualClock())
     monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
@@ -209,7 +186,7 @@ def guide_in_page(page, above, config=None):
 
 def test_page_shows_what_terminal_prints(capsys):
     page = RememberedPage()
-    above = rest() + press(19, width=2) + all_presses()
+    above = rest(REST_SCANS) + press(19, width=2) + all_presses()
     guide = guide_in_page(page, above, GuideConfig(forces=(4.9,)))
     printed = capsys.readouterr().out.splitlines()
     requests = list(dict.fromkeys(board.request for board in page.boards))
@@ -227,7 +204,7 @@ def test_page_shows_what_terminal_prints(capsys):
 
 def test_progress_grows_to_the_whole_in_each_phase():
     page = RememberedPage()
-    guide_in_page(page, rest() + all_presses())
+    guide_in_page(page, rest(REST_SCANS) + all_presses())
     for is_rest in (True, False):
         shares = [b.share for b in page.boards if ("hands off" in b.request) == is_rest]
         assert shares == sorted(shares) and min(shares) >= 0.0
@@ -237,7 +214,7 @@ def test_progress_grows_to_the_whole_in_each_phase():
 def test_page_skips_the_patch_that_it_showed_and_no_other(capsys):
     page = RememberedPage(skipped="p0")
     only = [s for taxel in places(1) for s in press(taxel)]
-    guide = guide_in_page(page, rest() + only)
+    guide = guide_in_page(page, rest(REST_SCANS) + only)
     assert [one.patch for one in guide.presses] == [1] * 5
     assert guide.skipped == {0} and guide.phase == "done"
     assert "patch 'p0' is left out" in page.lines
@@ -252,7 +229,7 @@ def repeat_third_press_twice(page, board):
 
 def test_last_press_is_repeated_once_where_the_page_asks_for_that():
     page = RememberedPage(repeat_third_press_twice)
-    guide = guide_in_page(page, rest() + all_presses())
+    guide = guide_in_page(page, rest(REST_SCANS) + all_presses())
     assert guide.count_presses(0) == 4 and guide.count_presses(1) == 5
     assert page.lines.count("the last press is not used") == 1
     asked = [board.place for board in page.boards if board.presses == 2]
@@ -272,7 +249,7 @@ def test_patch_that_was_skipped_is_asked_for_again_where_its_press_is_repeated()
     page = RememberedPage(skip_patch_then_repeat_its_press)
     own = [scan for taxel in places(0) for scan in press(taxel)]
     others = [scan for taxel in places(1) for scan in press(taxel)]
-    above = rest() + own[: 2 * len(own) // 5] + own[len(own) // 5 :] + others
+    above = rest(REST_SCANS) + own[: 2 * len(own) // 5] + own[len(own) // 5 :] + others
     guide = guide_in_page(page, above)
     assert guide.phase == "done" and not guide.skipped
     assert (guide.count_presses(0), guide.count_presses(1)) == (5, 5)
@@ -282,13 +259,10 @@ def test_patch_that_was_skipped_is_asked_for_again_where_its_press_is_repeated()
 
 @pytest.mark.parametrize(("action", "counts"), [("skip", (1, 0)), ("withdraw", (0, 0))])
 def test_press_that_goes_on_at_a_skip_or_a_repeat_is_not_used(action, counts):
-    guide, acted = CalibrationGuide(MOUNTED, CALIBRATION), False
-    for scan in make_scans(rest() + press(places(0)[0]) + press(places(0)[1])):
-        guide.push(scan)
-        if guide.is_pressed and guide.presses and not acted:
-            getattr(guide, action)()
-            acted = True
-    assert acted and (guide.count_presses(0), guide.count_presses(1)) == counts
+    guide = CalibrationGuide(MOUNTED, CALIBRATION)
+    above = rest(REST_SCANS) + press(places(0)[0]) + press(places(0)[1])
+    act_during_next_press(guide, action, make_scans(above))
+    assert (guide.count_presses(0), guide.count_presses(1)) == counts
 
 
 def test_guide_begins_once_a_browser_has_opened_the_page():
@@ -335,14 +309,14 @@ def test_hand_that_rests_from_the_start_is_noticed(trembling):
 
 def test_presses_that_are_no_fingertips_are_refused():
     slides = [s for t in (17, 18, 19, 20, 21) for s in [press_counts(t)] * 4]
-    guide, events = push_all(rest() + press(19, width=2) + slides + rest(30))
+    guide, events = push_all(rest(REST_SCANS) + press(19, width=2) + slides + rest(30))
     assert [event.kind for event in events] == ["rested", "refused", "refused"]
     assert ["wider" in event.text for event in events[1:]] == [True, False]
     assert not guide.presses
 
 
 def test_forces_are_asked_for_in_turn_and_known_places_have_no_fault():
-    guide, _ = push_all(rest(), GuideConfig(forces=(1.0, 5.0), presses=3))
+    guide, _ = push_all(rest(REST_SCANS), GuideConfig(forces=(1.0, 5.0), presses=3))
     asked = []
     while guide.request is not None:
         asked.append(guide.request.force)

@@ -19,12 +19,12 @@ from eskin.cli.run import (
     check_options,
     describe_doubts,
 )
-from eskin.command import SimulatedArm
 from eskin.drivers import HostClock, ManualClock, PlayedSource
 from eskin.errors import DeviceError
 from eskin.live import Recognizer
 from eskin.page.viewer import Viewer
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.skin import save_skin
 from eskin.stream import Recognition

@@ -6,17 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.app import open_arm
-from eskin.command import (
-    FRAME_TASK,
-    MotionConfig,
-    SimulatedArm,
-    Task,
-    Trajectory,
-    Waypoint,
-)
+from eskin.command import FRAME_TASK, MotionConfig, Task, Trajectory, Waypoint
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.robot import Kinematics, load_robot
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.constants import load_constants
 from eskin.sim.scene.collision import build_collision_model
 

@@ -6,19 +6,20 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import (
-    FRAME_TASK,
-    DynamicPlant,
-    MotionConfig,
-    ProtectiveStopConfig,
-    SimulatedArm,
-    load_commands,
-)
+from eskin.command import FRAME_TASK, MotionConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
-from eskin.robot import Dynamics, Kinematics, ServoConfig, Wrench, load_robot
+from eskin.robot import Kinematics, load_robot
 from eskin.robot.presets import read_preset_urdf
+from eskin.sim.arm import (
+    DynamicPlant,
+    Dynamics,
+    ProtectiveStopConfig,
+    ServoConfig,
+    SimulatedArm,
+    Wrench,
+)
 from eskin.sim.demo import (
     DemoConfig,
     LiveSource,

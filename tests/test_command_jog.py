@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.command import CommandMap, MotionConfig, Rule, SimulatedArm
+from eskin.command import CommandMap, MotionConfig, Rule
 from eskin.command.task import JOG_SPEED
 from eskin.drivers import ManualClock
 from eskin.errors import JogError
 from eskin.robot import DampedLeastSquaresIK, Kinematics, load_robot
+from eskin.sim.arm import SimulatedArm
 from helpers.commands import (
     DIRECTION,
     make_map,

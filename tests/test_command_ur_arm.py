@@ -1,5 +1,7 @@
 """Tests of the UR arm, on a stub of its link and through the real client."""
 
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from importlib.util import find_spec
@@ -153,7 +155,7 @@ def test_failure_of_thread_holds_arm_for_good(caplog):
 
 @pytest.mark.skipif(find_spec("rtde_control") is not None, reason="ur_rtde is there")
 def test_missing_driver_is_refused():
-    with pytest.raises(ArmError, match="pip install 'eskin.command.ur.'"):
+    with pytest.raises(ArmError, match=r"pip install 'eskin\[ur\]'"):
         open_arm("ur://127.0.0.1")
 
 
@@ -270,3 +272,8 @@ def test_client_process_that_dies_is_lost_connection(working):
     wait_until(lambda: arm.state().hold_reason == "lost connection")
     assert stands(stand_in)
     wait_until(lambda: arm.state().connected)
+
+
+def test_client_process_imports_little():
+    code = "import sys, eskin.command.ur; sys.exit('numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -7,15 +7,26 @@ import ast
 import importlib
 import logging
 import sys
+from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from numba.core.event import install_listener
 
-from eskin import code_digest, compiled
+from eskin import compiled
 from eskin.cli.main import main
 from eskin.files import atomic_path
+from eskin.learn.checkpoint import Checkpoint, save_checkpoint
+from eskin.learn.prepared_recording import PreparedRecording, save_prepared
+from eskin.live import create_empty_batch, save_model
+from eskin.skin import load_skin, save_skin
+from eskin.skin.gentact import write_gentact
+from eskin.skin.icub import write_icub_positions
+from eskin.skin.picture import draw_skin
+from eskin.skin.tactile_urdf import write_tactile_urdf
 from eskin.touch.contact_kernels import box_gap
+from helpers.live import model_of, network
 
 KERNEL_MODULES = {
     "caller_kernels": """
@@ -111,16 +122,16 @@ def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():
 @pytest.fixture
 def digest(tmp_path, monkeypatch):
     """Return a function that computes the digest of a module after some changes."""
-    monkeypatch.setattr(code_digest, "find_top_level", {"eskin": tmp_path}.get)
+    monkeypatch.setattr(compiled, "find_top_level", {"eskin": tmp_path}.get)
     names = "digest_code", "digest_source", "direct_imports"
-    kept = [getattr(code_digest, name) for name in names]
+    kept = [getattr(compiled, name) for name in names]
 
     def digest(**changes):
         for name, text in (DIGESTED_MODULES | changes).items():
             (tmp_path / f"{name}.py").write_text(text)
         for function in kept:
             function.cache_clear()
-        return code_digest.digest_code("eskin.top")
+        return compiled.digest_code("eskin.top")
 
     yield digest
     for function in kept:
@@ -142,7 +153,7 @@ def test_digest_changes_only_with_the_code_that_a_module_runs(digest, changes, i
 
 def test_unknown_module_is_refused():
     with pytest.raises(ValueError, match=r"eskin\.nothing"):
-        code_digest.digest_code("eskin.nothing")
+        compiled.digest_code("eskin.nothing")
 
 
 @pytest.mark.parametrize("durable", [False, True])
@@ -156,14 +167,41 @@ def test_file_takes_its_place_at_the_end_of_the_block(tmp_path, durable):
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_exception_leaves_the_file_as_it_was(tmp_path):
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-    with pytest.raises(RuntimeError), atomic_path(path) as part:
-        part.write_text("half")
-        raise RuntimeError
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
+WRITERS = {
+    "m.safetensors": lambda path: save_model(path, model_of(network())),
+    "m.training": lambda path: save_checkpoint(path, Checkpoint("facts", 1, {}, {})),
+    "a.npz": lambda path: save_prepared(path, PreparedRecording(*NO_ROWS, None)),
+    "skin": lambda path: save_skin(load_skin("bent"), path),
+    "skin.csv": lambda path: write_gentact(path, load_skin("bent")),
+    "skin.urdf": lambda path: write_tactile_urdf(path, load_skin("bent")),
+    "icub": lambda path: write_icub_positions(path, load_skin("bent")),
+    "skin.png": lambda path: draw_skin(load_skin("bent"), path),
+}
+NO_ROWS = (create_empty_batch(4), np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_write_that_fails_at_its_end_leaves_the_files_as_they_were(
+    name, tmp_path, monkeypatch
+):
+    def fail(path, mode) -> None:
+        raise OSError("no space left")
+
+    def read():
+        found = (path for path in sorted(tmp_path.rglob("*")) if path.is_file())
+        return {path: path.read_bytes() for path in found}
+
+    WRITERS[name](tmp_path / name)
+    whole = read()
+    for path in whole:
+        path.write_text("old")
+    old = read()
+    with monkeypatch.context() as full, pytest.raises(OSError, match="no space"):
+        full.setattr(Path, "chmod", fail)
+        WRITERS[name](tmp_path / name)
+    assert read() == old
+    WRITERS[name](tmp_path / name)
+    assert read().keys() == whole.keys() and old not in (whole, read())
 
 
 def test_compiling_is_reported_once_and_on_stderr_of_the_command(monkeypatch, capsys):

@@ -97,7 +97,8 @@ def check_benchmark(module, words, monkeypatch):
     if spec is not None and spec.submodule_search_locations is not None:
         spec = importlib.util.find_spec(f"{module}.__main__")
     assert spec is not None and spec.origin is not None
-    if not re.search("tyro.cli|parse_args|sys.argv", Path(spec.origin).read_text()):
+    text = Path(spec.origin).read_text()
+    if not re.search("tyro.cli|parse_args|sys.argv|run_p", text):
         assert words == []
         return
     monkeypatch.setattr(tyro, "cli", stop_after(tyro.cli))

@@ -9,8 +9,6 @@ import ast
 import importlib
 import pkgutil
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -20,9 +18,9 @@ from helpers.source import MODULES, SOURCE, parse_module
 pytestmark = pytest.mark.slow
 
 PACKAGES = ["eskin"] + [
-    f"eskin.{module.name}"
-    for module in pkgutil.iter_modules(eskin.__path__)
-    if module.ispkg and module.name != "cli"
+    name
+    for _, name, is_package in pkgutil.walk_packages(eskin.__path__, "eskin.")
+    if is_package
 ]
 VERBS = set(
     """
@@ -66,13 +64,8 @@ FRAGMENTS = {"of", "by", "whom", "whose", "as", "from", "to", "with", "than", "t
 def test_exported_names_exist_and_are_documented():
     for package in PACKAGES:
         module = importlib.import_module(package)
-        for name in module.__all__:
+        for name in getattr(module, "__all__", ()):
             assert getattr(module, name).__doc__, f"{package}.{name}"
-
-
-def test_importing_eskin_does_not_import_torch():
-    code = "import sys, eskin; assert not {'torch', 'sklearn'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def is_verb(word):

@@ -18,20 +18,13 @@ from eskin.drivers import (
     decode_packet,
 )
 from eskin.errors import DeviceError
-from eskin.sim.virtual import (
-    PtyPort,
-    UdpPort,
-    VirtualPatch,
-    VirtualSkin,
-    resample_scans,
-)
+from eskin.sim.virtual import PtyPort, UdpPort, VirtualSkin, resample_scans
 from eskin.skin import build_grid_skin, load_skin
 from eskin.touch import Scan
 from helpers.devices import (
     RATE,
     MemoryPort,
     open_line,
-    playing,
     read_packets,
     scans_of,
     send_scans,
@@ -107,31 +100,6 @@ def test_every_patch_sends_hello_and_status_first_and_once_a_second():
         assert size == (patch.rows, patch.columns, taxels, RATE)
 
 
-def test_modules_have_serial_numbers_and_clocks_of_their_own():
-    patches = send_scans(count=1)[1].patches
-    assert len({patch.serial_number for patch in patches}) == 3
-    assert len({patch.device_time(0) for patch in patches}) == 3
-    passed = {p.device_time(10 * SECOND) - p.device_time(0) for p in patches}
-    assert len(passed) == 3
-    assert all(abs(time - 10_000_000) <= 500 for time in passed)
-
-
-def test_clock_and_scan_number_wrap():
-    patch = VirtualPatch(SKIN.patches[0], np.arange(12), RATE, 7)
-    patch.wrap_in(1.0, at=3 * SECOND)
-    counts, received = np.zeros(SKIN.count, np.int32), np.ones(SKIN.count, bool)
-    packets = [
-        decode_packet(patch.measure(counts, received, 3 * SECOND + n * SECOND // 50)[0])
-        for n in range(100)
-    ]
-    for values, span, step in (
-        ([packet.device_time for packet in packets], 2**32, 20_000),
-        ([packet.scan for packet in packets], 2**16, 1),
-    ):
-        assert (np.diff(values) % span == step).all()
-        assert np.flatnonzero(np.diff(values) < 0).tolist() == [49]
-
-
 @pytest.mark.parametrize(
     ("size", "count", "part"), [(5, 0, "5 counts.* 34"), (34, 70_000, "0 to 65535")]
 )
@@ -160,21 +128,6 @@ def test_scans_are_repeated_at_a_higher_rate_and_left_out_at_a_lower():
     ):
         assert [scan.stamp for scan in resample_scans(scans, rate)] == expected
     assert list(resample_scans([], RATE)) == []
-
-
-def test_pseudo_terminal_carries_every_packet():
-    device = VirtualSkin(SKIN, [PtyPort()], RATE)
-    with open_line(device.ports[0]) as line:
-        with playing(device, scans_of(SKIN, 500), ManualClock()):
-            check_counts(SKIN, read_packets(line, 3 * (500 + 2 * 10)), 500)
-    assert device.counters()["unheard"] == 0
-
-
-def test_patches_are_spread_over_ports():
-    ports = [MemoryPort(), MemoryPort()]
-    VirtualSkin(SKIN, ports).play(scans_of(SKIN, 2), ManualClock())
-    addresses = [{decode_packet(data).address for data in port.sent} for port in ports]
-    assert addresses == [{1, 2}, {3}]
 
 
 def test_scans_are_paced_by_the_clock():

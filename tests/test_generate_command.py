@@ -6,9 +6,7 @@ import pytest
 
 import eskin.sim.commands.generate as command
 from eskin.cli.main import run
-from eskin.sim import load_constants
 from eskin.sim.dataset import generate
-from eskin.sim.dataset.sets import SETS, load_set
 from helpers.simulation import Failing, StandIn, read_files
 
 
@@ -80,12 +78,3 @@ def test_command_fails_in_one_line_and_keeps_files(call_generate, tmp_path):
     assert (code, out, len(err.strip().splitlines())) == (2, "", 1)
     assert "difficulty 1.5, not 0.5" in err
     assert read_files(tmp_path) == before
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SETS)
-def test_command_makes_every_set(call_generate, tmp_path, name):
-    clips = 5 if load_set(name, load_constants()).classes else 1
-    code, out, err = call_generate(tmp_path, "--set", name, "--clips", clips, "--json")
-    assert (code, err) == (0, "")
-    assert json.loads(out.splitlines()[-1])["clips"] == clips

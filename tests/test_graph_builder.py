@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.live import (
-    NODE_SCALARS,
-    GraphBuilder,
-    GraphConfig,
-    compute_node_scalars,
-)
+from eskin.live import NODE_SCALARS, GraphBuilder, GraphConfig, compute_node_scalars
 from helpers.graphs import (
     FOLDED,
     SCENES,

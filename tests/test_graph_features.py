@@ -13,12 +13,7 @@ from eskin.live import (
     create_empty_batch,
     join_graphs,
 )
-from eskin.live.summary_kernels import (
-    AREA,
-    FORCE,
-    RATE,
-    SPEED,
-)
+from eskin.live.summary_kernels import AREA, FORCE, RATE, SPEED
 from helpers.graphs import (
     SCENES,
     assert_same,
@@ -106,13 +101,6 @@ def test_features_of_a_batch_are_those_of_each_graph(graphs, features):
     np.testing.assert_allclose(together, alone, rtol=1e-5, atol=1e-5)
     assert together.dtype == np.float32
     assert np.isfinite(together).all()
-
-
-def test_summary_of_an_empty_graph_is_zero():
-    empty = random_graph(np.random.default_rng(0), 0)
-    empty = empty._replace(history=np.zeros_like(empty.history))
-    assert not pressure_summary(empty).any()
-    assert not shear_summary(empty).any()
 
 
 def feature(batch, name, floor=None):

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.live import (
-    HISTORY,
-    GraphConfig,
-    GraphStream,
-    join_graphs,
-)
+from eskin.live import HISTORY, GraphConfig, GraphStream, join_graphs
 from eskin.live.graph_builder import WHOLE_SKIN
 from eskin.touch import Calibration, TouchPipeline
 from helpers.graphs import (
@@ -154,8 +149,7 @@ def test_history_has_age_pause_and_number_of_contacts():
 
 
 @pytest.mark.parametrize(
-    ("pattern", "step"),
-    [([1] * 6, 0.005), ([1] * 6, 0.1), ([1, 1, 0, 1, 1, 1], 0.02)],
+    ("pattern", "step"), [([1] * 6, 0.005), ([1] * 6, 0.1), ([1, 1, 0, 1, 1, 1], 0.02)]
 )
 def test_steady_or_flickering_contact_counts_once(pattern, step):
     [found] = get_history(make_pats(pattern, step))

@@ -14,7 +14,7 @@ from eskin.learn.batches import (
 )
 from eskin.learn.dataset import prepare
 from eskin.live import compute_summary
-from helpers.learning import record, record_people
+from helpers.learning import record_people
 
 SLOTS = 100
 VARIED = AugmentConfig(noise=0.1, patch=0.5, lost=0.3, halved=0.5, stretch=0.3)
@@ -85,16 +85,6 @@ def test_graphs_belong_to_the_encoded_readings(dataset, config):
     assert set(places) <= set(every)
 
 
-@pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
-def test_every_window_ends_with_its_last_slot(dataset, config):
-    batch = make_builder(dataset, config).build(16, 1, 1, rng())
-    window, slot = batch.slot_index.window.numpy(), batch.slot_index.slot.numpy()
-    for number in range(16):
-        mine = slot[window == number]
-        assert mine[-1] == SLOTS - 1
-        assert mine.min() >= 0 and (np.diff(mine) >= 0).all()
-
-
 def test_lost_readings_are_not_in_the_batch(dataset):
     def count(config):
         return len(make_builder(dataset, config).build(32, 1, 1, rng()).summary)
@@ -121,16 +111,6 @@ def test_the_generator_decides_everything(dataset, config):
     assert one.summary.shape != other.summary.shape or not torch.equal(
         one.summary, other.summary
     )
-
-
-def test_patches_are_known_if_all_recordings_have_one_skin(dataset, tmp_path):
-    [skin, _] = [recording.skin for recording in dataset.recordings]
-    found = make_builder(dataset).patch_index
-    assert found is not None
-    np.testing.assert_array_equal(found, skin.patch_index)
-    small = record(tmp_path / "small.mcap", size=(2, 3))
-    mixed = prepare([dataset.recordings[0].path, small])
-    assert make_builder(mixed).patch_index is None
 
 
 def test_data_sets_with_a_share_have_it_and_the_others_the_rest(dataset):

@@ -15,12 +15,7 @@ from eskin.learn.prepared_recording import (
     prepare_recording,
     save_prepared,
 )
-from eskin.live import (
-    GraphBatch,
-    GraphConfig,
-    GraphStream,
-    join_graphs,
-)
+from eskin.live import GraphBatch, GraphConfig, GraphStream, join_graphs
 from eskin.recording import read_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
@@ -180,14 +175,3 @@ def test_other_bytes_and_settings_are_packed_in_other_files(real, simulated):
     ]
     assert len(set(keys)) == len(keys)
     assert keys[0] == compute_pack_key(real, PipelineConfig(), GraphConfig())
-
-
-def test_failed_write_leaves_no_file(real, tmp_path, monkeypatch):
-    def write_half(file, **arrays) -> None:
-        file.write_bytes(b"half")
-        raise OSError("no space left")
-
-    monkeypatch.setattr(np, "savez", write_half)
-    with pytest.raises(OSError, match="no space"):
-        pack_recording(real, tmp_path / "pack", PIPELINE, GRAPH)
-    assert not list((tmp_path / "pack").iterdir())

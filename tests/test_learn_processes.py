@@ -25,34 +25,33 @@ def folder(tmp_path_factory):
     return path
 
 
-def start(words, **options):
-    """Start a program whose output is kept."""
-    return subprocess.Popen(
-        list(map(str, words)),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **options,
-    )
+def train_in_two(patch, capsys, *words):
+    """Train in this process and one more, in the environment that torchrun gives each.
 
-
-def test_two_processes_give_the_weights_of_two_threads(folder, capsys, monkeypatch):
-    """This process is the first of two, in the environment that torchrun gives each."""
-    data, one, two = folder / "data", folder / "one.st", folder / "two.st"
-    words = (*TRAIN, data, "--out", two, "--pack", folder / "pack")
+    Returns the exit code, text and error of each.
+    """
     joined = {
         "MASTER_ADDR": "127.0.0.1",
         "MASTER_PORT": str(free_port(0)),
         "WORLD_SIZE": "2",
     }
+    command = [sys.executable, "-m", "eskin.cli.main", *map(str, words)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     environment = os.environ | joined | {"RANK": "1"}
-    command = (sys.executable, "-m", "eskin.cli.main", *words)
-    with monkeypatch.context() as patch, start(command, env=environment) as second:
+    with subprocess.Popen(command, env=environment, **pipes) as second:
         for name, value in (*joined.items(), ("RANK", "0")):
             patch.setenv(name, value)
-        code, out, _ = call(capsys, *words)
+        first = call(capsys, *words)
         said, error = second.communicate(timeout=300)
-    assert code == second.returncode == 0, error
+    return first, (second.returncode, said, error)
+
+
+def test_two_processes_give_the_weights_of_two_threads(folder, capsys, monkeypatch):
+    data, one, two = folder / "data", folder / "one.st", folder / "two.st"
+    words = (*TRAIN, data, "--out", two, "--pack", folder / "pack")
+    with monkeypatch.context() as patch:
+        (code, out, _), (other, said, error) = train_in_two(patch, capsys, *words)
+    assert code == other == 0, error
     assert f"{two}: epochs 2" in out and not said
     assert call(capsys, *TRAIN, data, "--out", one, "--train.workers", "2")[0] == 0
     ours, theirs = (load_model(path).weights for path in (one, two))
@@ -61,12 +60,9 @@ def test_two_processes_give_the_weights_of_two_threads(folder, capsys, monkeypat
     assert sorted(path.name for path in folder.glob("*.st*")) == ["one.st", "two.st"]
 
 
-def test_error_of_the_first_process_ends_both(folder):
-    launcher = ("torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+def test_error_of_the_first_process_ends_both(folder, capsys, monkeypatch):
     words = (*TRAIN, folder / "nothing", "--out", folder / "three.st")
-    command = (sys.executable, "-m", *launcher, "-m", "eskin.cli.main", *words)
-    with start(command) as both:
-        _, error = both.communicate(timeout=300)
-    assert both.returncode != 0
+    (code, _, error), (other, *_) = train_in_two(monkeypatch, capsys, *words)
+    assert code == 2 and other != 0
     assert "no recording" in error
     assert not (folder / "three.st").exists()

@@ -3,22 +3,13 @@
 import numpy as np
 import pytest
 import torch
-from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
-from numba.core.runtime.nrt import rtsys
 
 from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
-from eskin.live import (
-    SLOT_NS,
-    GraphBuilder,
-    Network,
-    Recognizer,
-    compute_probabilities,
-)
+from eskin.live import GraphBuilder, Network, Recognizer, compute_probabilities
 from eskin.live.graph import NO_HISTORY
 from eskin.live.graph_builder import TouchNodes, pack_touch_nodes
 from eskin.live.network import INITIAL_SEQUENCES, LogitStream
-from eskin.live.step_kernels import step
 from eskin.touch import Reading
 from helpers.live import (
     calibration_of,
@@ -118,29 +109,6 @@ def test_step_computes_graph_features_and_window(kind):
         assert np.array_equal(stream.logits[7], want)
         assert np.array_equal(stream.probabilities[7], compute_probabilities(want, 1.7))
         earlier = taxels
-
-
-def test_step_allocates_no_memory():
-    on, rng = mounted("ur5"), np.random.default_rng(1)
-    stream = LogitStream(model_of(network("shear")), GraphBuilder(on))
-    taxels, out = np.arange(60), np.empty((2, 2, 4), np.float32)
-    reading = make_reading(on, 0, taxels, rng)
-    one = TouchNodes(taxels, taxels, NO_HISTORY)
-    nodes = pack_touch_nodes({1: one, 2: one})
-    stream.push(reading, nodes)
-    arguments = (stream.parts, stream.packed_pool, nodes.packed)
-    now = stream.builder.step
-    memsys_enable_stats()
-    try:
-        before = rtsys.get_allocation_stats()
-        for n in range(30):
-            step(*arguments, now._replace(stamp=(3 * n + 3) * SLOT_NS), out)
-        after = rtsys.get_allocation_stats()
-    finally:
-        memsys_disable_stats()
-    handles = 4  # one for each array among the arguments
-    assert after.alloc - before.alloc == 30 * handles
-    assert after.free - before.free == 30 * handles
 
 
 def test_sequences_do_not_depend_on_others_at_once_or_before():

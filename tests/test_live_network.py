@@ -11,11 +11,7 @@ from hypothesis import strategies as st
 from eskin.learn.nn import SlotIndex, build_graph_tensors
 from eskin.live import SLOT_NS, Network
 from eskin.live.encoder_kernels import activate
-from helpers.graphs import (
-    LOADS,
-    add_nodes_at_rest,
-    random_graph,
-)
+from helpers.graphs import LOADS, add_nodes_at_rest, random_graph
 from helpers.live import model_of, network
 from helpers.live_parts import SequenceWindow, compute_features
 

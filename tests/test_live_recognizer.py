@@ -10,13 +10,7 @@ import pytest
 import eskin
 from eskin.errors import ModelError, ReadingError, SkinMismatchError
 from eskin.learn.prepared_recording import prepare_recording
-from eskin.live import (
-    DecisionConfig,
-    GraphConfig,
-    Recognizer,
-    load_model,
-    save_model,
-)
+from eskin.live import DecisionConfig, GraphConfig, Recognizer, load_model, save_model
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig, TouchPipeline
 from helpers.graphs import FOLDED, assert_same, find_meeting_taxels

@@ -255,19 +255,6 @@ def test_setting_must_be_finite_and_within_its_limits(value):
         check_limits(SimpleNamespace(gain=value), {"gain": (0.0, np.inf)})
 
 
-def test_interrupted_save_keeps_the_old_model(saved, monkeypatch):
-    def write_half(weights, part, metadata):
-        part.write_bytes(b"half a model")
-        raise KeyboardInterrupt
-
-    before = saved.read_bytes()
-    monkeypatch.setattr("eskin.live.model_file.save_file", write_half)
-    with pytest.raises(KeyboardInterrupt):
-        save_model(saved, replace(MODEL, card=replace(CARD, temperature=2.0)))
-    assert saved.read_bytes() == before
-    assert list(saved.parent.iterdir()) == [saved]
-
-
 FEATURES = len(PRESSURE_SUMMARY)
 CLASSIFY = "summary_head.classify.bias"
 

@@ -7,11 +7,7 @@ import pytest
 import torch
 from torch.nn.functional import cross_entropy
 
-from eskin.learn.nn import (
-    RecogniserNetwork,
-    SlotIndex,
-    TemporalHead,
-)
+from eskin.learn.nn import RecogniserNetwork, SlotIndex, TemporalHead
 from eskin.live import NetworkConfig, join_graphs
 from eskin.live.model_config import MIN_SLOTS
 from helpers.graphs import (

@@ -3,6 +3,7 @@
 import io
 import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,9 +22,18 @@ pytest.importorskip("PIL.Image", reason="no pillow; pip install '.[dev]'")
 
 from PIL import Image
 
-from lab.browser import CHROMIUM, EYE, PATIENCE, Canvas, chromium, new_tab, see
+from lab.browser import (
+    CHROMIUM,
+    EYE,
+    PATIENCE,
+    Canvas,
+    Visit,
+    becomes,
+    chromium,
+    new_tab,
+    see,
+)
 from lab.served_demo import ServedDemo
-from lab.visit import Visit, becomes
 
 if not CHROMIUM.exists():
     pytest.skip(f"no {CHROMIUM}; apt-get install chromium", allow_module_level=True)
@@ -229,6 +239,10 @@ def test_page_that_may_not_touch_has_no_controls(browser, page):
         page.close()
 
 
+def find_button(tab, name):
+    return tab.get_by_role("button", name=name)
+
+
 @pytest.fixture
 def calibrated(browser):
     """A page that guides through a calibration, and its tab."""
@@ -252,8 +266,7 @@ def test_page_guides_through_calibration(calibrated):
     def show(board):
         viewer.show(pipeline.push(Scan(next(stamps), counts, received, Q)), board)
 
-    def find(name):
-        return tab.get_by_role("button", name=name)
+    find = partial(find_button, tab)
 
     def count_place():
         middle = take_shot(tab)[300:500, 380:580]
@@ -315,9 +328,7 @@ def test_drag_over_robot_paints_what_is_saved(browser):
                 time.sleep(0.3)
             tab.mouse.up()
 
-        def find(name):
-            return tab.get_by_role("button", name=name)
-
+        find = partial(find_button, tab)
         # A drag beside the robot turns the view, so the robot must be drawn first.
         assert becomes_after(lambda: tab.mouse.click(x, y), lambda: viewer.balls)
         clicks = len(viewer.balls)

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from eskin.page import ColourScale
-from eskin.page.colours import (
-    GESTURE_COLOURS,
-    INVALID_COLOUR,
-    REST_COLOUR,
-    choose_gesture_colours,
-)
 from eskin.page.hand import (
     DOUBLE_CLICK,
     MIN_SECONDS,
     MouseHand,
     PaintBrush,
-    SurfacePoint,
 )
+from eskin.page.html import (
+    GESTURE_COLOURS,
+    INVALID_COLOUR,
+    REST_COLOUR,
+    choose_gesture_colours,
+)
+from eskin.page.scene import SurfacePoint
 from helpers.viewer import make_setup, mounted
 
 FOREARM = 1200

@@ -1,23 +1,12 @@
 """These tests check charts: surfaces unrolled, with the cells of their taxels."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from eskin.robot import load_robot
 from eskin.sim import build_charts
-from eskin.skin import (
-    Dome,
-    MountedSkin,
-    Patch,
-    Plane,
-    TaxelGrid,
-    Tube,
-    build_skin,
-)
+from eskin.skin import Dome, MountedSkin, Patch, Plane, TaxelGrid, Tube, build_skin
 from eskin.skin.presets import build_ur5_skin
-from eskin.transforms import make_transform
 
 
 def mount(*pairs):
@@ -67,26 +56,6 @@ def test_neighbouring_cells_of_a_row_touch(ur5, charts):
         step[:, 0] = chart.wrap_s(step[:, 0])
         reach = chart.cells[:-1, 0] + chart.cells[1:, 0]
         assert np.allclose(step[same_row], reach[same_row])
-
-
-def test_cells_of_rows_across_the_seam_of_a_tube_are_aligned():
-    grid = TaxelGrid(6, 2, row_pitch=0.007, column_pitch=0.008)
-    behind = make_transform(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
-    mounted = mount((grid, Tube(0.04, np.eye(4))), (grid, Tube(0.04, behind)))
-    skin = mounted.skin
-    turned = skin.patch_index == 1
-    turned_skin = replace(
-        skin,
-        rows=np.where(turned, skin.columns, skin.rows),
-        columns=np.where(turned, skin.rows, skin.columns),
-        tangents=np.where(
-            turned[:, None], np.cross(skin.normals, skin.tangents), skin.tangents
-        ),
-    )
-    (chart,) = build_charts(MountedSkin(turned_skin, mounted.robot))
-    assert np.ptp(chart.unrolled[turned, 0]) > 0.2
-    assert np.allclose(np.abs(chart.cells[turned, 0, 1]), 0.0035)
-    assert np.allclose(np.abs(chart.cells[turned, 1, 0]), 0.004)
 
 
 def test_cells_on_a_dome_have_their_area_unrolled():

@@ -10,11 +10,8 @@ from eskin.sim import load_constants
 from eskin.sim.contact.pressure import (
     compute_contact_ellipses,
     compute_leak_share,
-    compute_pad_gaps,
-    compute_pad_offsets,
     compute_pressure_field,
     find_grid_neighbours,
-    share_load,
     spread_through_film,
 )
 from eskin.sim.people.person import mirror_pads
@@ -77,26 +74,6 @@ def test_force_beside_the_patch_reaches_no_taxel():
     assert beyond.area[0] == pytest.approx(inside.area[0])
 
 
-@pytest.mark.parametrize("chart", [FLAT, TUBE], ids=["flat", "tube"])
-@pytest.mark.parametrize("conformity", [0.0, 0.75, 1.0])
-def test_loaded_pads_sink_to_one_depth_and_bear_all_force(chart, conformity):
-    forces = [0.0, 0.01, 1.0, 8.0, 60.0]
-    touch = press(FINGERS, forces, angle=1.2, conformity=conformity)
-    gaps = compute_pad_gaps(
-        touch.tissue, chart, compute_pad_offsets(touch), touch.centre
-    )
-    loads = share_load(touch, gaps, CONSTANTS)
-    assert loads.sum(axis=1) == pytest.approx(forces)
-    assert np.all(loads >= 0.0)
-    b, m = touch.tissue.b, touch.tissue.m
-    depth = np.linspace(0.0, 0.004, 400_001)
-    law = b / m * (np.expm1(m * depth) - m * depth)
-    sunk = np.interp(loads / FINGERS.stiffness, law, depth) + gaps
-    for pads, free in zip(sunk[1:], loads[1:] == 0.0, strict=True):
-        assert np.ptp(pads[~free]) < 2e-6
-        assert np.all(pads[free] >= pads[~free].min() - 1e-6)
-
-
 @each_chart
 def test_pressure_and_area_grow_with_force_from_nothing(name):
     contact = feel(press(FINGERS, np.linspace(0.0, 30.0, 16)), CHARTS[name])
@@ -105,11 +82,6 @@ def test_pressure_and_area_grow_with_force_from_nothing(name):
     assert np.all(np.diff(contact.pressure.max(axis=1)) > 0)
     assert contact.area[0] == contact.pressure[0].max() == 0.0
     assert len(feel(press(FINGERS, [0.0, 0.0]), CHARTS[name]).taxels) == 0
-
-
-def test_area_is_limited_by_that_of_the_pad():
-    contact = feel(press(TIP, [50.0, 100.0]), FLAT)
-    assert contact.area == pytest.approx(220e-6, rel=0.01)
 
 
 def test_fingertip_area_is_smaller_on_a_tube_and_least_across_it():
@@ -133,14 +105,6 @@ def test_ellipse_axes_follow_the_sum_of_curvatures(name, angle, added):
     across, along = ellipses.semi_axes[0, 0]
     k_across, k_along = 1 / TIP.radii[0] + np.array(added)
     assert along / across == pytest.approx(np.sqrt(k_across / k_along))
-
-
-def test_pads_turn_with_the_body():
-    pads = build_pads((0, -20, *TIP_ROW), (0, 20, *TIP_ROW))
-    ellipses = compute_ellipses(press(pads, 1.0, angle=0.7), FLAT)
-    direction = np.array([-np.sin(0.7), np.cos(0.7)])
-    assert np.diff(ellipses.centres[0], axis=0)[0] / 0.04 == pytest.approx(direction)
-    assert ellipses.long_axes[0] == pytest.approx(np.tile(direction, (2, 1)))
 
 
 def test_conforming_hand_touches_more_of_a_tube():

@@ -10,7 +10,7 @@ import trimesh
 from eskin.robot import Cylinder, compute_surface_distance
 from eskin.sim.constants import MM
 from eskin.sim.people.perform import perform
-from eskin.sim.scene import are_collision_free, compute_joint_limits
+from eskin.sim.scene import compute_joint_limits
 from eskin.sim.scene.environment import compute_surface_axes
 from eskin.sim.scene.folds import (
     compute_facing_gaps,
@@ -87,16 +87,6 @@ def test_clearance_is_never_too_large_and_seldom_much_too_small():
     assert np.all(np.median(measured - computed, axis=0) < [1.5e-3, 2e-3])
 
 
-def test_clearance_beyond_enough_stays_beyond_it():
-    T = world().poses(draw_any_poses(200, seed=4))
-    exact, quick = (
-        world().collision.compute_clearance(T, enough)[:, 0] for enough in (10.0, 0.02)
-    )
-    near = exact < 0.02
-    np.testing.assert_allclose(quick[near], exact[near], atol=5e-5)
-    assert np.all(quick[~near] >= 0.02 - 1e-9)
-
-
 def test_turning_the_base_changes_no_clearance():
     q = draw_any_poses(100, seed=5)
     turned = q + np.random.default_rng(0).uniform(-3, 3, (100, 1)) * np.eye(6)[0]
@@ -107,22 +97,6 @@ def test_turning_the_base_changes_no_clearance():
     np.testing.assert_allclose(one, other, atol=5e-5)
     valid, also = (are_poses_valid(world(), each) for each in (q, turned))
     np.testing.assert_array_equal(valid, also)
-
-
-def test_pose_in_the_table_is_refused():
-    into_table, upright = [0, 20, 0, 0, 0, 0], [0, -90, 0, -90, 0, 0]
-    T = world().poses(np.deg2rad([into_table, upright]))
-    assert are_collision_free(world(), T).tolist() == [False, True]
-
-
-def test_free_distance_is_that_to_all_other_links_and_the_table():
-    T = world().poses(poses(1, seed=6))[0]
-    forearm = ROBOT.link_index("forearm_link")
-    points = np.random.default_rng(0).uniform([-1, -1, 0], 1, (200, 3))
-    found = world().collision.compute_free_distance(T, points, forearm)
-    others = [measure_distance(T, i, points) for i in sample_surfaces() if i != forearm]
-    measured = np.min([points[:, 2], *others], axis=0)
-    np.testing.assert_allclose(found, np.maximum(measured, 0.0), atol=1e-9)
 
 
 @lru_cache(maxsize=1)
@@ -199,13 +173,6 @@ def test_presses_at_both_sites_share_the_force_and_mirror_the_motion():
         paths.append([along, across, side * (press.angle - site.angle)])
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-12)
     np.testing.assert_allclose(other.pads.centres[:, 0], -one.pads.centres[:, 0])
-
-
-@pytest.mark.parametrize("share", [-0.1, 1.1, np.nan])
-def test_share_outside_0_to_1_is_refused(share):
-    _, person, ((first, second), *_) = find_folds()[0]
-    with pytest.raises(ValueError, match="0 to 1"):
-        press_both_sites(poke(person, first), first, second, share)
 
 
 def test_self_contact_lies_where_links_nearly_touch():

@@ -14,7 +14,6 @@ import pytest
 from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.dataset import (
-    ClipRow,
     GenerationSettings,
     generate,
     read_index,
@@ -179,9 +178,6 @@ def test_killed_generation_continues_to_the_same_bytes(small_set, tmp_path):
     [
         ({"set_name": "val"}, "set_name train, not val"),
         ({"skin": "other"}, "skin square, not other"),
-        ({"seed": 4}, "seed 3, not 4"),
-        ({"clips": 24}, "clips 23, not 24"),
-        ({"subjects": 3}, "subjects 4, not 3"),
         ({"difficulty": 1.0}, "difficulty 1.5, not 1.0"),
     ],
 )
@@ -212,19 +208,6 @@ def test_folder_in_use_or_of_other_recordings_is_refused(copied_set):
         make_set(copied_set)
 
 
-def test_index_lists_every_clip_in_order(small_set):
-    rows = read_index(small_set)
-    assert len(rows) == 23
-    places = [(row.file, row.number) for row in rows]
-    assert places == sorted(places)
-    for row in rows:
-        assert ClipRow.from_line(row.to_line()) == row
-        second = row.start // NS_PER_S - 1_750_000_000
-        assert second % 3600 == 6 * (row.number + 1)
-        assert (row.kind, row.regime) == ("tip", "paper")
-        assert row.pose_group in row.plan.groups
-
-
 def test_line_of_the_index_has_its_documented_keys(small_set):
     line = json.loads((small_set / "clips.jsonl").read_text().splitlines()[0])
     keys = "file number start gesture kind subject build pose_group moving difficulty"
@@ -248,21 +231,10 @@ def test_touches_of_the_index_are_those_of_the_truth(small_set):
             assert {truth.gesture for truth in own} == {touch.gesture, row.gesture}
 
 
-@pytest.mark.parametrize(
-    ("factory", "settings"),
-    [
-        (StandIn, SMALL_SET),
-        pytest.param(
-            build_small_simulator,
-            GenerationSettings("test-x", clips=5, subjects=1),
-            marks=pytest.mark.slow,
-        ),
-    ],
-    ids=["stand-in", "simulator"],
-)
-def test_any_clip_can_be_made_again_alone(tmp_path, factory, settings):
-    make_set(tmp_path, settings, factory=factory)
-    generator = factory(settings.skin)
+def test_any_clip_can_be_made_again_alone(tmp_path):
+    settings = GenerationSettings("test-x", clips=5, subjects=1)
+    make_set(tmp_path, settings, factory=build_small_simulator)
+    generator = build_small_simulator(settings.skin)
     for row in read_index(tmp_path)[-2:]:
         arrays = read_recording(tmp_path / row.file).arrays()
         clip = remake_clip(row, generator)

@@ -1,18 +1,9 @@
 """These tests check the pads of hands and of other bodies."""
 
 import numpy as np
-import pytest
 
 from eskin.sim import load_constants
-from eskin.sim.people.person import (
-    HAND_PADS,
-    PAD_GROUPS,
-    build_body,
-    build_hand,
-    mirror_pads,
-    select_pads,
-    splay_fingers,
-)
+from eskin.sim.people.person import HAND_PADS, build_hand, mirror_pads, splay_fingers
 
 CONSTANTS = load_constants()
 
@@ -50,19 +41,6 @@ def test_pads_scale_with_the_hand():
     np.testing.assert_allclose(large.max_area, 4 * HAND.max_area)
 
 
-def test_mirrored_hand_is_the_other_hand():
-    other = mirror_pads(HAND)
-    np.testing.assert_array_equal(other.centres, HAND.centres * [-1, 1])
-    np.testing.assert_array_equal(other.angles, -HAND.angles)
-
-
-def test_pad_groups_hold_existing_pads_once():
-    for names in PAD_GROUPS.values():
-        assert set(names) <= set(HAND_PADS) and len(set(names)) == len(names)
-        assert select_pads(HAND, names).count == len(names)
-    assert PAD_GROUPS["full_hand"] == HAND_PADS
-
-
 def test_splayed_fingers_spread_and_keep_their_lengths():
     wide = splay_fingers(HAND, 0.1)
     assert np.ptp(wide.centres[:4, 0]) > np.ptp(HAND.centres[:4, 0])
@@ -75,11 +53,3 @@ def test_splayed_fingers_spread_and_keep_their_lengths():
     np.testing.assert_allclose(
         mirror_pads(wide).centres, splay_fingers(mirror_pads(HAND), 0.1).centres
     )
-
-
-def test_other_bodies_have_one_pad_and_unknown_ones_are_refused():
-    torso, knuckle = build_body("torso", CONSTANTS), build_body("knuckle", CONSTANTS)
-    assert torso.count == knuckle.count == 1
-    assert torso.area[0] > knuckle.area[0]
-    with pytest.raises(ValueError, match="body.wing"):
-        build_body("wing", CONSTANTS)

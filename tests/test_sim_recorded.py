@@ -11,7 +11,6 @@ from eskin.learn.sets.socialtouch import (
     GROUP_NUMBERS,
     Repetition,
     classify_repetition,
-    count_presses,
 )
 from eskin.recording import find_recordings, read_recording
 from eskin.sim import load_constants
@@ -105,17 +104,6 @@ def test_movie_keeps_its_force_and_its_place_on_dense_skin(name, angle):
     np.testing.assert_allclose(weights @ places, field.centroid, atol=0.7e-3)
 
 
-def test_movie_crosses_the_line_where_a_tube_is_cut_open():
-    tube = CHARTS["tube"]
-    half = tube.circumference / 2
-    fields = [
-        compute_movie_field(build_movie_press((s, 0.0), 0.3), tube, CONSTANTS)
-        for s in (0.0, half)
-    ]
-    forces = [force_on(field, tube) for field in fields]
-    np.testing.assert_allclose(forces[1], forces[0], rtol=0.03)
-
-
 @pytest.mark.parametrize(
     ("gesture", "counts", "wanted"),
     [
@@ -136,23 +124,6 @@ def test_class_is_that_of_the_gesture_its_duration_and_its_presses(
     gesture, counts, wanted
 ):
     assert classify_repetition(repeat(gesture, counts)) == wanted
-
-
-@pytest.mark.parametrize(
-    ("forces", "count"),
-    [
-        ([], 0),
-        ([0, 0], 0),
-        ([0, 5, 0], 1),
-        ([5, 5, 0, 5, 5], 2),
-        ([5, 3, 5], 1),
-        ([5, 2, 5, 1, 4], 3),
-        ([9, 4, 5, 4, 3], 1),
-        ([9, 0, 1, 0, 1], 1),
-    ],
-)
-def test_presses_are_separate_where_force_falls_below_half(forces, count):
-    assert count_presses(np.array(forces, dtype=np.float64)) == count
 
 
 def play(counts, seed=0):
@@ -177,14 +148,6 @@ def test_played_touch_is_the_recorded_one_in_the_drawn_size_and_speed(seed):
     assert press.steps * 0.01 * drawn["speed"] == pytest.approx(1.0, abs=0.13)
     assert not press.pressure[0].any()
     np.testing.assert_array_equal(press.centre[0], SITE.centre)
-
-
-def test_half_of_the_touches_are_without_the_noise_of_their_sensor():
-    counts = pressed((9, 12), 30) + 3
-    noisy = [
-        bool(play(counts, s).presses[0].pressure[:, 0, 0].any()) for s in range(60)
-    ]
-    assert 20 < sum(noisy) < 42
 
 
 def test_none_is_drawn_evenly_over_its_groups():

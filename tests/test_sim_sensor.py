@@ -83,23 +83,6 @@ def test_counts_without_stages_are_proportional_to_pressure():
     np.testing.assert_allclose(divided[:, 7], expected[:, 7], atol=2)
 
 
-def test_active_taxels_without_pressure_change_no_counts():
-    more = np.append(TAXELS, np.setdiff1d(ALL_TAXELS, TAXELS))
-    padded = np.zeros((120, SKIN.count))
-    padded[:, : len(TAXELS)] = PRESSURE
-    order = np.random.default_rng(0).permutation(SKIN.count)
-    counts, received = sense_build()
-    again, also = sense_build(pressure=padded[:, order], taxels=more[order])
-    np.testing.assert_array_equal(counts, again)
-    np.testing.assert_array_equal(received, also)
-
-
-def test_lead_is_simulated_but_not_read():
-    series = step_load(20.0, 1.5)
-    read = read_conductance(series, lead=60)
-    np.testing.assert_allclose(read, read_conductance(series)[30:], rtol=1e-4)
-
-
 def test_pat_reads_a_quarter_less_than_a_press_of_the_same_force():
     pat = 20.0 * np.clip(np.sin(np.pi * np.arange(14) / 13), 0.0, 1.0) ** 1.5
     short = read_conductance(np.concatenate([np.zeros(10), pat, np.zeros(20)])).max()
@@ -136,23 +119,6 @@ def test_hysteresis_forgets_a_touch_that_is_over():
     np.testing.assert_allclose(after[25:], alone, rtol=1e-6)
 
 
-def test_stuck_and_dead_taxels_keep_their_counts():
-    stuck = np.full(SKIN.count, np.nan)
-    stuck[[20, 60]] = 0.3, 0.9
-    dead = np.isin(ALL_TAXELS, [3, 20, 40])
-    defects = {"stuck": stuck, "dead": dead, "dropped": 0.1}
-    build = change_build(BUILD, defects=defects)
-    stages = SensorStages(noise=False, drift=False, ghosting=False)
-    pressure = np.full((300, SKIN.count), 30.0)
-    counts, received = sense_build(build, stages, pressure, ALL_TAXELS)
-    full = build.electronics.full_scale
-    kept = np.where(np.isfinite(stuck), stuck, build.electronics.base)
-    for taxel in (3, 20, 40, 60):
-        read = counts[received[:, taxel], taxel]
-        assert np.ptp(read) == 0
-        assert read[0] == pytest.approx(full * kept[taxel], abs=1)
-
-
 def test_readings_of_a_patch_are_dropped_together_in_runs():
     lossy = change_build(BUILD, defects={"dropped": 0.1})
     counts, received = sense_build(lossy, pressure=np.zeros((20000, 5)))
@@ -186,25 +152,6 @@ def test_baseline_shift_after_a_touch_decays_and_is_smaller_after_a_light_one():
         shifts.append(abs(counts[[80, -1]] - counts[0]))
         assert shifts[-1][1] < shifts[-1][0] / 4
     assert 0 < shifts[0][0] < 0.5 * shifts[1][0]
-
-
-def test_baseline_drifts_as_a_random_walk():
-    quiet = change_build(BUILD, electronics=STEADY | {"walk": 1.0})
-    counts, _ = sense_build(quiet, replace(NO_STAGES, drift=True), np.zeros((800, 5)))
-    moved = counts[-1] - counts[0]
-    assert abs(moved.mean()) < 3 * 20 / np.sqrt(SKIN.count)
-    assert moved.std() == pytest.approx(20.0, rel=0.2)
-
-
-def test_noise_grows_with_the_reading():
-    noise = {"noise": 1.0, "noise_relative": 0.02, "bits": 12}
-    build = change_build(BUILD, electronics=noise)
-    series = np.full((2000, 1), 0.5 * build.velostat.half_pressure)
-    stages = replace(NO_STAGES, noise=True)
-    counts, _ = sense_build(build, stages, series, np.array([TAXEL]))
-    high, low = counts[:, TAXEL], counts[:, TAXEL + 1]
-    assert high.std() == pytest.approx(0.02 * high.mean(), rel=0.1)
-    assert low.std() == pytest.approx(np.hypot(1.0, 0.02 * low.mean()), rel=0.15)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from eskin.sim.sensor import (
     draw_flawed_build,
     sense,
 )
-from eskin.sim.sensor.model import draw_session
 from eskin.sim.sensor.proximity import add_proximity
 from eskin.sim.sensor.sensor import draw_reading_times
 from helpers.sensors import CONSTANTS, SKIN
@@ -148,21 +147,6 @@ def test_drift_is_slow_and_noise_is_not():
     assert measure_slowness(slow) > 2.0
 
 
-def test_clips_of_a_session_begin_with_the_same_slow_drift():
-    build = draw_flawed({"drift": "high"}, "linear", skin=LARGE_SKIN)
-    sessions = [draw_session(build, np.random.default_rng(seed)) for seed in (1, 2)]
-    starts = [
-        sense(
-            *(FREE[0][:20], FREE[1], build, LARGE_SKIN, np.random.default_rng(seed)),
-            session=session,
-        )[0].mean(axis=0)
-        for session in sessions
-        for seed in (3, 4)
-    ]
-    apart = [np.std(starts[0] - starts[n]) for n in (1, 2)]
-    assert apart[0] < 0.5 * apart[1]
-
-
 def test_capacitive_taxels_feel_what_is_near_earlier_later_and_beside():
     build = draw_flawed({"proximity": "high"}, "capacitive")
     pressure = np.zeros((400, len(TAXELS)))
@@ -177,12 +161,6 @@ def test_capacitive_taxels_feel_what_is_near_earlier_later_and_beside():
     beside = apparent[200, np.argsort(away)[1:]]
     assert (np.diff(beside) <= 1e-12).all() and beside[0] > 0
     assert not apparent[:, away > 0.05].any()
-
-
-@pytest.mark.parametrize("family", ["divider", "logarithmic", "linear"])
-def test_other_families_feel_nothing_near(family):
-    build = draw_flawed({"proximity": "high"}, family)
-    assert add_proximity(PRESSURE, TAXELS, build, SKIN)[0] is PRESSURE
 
 
 def test_released_signal_falls_in_the_stated_time():

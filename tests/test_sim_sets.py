@@ -117,15 +117,6 @@ def test_paper_set_is_recorded_on_two_days():
 
 
 @pytest.mark.parametrize(
-    ("name", "share", "error"),
-    [("train", 0.2, 0.02), ("test-m", 1.0, 0.0), ("quiet", 0.5, 0.15)],
-)
-def test_robot_moves_in_a_stated_share_of_clips(name, share, error):
-    moving = [plan.moving for plan in plan_set(name)]
-    assert np.mean(moving) == pytest.approx(share, abs=error)
-
-
-@pytest.mark.parametrize(
     ("name", "kind", "hours"),
     [("streams", None, 2.0), ("quiet", "quiet", 5.0), ("accidents", "accidents", 1.0)],
 )
@@ -250,19 +241,3 @@ def test_difficulty_changes_only_what_depends_on_it():
     assert {plan.concurrent for plan in hard} == {0.24}
     for one, other in zip(easy, hard, strict=True):
         assert replace(one, difficulty=2.0, concurrent=0.24) == other
-
-
-@pytest.mark.parametrize(
-    ("name", "clips", "subjects", "parts"),
-    [
-        ("train", 0, None, "0 clips .* 'train'"),
-        ("paper", 1, None, "1 clips .* 'paper'.* at least 2"),
-        ("train", 10, 11, "11 people .* 10 clips"),
-        ("train", 10, 0, "0 people"),
-        ("test", None, None, "no set 'test'.* train, val"),
-    ],
-)
-def test_impossible_set_is_refused_in_one_line(name, clips, subjects, parts):
-    with pytest.raises(ValueError, match=parts) as caught:
-        plan_files(name, clips, subjects)
-    assert "\n" not in str(caught.value)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 
 from eskin.cli.main import run
 from eskin.recording import find_recordings, read_recording
@@ -66,18 +65,6 @@ def test_curvature_of_the_mesh_is_that_of_the_shape(mounted, curvatures):
         sheet, _ = build_sheet(build_skin_mesh(mounted.skin), own)
         found = np.linalg.eigvalsh(sheet.curvatures).mean(axis=0)
         assert found == pytest.approx(curvatures, abs=0.3)
-
-
-def test_sheet_round_a_limb_is_unrolled_as_its_tube():
-    (tube,), (sheet, _) = build_charts(TUBE, RIM), build_sheet_charts(TUBE, RIM)
-    on_tube = tube.unrolled[np.searchsorted(tube.taxels, sheet.taxels)]
-    on_tube = on_tube - on_tube[sheet.own].mean(axis=0)
-    on_tube[:, 0] = tube.wrap_s(on_tube[:, 0])
-    middle = sheet.unrolled[sheet.own].mean(axis=0)
-    # t lies along the limb, perhaps the other way round.
-    signs = np.sign(np.sum(on_tube * sheet.unrolled, axis=0))
-    assert sheet.unrolled - middle == pytest.approx(signs * on_tube, abs=3e-4)
-    assert set(TUBE.skin.patch_index[sheet.taxels]) == {0, 1}
 
 
 def test_places_between_taxels_map_both_ways_and_lie_on_the_shape():
@@ -274,21 +261,6 @@ def test_link_out_of_reach_is_named(bumpy, tmp_path):
     save_skin(high, tmp_path / "high")
     env = load_environment(str(tmp_path / "high"), bumpy[1])
     assert find_untouched_links(env) == ("mast",)
-
-
-def test_poke_is_felt_where_it_is(bumpy):
-    skin = InteractiveSkin(bumpy[0], loses=False, robot=bumpy[1])
-    taxel = 200
-    place = LinkPoint("body", skin.mounted.skin.positions[taxel])
-    skin.hand.poke(place, force=12.0, seconds=0.4)
-    counts = np.array(
-        [skin.scan(i * 20_000_000 + 1, np.zeros(1)).counts for i in range(30)]
-    )
-    risen = (counts - counts[0]).max(axis=0)
-    tree = KDTree(skin.mounted.skin.positions)
-    assert tree.query(place.p_link)[1] == taxel
-    felt = skin.mounted.skin.positions[np.argmax(risen)]
-    assert np.linalg.norm(felt - place.p_link) < 0.015
 
 
 def test_set_is_generated_on_a_designed_skin_and_read_with_its_robot(

@@ -109,14 +109,3 @@ def test_pairs_are_refused_on_a_robot_that_cannot_fold():
     with pytest.raises(ValueError, match="'pairs'.*'base'") as caught:
         GenerationSettings("pairs", "base", clips=2)
     assert "\n" not in str(caught.value)
-
-
-def test_grab_of_a_drum_is_weak():
-    """Hands are spread on it and squeeze with a share of their largest grip."""
-    simulator = get_simulator("base")
-    share = simulator.env.constants.value("grab.weakest")
-    for plan in [p for p in plan_clips() if p.gesture == "grab"][:3]:
-        clip = simulator.make(replace(plan, concurrent=0.0))
-        largest = float(clip.drawn["touch0.largest"])
-        assert largest <= share * 300.0
-        assert clip.truths[0].force.max() <= 1.05 * largest

@@ -48,29 +48,6 @@ def test_hold_creeps_as_the_logged_ones():
         assert found == pytest.approx(expected, abs=0.04)
 
 
-def test_exponent_is_recovered_from_plateaus():
-    pressures = np.array([5.0, 10.0, 20.0, 40.0])
-    plateaus = [read_conductance(step_load(p, 1.0))[-1] for p in pressures]
-    slope = np.polyfit(np.log(pressures), np.log(plateaus), 1)[0]
-    assert slope == pytest.approx(0.76, abs=0.005)
-
-
-def test_exponents_of_builds_lie_about_the_measured_one():
-    rng = np.random.default_rng(1)
-    means = [
-        draw_build("b", "fresh", SKIN, CONSTANTS, rng).velostat.exponent.mean()
-        for _ in range(40)
-    ]
-    assert all(0.76 - 0.16 < mean < 0.76 + 0.32 for mean in means)
-    assert np.mean(means) == pytest.approx(0.85, abs=0.03)
-
-
-def test_conductance_is_zero_one_reading_after_release():
-    g = read_conductance(step_load(20.0, 1.0, after=0.2))
-    released = round(1.1 / PERIOD)
-    assert g[released - 1] > 0.5 and not g[released:].any()
-
-
 @pytest.mark.parametrize(
     ("seconds", "least", "most"), [(0.5, 0.15, 0.35), (20, 0.07, 0.2)]
 )

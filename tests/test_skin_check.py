@@ -159,10 +159,11 @@ def test_invalid_input_is_refused_in_one_line(
 @pytest.mark.slow
 def test_show_command_prints_and_draws_a_skin(tmp_path, capsys):
     picture = tmp_path / "skin.png"
-    assert run(["skin", "show", "ur5", "--out", str(picture), "--json"]) == 0
+    skin = load_skin("post")
+    assert run(["skin", "show", "post", "--out", str(picture), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert shown["taxels"] == 2112 == sum(p["taxels"] for p in shown["patches"])
-    assert shown["area_cm2"] == pytest.approx(1e4 * SKIN.areas.sum(), abs=1e-3)
+    assert shown["taxels"] == skin.count == sum(p["taxels"] for p in shown["patches"])
+    assert shown["area_cm2"] == pytest.approx(1e4 * skin.areas.sum(), abs=1e-3)
     assert shown["calibrated"]
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert list(tmp_path.iterdir()) == [picture]

@@ -227,9 +227,8 @@ def test_gentact_electrodes_are_in_millimetres(tmp_path):
     assert skin.areas == pytest.approx(64e-6)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+WRONG = {
+    "hand.urdf": [
         ("</robot>", "", ["not XML"]),
         ('rows="4"', 'rows="x"', ["palm_pad", "rows is 'x'"]),
         ('rows="4"', 'rows="0"', ["rows is 0"]),
@@ -247,16 +246,7 @@ def test_gentact_electrodes_are_in_millimetres(tmp_path):
         ('name="flipped"', 'name="palm_pad"', ["'palm_pad' twice"]),
         ("tactile", "haptic", ["no <sensor> with <tactile>"]),
     ],
-)
-def test_wrong_urdf_is_refused_in_one_line(hand, tmp_path, capsys, old, new, words):
-    assert old in URDF
-    hand.write_text(URDF.replace(old, new))
-    refuse(capsys, hand, tmp_path / "skin", words)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+    "leg.txt": [
         ("[calibration]", "[positions]", ["no line [calibration]"]),
         ("name\tl_lower_leg\n", "", ["no name", "--link"]),
         ("0.980000", "x", ["line 6", "allowed are x, y, z"]),
@@ -266,16 +256,7 @@ def test_wrong_urdf_is_refused_in_one_line(hand, tmp_path, capsys, old, new, wor
         ("spatial_sampling\ttaxel", "columns\t0", ["columns is '0'"]),
         ("taxel2Repr", "\xe4", ["byte"]),
     ],
-)
-def test_wrong_icub_file_is_refused_in_one_line(leg, tmp_path, capsys, old, new, words):
-    assert old in ICUB
-    leg.write_bytes(ICUB.replace(old, new).encode("latin-1"))
-    refuse(capsys, leg, tmp_path / "skin", words)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+    "skin.csv": [
         ("Index,X", "Number,X", ["begins with 'Number"]),
         ("0.0375,0.0,0.05,0.004", "0.0375,0.0,x,0.004", ["line 2"]),
         ("0.0375,0.0,0.05,0.004", "0.0375,0.0,0.05,0", ["line 2", "radius above 0"]),
@@ -283,13 +264,21 @@ def test_wrong_icub_file_is_refused_in_one_line(leg, tmp_path, capsys, old, new,
         ("/World/arm/tube\n1", "/World/nose\n1", ["'/World/nose'", "no link", "tube"]),
         (GENTACT.partition("\n")[2], "", ["0 taxels"]),
     ],
+}
+"""What makes a file wrong, and what is said of it."""
+TEXTS = {"hand.urdf": URDF, "leg.txt": ICUB, "skin.csv": GENTACT}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [(name, *row) for name, rows in WRONG.items() for row in rows],
 )
-def test_wrong_gentact_file_is_refused_in_one_line(
-    csv_file, tmp_path, capsys, old, new, words
-):
-    assert old in GENTACT
-    csv_file.write_text(GENTACT.replace(old, new, 1))
-    refuse(capsys, csv_file, tmp_path / "skin", words, "--robot-urdf", "tube")
+def test_wrong_file_is_refused_in_one_line(name, old, new, words, tmp_path, capsys):
+    assert old in TEXTS[name]
+    path = tmp_path / name
+    path.write_bytes(TEXTS[name].replace(old, new).encode("latin-1"))
+    options = ("--robot-urdf", "tube") if name == "skin.csv" else ()
+    refuse(capsys, path, tmp_path / "skin", words, *options)
 
 
 def refuse(capsys, path, out, words, *options):
@@ -311,12 +300,7 @@ def test_gentact_file_needs_a_robot_and_electrodes_a_link(csv_file, tmp_path, ca
 def test_command_goes_through_every_format(hand, tmp_path, capsys):
     first = tmp_path / "skin"
     found, _ = call_json(capsys, "skin", "convert", hand, first)
-    assert found == {
-        "out": str(first),
-        "format": "skin",
-        "taxels": 36,
-        "patches": 3,
-    }
+    assert found == {"out": str(first), "format": "skin", "taxels": 36, "patches": 3}
     skin = load_skin(first)
     assert_same(skin, read_tactile_urdf(hand, "hand"))
     again = tmp_path / "again.urdf"

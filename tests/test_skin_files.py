@@ -101,20 +101,6 @@ def test_saving_replaces_a_skin(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == FILES
 
 
-def test_failed_save_keeps_the_old_skin(tmp_path, monkeypatch):
-    save_skin(load_skin("sleeve"), tmp_path)
-
-    def fail(path, text, **_):
-        path.touch()
-        raise OSError("no space left")
-
-    monkeypatch.setattr(type(tmp_path), "write_text", fail)
-    with pytest.raises(OSError, match="no space left"):
-        save_skin(load_skin("flat"), tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == FILES
-    assert load_skin(tmp_path).name == "sleeve"
-
-
 def test_order_of_lines_byte_order_mark_and_blank_lines_change_nothing(tmp_path):
     head, *lines = TABLE.splitlines()
     expected = to_plain(load_skin(write_files(tmp_path)))

@@ -23,10 +23,7 @@ NOMINAL = calibration_of(SKIN)
 """One count is 0.1 kPa."""
 REST_COUNTS = REST + np.random.default_rng(1).integers(-60, 60, SKIN.count)
 MEASURED = replace(
-    NOMINAL,
-    source="rest",
-    noise=np.ones(SKIN.count),
-    rest=REST_COUNTS.astype(float),
+    NOMINAL, source="rest", noise=np.ones(SKIN.count), rest=REST_COUNTS.astype(float)
 )
 PAD = press_pad(SKIN, (0.02, 0.02), kpa=1.0, radius=0.015)
 """Share of a press on each taxel of a pad."""

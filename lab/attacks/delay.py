@@ -3,8 +3,8 @@
     python -m lab.attacks delay
     python -m lab.attacks delay --only "step 3 s" --minutes 2
 
-A patch sends 50 scans a second; from 12 s on its packets are delayed or replayed, and
-with `--beside` those of another one are not. In every reading with its data somebody
+A patch sends 50 scans a second; from 12 s on its packets are delayed or replayed. In
+every reading with its data somebody
 touches it. The table has the largest true age of data on which such a touch was obeyed,
 when an event said that the patch is late or silent, with the true age of its newest
 packet then, and the share of the scans made from then on that were used. Links are
@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import tyro
 
 from eskin.units import NS_PER_S
 from lab.attacks.played_line import (
@@ -27,7 +26,6 @@ from lab.attacks.played_line import (
     PlayedEcho,
     PlayedLine,
     PlayedPatch,
-    merge_arrivals,
 )
 from lab.tables import format_head, format_row
 
@@ -153,9 +151,7 @@ class DelayResult:
     used."""
 
 
-def attack_timing(
-    name: str, link: Link, minutes: float, seed: int = 0, beside: bool = False
-) -> DelayResult:
+def attack_timing(name: str, link: Link, minutes: float, seed: int = 0) -> DelayResult:
     """Play an attack to a policy, and return what it led to.
 
     Args:
@@ -163,20 +159,17 @@ def attack_timing(
         link: whether there are echoes, and whether the attack delays them.
         minutes: duration of the attack [min].
         seed: seed of the delays.
-        beside: whether there is another patch, which is not attacked.
     """
     rng = np.random.default_rng((seed, 31))
     seconds = BEGIN + 60 * minutes
     interval = None if link == "one-way" else 1.0
     error = ONE_WAY_ERROR if link == "one-way" else ECHO_ERROR
-    patches = [PlayedPatch(0, error=error), PlayedPatch(1, phase=0.4)][: 1 + beside]
-    sent = list(patches[0].send(seconds, interval))
+    patch = PlayedPatch(0, error=error)
+    sent = list(patch.send(seconds, interval))
     spared = [a for a in sent if is_echo(a) and link == "echo left alone"]
     hit = [a for a in sent if not (is_echo(a) and spared)]
-    streams = [travel([*ATTACKS[name](iter(hit), rng), *spared], rng)]
-    streams += [travel(patch.send(seconds, interval), rng) for patch in patches[1:]]
-    arrivals = list(merge_arrivals(*streams))
-    line = PlayedLine(patches)
+    arrivals = travel([*ATTACKS[name](iter(hit), rng), *spared], rng)
+    line = PlayedLine([patch])
     line.play(arrivals, seconds)
     return summarise(line, arrivals, seconds)
 
@@ -205,13 +198,11 @@ def summarise(line: PlayedLine, arrivals: list[Arrival], seconds: float) -> Dela
     events = [
         event.stamp
         for event in line.events
-        if event.kind in ("late", "silent")
-        and event.patch == "patch_0"
-        and event.stamp > START + NS_PER_S
+        if event.kind in ("late", "silent") and event.stamp > START + NS_PER_S
     ]
     said, age = None, None
     if events:
-        came = [a for a in arrivals if a.arrived <= events[0] and a.packet.address == 0]
+        came = [a for a in arrivals if a.arrived <= events[0]]
         said = (events[0] - begin) / NS_PER_S
         age = (events[0] - came[-1].made) / NS_PER_S
     end = START + round((seconds - 1.0) * NS_PER_S)
@@ -232,20 +223,15 @@ class Command:
     """Attacks to run; all without any."""
     links: tuple[Link, ...] = LINKS
     """Links to attack."""
-    beside: bool = False
-    """Put a patch beside it that is not attacked."""
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Print a table of the attacks."""
-    command = tyro.cli(Command, args=args)
     heads = ["oldest obeyed [ms]", "said after [s]", "at an age of [ms]", "used"]
     print(format_head(["attack", "link", *heads]))
     for name in command.only or ATTACKS:
         for link in command.links:
-            result = attack_timing(
-                name, link, command.minutes, command.seed, command.beside
-            )
+            result = attack_timing(name, link, command.minutes, command.seed)
             cells = [
                 f"{1e3 * result.obeyed:.0f}",
                 "" if result.said is None else f"{result.said:.1f}",
@@ -253,7 +239,3 @@ def main(args: list[str] | None = None) -> None:
                 f"{100 * result.used:.0f} %",
             ]
             print(format_row([name, link, *cells]), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -6,8 +6,8 @@
 An arm works in its skin, and every fault is simulated in turn. The table has what an
 hour of it does: touches that open, detections, and commands that are accepted, which
 nobody gave. An operator releases every hold after one second, and lets a paused arm go
-on after five, so that neither hides what would follow; `--no-release` leaves the arm as
-it is. `--recall` performs gestures on the same faulty skins and counts the recognised.
+on after five, so that neither hides what would follow. `--recall` performs gestures on
+the same faulty skins and counts the recognised.
 """
 
 from collections import Counter
@@ -16,12 +16,14 @@ from multiprocessing import get_context
 from typing import final
 
 import numpy as np
-import tyro
 
-from eskin.command import SUSPEND, Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.learn.events.event_scoring import score_events
+from eskin.learn.events.matching import ScoredStream, build_events
 from eskin.live import Detection, Model, Recognizer, load_model
+from eskin.recording import TruthRecord
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin
@@ -36,7 +38,6 @@ from eskin.stream import (
 )
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
-from lab.attacks.live_run import GESTURES, Run, stand_still
 from lab.attacks.skin_faults import FAULTS, FaultySkin, build_target
 from lab.tables import format_head, format_row
 
@@ -50,6 +51,9 @@ RECALL_SKINS = 9
 """Number of builds on which gestures are performed."""
 RECALL_PAUSE = (1.5, 3.0)
 """Range of the time between two gestures [s]."""
+GESTURES = ("poke", "double_pat", "grab", "stroke")
+QUIET = 2.0
+"""Time without touch at the start, in which a skin is tared [s]."""
 
 
 @dataclass(frozen=True)
@@ -59,15 +63,11 @@ class Command:
     minutes: float = 30.0
     """Simulated time of each row and seed [min]."""
     seeds: int = 3
-    """Number of seeds of each row."""
-    first_seed: int = 0
-    """First seed; the others follow."""
+    """Number of seeds of each row, from 0 on."""
     build_minutes: float = 10.0
     """Time after which another build of the skin with its fault is taken [min]."""
     only: tuple[str, ...] = ()
     """Rows to simulate; all unless given."""
-    release: bool = True
-    """Whether an operator releases holds and lets a paused arm go on."""
     workers: int = 2
     """Number of processes."""
     recall: bool = False
@@ -148,9 +148,9 @@ class FaultTallyListener(Listener):
 class Operator:
     """An operator releases a held arm after a time, and lets a paused arm go on."""
 
-    def __init__(self, arm: SimulatedArm, tally: FaultTally, release: bool) -> None:
+    def __init__(self, arm: SimulatedArm, tally: FaultTally) -> None:
         """Start with an arm that works."""
-        self.arm, self.tally, self.release = arm, tally, release
+        self.arm, self.tally = arm, tally
         self.held_since: int | None = None
         self.paused_since: int | None = None
         self.last: int | None = None
@@ -165,8 +165,6 @@ class Operator:
         self.last = now
         self.held_since = (self.held_since or now) if held else None
         self.paused_since = (self.paused_since or now) if paused else None
-        if not self.release:
-            return
         if self.held_since and now - self.held_since >= HOLD_SECONDS * NS_PER_S:
             self.arm.release()
             self.held_since = None
@@ -185,8 +183,6 @@ class AttackPlan:
     """Simulated time [s]."""
     seed: int
     """Seed of the build and of the faults."""
-    release: bool
-    """Whether an operator releases holds and lets a paused arm go on."""
 
 
 @final
@@ -200,7 +196,7 @@ class AttackedArm:
         skin, vocabulary = source.skin, model.card.vocabulary
         self.tally = FaultTally()
         self.arm = SimulatedArm(clock=source.clock)
-        self.operator = Operator(self.arm, self.tally, plan.release)
+        self.operator = Operator(self.arm, self.tally)
         target = build_target(skin.mounted.skin, skin.calibration, plan.seed)
         self.faulty = FaultySkin(fault, target)
         commands = load_commands(None, vocabulary, skin.mounted.skin)
@@ -242,8 +238,8 @@ def plan_builds(command: Command, names: list[str]) -> list[AttackPlan]:
         left, build = 60.0 * command.minutes, 0
         while left > 0:
             part = min(left, 60.0 * command.build_minutes)
-            seed = 1000 * (command.first_seed + number) + build
-            plans.append(AttackPlan(tuple(names), part, seed, command.release))
+            seed = 1000 * number + build
+            plans.append(AttackPlan(tuple(names), part, seed))
             left, build = left - part, build + 1
     return plans
 
@@ -271,26 +267,47 @@ def print_attacks(command: Command, names: list[str]) -> None:
             print(f"<!-- {name}: held {count} times: {reason} -->")
 
 
-def run_gestures(fault: str, gestures: int, first: int, seed: int, model: Model) -> Run:
+def run_gestures(
+    fault: str, gestures: int, first: int, seed: int, model: Model
+) -> ScoredStream:
     """Perform gestures in turn on a standing arm in a faulty skin."""
     rng = np.random.default_rng((seed, 26))
     live = InteractiveSkin("ur5", seed)
     faulty = FaultySkin(fault, build_target(live.mounted.skin, live.calibration, seed))
     q = draw_pose(live.env, POSE_GROUPS, np.random.default_rng((seed, 25)))
-    run = Run(live, model, stand_still(q, live), faulty.corrupt)
+    recognizer = Recognizer(model, live.mounted, live.calibration)
+    truths: list[TruthRecord] = []
+    detections: list[Detection] = []
+    time = 0.0
+
+    def scan() -> None:
+        nonlocal time
+        time += live.period
+        corrupted = faulty.corrupt(live.scan(round(time * NS_PER_S), q))
+        truths.extend(live.hand.truths())
+        detections.extend(recognizer.push(corrupted))
+
+    def wait(seconds: float) -> None:
+        for _ in range(round(seconds / live.period)):
+            scan()
+
+    wait(QUIET)
     for k in range(gestures):
-        run.live.hand.perform(GESTURES[(first + k) % len(GESTURES)])
-        run.finish()
-        run.wait(rng.uniform(*RECALL_PAUSE))
-    return run
+        live.hand.perform(GESTURES[(first + k) % len(GESTURES)])
+        while live.hand.touching:
+            scan()
+        wait(rng.uniform(*RECALL_PAUSE))
+    detections += recognizer.finish()
+    events = sorted(build_events(truths), key=lambda event: event.onset)
+    return ScoredStream(tuple(events), detections, time, live.hand.person.name)
 
 
 def measure_recall(fault: str, command: Command, model: Model) -> tuple[int, int, int]:
     """Return gestures recognised, performed, and detections of what nobody did."""
-    seeds = 5000 + 100 * command.first_seed + np.arange(RECALL_SKINS)
+    seeds = 5000 + np.arange(RECALL_SKINS)
     each = command.gestures // RECALL_SKINS
     streams = [
-        run_gestures(fault, each, number, int(seed), model).take()
+        run_gestures(fault, each, number, int(seed), model)
         for number, seed in enumerate(seeds)
     ]
     total = score_events(streams, model.card.vocabulary).total
@@ -307,15 +324,10 @@ def print_recall(command: Command, names: list[str]) -> None:
         print(format_row(cells), flush=True)
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Print a table of the faults."""
-    command = tyro.cli(Command, args=args)
     names = [name for name in FAULTS if not command.only or name in command.only]
     if command.recall:
         print_recall(command, names)
     else:
         print_attacks(command, names)
-
-
-if __name__ == "__main__":
-    main()

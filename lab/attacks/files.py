@@ -1,6 +1,6 @@
 """Give hostile files to the commands of eskin.
 
-    python -m lab.attacks files [--only TEXT] [--brief]
+    python -m lab.attacks files [--only TEXT]
 
 Each file must be refused with one line and exit code 2, in less than 2 s of processor
 time and 500 MB, of which 1 s and 150 MB are those of Python and its imports. Processor
@@ -14,12 +14,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-
-import tyro
 
 from eskin.skin import save_skin
 from lab.attacks.hostile_recordings import (
@@ -27,12 +24,12 @@ from lab.attacks.hostile_recordings import (
     RECORDINGS,
     build_skin_writer,
 )
-from lab.attacks.hostile_robots import ROBOTS
 from lab.attacks.hostile_texts import (
     CALIBRATIONS,
     DATASETS,
     KEYS,
     MODELS,
+    ROBOTS,
     SKINS,
     SMALL,
     SPECIAL,
@@ -117,13 +114,11 @@ and a good skin."""
 
 
 @dataclass(frozen=True)
-class AttackCommand:
+class Command:
     """Give hostile files to the commands of eskin."""
 
     only: str = ""
     """Part of the names of the files or commands to try; by default all."""
-    brief: bool = False
-    """Print one row a file, with the largest figures of all commands."""
 
 
 @dataclass(frozen=True)
@@ -151,37 +146,28 @@ class Refusal:
         small = self.seconds < MAX_SECONDS and self.megabytes < MAX_MEGABYTES
         return self.code == 2 and len(self.lines) == 1 and small
 
-    def shorten_command(self) -> str:
-        """Return the words that name the command."""
-        if "{}" not in self.command:  # Several commands, in short already.
-            return self.command
-        words = self.command.split()
-        return " ".join(words[: 2 if words[0] == "skin" else 1])
-
     def format(self) -> str:
         """Return a row of the table."""
+        words = self.command.split()
         cells = (
-            *(self.kind, self.name, self.shorten_command()),
+            *(self.kind, self.name),
+            " ".join(words[: 2 if words[0] == "skin" else 1]),
             *(str(self.code), str(len(self.lines))),
             *(f"{self.seconds:.1f}", f"{self.megabytes:.0f}"),
         )
         return format_row(cells) + ("" if self.is_good else " !")
 
 
-def main(words: Sequence[str]) -> None:
+def main(command: Command) -> None:
     """Try the files, print a table, and exit with 1 where one was not refused."""
-    command = tyro.cli(AttackCommand, args=words)
     found: list[Refusal] = []
-    what = "commands" if command.brief else "command"
-    print(format_head(("file", "", what, "code", "lines", "s", "MB")))
+    print(format_head(("file", "", "command", "code", "lines", "s", "MB")))
     for kind, files in FILES.items():
         for name, write in files.items():
-            lines = [x for x in COMMANDS[kind] if command.only in f"{kind} {name} {x}"]
-            tries = [attack(kind, name, write, line) for line in lines]
-            found += tries
-            rows = [summarise(tries)] if command.brief and tries else tries
-            for row in rows:
-                print(row.format(), flush=True)
+            for line in COMMANDS[kind]:
+                if command.only in f"{kind} {name} {line}":
+                    found.append(attack(kind, name, write, line))
+                    print(found[-1].format(), flush=True)
     bad = [refusal for refusal in found if not refusal.is_good]
     slowest = max((refusal.seconds for refusal in found), default=0.0)
     largest = max((refusal.megabytes for refusal in found), default=0.0)
@@ -193,16 +179,6 @@ def main(words: Sequence[str]) -> None:
         print(f"{refusal.kind}, {refusal.name}, {refusal.command}:")
         print("\n".join(f"  {line:.300}" for line in refusal.lines[-3:]))
     sys.exit(bool(bad))
-
-
-def summarise(tries: Sequence[Refusal]) -> Refusal:
-    """Return one refusal with the largest figures of several of a file."""
-    return replace(
-        next((refusal for refusal in tries if not refusal.is_good), tries[0]),
-        command=", ".join(map(Refusal.shorten_command, tries)),
-        seconds=max(refusal.seconds for refusal in tries),
-        megabytes=max(refusal.megabytes for refusal in tries),
-    )
 
 
 def attack(kind: Kind, name: str, write: Write, command: str) -> Refusal:

@@ -1,7 +1,6 @@
 """Forge packets of a patch that has a key, and count those that are accepted.
 
     python -m lab.attacks forgery [--packets 1000000]
-    python -m lab.attacks forgery --throughput
 
 The attacker sees and sends everything on the line, and has every packet of an earlier
 run, but not the key. Packets go the way of real ones: decoder, session, registry,
@@ -15,8 +14,6 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, final
-
-import tyro
 
 from eskin.drivers import Request, SessionSeal, decode_packet, encode_packet
 from eskin.drivers.packet import CRC, SEAL
@@ -36,7 +33,7 @@ SEAL_START = -SEAL.size - CRC.size
 
 @dataclass(frozen=True)
 class Command:
-    """Attack the seals of protocol version 2, or measure what they cost."""
+    """Attack the seals of protocol version 2."""
 
     packets: int = 1_000_000
     """Number of forged packets; a tenth as many forged requests follow."""
@@ -250,11 +247,9 @@ def attack_patch(attacker: Attacker, packets: int) -> dict[str, tuple[int, int]]
     return result
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Attack, print what was accepted, and exit with 1 if anything was."""
-    command = tyro.cli(Command, args=args)
     attacker = Attacker(random.Random(command.seed).randbytes(32), command.seed)
-    attacker.true = attacker.refused = 0
     found = attack_host(attacker, command.packets)
     found |= attack_patch(attacker, command.packets // 10)
     rows = [(name, f"{sent:,}", f"{taken:,}") for name, (sent, taken) in found.items()]
@@ -267,7 +262,3 @@ def main(args: list[str] | None = None) -> None:
         f"{attacker.true:,} true packets, {attacker.refused:,} of them refused"
     )
     sys.exit(bool(accepted or attacker.refused))
-
-
-if __name__ == "__main__":
-    main()

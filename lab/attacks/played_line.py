@@ -204,7 +204,6 @@ class PlayedLine:
 
     Attributes:
         obeyed: largest true age of data on which a touch was obeyed [ns].
-        used: number of readings with data of the target.
         events: events of the line.
         arm: the arm that is held.
     """
@@ -230,7 +229,7 @@ class PlayedLine:
         )
         self.policy.start(Context(info, self.clock, self.ignore))
         self.check_at = START
-        self.obeyed = self.used = 0
+        self.obeyed = 0
         self.made: list[int] = []
         self.events: list[Event] = []
 
@@ -288,7 +287,6 @@ class PlayedLine:
         made = self.target.find_made(scan)
         if made is None:
             return
-        self.used += 1
         self.made.append(made)
         if self.policy.find_fault(self.arm.state(), scan.stamp) is None:
             self.obeyed = max(self.obeyed, self.clock.now() - made)

@@ -135,26 +135,21 @@ def wander(target: FaultTarget, taxels: Int[np.ndarray, "chosen"]) -> Disturbanc
     return disturb
 
 
-def hum_of_patch(target: FaultTarget) -> Disturbance:
-    """Return mains hum on one patch, which beats with the rate of the scans."""
+def hum(target: FaultTarget, by_rows: bool = False) -> Disturbance:
+    """Return mains hum on one patch, which beats with the rate of the scans.
+
+    Args:
+        target: skin that is attacked.
+        by_rows: whether the rows of the patch are read one after the other.
+    """
     patch = int(target.rng.integers(len(target.skin.patches)))
     share = (target.skin.patch_index == patch).astype(float)
     frequency = target.rng.normal(MAINS, MAINS_DRIFT)
-    phase = target.rng.uniform(0.0, 2 * np.pi)
-
-    def disturb(seconds: float) -> Float[np.ndarray, "taxel"]:
-        return HUM * np.sin(2 * np.pi * frequency * seconds + phase) * share
-
-    return disturb
-
-
-def hum_by_rows(target: FaultTarget) -> Disturbance:
-    """Return mains hum on one patch whose rows are read one after the other."""
-    patch = int(target.rng.integers(len(target.skin.patches)))
-    share = (target.skin.patch_index == patch).astype(float)
-    frequency = target.rng.normal(MAINS, MAINS_DRIFT)
-    rows = np.asarray(target.skin.rows, float)
-    delay = rows / (rows[share > 0].max() + 1.0) / MAINS
+    if by_rows:
+        rows = np.asarray(target.skin.rows, float)
+        delay = rows / (rows[share > 0].max() + 1.0) / MAINS
+    else:
+        delay = target.rng.uniform(0.0, 1.0) / frequency
 
     def disturb(seconds: float) -> Float[np.ndarray, "taxel"]:
         return HUM * np.sin(2 * np.pi * frequency * (seconds + delay)) * share
@@ -220,8 +215,8 @@ FAULTS: dict[str, Callable[[FaultTarget], Disturbance]] = {
     "floating row": float_row,
     "floating row, slow": lambda target: wander(target, choose_row(target)),
     "two floating rows, slow": lambda target: wander(target, choose_rows(target)),
-    "hum of a patch": hum_of_patch,
-    "hum of a patch, row by row": hum_by_rows,
+    "hum of a patch": hum,
+    "hum of a patch, row by row": lambda target: hum(target, by_rows=True),
     "spikes, 1e-4 a value": add_spikes,
     "telegraph, 0.2 %": lambda target: step(target, choose(target, 0.002)),
     "telegraph in step, four taxels": lambda target: step(

@@ -5,9 +5,10 @@ from functools import partial
 
 from eskin.skin import MountedSkin
 from lab.baselines.convolution import (
-    Cnn3dBaseline,
-    CnnLstmBaseline,
-    ImageBaseline,
+    Cnn3d,
+    CnnLstm,
+    GridBaseline,
+    ImageCnn,
 )
 from lab.baselines.estimators import (
     Estimator,
@@ -68,13 +69,12 @@ BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
     "random-forest": partial(HandBaseline, estimator=RandomForest(trees=1000)),
     "gradient-boosting": partial(HandBaseline, estimator=GradientBoosting(leaves=31)),
 }
-"""Baselines that are not networks, by name, tuned on sets that no table uses
-(`lab/tuning.py`)."""
+"""Baselines that are not networks, by name, tuned on sets that no table uses."""
 
-NETWORKS: dict[str, type[NetworkBaseline]] = {
-    "cnn-lstm": CnnLstmBaseline,
-    "3d-cnn": Cnn3dBaseline,
-    "tactile-image": ImageBaseline,
+NETWORKS: dict[str, Callable[..., NetworkBaseline]] = {
+    "cnn-lstm": partial(GridBaseline, network=CnnLstm),
+    "3d-cnn": partial(GridBaseline, network=Cnn3d),
+    "tactile-image": partial(GridBaseline, network=ImageCnn),
     "paper": PaperBaseline,
 }
 """Baselines that are networks, by name."""

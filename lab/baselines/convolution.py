@@ -13,10 +13,15 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from eskin.skin import Skin
+from eskin.skin import MountedSkin, Skin
 from lab.baselines.flat import PRESSURE_UNIT, TIME_BINS
 from lab.baselines.interface import READINGS
-from lab.baselines.network import NetworkBaseline, ReadingNetwork, WindowNetwork
+from lab.baselines.network import (
+    FitConfig,
+    NetworkBaseline,
+    ReadingNetwork,
+    WindowNetwork,
+)
 
 PIXEL_HEIGHT = 0.008
 """Height of a pixel of the unrolled arm [m], about the distance between taxels."""
@@ -242,27 +247,26 @@ def build_strided_layers(
 
 
 @final
-class CnnLstmBaseline(NetworkBaseline):
-    """This baseline is the CNN-LSTM of the paper's tables."""
+class GridBaseline(NetworkBaseline):
+    """This baseline is a network on grids of taxels."""
 
-    def build(self) -> CnnLstm:
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        config: FitConfig | None = None,
+        *,
+        network: Callable[[Skin, int], WindowNetwork],
+    ) -> None:
+        """Create an untrained baseline.
+
+        Args:
+            mounted: the skin on its robot.
+            config: settings of the training.
+            network: function that builds the network from skin and number of classes.
+        """
+        super().__init__(mounted, config)
+        self.make = network
+
+    def build(self) -> WindowNetwork:
         """Return the network."""
-        return CnnLstm(self.mounted.skin, self.classes)
-
-
-@final
-class Cnn3dBaseline(NetworkBaseline):
-    """This baseline is a three-dimensional CNN."""
-
-    def build(self) -> Cnn3d:
-        """Return the network."""
-        return Cnn3d(self.mounted.skin, self.classes)
-
-
-@final
-class ImageBaseline(NetworkBaseline):
-    """This baseline is a CNN on tactile images."""
-
-    def build(self) -> ImageCnn:
-        """Return the network."""
-        return ImageCnn(self.mounted.skin, self.classes)
+        return self.make(self.mounted.skin, self.classes)

@@ -16,9 +16,8 @@ from eskin.skin import MountedSkin
 from lab.baselines.estimators import Estimator
 from lab.baselines.interface import (
     READINGS,
-    Baseline,
     Labels,
-    Probabilities,
+    RowBaseline,
     SkinWindows,
 )
 
@@ -36,7 +35,7 @@ FeatureRows = Float[np.ndarray, "clip feature"]
 
 
 @final
-class FlatBaseline(Baseline):
+class FlatBaseline(RowBaseline):
     """A flat baseline classifies the pressures of all taxels as rows of features."""
 
     def __init__(
@@ -54,24 +53,22 @@ class FlatBaseline(Baseline):
                 parts of the window, all reduced to 512 principal components (fewer
                 where there are fewer windows).
         """
-        super().__init__(mounted)
-        self.estimator = estimator
-        self.compute_rows = compute_maxima if features == "maxima" else compute_bins
+        super().__init__(mounted, estimator)
         self.reduces = features == "bins"
-        self.model: Estimator = None
+
+    def compute_rows(self, clips: SkinWindows) -> FeatureRows:
+        """Return the features of each window."""
+        compute = compute_bins if self.reduces else compute_maxima
+        return compute(clips.pressure)
 
     def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
         """Fit windows that have been checked."""
-        rows = self.compute_rows(clips.pressure)
+        rows = self.compute_rows(clips)
         self.model = self.estimator(seed)
         if self.reduces:
             parts = PCA(min(COMPONENTS, *rows.shape), random_state=seed)
             self.model = make_pipeline(parts, self.model)
         self.model.fit(rows, labels)
-
-    def predict_windows(self, clips: SkinWindows) -> Probabilities:
-        """Classify windows that have been checked."""
-        return np.asarray(self.model.predict_proba(self.compute_rows(clips.pressure)))
 
 
 def compute_maxima(pressure: Float[np.ndarray, "clip 100 taxel"]) -> FeatureRows:

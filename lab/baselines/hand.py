@@ -7,8 +7,6 @@ statistics of the shear.
 """
 
 from collections import deque
-from collections.abc import Callable
-from copy import copy
 from typing import final
 
 import numpy as np
@@ -26,15 +24,12 @@ from eskin.live import (
 from eskin.live.summary_kernels import compute_load_motion
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
-from lab.baselines.estimators import Estimator
 from lab.baselines.interface import (
     READINGS,
     STEP_NS,
     TOUCHED,
-    Baseline,
     BaselineStream,
-    Labels,
-    Probabilities,
+    RowBaseline,
     SkinWindows,
 )
 
@@ -164,35 +159,8 @@ STAMPS = STEP_NS * np.arange(READINGS)
 
 
 @final
-class HandBaseline(Baseline):
+class HandBaseline(RowBaseline):
     """This baseline classifies hand-crafted features of the whole skin in a window."""
-
-    def __init__(
-        self, mounted: MountedSkin, estimator: Callable[[int], Estimator]
-    ) -> None:
-        """Create an untrained baseline.
-
-        Args:
-            mounted: the skin on its robot.
-            estimator: function that builds the classifier of rows from a seed.
-        """
-        super().__init__(mounted)
-        self.estimator = estimator
-        self.model: Estimator = None
-
-    def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
-        """Fit windows that have been checked."""
-        self.model = self.estimator(seed).fit(self.compute_rows(clips), labels)
-
-    def predict_windows(self, clips: SkinWindows) -> Probabilities:
-        """Classify windows that have been checked."""
-        return np.asarray(self.model.predict_proba(self.compute_rows(clips)))
-
-    def move_to(self, mounted: MountedSkin) -> "HandBaseline":
-        """Return the same baseline for a skin whose taxels have moved."""
-        other = copy(self)
-        other.mounted = mounted
-        return other
 
     def build_streams(self) -> dict[str, BaselineStream]:
         """Return a stream that computes each reading's graph once."""

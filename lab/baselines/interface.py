@@ -5,6 +5,7 @@ seconds and classifies others, all at once or one reading after the other.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -13,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.errors import SkinMismatchError
 from eskin.skin import MountedSkin
+from lab.baselines.estimators import Estimator
 
 READINGS = 100
 """Readings of a window: two seconds at 50 Hz, as in the paper (section IV-C)."""
@@ -105,10 +107,6 @@ class Baseline(ABC):
             )
         return self.predict_windows(clips)
 
-    def move_to(self, mounted: MountedSkin) -> "Baseline":
-        """Return the baseline for a skin whose taxels have moved; itself by default."""
-        return self
-
     def build_streams(self) -> dict[str, BaselineStream]:
         """Return streams that classify one reading after the other, by name.
 
@@ -136,6 +134,35 @@ class Baseline(ABC):
                 f"skin '{skin.name}' of robot '{robot.name}' are {wanted[0]} and "
                 f"{wanted[1]}; take the baseline that was made for their skin"
             )
+
+
+class RowBaseline(Baseline):
+    """A row baseline classifies each window by a row of features."""
+
+    def __init__(
+        self, mounted: MountedSkin, estimator: Callable[[int], Estimator]
+    ) -> None:
+        """Create an untrained baseline.
+
+        Args:
+            mounted: the skin on its robot.
+            estimator: function that builds the classifier of rows from a seed.
+        """
+        super().__init__(mounted)
+        self.estimator = estimator
+        self.model: Estimator = None
+
+    @abstractmethod
+    def compute_rows(self, clips: SkinWindows) -> Float[np.ndarray, "clip feature"]:
+        """Return the features of each window."""
+
+    def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
+        """Fit windows that have been checked."""
+        self.model = self.estimator(seed).fit(self.compute_rows(clips), labels)
+
+    def predict_windows(self, clips: SkinWindows) -> Probabilities:
+        """Classify windows that have been checked."""
+        return np.asarray(self.model.predict_proba(self.compute_rows(clips)))
 
 
 @final

@@ -375,17 +375,6 @@ class PaperBaseline(NetworkBaseline):
         """Return the network."""
         return PaperNetwork(self.mounted, self.classes, self.k, self.pooling)
 
-    def move_to(self, mounted: MountedSkin) -> "PaperBaseline":
-        """Return a baseline of the same weights for a skin whose taxels have moved."""
-        assert isinstance(self.network, PaperNetwork)
-        other = copy(self)
-        other.mounted = mounted
-        network = other.build()
-        positions = {"positions": network.positions}
-        network.load_state_dict(self.network.state_dict() | positions)
-        other.network = network.eval()
-        return other
-
     def build_streams(self) -> dict[str, BaselineStream]:
         """Return streams that compute all nodes of 100 graphs, those of one, or few.
 

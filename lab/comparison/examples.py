@@ -17,7 +17,6 @@ from eskin.files import atomic_path
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Clip, read_clips
 from eskin.learn.prepared_recording import compute_file_key
-from eskin.learn.recording_transforms import Aging, AgingConfig, RecordingTransform
 from eskin.live import GraphConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.skin import MountedSkin
@@ -39,8 +38,6 @@ class Examples:
     """Folder that keeps prepared recordings."""
     workers: int = 1
     """Number of processes that prepare them."""
-    transform: RecordingTransform | None = None
-    """Transform of the recordings; None leaves them as they were recorded."""
 
     @cached_property
     def clips(self) -> tuple[tuple[int, Clip], ...]:
@@ -78,47 +75,27 @@ class Examples:
 
     @cached_property
     def digest(self) -> str:
-        """Return a digest of recordings, clips and transform, wherever they are."""
+        """Return a digest of recordings and clips, wherever they are."""
         hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.paths]
         hashes += [str(self.clips)]
-        hashes += [self.transform.key] if self.transform else []
         return hashlib.sha256("".join(hashes).encode()).hexdigest()[:16]
 
     def truth(self, vocabulary: Sequence[str]) -> Int[np.ndarray, "clip"]:
         """Return the true class of each clip, as an index into a vocabulary."""
         return np.array([vocabulary.index(clip.gesture) for _, clip in self.clips])
 
-    def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
-        """Return the clips' touches as graphs, with copies by `skins` aged skins."""
-        aged = (Aging(AgingConfig(), number) for number in range(skins))
-        transforms, plain = (self.transform, *aged), graph.without_shear()
-        return prepare(self.paths, None, plain, self.pack, self.workers, transforms)
+    def dataset(self, graph: GraphConfig) -> Dataset:
+        """Return the clips' touches as graphs."""
+        plain = graph.without_shear()
+        return prepare(self.paths, None, plain, self.pack, self.workers)
 
     @cached_property
     def windows(self) -> SkinWindows:
         """Return pressures of all taxels and joint positions in each clip."""
-        moved = self.transform is not None and self.transform.moves_taxels
-        transform = None if moved else self.transform
         load = delayed(load_windows)
-        jobs = (load(path, self.pack, transform) for path in self.paths)
+        jobs = (load(path, self.pack) for path in self.paths)
         parts: Any = Parallel(n_jobs=self.workers)(jobs)
         return SkinWindows(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
-
-    def find_windows_on(
-        self, mounted: MountedSkin
-    ) -> Iterator[tuple[MountedSkin, SkinWindows]]:
-        """Yield the windows in order, with the skin that recognition assumes for them.
-
-        Args:
-            mounted: true skin on its robot.
-        """
-        if self.transform is None or not self.transform.moves_taxels:
-            yield mounted, self.windows
-            return
-        for n, path in enumerate(self.paths):
-            start = read_recording(path).start
-            skin = self.transform.transform_skin(mounted.skin, start)
-            yield MountedSkin(skin, mounted.robot), self.select([n]).windows
 
     def select(self, recordings: Collection[int]) -> "Examples":
         """Return the examples of some of the recordings."""
@@ -146,14 +123,12 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
     return Examples(paths, pack, workers)
 
 
-def load_windows(
-    path: Path, pack: Path, transform: RecordingTransform | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def load_windows(path: Path, pack: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return the windows of a recording's clips; cut them unless they are on disk."""
-    key = compute_file_key(__name__, path, str(PipelineConfig()), transform)
+    key = compute_file_key(__name__, path, str(PipelineConfig()), None)
     target = pack / f"{key}.windows.npz"
     if not target.exists():
-        pressure, q = cut_clip_windows(path, transform)
+        pressure, q = cut_clip_windows(path)
         with atomic_path(target) as part:
             np.savez(part, pressure=pressure, q=q)
     with np.load(target) as arrays:
@@ -161,7 +136,7 @@ def load_windows(
 
 
 def cut_clip_windows(
-    path: Path, transform: RecordingTransform | None = None
+    path: Path,
 ) -> tuple[Float[np.ndarray, "clip 100 taxel"], Float[np.ndarray, "clip 100 joint"]]:
     """Return pressure [kPa] (float16) and joint positions [rad] of clips.
 
@@ -175,7 +150,7 @@ def cut_clip_windows(
     q = np.zeros((len(clips), READINGS, joints), np.float32)
     starts = np.array([clip.start for clip in clips])
     begun = np.zeros(len(clips), dtype=bool)
-    for stamp, felt, positions in read_pressures(recording, transform):
+    for stamp, felt, positions in read_pressures(recording):
         n = int(np.searchsorted(starts, stamp, "right")) - 1
         if n < 0 or stamp >= clips[n].end:
             continue
@@ -188,13 +163,12 @@ def cut_clip_windows(
 
 
 def read_pressures(
-    recording: Recording, transform: RecordingTransform | None = None
+    recording: Recording,
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
     """Yield stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
     mounted = MountedSkin(recording.skin, recording.load_robot())
     pipeline = TouchPipeline(mounted, recording.calibration)
-    scans = transform.transform_scans(recording) if transform else recording.scans()
-    for scan in scans:
+    for scan in recording.scans():
         reading, _ = pipeline.calibrate(scan)
         above = reading.pressure >= pipeline.faults.noise.floor
         bounded = np.minimum(reading.pressure, LARGEST_PRESSURE)

@@ -7,10 +7,13 @@ from functools import partial
 from typing import final
 
 import numpy as np
+import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import find_last_rows, predict_clips
+from eskin.learn.nn import Encoder
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.live import GraphConfig, NetworkConfig, compute_summary
 from eskin.recording import NONE
@@ -25,7 +28,6 @@ from lab.baselines import (
 )
 from lab.baselines.estimators import Estimator, GradientBoosting
 from lab.baselines.hand import compute_features, compute_statistics
-from lab.comparison.encoders import ENCODERS, EncoderKind
 from lab.comparison.examples import Examples
 
 Predictor = Callable[[Examples], Float[np.ndarray, "clip class"]]
@@ -117,27 +119,45 @@ epochs of the paper's network would take an hour."""
 
 
 @final
+class OnePoolEncoder(Encoder):
+    """This encoder pools in one way only, repeated to keep all sizes the same."""
+
+    def __init__(self, config: NetworkConfig, kept: Pooling) -> None:
+        """Create the encoder with the pooling to keep."""
+        super().__init__(config)
+        self.kept = kept
+
+    def combine(
+        self,
+        largest: Float[Tensor, "reading width"],
+        mean: Float[Tensor, "reading width"],
+    ) -> Float[Tensor, "reading embedding"]:
+        """Return one of the two poolings, twice."""
+        one = largest if self.kept == "max" else mean
+        return torch.cat([one, one], dim=1)
+
+
+@final
 @dataclass(frozen=True)
 class RecogniserMethod(Method):
     """This method trains the recogniser, or a variant of it with other pooling."""
 
     config: TrainConfig = FOR_SMALL_SETS
     """Settings of the training."""
-    encoder: EncoderKind = "equivariant"
-    """Encoder of the contact graphs."""
-    skins: int = 0
-    """Number of aged skins whose copies of each clip are trained on too."""
+    pooling: Pooling | None = None
+    """Only pooling over the nodes of a contact graph; None keeps both."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
         graph = self.config.select_graph()
-        dataset = examples.dataset(graph, self.skins)
+        dataset = examples.dataset(graph)
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
         factor = max(1.0, len(examples.clips) / SMALL)
         config = replace(self.config, steps=round(factor * self.config.steps))
         trainer = Trainer(dataset, vocabulary, config, seed=seed)
-        if self.config.network.width:
-            trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
+        if self.pooling is not None:
+            encoder = OnePoolEncoder(self.config.network, self.pooling)
+            trainer.network.encoder = encoder
         network = trainer.run(quiet=True)
         columns = [vocabulary.index(gesture) for gesture in examples.gestures]
         truth = examples.truth(examples.gestures)
@@ -168,20 +188,10 @@ class BaselineMethod(Method):
         baseline.fit(examples.windows, examples.truth(examples.gestures), seed)
 
         def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
-            probabilities = [
-                baseline.move_to(mounted).predict_probabilities(windows)
-                for mounted, windows in other.find_windows_on(baseline.mounted)
-            ]
-            return np.log(np.maximum(np.concatenate(probabilities), 1e-12))
+            probabilities = baseline.predict_probabilities(other.windows)
+            return np.log(np.maximum(probabilities, 1e-12))
 
         return predict
-
-
-def build_network_method(name: str, config: FitConfig) -> BaselineMethod:
-    """Return the method of a baseline in `NETWORKS`, with settings of its training."""
-    if name == "paper":
-        return build_paper_method(config)
-    return BaselineMethod(partial(NETWORKS[name], config=config))
 
 
 def build_paper_method(
@@ -195,6 +205,11 @@ METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
     "boosting-on-touch": TouchTrees(),
     **{name: BaselineMethod(make) for name, make in BASELINES.items()},
-    **{name: build_network_method(name, FIT_CONFIGS[name]) for name in NETWORKS},
+    **{
+        name: BaselineMethod(partial(make, config=FIT_CONFIGS[name]))
+        for name, make in NETWORKS.items()
+        if name != "paper"
+    },
+    "paper": build_paper_method(FIT_CONFIGS["paper"]),
 }
 """Methods by name; ours is the first."""

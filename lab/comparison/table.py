@@ -7,6 +7,7 @@ import numpy as np
 
 from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies
 from lab.comparison.results import AnsweredClips, MethodResult
+from lab.tables import format_head, format_row
 
 RunKey = tuple[int, int]
 """Number of the draw of the data, and the seed."""
@@ -91,29 +92,54 @@ def build_row(
     first: Mapping[RunKey, MethodResult],
 ) -> ComparisonRow:
     """Return the row of one method on one test."""
-    runs = [results[key] for key in sorted(results)]
-    accuracies = compute_accuracies(runs, test)
-    validated = compute_accuracies(list(results.values()), "val")
-    other = results is not first
+    other = None if results is first else first
+    val_accuracy, val_std, val_ahead = summarise_test(results, other, "val")
+    test_accuracy, std, test_ahead = summarise_test(results, other, test)
     val_people, val_clips = count_people_and_clips(results, "val")
     test_people, test_clips = count_people_and_clips(results, test)
+    assert test_accuracy is not None
     return ComparisonRow(
         name=name,
         test=test,
-        runs=len(runs),
-        val_accuracy=compute_mean(validated),
+        runs=len(results),
+        val_accuracy=val_accuracy,
         val_people=val_people,
         val_clips=val_clips,
         test_people=test_people,
         test_clips=test_clips,
-        test_accuracy=float(np.mean(accuracies)),
-        std=compute_std(accuracies),
-        val_std=compute_std(validated),
-        val_ahead=compute_lead(results, first, "val") if other and validated else None,
-        test_ahead=compute_lead(results, first, test) if other else None,
+        test_accuracy=test_accuracy,
+        std=std,
+        val_std=val_std,
+        val_ahead=val_ahead,
+        test_ahead=test_ahead,
         seconds=float(np.mean([result.seconds for result in results.values()])),
-        by_gesture=compute_gesture_accuracies([run.answered[test] for run in runs]),
+        by_gesture=compute_gesture_accuracies(
+            [results[key].answered[test] for key in sorted(results)]
+        ),
     )
+
+
+def summarise_test(
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult] | None,
+    test: str,
+) -> tuple[float | None, float, Lead | None]:
+    """Return mean accuracy, its standard deviation over runs, and the lead of another.
+
+    Without predictions on the test they are None, 0 and None; the deviation is 0 of a
+    single run, the lead None without another.
+    """
+    answered = [
+        results[key].answered[test]
+        for key in sorted(results)
+        if test in results[key].answered
+    ]
+    if not answered:
+        return None, 0.0, None
+    shares = [each.correct.mean() for each in answered]
+    std = float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
+    lead = compute_lead(results, first, test) if first else None
+    return float(np.mean(shares)), std, lead
 
 
 def count_people_and_clips(
@@ -152,22 +178,6 @@ def compute_gesture_accuracies(answered: Sequence[AnsweredClips]) -> dict[str, f
     return compute_group_accuracies(correct, gestures)
 
 
-def compute_accuracies(results: Sequence[MethodResult], test: str) -> list[float]:
-    """Return the accuracy of each run that has predictions on a test."""
-    answered = [r.answered[test] for r in results if test in r.answered]
-    return [float(each.correct.mean()) for each in answered]
-
-
-def compute_mean(shares: Sequence[float]) -> float | None:
-    """Return the mean; None without values."""
-    return float(np.mean(shares)) if shares else None
-
-
-def compute_std(shares: Sequence[float]) -> float:
-    """Return the standard deviation; 0 of fewer than two values."""
-    return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
-
-
 def format_lead(ahead: Lead | None) -> str:
     """Format a lead in points for a table; empty for the first method."""
     if ahead is None:
@@ -183,9 +193,9 @@ def format_tables(rows: Sequence[ComparisonRow]) -> str:
     tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
         heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
-        lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+        lines = [format_head(heads)]
         of_test = [row for row in rows if row.test == test]
-        lines += [format_row(row) for row in of_test]
+        lines += [format_method(row) for row in of_test]
         tables.append("\n".join([*lines, "", format_caption(of_test[0])]))
     return "\n\n".join([*tables, LEGEND])
 
@@ -204,16 +214,15 @@ def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
     for test in dict.fromkeys(row.test for row in rows):
         of_test = [row for row in rows if row.test == test]
         gestures = sorted({name for row in of_test for name in row.by_gesture})
-        lines = [f"| {test}, clips of | {' | '.join(gestures)} |"]
-        lines.append("|" + "---|" * (1 + len(gestures)))
+        lines = [format_head([f"{test}, clips of", *gestures])]
         for row in of_test:
             shares = (format_share(row.by_gesture.get(name), 0.0) for name in gestures)
-            lines.append(f"| {row.name} | {' | '.join(shares)} |")
+            lines.append(format_row([row.name, *shares]))
         tables.append("\n".join(lines))
     return "\n\n".join(tables)
 
 
-def format_row(row: ComparisonRow) -> str:
+def format_method(row: ComparisonRow) -> str:
     """Format a row of a table."""
     cells = (
         row.name,
@@ -223,7 +232,7 @@ def format_row(row: ComparisonRow) -> str:
         format_share(row.test_accuracy, row.std),
         format_lead(row.test_ahead),
     )
-    return f"| {' | '.join(cells)} |"
+    return format_row(cells)
 
 
 def format_share(mean: float | None, std: float) -> str:

@@ -10,21 +10,7 @@ skin, `real` untouched stretches of real recordings. `--help` after a part lists
 options.
 """
 
-import sys
-from importlib import import_module
-
-PARTS = ("real", "rest", "touches")
-"""Modules of this package that have a `main`."""
-
-
-def main() -> None:
-    """Run the part that is named by the first argument."""
-    name = sys.argv[1] if len(sys.argv) > 1 else ""
-    if name not in PARTS:
-        print(f"part '{name}'; allowed are {', '.join(PARTS)}", file=sys.stderr)
-        sys.exit(2)
-    import_module(f"lab.flaws.{name}").main(sys.argv[2:])
-
+from lab.program import run_part
 
 if __name__ == "__main__":
-    main()
+    run_part("lab.flaws", ("real", "rest", "touches"))

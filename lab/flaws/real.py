@@ -20,7 +20,6 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-import tyro
 from jaxtyping import Bool, Int
 
 from eskin.learn.sets import (
@@ -38,7 +37,7 @@ from eskin.recording import (
 )
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
-from lab.flaws.watch import RestCount, Watcher
+from lab.flaws.scoring import RestCount, Watcher
 from lab.tables import format_head, format_row
 
 FLOORS = (0.0, 0.125)
@@ -184,9 +183,8 @@ def find_paths(folder: Path, kind: str) -> Iterator[Path]:
             yield path
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Print the table."""
-    command = tyro.cli(Command, args=args)
     print(format_head(HEAD))
     for kind in command.sets:
         with tempfile.TemporaryDirectory() as folder:

@@ -23,7 +23,6 @@ from itertools import combinations, product
 from multiprocessing import get_context
 
 import numpy as np
-import tyro
 from jaxtyping import Int
 
 from eskin.live import load_model
@@ -45,7 +44,7 @@ from lab.flaws.hands import (
     set_creep,
 )
 from lab.flaws.report import format_share
-from lab.flaws.rows import ALL, FLAWED, INTACT
+from lab.flaws.stream import ALL, FLAWED, INTACT
 from lab.tables import format_head, format_row
 
 PATCHES = ("upper_arm_back", "forearm_front", "wrist_2")
@@ -353,8 +352,7 @@ def print_starts(command: Command) -> None:
             print(format_row(cells), flush=True)
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Print both tables."""
-    command = tyro.cli(Command, args=args)
     print_rest(command)
     print_starts(command)

@@ -1,13 +1,15 @@
-"""Score the touches of a pipeline against true contacts."""
+"""Watch a recogniser at rest, and score its touches against true contacts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.live import UNKNOWN, Detection
+from eskin.live import Detection, Recognizer
 from eskin.recording import NONE
+from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 CONTACT_FORCE = 0.2
@@ -53,12 +55,6 @@ class TrueContact:
         """Largest force [N]."""
         return float(self.force.max())
 
-    @property
-    def presses(self) -> int:
-        """Number of times that contact began."""
-        before = np.concatenate([[False], self.pressed[:-1]])
-        return int(np.sum(self.pressed & ~before))
-
 
 @dataclass(frozen=True, eq=False)
 class Sample:
@@ -70,8 +66,6 @@ class Sample:
     """Force now [N]."""
     p_world: Float[np.ndarray, "3"]
     """Place of its strongest contact [m]."""
-    contacts: int
-    """Number of times that it made contact."""
     answer: str
     """Most probable class."""
 
@@ -103,20 +97,12 @@ class TouchScore:
     """What a recogniser should answer."""
     peak: float
     """Largest true force [N]."""
-    presses: int
-    """Number of true presses."""
     onset_error: float | None
     """Onset of the touch that covers it, less the true one [s]; None without one."""
     end_error: float | None
     """Last contact of that touch, less the true one [s]."""
-    contacts: int
-    """Number of contacts of that touch until shortly after the true end."""
-    extra: int
-    """Number of other touches that began meanwhile."""
     forced: str
     """Most probable class of that touch shortly after the true end."""
-    live: str
-    """First gesture that was detected; `unknown` or `none` without one."""
 
     @property
     def is_onset_found(self) -> bool:
@@ -127,11 +113,6 @@ class TouchScore:
     def is_end_found(self) -> bool:
         """Tell whether the end is found in time."""
         return self.end_error is not None and abs(self.end_error) <= END_SECONDS
-
-    @property
-    def is_one_touch(self) -> bool:
-        """Tell whether its presses are the contacts of one touch, from the first on."""
-        return self.is_onset_found and self.contacts == self.presses
 
 
 def find_root(number: int, trails: Mapping[int, Trail]) -> int:
@@ -170,41 +151,105 @@ def find_cover(truth: TrueContact, trails: Mapping[int, Trail]) -> Trail | None:
     return trails[best]
 
 
-def find_live_answer(detections: Sequence[Detection]) -> str:
-    """Return the first gesture that was detected, else `unknown` or `none`."""
-    names = [one.gesture for one in detections if one.gesture != NONE]
-    gestures = [name for name in names if name != UNKNOWN]
-    return (gestures or names or [NONE])[0]
-
-
-def score_touch(
-    truth: TrueContact, trails: Mapping[int, Trail], detections: Sequence[Detection]
-) -> TouchScore:
+def score_touch(truth: TrueContact, trails: Mapping[int, Trail]) -> TouchScore:
     """Score what the pipeline and the recogniser said of one true contact.
 
     Args:
         truth: true contact.
         trails: all touches of the pipeline that were open in its time, by id.
-        detections: detections from its onset to the next touch.
     """
     cover = find_cover(truth, trails)
     after = truth.end + round(END_SECONDS * NS_PER_S)
     sample = cover.find_sample(after) if cover else None
-    extra = {
-        trail.id
-        for trail in trails.values()
-        if trail.onset >= truth.onset
-        and cover
-        and find_root(trail.id, trails) != cover.id
-    }
     return TouchScore(
         gesture=truth.gesture,
         peak=truth.peak,
-        presses=truth.presses,
         onset_error=(cover.onset - truth.onset) / NS_PER_S if cover else None,
         end_error=(cover.last - truth.end) / NS_PER_S if cover else None,
-        contacts=sample.contacts if sample else 0,
-        extra=len(extra),
         forced=sample.answer if sample else NONE,
-        live=find_live_answer(detections),
     )
+
+
+@dataclass
+class RestCount:
+    """Counts what is said of a skin that nobody touches."""
+
+    seconds: float = 0.0
+    """Time [s]."""
+    openings: int = 0
+    """Touches that were shown for the first time."""
+    detections: int = 0
+    """Detections of any word, `unknown` counted."""
+    open_seconds: float = 0.0
+    """Time with an open touch [s]."""
+
+    def add(self, other: "RestCount") -> None:
+        """Add the counts of another stretch."""
+        self.seconds += other.seconds
+        self.openings += other.openings
+        self.detections += other.detections
+        self.open_seconds += other.open_seconds
+
+    def rate(self, count: float) -> float:
+        """Return a count as so many an hour."""
+        return 3600.0 * count / self.seconds if self.seconds else 0.0
+
+
+@final
+class Watcher:
+    """A watcher pushes scans to a recogniser and keeps what it says.
+
+    Attributes:
+        rest: counts of this stretch; the caller replaces it to begin a new one.
+        trails: touches seen since `follow`, by id; None while they are not followed.
+    """
+
+    def __init__(self, recognizer: Recognizer) -> None:
+        """Start before the first scan."""
+        self.recognizer = recognizer
+        self.rest = RestCount()
+        self.trails: dict[int, Trail] | None = None
+        self.seen: set[int] = set()
+        self.last: int | None = None
+
+    def follow(self) -> None:
+        """Follow the touches from now on, without those seen before."""
+        self.trails = {}
+
+    def push(self, scan: Scan) -> list[Detection]:
+        """Process the next scan; return its detections."""
+        found = self.recognizer.push(scan)
+        state = self.recognizer.state
+        assert state is not None
+        seconds = 0.0 if self.last is None else (scan.stamp - self.last) / NS_PER_S
+        self.last = scan.stamp
+        self.rest.seconds += seconds
+        self.rest.detections += len(found)
+        self.rest.open_seconds += seconds if state.open else 0.0
+        shown = {status.id for status in (*state.open, *state.closed)}
+        self.rest.openings += len(shown - self.seen)
+        self.seen |= shown
+        if self.trails is not None:
+            self.note_touches(self.trails)
+        return found
+
+    def note_touches(self, trails: dict[int, Trail]) -> None:
+        """Add the confirmed touches of the latest scan to the trails."""
+        state = self.recognizer.state
+        assert state is not None
+        if not (state.open or state.closed):
+            return
+        for row in state.rows:
+            if not row.confirmed:
+                continue
+            trail = trails.setdefault(row.id, Trail(row.id))
+            trail.onset, trail.last = row.onset, row.last
+            trail.merged_into = row.merged_into
+        names = self.recognizer.model.card.vocabulary
+        rows = {row.id: row for row in state.rows}
+        for touch in state.touches:
+            answer = names[int(self.recognizer.probabilities[touch.id].argmax())]
+            row, place = rows[touch.id], touch.contact.p_world
+            trails[touch.id].samples.append(
+                Sample(state.reading.stamp, row.force, place, answer)
+            )

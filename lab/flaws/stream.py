@@ -1,24 +1,85 @@
-"""Run one build: minutes in which nobody touches it, then touches of a person."""
+"""Run one build of a row: minutes without touch, then touches of a person.
 
+A row says what is wrong with the sensor, build by build.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import get_args
 
 import numpy as np
 
 from eskin.live import Model, Recognizer, load_model
 from eskin.recording import NONE, TruthRecord
+from eskin.sim.constants import Constants
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.scene.environment import load_environment
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
+from eskin.sim.sensor import (
+    FAMILIES,
+    FLAWS,
+    SensorBuild,
+    draw_build,
+    draw_flawed_build,
+)
+from eskin.sim.sensor.build import BuildKind
+from eskin.sim.sensor.flaws import Family, FlawLevel
+from eskin.skin import Skin
 from eskin.units import NS_PER_S
-from lab.flaws.rows import draw_row_build
-from lab.flaws.scoring import TouchScore, TrueContact, score_touch
-from lab.flaws.watch import RestCount, Watcher
+from lab.flaws.scoring import RestCount, TouchScore, TrueContact, Watcher, score_touch
+
+INTACT, ALL = "none", "all typical"
+LEVELS: tuple[FlawLevel, ...] = get_args(FlawLevel)
+FLAWED: dict[str, Mapping[str, FlawLevel]] = {
+    INTACT: {},
+    ALL: dict.fromkeys(FLAWS, "typical"),
+    **{f"{flaw} {level}": {flaw: level} for flaw in FLAWS for level in LEVELS},
+}
+"""Flaws of the builds of a row; their families take turns."""
+KINDS: tuple[BuildKind, ...] = ("fresh", "shifted", *FAMILIES)
+"""Rows whose builds have all flaws, drawn from the laws of a kind."""
+ROWS = (*FLAWED, *KINDS)
+"""Names of all rows."""
+REFERENCES = {
+    **dict.fromkeys(FLAWED, INTACT),
+    **dict.fromkeys(KINDS, INTACT),
+    "fresh": "fresh",
+    "shifted": "fresh",
+}
+"""Row that each row is compared to."""
+
+
+def find_family(number: int) -> Family:
+    """Return the family of a build of a row whose families take turns."""
+    return FAMILIES[number % len(FAMILIES)]
+
+
+def draw_row_build(
+    row: str, number: int, skin: Skin, constants: Constants, seed: int
+) -> SensorBuild:
+    """Draw a build of a row.
+
+    Args:
+        row: one of `ROWS`.
+        number: number of the build, by which families take turns.
+        skin: skin of the taxels.
+        constants: constants of the simulation.
+        seed: seed of the build.
+    """
+    rng = np.random.default_rng((seed, 25))
+    name = f"flaws-b{number}"
+    if row in FLAWED:
+        family = find_family(number)
+        return draw_flawed_build(name, family, FLAWED[row], skin, constants, rng)
+    kind = KINDS[KINDS.index(row)]
+    return draw_build(name, kind, skin, constants, rng)
+
 
 SKIN = "ur5"
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 SETTLING = 5.0
-"""Time after the start that is counted apart, in which rest is learned [s]."""
+"""Time after the start that is not counted, in which rest is learned [s]."""
 PAUSE = (1.5, 3.0)
 """Range of the time between two touches [s]."""
 MOST_JITTER = 0.4
@@ -32,7 +93,7 @@ class BuildPlan:
     """A plan says what is run on one build of a row."""
 
     row: str
-    """Name of the row."""
+    """Name of the row, one of `ROWS`."""
     number: int
     """Number of the build; the same number has the same person, pose and touches."""
     minutes: float
@@ -49,8 +110,6 @@ class BuildResult:
 
     row: str
     number: int
-    start: RestCount = field(default_factory=RestCount)
-    """Counts of the first seconds."""
     rest: RestCount = field(default_factory=RestCount)
     """Counts of the time without touch."""
     touches: list[TouchScore] = field(default_factory=list)
@@ -128,7 +187,7 @@ class BuildRun:
             return None
         trails = self.watcher.trails
         assert trails is not None
-        return score_touch(truth, trails, self.watcher.detections)
+        return score_touch(truth, trails)
 
 
 def build_truth(
@@ -153,7 +212,7 @@ def run_build(plan: BuildPlan) -> BuildResult:
     """Run the quiet minutes and the touches of one build."""
     run = BuildRun(plan)
     result = BuildResult(plan.row, plan.number)
-    result.start = run.rest(SETTLING)
+    run.wait(SETTLING)
     result.rest = run.rest(60.0 * plan.minutes)
     wanted = [GESTURES[i % len(GESTURES)] for i in range(plan.touches)]
     for gesture in run.rng.permutation(wanted):

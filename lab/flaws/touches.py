@@ -12,27 +12,25 @@ pairs. The recogniser is handed the nominal calibration. An arm at rest is untou
 some minutes, then the person touches it: pokes, double pats, grabs and strokes, with
 pauses between them.
 
-The first table has what is said of the untouched skin after the first 5 s, the onset
+The table has what is said of the untouched skin after the first 5 s, the onset
 and the end of touches of at least 1 N (of the touch that covers the true contact, where
 the true force on taxels is above 0.2 N), and the points of accuracy that are lost to
-builds without flaw (`shifted` to `fresh`): by forced choice 0.3 s after the true end,
-and by the first gesture detected live. The second has further counts. A double pat is
-one touch where that has as many contacts as the true one.
+builds without flaw (`shifted` to `fresh`), by forced choice 0.3 s after the true end.
 
 With `--keep` results are appended to a file, and what is there already is not run
 again.
 """
 
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
-import tyro
-
-from lab.flaws.kept import append_result, read_results
 from lab.flaws.report import Results, print_report
-from lab.flaws.rows import ROWS
-from lab.flaws.stream import BuildPlan, run_build
+from lab.flaws.scoring import RestCount, TouchScore
+from lab.flaws.stream import ROWS, BuildPlan, BuildResult, run_build
 
 
 @dataclass(frozen=True)
@@ -74,6 +72,32 @@ class Command:
         ]
 
 
+def append_result(path: Path, plan: BuildPlan, result: BuildResult) -> None:
+    """Append the result of a plan."""
+    line = json.dumps({"plan": asdict(plan), "result": asdict(result)})
+    with path.open("a", encoding="utf-8") as file:
+        file.write(line + "\n")
+
+
+def read_results(path: Path | None) -> Iterator[tuple[BuildPlan, BuildResult]]:
+    """Yield the plans of a file and their results; nothing if there is no file."""
+    if path is None or not path.exists():
+        return
+    for line in path.read_text(encoding="utf-8").splitlines():
+        content = json.loads(line)
+        yield BuildPlan(**content["plan"]), parse_result(content["result"])
+
+
+def parse_result(content: Mapping[str, Any]) -> BuildResult:
+    """Return the result of a line."""
+    return BuildResult(
+        content["row"],
+        content["number"],
+        RestCount(**content["rest"]),
+        [TouchScore(**touch) for touch in content["touches"]],
+    )
+
+
 def run_builds(command: Command) -> Results:
     """Run the builds that are not kept yet; return all."""
     plans = command.plans
@@ -90,7 +114,6 @@ def run_builds(command: Command) -> Results:
     return found
 
 
-def main(args: list[str] | None = None) -> None:
+def main(command: Command) -> None:
     """Run the builds and print the tables."""
-    command = tyro.cli(Command, args=args)
     print_report(run_builds(command))

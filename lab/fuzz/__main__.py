@@ -12,23 +12,26 @@ the exit code is 1.
 import sys
 import tempfile
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from lab.fuzz.run import Outcome, fuzz
-from lab.fuzz.target import Target
+from lab.fuzz.decoder import DecoderTarget
+from lab.fuzz.models import ModelTarget
+from lab.fuzz.recordings import RecordingTarget
+from lab.fuzz.robots import CommandsTarget, RobotTarget
+from lab.fuzz.run import Outcome, Target, fuzz
+from lab.fuzz.skin_files import SkinTarget
 
 Name = Literal["decoder", "skin", "recording", "commands", "model", "urdf"]
-TARGETS: dict[Name, tuple[str, str]] = {
-    "decoder": ("lab.fuzz.decoder", "DecoderTarget"),
-    "skin": ("lab.fuzz.skin_files", "SkinTarget"),
-    "recording": ("lab.fuzz.recordings", "RecordingTarget"),
-    "commands": ("lab.fuzz.command_maps", "CommandsTarget"),
-    "model": ("lab.fuzz.models", "ModelTarget"),
-    "urdf": ("lab.fuzz.robots", "RobotTarget"),
+TARGETS: dict[Name, type[Target]] = {
+    "decoder": DecoderTarget,
+    "skin": SkinTarget,
+    "recording": RecordingTarget,
+    "commands": CommandsTarget,
+    "model": ModelTarget,
+    "urdf": RobotTarget,
 }
 
 
@@ -50,16 +53,10 @@ def main() -> None:
     """Fuzz the reader and print the outcome."""
     command = tyro.cli(Command)
     with tempfile.TemporaryDirectory() as folder:
-        target = import_target(command.target)(Path(folder))
+        target = TARGETS[command.target](Path(folder))
         outcome = fuzz(target, command.first, command.inputs, command.seed)
     print(format_outcome(command, outcome))
     sys.exit(bool(outcome.findings))
-
-
-def import_target(name: Name) -> type[Target]:
-    """Import a target, with its reader, by name."""
-    module, kind = TARGETS[name]
-    return getattr(import_module(module), kind)
 
 
 def format_outcome(command: Command, outcome: Outcome) -> str:

@@ -19,7 +19,7 @@ from eskin.drivers.packet import (
 from eskin.drivers.sessions import is_sealed
 from eskin.errors import PacketError
 from lab.fuzz.mutation import mutate
-from lab.fuzz.target import Target, check_refusal
+from lab.fuzz.run import Target, check_refusal
 
 DATA = Path(__file__).parents[2] / "tests/data"
 VECTORS = (DATA / "protocol_v1.json", DATA / "protocol_v2.json")

@@ -22,8 +22,8 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from lab.fuzz.mutation import mutate
+from lab.fuzz.run import Target, check_refusal
 from lab.fuzz.skin_files import small_skin
-from lab.fuzz.target import Target, check_refusal
 
 LENGTH = struct.Struct("<Q")
 """Length of the header, at the start of a file."""

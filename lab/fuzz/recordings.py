@@ -25,8 +25,8 @@ from eskin.recording import (
 from eskin.recording.mcap_file import MAGIC, RECORD_HEADER, encode_records
 from eskin.touch import Calibration, Scan
 from lab.fuzz.mutation import EDGES, mutate
+from lab.fuzz.run import Target, check_refusal
 from lab.fuzz.skin_files import TABLE_WORDS, YAML_WORDS, small_skin
-from lab.fuzz.target import Target, check_refusal
 
 START = 1_700_000_000_000_000_000
 PERIOD = 50_000_000

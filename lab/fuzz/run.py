@@ -1,4 +1,4 @@
-"""Run a target with one input after the other, and collect the findings."""
+"""Run targets of the fuzzer with one input after the other; collect the findings."""
 
 import random
 import resource
@@ -7,13 +7,41 @@ import sys
 import time
 import traceback
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
-from lab.fuzz.target import Target
+from eskin.errors import EskinError
+
+
+class Target(ABC):
+    """Wraps a reader and generates its inputs."""
+
+    @abstractmethod
+    def __init__(self, folder: Path) -> None:
+        """Create the valid inputs; files go into the folder."""
+
+    @abstractmethod
+    def make(self, rng: random.Random) -> bytes:
+        """Return a mutated input, which depends only on the state of `rng`."""
+
+    @abstractmethod
+    def feed(self, data: bytes) -> bool:
+        """Read an input and return whether it was accepted.
+
+        Any exception raised here is a finding.
+        """
+
+
+def check_refusal(error: EskinError) -> None:
+    """Check that the message of an error is one line that is not empty."""
+    text = str(error)
+    if not text or len(text.splitlines()) != 1:
+        raise AssertionError(f"the message is not one line: {text!r:.300}") from error
+
 
 LONGEST = 5.0
 """Time after which a reader counts as hung [s]."""

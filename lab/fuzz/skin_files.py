@@ -9,7 +9,7 @@ from eskin.skin import Skin, build_grid_skin, load_skin, skin_from_bytes, skin_t
 from eskin.skin.files import format_manifest
 from eskin.skin.taxel_table import format_taxels
 from lab.fuzz.mutation import mutate
-from lab.fuzz.target import Target, check_refusal
+from lab.fuzz.run import Target, check_refusal
 
 BETWEEN = b"\n...\n"
 """Separator of `skin.yaml` and `taxels.csv` in an input."""
@@ -17,30 +17,10 @@ YAML_WORDS = (
     *(b"!!bool ", b"!!int ", b"!!float ", b"!!timestamp ", b"!!binary ", b"!!set "),
     *(b"!!python/name:os.system ", b"!!omap ", b"!!null ", b"!!merge ", b"!!pairs "),
     *(b"? [a]\n", b"? {a: b}\n", b"&a ", b"*a", b"<<: ", b"- ", b": ", b"\n", b"---\n"),
-    *(
-        b"[" * 9,
-        b"[" * 20_000,
-        b"{" * 20_000,
-        b"|\n",
-        b">\n",
-        b"'",
-        b'"',
-        b"#",
-        b"\t",
-        b"\r",
-        b"\0",
-    ),
+    *(b"[" * 9, b"[" * 20_000, b"{" * 20_000, b"|\n", b">\n", b"'", b'"', b"#"),
     *(b"2001-99-99", b"1:99", b"0x", b"1e999", b".inf", b".nan", b"9" * 5000, b"~"),
-    *(
-        b"\xff",
-        b"\xef\xbb\xbf",
-        "\u2028".encode(),
-        b"%YAML 9.9\n",
-        b'"\\U99999999"',
-        b'"\\ud800"',
-        b"../",
-        b"/dev/",
-    ),
+    *(b"\t", b"\r", b"\0", b"\xff", b"\xef\xbb\xbf", "\u2028".encode(), b"../"),
+    *(b"%YAML 9.9\n", b'"\\U99999999"', b'"\\ud800"', b"/dev/"),
     *(b"taxels: ..\n", b"taxels: .\n", b"taxels: skin.yaml\n", b"taxels: a/b\n"),
 )
 TABLE_WORDS = (

@@ -1,7 +1,7 @@
 """Check the simulation against measured and published properties.
 
 python -m lab.simulation [PART], where PART is physics, rig, bands, sensor,
-families, speed or all.
+families or all.
 """
 
 from collections.abc import Callable
@@ -17,17 +17,8 @@ from lab.simulation.element import element_checks
 from lab.simulation.families import family_table
 from lab.simulation.physics import physics_checks
 from lab.simulation.rig import rig_checks
-from lab.simulation.speed import speed_checks
 
-Part = Literal[
-    "physics",
-    "rig",
-    "bands",
-    "sensor",
-    "families",
-    "speed",
-    "all",
-]
+Part = Literal["physics", "rig", "bands", "sensor", "families", "all"]
 
 
 BUILDS = 6
@@ -42,8 +33,6 @@ class Command:
     """Tables to print."""
     people: int = 100
     """Number of people; three times as many on the rig, where spreads are compared."""
-    clips: int = 3000
-    """Number of clips whose generation is timed."""
     seed: int = 0
     """Seed of people and touches."""
 
@@ -78,18 +67,12 @@ def families(command: Command) -> str:
     return family_table(load_constants(), BUILDS, command.seed)
 
 
-def speed(command: Command) -> str:
-    """Measure the rate of generation."""
-    return as_table("Speed", speed_checks(command.clips, command.seed))
-
-
 PARTS: dict[str, Callable[[Command], str]] = {
     "physics": physics,
     "rig": rig,
     "bands": bands,
     "sensor": sensor,
     "families": families,
-    "speed": speed,
 }
 
 

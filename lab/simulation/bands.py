@@ -9,7 +9,11 @@ from jaxtyping import Float
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import ContactSite, TrueTouch
-from eskin.sim.contact.pressure import compute_leak_share, spread_through_film
+from eskin.sim.contact.pressure import (
+    compute_leak_share,
+    find_grid_neighbours,
+    spread_through_film,
+)
 from eskin.sim.dataset import Simulator, get_build
 from eskin.sim.dataset.clip import get_session, simulate_clip
 from eskin.sim.dataset.plan import BuildOrigin, Origin
@@ -22,7 +26,6 @@ from eskin.sim.scene.scene import (
     TouchScene,
     compute_scene_presses,
     find_contact_steps,
-    get_grid_neighbours,
     shift_touch,
     sum_pressure,
 )
@@ -187,7 +190,7 @@ def pressed(
     sigma = 1e-3 * (law.low + law.high) / 2 if law else 0.0
     pressure, taxels = sum_pressure(parts, steps, skin.count)
     share = compute_leak_share(sigma, skin.areas)
-    return spread_through_film(pressure, taxels, get_grid_neighbours(skin), share)[
+    return spread_through_film(pressure, taxels, find_grid_neighbours(skin), share)[
         0
     ], force
 

@@ -5,6 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lab.tables import format_head, format_row
+
+HEAD = ("property", "target", "measured", "met", "source")
+
 
 @dataclass(frozen=True)
 class BandCheck:
@@ -29,9 +33,10 @@ def within(
     high: float,
     source: str,
     unit: str = "",
+    target: str = "",
 ) -> BandCheck:
-    """Check that a number lies between two others."""
-    target = f"{low:.3g} to {high:.3g} {unit}".strip()
+    """Check that a number lies between two others; `target` replaces their text."""
+    target = f"{target or f'{low:.3g} to {high:.3g}'} {unit}".strip()
     measured = f"{value:.3g} {unit}".strip()
     return BandCheck(name, target, source, measured, bool(low <= value <= high))
 
@@ -40,24 +45,12 @@ def at_most(
     name: str, value: float, high: float, source: str, unit: str = ""
 ) -> BandCheck:
     """Check that a number does not exceed another."""
-    measured = f"{value:.3g} {unit}".strip()
-    return BandCheck(
-        name,
-        f"at most {high:.3g} {unit}".strip(),
-        source,
-        measured,
-        bool(value <= high),
-    )
+    return within(name, value, -np.inf, high, source, unit, f"at most {high:.3g}")
 
 
-def at_least(
-    name: str, value: float, low: float, source: str, unit: str = ""
-) -> BandCheck:
+def at_least(name: str, value: float, low: float, source: str) -> BandCheck:
     """Check that a number reaches another."""
-    measured = f"{value:.3g} {unit}".strip()
-    return BandCheck(
-        name, f"at least {low:.3g} {unit}".strip(), source, measured, bool(value >= low)
-    )
+    return within(name, value, low, np.inf, source, "", f"at least {low:.3g}")
 
 
 def ordered(name: str, values: dict[str, float], source: str, unit: str) -> BandCheck:
@@ -75,14 +68,9 @@ def ordered(name: str, values: dict[str, float], source: str, unit: str) -> Band
 
 def as_table(title: str, checks: Iterable[BandCheck]) -> str:
     """Format the checks as a table in Markdown."""
-    rows = [
-        f"\n**{title}**\n",
-        "| property | target | measured | met | source |",
-        "|---|---|---|---|---|",
-    ]
+    rows = [f"\n**{title}**\n", format_head(HEAD)]
     rows += [
-        f"| {c.name} | {c.target} | {c.measured} | {'yes' if c.met else 'NO'} | "
-        f"{c.source} |"
+        format_row([c.name, c.target, c.measured, "yes" if c.met else "NO", c.source])
         for c in checks
     ]
     return "\n".join(rows)

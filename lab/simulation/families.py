@@ -12,6 +12,7 @@ from eskin.sim.sensor import FAMILIES, FLAWS, SensorBuild, draw_flawed_build, se
 from eskin.sim.sensor.flaws import RESISTIVE, Family
 from eskin.sim.sensor.sensor import draw_reading_times
 from eskin.skin import Skin
+from lab.tables import format_head, format_row
 
 PATCH = "forearm_front"
 LOAD = 25.0
@@ -367,8 +368,7 @@ def family_table(constants: Constants, builds: int, seed: int) -> str:
     }
     rows = [
         f"\n**Families, {builds} builds each with all flaws typical**\n",
-        f"| quantity | real arrays | {' | '.join(FAMILIES)} |",
-        "|---|---|" + "---|" * len(FAMILIES),
+        format_head(["quantity", "real arrays", *FAMILIES]),
     ]
     for number, (name, source, low, high, _) in enumerate(ROWS):
         cells = []
@@ -377,5 +377,5 @@ def family_table(constants: Constants, builds: int, seed: int) -> str:
             applies = family in RESISTIVE or "(resistive)" not in source
             mark = " *" if applies and not low <= value <= high else ""
             cells.append(f"{value:.3g}{mark}")
-        rows.append(f"| {name} | {source} | {' | '.join(cells)} |")
+        rows.append(format_row([name, source, *cells]))
     return "\n".join([*rows, "", "Values marked * lie outside what was measured."])

@@ -4,11 +4,18 @@ python -m lab.soak.recording FILE
 """
 
 import sys
+from collections.abc import Iterator
+from itertools import count
 
+import numpy as np
+
+from eskin.drivers import PlayedSource, SourceInfo
 from eskin.recording import Metadata
+from eskin.robot import load_robot
+from eskin.skin import load_skin
 from eskin.stream import Context, Listener, Message, Recorder, Stream
-from eskin.touch import Scan
-from lab.soak.scans import idle_source
+from eskin.touch import Calibration, Scan
+from eskin.units import NS_PER_S
 
 RATE = 50.0
 
@@ -33,10 +40,31 @@ class StampPrinter(Listener):
         """Do nothing."""
 
 
+def idle_source() -> PlayedSource:
+    """Build a source of the idle ur5 skin in real time: noise and moving joints."""
+    skin, robot = load_skin("ur5"), load_robot("ur5")
+    calibration = Calibration.uniform(skin.count, 4095, 100.0)
+    names = tuple(robot.joint_names)
+    info = SourceInfo("sim:ur5", "ur5", names, skin, calibration, RATE)
+    played = idle_scans(skin.count, len(names))
+    return PlayedSource(info, played, restamp=True)
+
+
+def idle_scans(taxels: int, joints: int) -> Iterator[Scan]:
+    """Yield noise of a few counts about 40, which compresses badly."""
+    rng = np.random.default_rng(0)
+    received = np.ones(taxels, bool)
+    for number in count():
+        stamp = round((number + 1) * NS_PER_S / RATE)
+        q = np.sin(np.arange(joints) + number / RATE)
+        counts = rng.integers(36, 45, taxels, dtype=np.int32)
+        yield Scan(stamp, counts, received, q)
+
+
 def main() -> None:
     """Record the idle ur5 skin."""
     listeners = (Recorder(sys.argv[1], Metadata("soak")), StampPrinter())
-    with Stream(idle_source(RATE), listeners) as stream:
+    with Stream(idle_source(), listeners) as stream:
         stream.wait()
 
 

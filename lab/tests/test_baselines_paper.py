@@ -7,7 +7,7 @@ import torch
 from eskin.live import find_live_neighbours
 from helpers.baselines import UR5
 from helpers.graphs import FOLDED
-from lab.baselines.paper import LAYERS, NodeSelector, PaperNetwork
+from lab.baselines.paper import PaperNetwork
 
 pytestmark = pytest.mark.slow
 
@@ -66,15 +66,6 @@ def test_computing_only_changed_nodes_gives_the_same_gradients():
         torch.testing.assert_close(one, other, atol=1e-9, rtol=1e-9)
 
 
-def test_live_edges_join_patches_only_where_they_come_near():
-    pressure, q = readings()
-    live = NodeSelector(UR5, 8).find_live_edges(pressure > 0, q)
-    patch = torch.from_numpy(UR5.skin.patch_index)
-    reading, node, _ = (live >= 0).nonzero(as_tuple=True)
-    assert set(reading.tolist()) == {0, 1}
-    assert (patch[live[live >= 0]] != patch[node]).all()
-
-
 def test_features_are_invariant_under_rigid_motion():
     """The first joint carries all of the skin."""
     net, (pressure, q) = network(), readings(moving=False)
@@ -83,33 +74,3 @@ def test_features_are_invariant_under_rigid_motion():
     with torch.inference_mode():
         one, other = net.encode(pressure, q), net.encode(pressure, turned)
     torch.testing.assert_close(one, other, atol=1e-9, rtol=1e-9)
-
-
-def test_features_depend_on_the_distance_of_links():
-    net, (pressure, q) = network(), readings(moving=False)
-    with torch.inference_mode():
-        one, other = net.encode(pressure, q), net.encode(pressure, 0.3 * q)
-    assert (one[1] - other[1]).abs().max() > 1e-3
-
-
-def test_a_touched_taxel_reaches_one_hop_per_layer():
-    neighbourhood = NodeSelector(UR5, 8)
-    alone, q = (each[2:3] for each in readings())
-    rows = neighbourhood.select(alone > 0, q, LAYERS, whole=False)
-    reached = {700}
-    for _ in range(LAYERS):
-        table = neighbourhood.table.tolist()
-        reached |= {
-            node for node, sources in enumerate(table) if reached & set(sources)
-        }
-    assert set(rows.node[rows.steps[-1].targets].tolist()) == reached
-
-
-def test_k_is_the_number_of_neighbours():
-    net = network(k=4)
-    assert net.selector.table.shape == (2112, 4)
-    with torch.inference_mode():
-        before = net.encode(*readings())
-        net.embed.bias.add_(1.0)
-        net.train().eval()
-        assert not torch.equal(before[3], net.encode(*readings())[3])

@@ -74,17 +74,6 @@ def test_every_taxel_has_one_pixel(name, image_of):
         assert torch.equal(images.amax(dim=1), torch.ones(len(some)))
 
 
-def test_taxels_that_share_a_pixel_give_their_largest_pressure():
-    image = build_unrolled_image(UR5.skin)
-    pressure = np.random.default_rng(0).uniform(1, 30, UR5.skin.count)
-    want = np.zeros(image.shape).ravel()
-    for place, value in zip(image.pixel, pressure, strict=True):
-        want[place] = max(want[place], value / PRESSURE_UNIT)
-    got = TaxelsToImage(image)(torch.from_numpy(pressure))
-    assert np.array_equal(got.numpy().ravel(), want)
-    assert (want > 0).sum() < UR5.skin.count
-
-
 def test_neighbours_on_a_link_are_neighbours_in_the_unrolled_image():
     """Caps, which close the end of a link, are excepted."""
     skin = UR5.skin
@@ -94,10 +83,6 @@ def test_neighbours_on_a_link_are_neighbours_in_the_unrolled_image():
     round_link = ~np.isin(ids, CAPS)
     assert np.abs(rows[one] - rows[other])[round_link].max() <= 2
     assert apart_round(columns[one], columns[other])[round_link].max() <= 2
-
-
-def test_most_taxels_have_a_pixel_of_their_own():
-    assert len(np.unique(build_unrolled_image(UR5.skin).pixel)) > 0.9 * UR5.skin.count
 
 
 @any_way

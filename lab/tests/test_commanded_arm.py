@@ -15,7 +15,7 @@ from eskin.sim.demo import (
 )
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent
-from lab.commanded_arm import ROWS, compute_interval, count_obeyed, format_result
+from lab.commanded_arm import ROWS, compute_interval, format_result
 
 pytestmark = pytest.mark.slow
 
@@ -36,7 +36,9 @@ def make_result(correct, missed):
 
 def test_row_counts_all_builds_and_interval_holds_their_share():
     parts = [make_result(9, 1), make_result(5, 5), make_result(10, 0)]
-    share, low, high = compute_interval(parts, count_obeyed)
+    share, low, high = compute_interval(
+        np.array([[9.0, 10.0], [5.0, 10.0], [10.0, 10.0]])
+    )
     assert share == pytest.approx(0.8) and low < 0.8 < high
     row = format_result("fresh", parts)
     assert "80.0%" in row and "90.0%" in row and row.count("|") == 13
@@ -52,7 +54,7 @@ def test_storm_loses_scans_unplugs_patches_and_kills_taxels():
     skin = InteractiveSkin(loses=False)
     config = StormConfig(loss=0.2, unplug_period=1.0, unplug_seconds=0.5, dead=0.1)
     storm = FaultStorm(skin, config, seed=0)
-    assert (skin.sensor.readout.feels == 0).mean() == pytest.approx(0.1, abs=0.02)
+    assert (skin.sensor.readout.sensitivity == 0).mean() == pytest.approx(0.1, abs=0.02)
     lost, unplugged = [], []
     for number in range(1, 150):
         stamp = number * SECOND // 50

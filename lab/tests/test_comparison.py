@@ -10,23 +10,16 @@ import torch
 from eskin.errors import EskinError, RecordingError
 from eskin.learn.ground_truth import read_clips
 from eskin.learn.nn import build_graph_tensors
-from eskin.live import LENGTH_CM, NetworkConfig
+from eskin.live import NetworkConfig
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline
 from helpers.clips import generated
 from helpers.graphs import random_graph
 from helpers.learning import record_people
 from lab.baselines import READINGS
-from lab.comparison import (
-    METHODS,
-    Method,
-    TrainingTask,
-    find_examples,
-    find_stale,
-    run_tasks,
-)
-from lab.comparison.encoders import ENCODERS
-from lab.comparison.examples import LARGEST_PRESSURE, cut_clip_windows
+from lab.comparison.examples import LARGEST_PRESSURE, cut_clip_windows, find_examples
+from lab.comparison.methods import METHODS, Method, OnePoolEncoder
+from lab.comparison.results import TrainingTask, find_stale, run_tasks
 
 pytestmark = pytest.mark.slow
 
@@ -51,7 +44,7 @@ def b(folder, tmp_path):
 
 
 @dataclass(frozen=True)
-class Constant(Method):
+class ConstantBaseline(Method):
     """Predicts one class, and logs each training."""
 
     answer: int = 0
@@ -65,7 +58,7 @@ class Constant(Method):
 
 
 def task(examples, tests=None, answer=0, **changed):
-    made = TrainingTask("constant", Constant(answer), examples, tests or {}, 0)
+    made = TrainingTask("constant", ConstantBaseline(answer), examples, tests or {}, 0)
     return replace(made, **changed)
 
 
@@ -91,7 +84,7 @@ def test_slots_without_reading_repeat_the_previous_one(a, monkeypatch):
     path = a.paths[0]
     clip, taxels = read_clips(path)[0], a.mounted.skin.count
 
-    def read_pressures(recording, transform):
+    def read_pressures(recording):
         for slot in (10, 60):
             stamp = clip.start + slot * (clip.end - clip.start) // READINGS
             yield (
@@ -138,12 +131,6 @@ def test_noise_is_zero_in_windows_and_saturation_is_bounded(a, monkeypatch):
     assert pressure[..., ::2].max() == LARGEST_PRESSURE
 
 
-def test_windows_read_from_the_pack_equal_those_written(a):
-    again = replace(a)
-    np.testing.assert_array_equal(a.windows.pressure, again.windows.pressure)
-    np.testing.assert_array_equal(a.windows.q, again.windows.q)
-
-
 def test_recordings_without_clips_are_refused(tmp_path):
     record_people(tmp_path, ("ann",))
     with pytest.raises(RecordingError, match="is of no set of clips; allowed are sets"):
@@ -172,7 +159,7 @@ def test_other_labels_or_times_of_clips_change_the_digest(change, a, tmp_path):
 def test_held_out_recordings_are_not_trained_on(folder, tmp_path):
     trained_on = []
 
-    class Spy(Constant):
+    class Spy(ConstantBaseline):
         def fit(self, examples, seed):
             trained_on.extend(examples.paths)
             return super().fit(examples, seed)
@@ -189,12 +176,12 @@ def test_held_out_recordings_are_not_trained_on(folder, tmp_path):
 
 def test_a_training_is_repeated_only_if_anything_differs(a, b, tmp_path):
     log, kept = tmp_path / "log", tmp_path / "results.jsonl"
-    first = task(a, {"test": b}, method=Constant(0, str(log)))
+    first = task(a, {"test": b}, method=ConstantBaseline(0, str(log)))
     assert run_tasks([first], kept) == run_tasks([first], kept)
     assert log.read_text() == "x"
     for changed in (
         {"seed": 1},
-        {"method": Constant(1, str(log))},
+        {"method": ConstantBaseline(1, str(log))},
         {"train": b},
         {"tests": {"test": a}},
         {"share": 0.5},
@@ -234,22 +221,11 @@ def test_a_damaged_file_of_results_is_named_and_unchanged(a, b, tmp_path, kept):
     assert path.read_text() == kept
 
 
-def test_every_encoder_is_given_coordinates_in_centimetres():
-    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
-    inputs = []
-    for kind, make in ENCODERS.items():
-        encoder = make(NetworkConfig())
-        encoder.layers[0].register_forward_pre_hook(lambda _, args: inputs.append(args))
-        encoder(batch)
-        (_, x, *_) = inputs.pop()
-        torch.testing.assert_close(LENGTH_CM * x, batch.positions, msg=kind)
-
-
 @pytest.mark.parametrize("kind", ["max", "mean"])
 def test_an_encoder_of_one_pooling_gives_it_twice(kind):
     batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
     torch.manual_seed(0)
-    found = ENCODERS[kind](NetworkConfig(width=8))(batch).detach()
+    found = OnePoolEncoder(NetworkConfig(width=8), kind)(batch).detach()
     np.testing.assert_allclose(found[:, :8], found[:, 8:], atol=1e-5)
 
 

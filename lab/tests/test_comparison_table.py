@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from lab.compare import group_results
-from lab.comparison import (
-    AnsweredClips,
-    Lead,
-    MethodResult,
-    build_rows,
-    format_gesture_tables,
-    format_tables,
-)
+from lab.comparison.results import AnsweredClips, MethodResult
+from lab.comparison.table import Lead, build_rows, format_gesture_tables, format_tables
 
 
 def answered(right):

@@ -10,17 +10,14 @@ from eskin.errors import RecordingError
 from eskin.learn.dataset import prepare
 from eskin.learn.training import Trainer
 from helpers.learning import AS_RECORDED, TINY, record_people
-from lab import crossvalidation
+from lab import real_recordings
 from lab.baselines.estimators import RandomForest
-from lab.baselines.hand import compute_features
-from lab.crossvalidation import (
+from lab.real_recordings import (
     CNN,
     ON_FEATURES,
-    classify_instants,
     classify_segments,
     find_groups,
     train_folds,
-    window_features,
 )
 
 pytestmark = pytest.mark.slow
@@ -83,7 +80,7 @@ def test_no_fold_trains_on_its_own_group(dataset, monkeypatch):
 
             object.__setattr__(self.batches.sampler, "draw", watched)
 
-    monkeypatch.setattr(crossvalidation, "Trainer", Spy)
+    monkeypatch.setattr(real_recordings, "Trainer", Spy)
     networks = train_folds(dataset, ["a", "b", "a"], TINY)
     assert list(networks) == ["a", "b"]
     assert [trainer.drawn for trainer in trainers] == [{1}, {0, 2}]
@@ -108,17 +105,9 @@ def test_clearly_different_gestures_are_recognised_on_held_out_people(
     assert answers.vocabulary == ("hold", "tap")
     assert answers.groups == tuple(np.repeat(PEOPLE, 4).tolist())
     assert answers.truth.tolist() == [0, 1, 1, 0] * 3
-    assert answers.recordings == (*[0] * 4, *[1] * 4, *[2] * 4)
     assert set(answers.predicted) == {"eskin", *ON_FEATURES, CNN}
     for name, predicted in answers.predicted.items():
         assert (predicted == answers.truth).mean() >= 0.75, name
-    instants = classify_instants(dataset, groups, networks, 0)
-    assert instants.vocabulary == ("none", "hold", "tap")
-    assert len(instants.truth) == len(instants.groups) == len(dataset.stamps)
-    assert instants.recordings == tuple(dataset.recording.tolist())
-    assert set(instants.predicted) == {"eskin", "random forest"}
-    for name, least in (("eskin", 1 / 3), ("random forest", 0.6)):
-        assert (instants.predicted[name] == instants.truth).mean() > least, name
 
 
 def test_shuffled_labels_are_not_recognised_better_than_by_chance(dataset, few_trees):
@@ -142,12 +131,3 @@ def test_a_single_group_is_refused(dataset):
     one = replace(dataset, recordings=dataset.recordings[:1])
     with pytest.raises(RecordingError, match="all recordings have subject 'ann'"):
         find_groups(one, "subject")
-
-
-def test_features_of_an_instant_are_of_its_last_two_seconds(dataset):
-    row = 100
-    expected = compute_features(dataset, np.arange(61, 101), False)
-    np.testing.assert_array_equal(window_features(dataset, row), expected)
-    first = int(dataset.starts[-1])
-    expected = compute_features(dataset, np.array([first]), False)
-    np.testing.assert_array_equal(window_features(dataset, first), expected)

@@ -7,14 +7,12 @@ import pytest
 
 from eskin.errors import SkinError
 from eskin.skin import build_grid_skin, load_skin, skin_from_bytes, skin_to_bytes
-from lab.fuzz.command_maps import CommandsTarget
 from lab.fuzz.decoder import DecoderTarget
 from lab.fuzz.models import ModelTarget
 from lab.fuzz.recordings import RecordingTarget
-from lab.fuzz.robots import RobotTarget
-from lab.fuzz.run import HangError, fuzz, where
+from lab.fuzz.robots import CommandsTarget, RobotTarget
+from lab.fuzz.run import HangError, Target, fuzz, where
 from lab.fuzz.skin_files import BETWEEN, SkinTarget
-from lab.fuzz.target import Target
 
 
 @pytest.mark.slow

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
+from eskin.live import load_model
 from helpers.worlds import world
 from lab import same_touch
 from lab.program import run_program
 from lab.same_touch import (
     RecognitionResult,
     draw_touches,
-    load_both_models,
     recognise_touch,
 )
 
@@ -33,15 +33,13 @@ def touches(small_world):
 @pytest.fixture(scope="module")
 def results(touches):
     """Return the results of the model with pose, then without, in both poses."""
-    models = load_both_models("ur5")
+    models = load_model("ur5"), load_model("ur5-blind")
     return [[recognise_touch(touches[0], side, m) for side in (0, 1)] for m in models]
 
 
 def test_both_playbacks_have_equal_counts_and_different_poses(touches):
     for touch in touches:
-        for one, other in zip(
-            touch.scans(0, 0, None), touch.scans(1, 0, None), strict=True
-        ):
+        for one, other in zip(touch.scans(0), touch.scans(1), strict=True):
             assert one.counts.tobytes() == other.counts.tobytes()
             assert one.received.tobytes() == other.received.tobytes()
             assert one.stamp == other.stamp and not np.allclose(one.q, other.q)
@@ -87,6 +85,7 @@ def test_command_prints_the_results(capsys):
     assert first.startswith("touch 1: ")
 
 
-def test_program_refuses_no_pairs_in_one_line(capsys):
-    assert run_program(same_touch.main, ["--pairs", "0"]) == 2
+@pytest.mark.parametrize("words", [["--pairs", "0"], ["--seed", "-1"]])
+def test_program_refuses_numbers_out_of_range_in_one_line(words, capsys):
+    assert run_program(same_touch.main, words) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1

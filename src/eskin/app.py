@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task, UrArm
+from eskin.command import FRAME_TASK, Arm, MotionConfig, Task, UrArm
 from eskin.command.ur import UrLink
 from eskin.drivers import (
     CalledJoints,
@@ -34,7 +34,7 @@ from eskin.drivers.joints import JointFunction
 from eskin.errors import ArmError, DeviceError
 from eskin.live import mount_skin
 from eskin.recording import Overrides, read_calibration
-from eskin.registry import SOURCES, load_function
+from eskin.registry import ARMS, SOURCES, load_function
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration
@@ -171,7 +171,7 @@ def open_arm(
     kind, _, rest = uri.partition(":")
     host = rest.removeprefix("//")
     if kind == "sim" and rest == task.robot_name:
-        return SimulatedArm(task, clock, motion)
+        return load_function(ARMS["sim"])(task, clock, motion)
     if kind != "ur" or not rest.startswith("//") or not host or "/" in host:
         raise ArmError(
             f"robot is '{uri}'; allowed is sim:{task.robot_name} or ur://HOST, such as "

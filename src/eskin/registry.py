@@ -56,7 +56,7 @@ COMMANDS = {
         "sim.commands.device:run", "act as a skin: send simulated or recorded touches"
     ),
     "skin show": Entry(
-        "cli.skin:run_show", "describe and draw a skin, or what it feels"
+        "cli.skin:run_show", "describe and draw a skin, or what it feels", "train"
     ),
     "skin check": Entry("cli.skin:run_check", "check a skin's files"),
     "skin design": Entry(
@@ -91,6 +91,9 @@ MOVED = {
 
 SOURCES = {"sim": "sim.interactive.player:open_simulation"}
 """Functions that open the sources of leaves, by the kind of their URI."""
+
+ARMS = {"sim": "sim.arm:SimulatedArm"}
+"""Arms of leaves, by the kind of their URI."""
 
 EXPORTS = {"onnx": "learn.onnx_export:export_onnx"}
 """Functions that write a model, by format."""

@@ -9,11 +9,7 @@ from functools import cache
 import numpy as np
 import torch
 
-from eskin.learn.nn import (
-    NetworkInput,
-    SlotIndex,
-    build_graph_tensors,
-)
+from eskin.learn.nn import NetworkInput, SlotIndex, build_graph_tensors
 from eskin.live import (
     HISTORY,
     NODE_FIELDS,

@@ -7,12 +7,7 @@ import numpy as np
 import torch
 
 from eskin.learn.nn import RecogniserNetwork
-from eskin.live import (
-    Model,
-    ModelCard,
-    NetworkConfig,
-    Recognizer,
-)
+from eskin.live import Model, ModelCard, NetworkConfig, Recognizer
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, Skin, build_grid_skin, load_skin

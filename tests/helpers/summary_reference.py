@@ -8,7 +8,11 @@ from eskin.live.summary_kernels import (
     AREA,
     FLAT,
     FORCE,
+    HISTORY_FLOORS,
+    LEVELS,
     N_PER_KPA_CM2,
+    NEAR,
+    PRESSURE,
     RATE,
     SPEED,
 )
@@ -37,7 +41,7 @@ def pressure_columns(graph):
     p, areas = graph.pressure.astype(np.float64), graph.areas.astype(np.float64)
     now, before, centre, velocity = load_motion(graph)
     force, total, area = now.sum(), max(now.sum(), 1e-7), areas[p > 0].sum()
-    above = [areas[p > level].sum() for level in kernels.LEVELS]
+    above = [areas[p > level].sum() for level in LEVELS]
     offset = graph.positions - centre
     spread = np.einsum("n,ni,nj->ij", now, offset, offset) / total
     variances = np.maximum(np.linalg.eigvalsh(spread), 0.0)[::-1]
@@ -45,10 +49,10 @@ def pressure_columns(graph):
     change = (now - before) / graph.seconds[0]
     loading, unloading = np.maximum(change, 0).sum(), np.maximum(-change, 0).sum()
     mean, square = p @ areas / (area + AREA), p**2 @ areas / (area + AREA)
-    history = zip(graph.history[0], kernels.HISTORY_FLOORS, strict=True)
+    history = zip(graph.history[0], HISTORY_FLOORS, strict=True)
     return [
         log(force, FORCE),
-        log(p.max(initial=0.0), kernels.PRESSURE),
+        log(p.max(initial=0.0), PRESSURE),
         log(area, AREA),
         *(log(part, AREA) for part in above),
         *extents,
@@ -74,11 +78,11 @@ def shear_columns(graph):
     size, rate = norm(s, axis=1).sum(), norm(change, axis=1).sum()
     net, net_before = s.sum(axis=0), earlier.sum(axis=0)
     offset = graph.positions - centre
-    outward = offset / (norm(offset, axis=1)[:, None] + kernels.NEAR)
+    outward = offset / (norm(offset, axis=1)[:, None] + NEAR)
     scale = size + FORCE
     return [
         log(size, FORCE),
-        log(norm(graph.shear, axis=1).max(initial=0.0), kernels.PRESSURE),
+        log(norm(graph.shear, axis=1).max(initial=0.0), PRESSURE),
         log(norm(net), FORCE),
         norm(net) / scale,
         log(size, FORCE) - log(now.sum(), FORCE),

@@ -7,7 +7,6 @@ import numpy as np
 
 from eskin.page import ContactMarker, OpenTouch, ViewUpdate
 from eskin.page.appearance import describe_scene
-from eskin.page.viewer import pack_poses
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 
@@ -53,9 +52,9 @@ def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
         touches = (OpenTouch(3, make_setup().links[link], 7.5, chances),)
     return ViewUpdate(
         seconds=seconds,
-        poses=pack_poses(mounted().kinematics.poses(q)),
+        T_world_link=mounted().kinematics.poses(q),
         pressure=pressure,
-        valid=np.packbits(np.ones(skin.count, bool)),
+        valid=np.ones(skin.count, bool),
         contacts=contacts,
         touches=touches,
         force=7.5 if contacts else 0.0,

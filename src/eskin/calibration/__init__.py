@@ -3,7 +3,6 @@
 from eskin.calibration.gains import (
     FingertipPress,
     GainEstimate,
-    GainPrior,
     estimate_gains,
 )
 from eskin.calibration.guide import (
@@ -14,20 +13,18 @@ from eskin.calibration.guide import (
     PressGuide,
     PressRequest,
 )
-from eskin.calibration.rest import RestEstimate, RestRecord, estimate_rest
+from eskin.calibration.rest import RestEstimate, estimate_rest
 
 __all__ = [
     "CalibrationGuide",
     "CalibrationResult",
     "GainEstimate",
-    "GainPrior",
     "GuideConfig",
     "GuideEvent",
     "FingertipPress",
     "PressGuide",
     "PressRequest",
     "RestEstimate",
-    "RestRecord",
     "estimate_gains",
     "estimate_rest",
 ]

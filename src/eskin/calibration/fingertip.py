@@ -7,7 +7,6 @@ closes the layers of the sensor, taxels show nothing; the smaller the force, and
 larger the taxels, the more is lost.
 """
 
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -40,17 +39,6 @@ POINTS = 4
 MIN_FORCE = 0.1
 """Force that is taken for shown where less is [N]; such presses are not noticed."""
 PA_PER_KPA = 1000.0
-
-
-@dataclass(frozen=True)
-class TaxelConstants:
-    """The constants of a trial that all taxels of a patch share."""
-
-    ln_gain: float
-    """ln of the gain over the one that is assumed."""
-    exponent: float
-    unfelt: float
-    """Activation pressure [kPa]."""
 
 
 @final
@@ -92,25 +80,31 @@ class FingertipResponse:
         self.read_scale = gain * calibration.full_scale
         self.calibration = calibration
         self.area = area
-        self.cache: dict[TaxelConstants, tuple[np.ndarray, np.ndarray]] = {}
+        self.cache: dict[tuple[float, ...], tuple[np.ndarray, np.ndarray]] = {}
 
     def compute(
-        self, constants: TaxelConstants
+        self, ln_gain: float, exponent: float, unfelt: float
     ) -> tuple[Float[np.ndarray, "force"], Float[np.ndarray, "force"]]:
-        """Return mean and variance of ln(force shown / N) at each of `FORCES`."""
-        found = self.cache.get(constants)
-        if found is not None:
-            return found
-        felt = np.maximum(self.pressure - constants.unfelt, 0.0)
-        power = constants.exponent / self.calibration.exponent
-        share = felt / (self.half_scale * np.exp(constants.ln_gain))
+        """Return mean and variance of ln(force shown / N) at each of `FORCES`.
+
+        Args:
+            ln_gain: ln of the gain over the one that is assumed.
+            exponent: exponent of the curve.
+            unfelt: activation pressure [kPa].
+        """
+        key = ln_gain, exponent, unfelt
+        if key in self.cache:
+            return self.cache[key]
+        felt = np.maximum(self.pressure - unfelt, 0.0)
+        power = exponent / self.calibration.exponent
+        share = felt / (self.half_scale * np.exp(ln_gain))
         read = self.read_scale * (share if power == 1.0 else share**power)
         shown = read + np.minimum(read, self.calibration.unfelt)
         shown[shown < ContactConfig().off] = 0.0
         total = PA_PER_KPA * self.area * shown.sum(axis=2)
         logs = np.log(np.maximum(total, MIN_FORCE))
-        self.cache[constants] = logs.mean(axis=1), logs.var(axis=1)
-        return self.cache[constants]
+        self.cache[key] = logs.mean(axis=1), logs.var(axis=1)
+        return self.cache[key]
 
 
 def press_taxels(

@@ -17,7 +17,6 @@ from eskin.calibration.fingertip import (
     MIN_FORCE,
     PA_PER_KPA,
     FingertipResponse,
-    TaxelConstants,
 )
 from eskin.skin import Skin
 from eskin.touch import Calibration
@@ -98,8 +97,6 @@ class GainEstimate:
     """Activation pressure [kPa]."""
     unfelt_deviation: float | None
     """Standard deviation of ln unfelt; None where it is not estimated."""
-    covariance: Float[np.ndarray, "patch patch"]
-    """Covariance of `ln_gain`."""
 
     def apply(self, calibration: Calibration, skin: Skin) -> Calibration:
         """Return a calibration with these constants."""
@@ -119,7 +116,6 @@ def estimate_gains(
     skin: Skin,
     calibration: Calibration,
     presses: tuple[FingertipPress, ...],
-    prior: GainPrior | None = None,
 ) -> GainEstimate:
     """Estimate the gain of each patch, and exponent and activation of the skin.
 
@@ -131,9 +127,8 @@ def estimate_gains(
         skin: skin that was pressed.
         calibration: calibration that was assumed: the middle of the prior.
         presses: presses, of any patches.
-        prior: spreads that are usual.
     """
-    problem = PressProblem(skin, calibration, presses, prior or GainPrior())
+    problem = PressProblem(skin, calibration, presses)
     found = np.zeros(problem.size)
     jacobian = np.eye(problem.size)
     for _ in range(ROUNDS if presses else 0):
@@ -167,11 +162,10 @@ class PressProblem:
         skin: Skin,
         calibration: Calibration,
         presses: tuple[FingertipPress, ...],
-        prior: GainPrior,
     ) -> None:
         """Measure the presses with the assumed calibration."""
         self.skin, self.calibration = skin, calibration
-        self.presses, self.prior = presses, prior
+        self.presses, self.prior = presses, GainPrior()
         self.size = SHARED + len(skin.patches)
         self.shown = np.array([self.measure(press) for press in presses])
         self.deviation = np.ones(len(presses))
@@ -226,8 +220,8 @@ class PressProblem:
         mean, deviation = np.empty(len(self.presses)), np.empty(len(self.presses))
         for n, press in enumerate(self.presses):
             response = self.responses[press.patch]
-            constants = TaxelConstants(float(ln_gain[press.patch]), exponent, unfelt)
-            means, variances = response.compute(constants)
+            gain = float(ln_gain[press.patch])
+            means, variances = response.compute(gain, exponent, unfelt)
             middle, spread = usual, prior.press
             if press.force is not None:
                 middle, spread = np.log(press.force), prior.known
@@ -285,5 +279,4 @@ class PressProblem:
             float(prior.exponent * spread[2]) if self.has_exponent else None,
             unfelt,
             float(prior.unfelt * spread[3]) if self.has_unfelt else None,
-            gains,
         )

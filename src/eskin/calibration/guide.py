@@ -4,7 +4,7 @@ A guide measures rest first, then asks for presses.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Generic, Literal, TypeVar, final
 
 import numpy as np
@@ -13,12 +13,10 @@ from jaxtyping import Bool, Float, Int
 from eskin.calibration.gains import (
     FingertipPress,
     GainEstimate,
-    GainPrior,
     estimate_gains,
 )
 from eskin.calibration.rest import (
     RestEstimate,
-    RestRecord,
     estimate_rest,
     find_resting_hand,
 )
@@ -164,6 +162,7 @@ class PressGuide(ABC, Generic[Press]):
         presses: presses so far.
         rest_seconds: time without touch that is asked for first [s].
         state: contacts and pressures at the latest scan; None before the first.
+        began: stamp at which rest began; None before.
     """
 
     def __init__(
@@ -176,6 +175,7 @@ class PressGuide(ABC, Generic[Press]):
         self.pipeline = TouchPipeline(mounted, calibration)
         self.detector, self.pressing = PressDetector(), PressSummary()
         self.state: TouchState | None = None
+        self.began: int | None = None
 
     @property
     def skin(self) -> Skin:
@@ -188,9 +188,22 @@ class PressGuide(ABC, Generic[Press]):
         return self.detector.since is not None
 
     @property
-    @abstractmethod
+    def rest_share(self) -> float:
+        """Share of the time at rest that has passed."""
+        if self.state is None or self.began is None:
+            return 0.0
+        passed = (self.state.reading.stamp - self.began) / NS_PER_S
+        return min(passed / self.rest_seconds, 1.0)
+
+    @property
     def progress(self) -> float:
         """Share of the time at rest, or of the presses asked for, that is done."""
+        return self.rest_share if self.phase == "rest" else self.press_share
+
+    @property
+    @abstractmethod
+    def press_share(self) -> float:
+        """Share of the presses asked for that is done."""
 
     @property
     @abstractmethod
@@ -262,8 +275,6 @@ class GuideConfig:
     forces: tuple[float, ...] = ()
     """Forces of the presses of a patch, one after the other and again [N]; empty where
     they are not known."""
-    prior: GainPrior = field(default_factory=GainPrior)
-    """What is known before any press."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +325,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         self.on = self.pipeline.config.contacts.with_floor(calibration.floor).on
         self.touched_from = TOUCH_PRESSURE + calibration.floor
         self.min_touch_counts = calibration.compute_counts(self.touched_from)
-        self.record, self.faults = RestRecord(), self.build_fault_detector()
+        self.record: list[Scan] = []
+        self.faults = self.build_fault_detector()
         self.rest: RestEstimate | None = None
         self.ignored = np.zeros(self.skin.count, bool)
         self.skipped: set[int] = set()
@@ -335,10 +347,11 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         text = self.describe_touch(scan, state)
         if text:
             return self.restart_rest(text, scan.stamp)
-        self.record.add(scan)
+        self.began = scan.stamp if self.began is None else self.began
+        self.record.append(scan)
         baseline = self.pipeline.calibrator.state.baseline
         self.faults.push(scan, state.reading.pressure, baseline)
-        if self.record.seconds < self.config.seconds:
+        if self.rest_share < 1.0:
             return None
         rest = estimate_rest(self.record, self.skin)
         hand = find_resting_hand(rest, self.skin, self.assumed)
@@ -347,7 +360,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             text = f"a hand seems to rest on patch '{patch}'"
             return self.restart_rest(text, scan.stamp)
         self.ignored = self.faults.mask | self.find_restless(rest)
-        self.rest, self.record = rest, RestRecord()
+        self.rest, self.record = rest, []
         self.phase = "press" if self.config.presses and self.wanted else "done"
         return GuideEvent("rested")
 
@@ -357,9 +370,10 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         They would begin presses by themselves, so they are not used for any.
         """
         contact = self.assumed.compute_counts(self.on)
-        seems = [np.abs(counts - rest.rest) > contact for counts in self.record.counts]
-        number = np.maximum(np.sum(self.record.received, axis=0), 1)
-        share = np.sum(np.array(seems) & self.record.received, axis=0) / number
+        received = np.array([scan.received for scan in self.record])
+        above = np.array([np.abs(scan.counts - rest.rest) for scan in self.record])
+        number = np.maximum(np.sum(received, axis=0), 1)
+        share = np.sum((above > contact) & received, axis=0) / number
         return (share >= RESTLESS) & (np.mean(share >= RESTLESS) < MAX_RESTLESS)
 
     def describe_touch(self, scan: Scan, state: TouchState) -> str:
@@ -379,7 +393,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
 
     def restart_rest(self, text: str, stamp: int) -> GuideEvent | None:
         """Forget the time at rest so far; tell it once for each touch."""
-        self.record, self.faults = RestRecord(), self.build_fault_detector()
+        self.record, self.began, self.faults = [], None, self.build_fault_detector()
         last, self.touched_at = self.touched_at, stamp
         apart = last is None or stamp - last > APART * NS_PER_S
         return GuideEvent("touched", text) if apart else None
@@ -412,10 +426,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         return sum(press.patch == patch for press in self.presses)
 
     @property
-    def progress(self) -> float:
-        """Share of the time at rest, or of the presses asked for, that is done."""
-        if self.phase == "rest":
-            return min(self.record.seconds / self.config.seconds, 1.0)
+    def press_share(self) -> float:
+        """Share of the presses asked for that is done."""
         asked = self.config.presses
         done = [
             asked if patch in self.skipped else min(self.count_presses(patch), asked)
@@ -477,8 +489,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         )
         gains = None
         if self.presses:
-            presses, prior = tuple(self.presses), self.config.prior
-            gains = estimate_gains(self.skin, self.assumed, presses, prior)
+            gains = estimate_gains(self.skin, self.assumed, tuple(self.presses))
             calibration = gains.apply(calibration, self.skin)
         return CalibrationResult(
             calibration,

@@ -14,7 +14,6 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
 from eskin.calibration.guide import (
@@ -29,7 +28,6 @@ from eskin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_centre
 from eskin.touch import Calibration, Scan, TouchState
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate, skew
-from eskin.units import NS_PER_S
 
 MIN_PRESSES = 5
 """Smallest number of presses of a patch: three place it, the others tell how well."""
@@ -104,16 +102,6 @@ class PoseEstimate:
         """
         quantile = t_distribution.ppf(0.5 + CONFIDENCE / 2, self.freedom)
         return float(quantile) * self.deviations
-
-    def contains(self, T_true_file: Float[np.ndarray, "4 4"]) -> bool:
-        """Tell whether a motion lies in the 95 % confidence region."""
-        turn = exp_so3(self.rotation)
-        rotation = log_so3(T_true_file[:3, :3] @ turn.T)
-        moved = apply(T_true_file, self.centre) - self.centre
-        error = np.concatenate([rotation, moved - self.shift])
-        distance = float(error @ np.linalg.solve(self.covariance, error))
-        limit = 6 * float(f_distribution.ppf(CONFIDENCE, 6, self.freedom))
-        return distance <= limit
 
 
 def find_felt_point(
@@ -283,13 +271,11 @@ def check_presses(patch: str, known: Points) -> None:
 def move_patch(skin: Skin, estimate: PoseEstimate) -> Skin:
     """Return a skin with a patch where it was estimated to be."""
     taxels, T = skin.find_taxels(estimate.patch), estimate.T_true_file
-    positions, normals, tangents = (
-        each.copy() for each in (skin.positions, skin.normals, skin.tangents)
-    )
-    positions[taxels] = apply(T, positions[taxels])
-    normals[taxels] = rotate(T, normals[taxels])
-    tangents[taxels] = rotate(T, tangents[taxels])
-    return replace(skin, positions=positions, normals=normals, tangents=tangents)
+    moves = {"positions": apply, "normals": rotate, "tangents": rotate}
+    moved = {name: getattr(skin, name).copy() for name in moves}
+    for name, move in moves.items():
+        moved[name][taxels] = move(T, moved[name][taxels])
+    return replace(skin, **moved)
 
 
 def read_points(path: Path, skin: Skin) -> tuple[KnownPoint, ...]:
@@ -359,12 +345,11 @@ class PoseGuide(PressGuide[PosePress]):
         """Start with some seconds without touch."""
         super().__init__(mounted, calibration, TARE_SECONDS)
         self.points, self.waiting = tuple(points), list(range(len(points)))
-        self.began: int | None = None
 
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
         """Wait until the time at rest has passed."""
         self.began = scan.stamp if self.began is None else self.began
-        if scan.stamp - self.began < self.rest_seconds * NS_PER_S:
+        if self.rest_share < 1.0:
             return None
         self.phase = "press"
         return GuideEvent("rested")
@@ -385,14 +370,9 @@ class PoseGuide(PressGuide[PosePress]):
         return PosePress(number, point, felt, normal)
 
     @property
-    def progress(self) -> float:
-        """Share of the time at rest, or of the points, that is done."""
-        if self.phase != "rest":
-            return 1.0 - len(self.waiting) / len(self.points)
-        if self.state is None or self.began is None:
-            return 0.0
-        passed = (self.state.reading.stamp - self.began) / NS_PER_S
-        return min(passed / self.rest_seconds, 1.0)
+    def press_share(self) -> float:
+        """Share of the points that is done."""
+        return 1.0 - len(self.waiting) / len(self.points)
 
     @property
     def request(self) -> PressRequest | None:
@@ -421,9 +401,8 @@ class PoseGuide(PressGuide[PosePress]):
             ValueError: The patch has too few presses, or they lie along a line.
         """
         own = [press for press in self.presses if press.point.patch == patch]
-        known = np.array([press.point.p_link for press in own]).reshape(-1, 3)
-        felt = np.array([press.felt for press in own]).reshape(-1, 3)
-        normals = np.array([press.normal for press in own]).reshape(-1, 3)
+        found = [(press.point.p_link, press.felt, press.normal) for press in own]
+        known, felt, normals = np.array(found).reshape(-1, 3, 3).swapaxes(0, 1)
         return estimate_pose(self.skin, patch, known, felt, normals)
 
     def finish(self) -> tuple[PoseEstimate, ...]:

@@ -1,7 +1,7 @@
 """This module estimates counts and noise of taxels at rest."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -47,41 +47,19 @@ class RestEstimate:
     """
 
 
-@final
-class RestRecord:
-    """A record collects the scans of a time without touch."""
-
-    def __init__(self) -> None:
-        """Start without a scan."""
-        self.stamps: list[int] = []
-        self.counts: list[np.ndarray] = []
-        self.received: list[np.ndarray] = []
-
-    def add(self, scan: Scan) -> None:
-        """Add the next scan."""
-        self.stamps.append(scan.stamp)
-        self.counts.append(scan.counts)
-        self.received.append(scan.received)
-
-    @property
-    def seconds(self) -> float:
-        """Time from the first to the last scan [s]."""
-        return (self.stamps[-1] - self.stamps[0]) / NS_PER_S if self.stamps else 0.0
-
-
-def estimate_rest(record: RestRecord, skin: Skin) -> RestEstimate:
-    """Estimate rest and noise of each taxel.
+def estimate_rest(scans: Sequence[Scan], skin: Skin) -> RestEstimate:
+    """Estimate rest and noise of each taxel from scans of a time without touch.
 
     Spikes are left out, and a drift at constant speed is no noise. Counts that change
     by whole steps, or never, have at least the noise of rounding.
     """
     rest, noise = np.zeros(skin.count), np.zeros(skin.count)
     measured = np.zeros(skin.count, bool)
-    times = (np.array(record.stamps) - record.stamps[0]) / NS_PER_S
+    times = np.array([scan.stamp - scans[0].stamp for scan in scans]) / NS_PER_S
     for start in range(0, skin.count, BLOCK):
         part = slice(start, start + BLOCK)
-        counts = np.array([row[part] for row in record.counts], np.float64)
-        received = np.array([row[part] for row in record.received])
+        counts = np.array([scan.counts[part] for scan in scans], np.float64)
+        received = np.array([scan.received[part] for scan in scans])
         is_measured = np.count_nonzero(received, axis=0) >= MIN_SAMPLES
         counts = np.where(received, counts, np.nan)[:, is_measured]
         found = np.flatnonzero(is_measured) + start

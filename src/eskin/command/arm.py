@@ -127,11 +127,11 @@ class Arm(JointSource, Closing):
 
     @abstractmethod
     def open_gripper(self) -> None:
-        """Open the gripper; the arm stands meanwhile."""
+        """Open the gripper; the arm is suspended meanwhile."""
 
     @abstractmethod
     def close_gripper(self) -> None:
-        """Close the gripper; the arm stands meanwhile."""
+        """Close the gripper; the arm is suspended meanwhile."""
 
     @abstractmethod
     def set_speed(self, share: float) -> None:
@@ -146,7 +146,7 @@ class Arm(JointSource, Closing):
         """Go at no more than a share of full speed until told otherwise.
 
         The commanded speed stays as it is: a limit of 1 gives it back. With 0 the arm
-        stands, without being paused or held.
+        is suspended, without being paused or held.
 
         Raises:
             ValueError: the share is not between 0 and 1.

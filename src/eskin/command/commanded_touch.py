@@ -99,7 +99,7 @@ class CommandedTouch:
 
 
 @dataclass(eq=False)
-class Request:
+class CommandRequest:
     """A request is an action that a detection asks for, until that is decided."""
 
     touch: CommandedTouch
@@ -167,7 +167,7 @@ class CommandedTouches:
         }
         self.patches = tuple(self.stops)
         self.by_id: dict[int, CommandedTouch] = {}
-        self.requests: list[Request] = []
+        self.requests: list[CommandRequest] = []
         self.felt: list[CommandedTouch] = []
         self.ended: list[CommandedTouch] = []
         self.latest = self.last_contact = now

@@ -23,7 +23,11 @@ from eskin.command.actions import (
 )
 from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
-from eskin.command.commanded_touch import CommandedTouch, CommandedTouches, Request
+from eskin.command.commanded_touch import (
+    CommandedTouch,
+    CommandedTouches,
+    CommandRequest,
+)
 from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
 from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
@@ -227,7 +231,7 @@ class Policy(Listener):
 
     def build_request(
         self, touch: CommandedTouch, detection: Detection
-    ) -> Request | None:
+    ) -> CommandRequest | None:
         """Return what a detection asks for; None where the map has no rule for it."""
         rule = self.commands.find_rule(
             detection.gesture, detection.link, detection.patch, detection.heading
@@ -235,7 +239,7 @@ class Policy(Listener):
         if rule is None:
             return None
         action = resolve_action(rule.action_or_function, self.arm.state())
-        return Request(
+        return CommandRequest(
             touch, detection, rule, action, detection.confidence, detection.end
         )
 
@@ -255,7 +259,7 @@ class Policy(Listener):
             return f"it was felt {1e3 * age:.0f} ms ago; touch again"
         return None
 
-    def find_refusal(self, request: Request, stamp: int) -> str | None:
+    def find_refusal(self, request: CommandRequest, stamp: int) -> str | None:
         """Return why a touch must not command what it asks for, or None where it may.
 
         Its confidence is not considered. The reason is the one that holds now, and says
@@ -439,7 +443,7 @@ class Policy(Listener):
                 self.publish("normal", True, f"no longer {self.slowed}")
                 self.slowed = None
 
-    def review(self, request: Request) -> None:
+    def review(self, request: CommandRequest) -> None:
         """Execute a request once it may be, or refuse it where it must not."""
         refusal = self.find_late_refusal(request)
         if refusal is None:
@@ -454,7 +458,7 @@ class Policy(Listener):
         self.touches.requests.remove(request)
         self.complete(request, refusal)
 
-    def find_late_refusal(self, request: Request) -> str | None:
+    def find_late_refusal(self, request: CommandRequest) -> str | None:
         """Return why a request must not be executed any more, or None where it may."""
         action = request.action
         if request.touch.clashes:
@@ -471,7 +475,7 @@ class Policy(Listener):
             return TOUCHED_AGAIN
         return None
 
-    def has_ended(self, request: Request) -> bool:
+    def has_ended(self, request: CommandRequest) -> bool:
         """Return whether the skin was let go, as far as the action needs that."""
         touches, action = self.touches, request.action
         if action in REDUCING_ACTIONS:
@@ -484,13 +488,13 @@ class Policy(Listener):
         has_data = self.monitor.has_data(request.detection.patch)
         return request.touch.closed and untouched and alone and has_data
 
-    def goes_on(self, request: Request) -> bool:
+    def goes_on(self, request: CommandRequest) -> bool:
         """Return whether touching goes on for too long after a detection."""
         detected, longest = request.detection.stamp, self.config.max_delay * NS_PER_S
         since = max(detected, request.end)
         return max(request.end - detected, self.touches.latest - since) > longest
 
-    def find_doubt(self, request: Request) -> str | None:
+    def find_doubt(self, request: CommandRequest) -> str | None:
         """Return why a touch may be no command after all, or None where it is one."""
         action, least = request.action, self.config.min_duration
         if action not in HALTING_ACTIONS and not self.evidence.is_plausible(
@@ -511,7 +515,7 @@ class Policy(Listener):
             )
         return None
 
-    def complete(self, request: Request, refusal: str | None) -> None:
+    def complete(self, request: CommandRequest, refusal: str | None) -> None:
         """Execute a request unless it is refused, and publish the decision."""
         detection = request.detection
         if refusal is None:
@@ -529,7 +533,7 @@ class Policy(Listener):
         reason = source if refusal is None else refusal
         self.publish(request.action, refusal is None, reason, detection)
 
-    def execute(self, request: Request) -> None:
+    def execute(self, request: CommandRequest) -> None:
         """Make the arm execute what is asked for."""
         arm, detection, rule = self.arm, request.detection, request.rule
         match request.action:

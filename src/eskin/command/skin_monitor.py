@@ -35,7 +35,7 @@ class SkinMonitorConfig:
 
     max_out_seconds: float = 0.5
     """Age of a patch's newest data from which the arm is held, where a hand on the
-    patch could be missed [s]; before, it is slowed, or stands if a hand was on it."""
+    patch could be missed [s]; before, it is slowed, or suspended if one was on it."""
 
     hand: float = 0.04
     """Distance from a working taxel up to which a hand is felt [m]; half the width of
@@ -48,8 +48,8 @@ class SkinMonitorConfig:
     """Force of an unrecognised touch above which a moving arm is held [N]."""
 
     max_seconds: float = 2.0
-    """Duration of an unrecognised touch above which a moving arm stands until the touch
-    is recognised or has ended [s]."""
+    """Duration of an unrecognised touch above which a moving arm is suspended until the
+    touch is recognised or has ended [s]."""
 
     pause_seconds: float = 5.0
     """Duration of an unrecognised touch above which such an arm is paused [s]."""

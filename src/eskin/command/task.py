@@ -218,8 +218,8 @@ class TaskExecutor:
             return f"the arm is held: {self.hold_reason}"
         if not self.paused:
             return "the arm is not paused"
-        still = self.trajectory.still and not self.jogging
-        if not still or self.gripping is not None:
+        at_rest = self.trajectory.stopped and not self.jogging
+        if not at_rest or self.gripping is not None:
             return "the arm or its gripper moves"
         return None
 
@@ -279,15 +279,15 @@ class TaskExecutor:
             self.grip_left -= seconds
             if self.grip_left <= 0:
                 self.finish_grip(self.gripping)
-        stands = self.speed_limit <= 0 or (self.stopped and not self.jogging)
-        waiting = self.gripping is not None or stands
+        suspended = self.speed_limit <= 0 or (self.stopped and not self.jogging)
+        suspended |= self.gripping is not None
         speed = min(self.speed, self.speed_limit, JOG_SPEED if self.jogging else 1.0)
-        share = 0.0 if waiting else speed * scaling
+        share = 0.0 if suspended else speed * scaling
         limited = self.speed_limit < 1 and share < self.trajectory.scale
         self.trajectory.advance(seconds, share, urgent=scaling < 1 or limited)
         if self.trajectory.arrived and self.jogging:
             self.end_jog()
-        elif self.trajectory.arrived and not waiting:
+        elif self.trajectory.arrived and not suspended:
             self.handle_arrival()
 
     def finish_grip(self, grip: Grip) -> None:
@@ -318,7 +318,7 @@ class TaskExecutor:
         return ArmState(
             stamp=stamp,
             q=self.trajectory.q,
-            moving=not self.trajectory.still,
+            moving=not self.trajectory.stopped,
             paused=self.paused,
             hold_reason=self.hold_reason,
             speed=self.speed,
@@ -387,12 +387,12 @@ class TaskArm(Arm):
             executor.jog(step_world)
 
     def open_gripper(self) -> None:
-        """Open the gripper; the arm stands meanwhile."""
+        """Open the gripper; the arm is suspended meanwhile."""
         with self.present_executor() as executor:
             executor.move_gripper("open")
 
     def close_gripper(self) -> None:
-        """Close the gripper; the arm stands meanwhile."""
+        """Close the gripper; the arm is suspended meanwhile."""
         with self.present_executor() as executor:
             executor.move_gripper("closed")
 

@@ -64,8 +64,8 @@ class JointSegment:
         )
         peak = self.acceleration * self.ramp
         self.duration = self.ramp + self.length / peak if peak > 0 else 0.0
-        still = np.zeros_like(start)
-        self.direction = (goal - start) / self.length if peak > 0 else still
+        rest = np.zeros_like(start)
+        self.direction = (goal - start) / self.length if peak > 0 else rest
 
     def q(self, time: float) -> Float[np.ndarray, "joint"]:
         """Return the joint positions at a time from its start [rad]."""
@@ -92,7 +92,7 @@ class Trajectory:
 
     Its clock runs at a share of real time between 0 and 1, the time scale. The scale
     changes at a bounded rate, so stopping and going on is smooth; while it is 0 the
-    clock stands. A new goal is taken up once the arm stands.
+    clock is stopped. A new goal is taken up once the arm is at rest.
 
     Attributes:
         segment: the present segment.
@@ -125,11 +125,11 @@ class Trajectory:
 
     @property
     def arrived(self) -> bool:
-        """Return whether it stands at its goal, with no other to come."""
+        """Return whether it has stopped at its goal, with no other to come."""
         return self.next_goal is None and self.time >= self.segment.duration - TOLERANCE
 
     @property
-    def still(self) -> bool:
+    def stopped(self) -> bool:
         """Return whether no joint moves."""
         within = 0 < self.time < self.segment.duration - TOLERANCE
         return self.scale <= 0 or not within
@@ -145,7 +145,7 @@ class Trajectory:
         return self.segment.velocity(self.time) * self.scale
 
     def go_to(self, goal: Float[np.ndarray, "joint"]) -> None:
-        """Go to other joint positions [rad], once it stands."""
+        """Go to other joint positions [rad], once it has stopped."""
         self.next_goal = np.array(goal, np.float64)
 
     def restart_from(self, q: Float[np.ndarray, "joint"]) -> None:
@@ -164,7 +164,7 @@ class Trajectory:
             urgent: whether it is reached as fast as a stop.
         """
         while seconds > TOLERANCE:
-            if self.next_goal is not None and self.still:
+            if self.next_goal is not None and self.stopped:
                 self.start_segment(self.q, self.next_goal)
             changing = self.next_goal is not None
             wanted = 0.0 if changing else scale

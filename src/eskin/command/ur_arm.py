@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 class UrArm(TaskArm):
     """A UR arm sends a robot along its task, position by position.
 
-    The clock of the task runs no faster than the robot's speed slider allows, stands
+    The clock of the task runs no faster than the robot's speed slider allows, stops
     while the robot is stopped, and never makes up for time. It begins held: `release`
     starts it. Whatever stops the robot holds the task, and nothing but `release` ends
     that. The speed slider is read and never set.
@@ -47,7 +47,7 @@ class UrArm(TaskArm):
         motion: MotionConfig | None = None,
         threaded: bool = True,
     ) -> None:
-        """Connect, and stand where the robot stands.
+        """Connect, and start from where the robot is.
 
         Args:
             link: link to the robot's controller; it is closed with the arm.
@@ -184,7 +184,7 @@ class UrArm(TaskArm):
             return self.executor.state(self.time, stop, self.connected)
 
     def release(self) -> None:
-        """End a hold, and start from where the robot stands.
+        """End a hold, and start from where the robot is.
 
         Raises:
             ArmError: the reason for it is still there, or the arm is closed.
@@ -198,7 +198,7 @@ class UrArm(TaskArm):
                     f"the arm stays held: {problem}; allowed is to go on once that is "
                     "over; see to it at the robot, then release the arm again"
                 )
-            if self.executor.trajectory.still:
+            if self.executor.trajectory.stopped:
                 self.executor.trajectory.restart_from(np.array(self.status.q))
             self.executor.release()
 
@@ -213,7 +213,7 @@ class UrArm(TaskArm):
         self.link.close()
 
     def stop_smoothly(self) -> None:
-        """Wait until the arm stands, as long as a stop takes."""
+        """Wait until the arm is at rest, as long as a stop takes."""
         end = self.clock.now() + NS_PER_S // 2
         while self.state().moving and self.clock.now() < end:
             self.clock.sleep(PERIOD)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Annotated, ClassVar, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from annotated_types import Interval, MaxLen
@@ -13,7 +13,7 @@ from eskin.files import Name, NotNegative, Pause
 from eskin.live.graph_builder import GraphConfig
 from eskin.touch import PipelineConfig
 
-Limits = Mapping[str, tuple[int | float, int | float]]
+Limits = Mapping[str, tuple[Any, Any]]
 """Smallest and largest value of each setting; infinite where there is no largest."""
 
 

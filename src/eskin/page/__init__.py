@@ -3,11 +3,9 @@
 It imports no recogniser.
 """
 
-from eskin.page.colours import ColourScale
+from eskin.page.html import ColourScale
 from eskin.page.messages import (
-    Answer,
     ArmSummary,
-    ComparisonBoard,
     ContactMarker,
     CorrectionOrder,
     GuideBoard,
@@ -24,9 +22,7 @@ from eskin.page.messages import (
 )
 
 __all__ = [
-    "Answer",
     "ArmSummary",
-    "ComparisonBoard",
     "ColourScale",
     "ContactMarker",
     "CorrectionOrder",

@@ -1,4 +1,4 @@
-"""This module runs the page's process: `python -m eskin.page FD`.
+"""This module shows the page, in a process of its own: `python -m eskin.page FD`.
 
 `eskin.page` starts it. Over the socket FD it receives a scene description, then
 updates; it sends back the port, a message after each update shown, and orders. It
@@ -8,16 +8,151 @@ ends when the other end of the socket is closed.
 import os
 import signal
 import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from multiprocessing.connection import Connection
 from threading import Lock
+from time import monotonic
+from typing import final
+
+import numpy as np
+from viser import (
+    BatchedMeshHandle,
+    SceneClickEvent,
+    SceneNodeDragEvent,
+    SceneNodePointerEvent,
+    ViserServer,
+)
 
 from eskin.errors import DeviceError
-from eskin.page.messages import ORDER, READY, REFUSED, SHOWN, MessageKind, Order
-from eskin.page.page import Page
+from eskin.page.hand import Mouse, MouseHand, PaintBrush, TouchMode
+from eskin.page.messages import (
+    MessageKind,
+    Order,
+    PageOrder,
+    SceneDescription,
+    ViewUpdate,
+)
+from eskin.page.panel import GuidePanel, PaintPanel, Panel, TouchPanel
+from eskin.page.scene import GripperModel, Marks, Scene, TargetMark, lay_out
 from eskin.page.server import open_server
 
+PANEL_PERIOD = 0.1
+"""Interval between redraws of the panel [s]."""
+SAME_CLICK = 0.05
+"""Longest time between the two events of a click on a taxel [s]."""
+MISSED = "that click hit no taxel: click on the dots"
+"""What the page says of a click beside the skin."""
 TICK = 0.01
 """Interval between checks for scheduled touches [s]."""
+
+
+@final
+class Page:
+    """Shows the scene and the panel of one server.
+
+    Attributes:
+        parts: what shows the updates, in this order; the panel is the last.
+    """
+
+    def __init__(
+        self,
+        server: ViserServer,
+        setup: SceneDescription,
+        send: Callable[[Order], None],
+    ) -> None:
+        """Lay out the page.
+
+        Args:
+            server: server of the page.
+            setup: description of the scene.
+            send: function called with every order; unused if the page is not
+                touchable, and neither calibrates nor paints.
+        """
+        self.server = server
+        self.scene = lay_out(server, setup)
+        self.mouse, self.panel = build_panel(server, self.scene, send)
+        grippers = [GripperModel(server, setup)] if setup.is_arm else []
+        marks = Marks(server, self.scene), TargetMark(server, self.scene)
+        self.parts = [self.scene, *marks, *grippers, self.panel]
+        self.drawn, self.guide = -np.inf, None
+        self.seconds, self.hit = 0.0, -np.inf
+        if setup.touchable or setup.paints:
+            for link, discs in self.scene.discs.items():
+                self.register_events(link, discs)
+                self.register_events(link, self.scene.add_pads(link))
+            server.on_client_disconnect(lambda _: self.mouse.drag("end", None))
+            self.register_misses()
+        if setup.calibrates:
+            server.on_client_connect(lambda _: send(PageOrder("opened")))
+
+    def register_events(self, link: int, discs: BatchedMeshHandle) -> None:
+        """Turn clicks and drags on the discs or pads of a link into touches."""
+        scene, taxels, mouse = self.scene, self.scene.taxels[link], self.mouse
+
+        def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
+            if event.instance_index is not None:
+                self.hit = monotonic()
+                spot = scene.pick_taxel(int(taxels[event.instance_index]))
+                mouse.click(spot, monotonic(), mode)
+
+        @discs.on_click
+        async def _(event: SceneNodePointerEvent) -> None:
+            click(event, None)
+
+        @discs.on_click(modifier="shift")
+        async def _(event: SceneNodePointerEvent) -> None:
+            click(event, "grab")
+
+        @discs.on_drag("left")
+        async def _(event: SceneNodeDragEvent) -> None:
+            eye = np.asarray(event.client.camera.position)
+            if event.phase == "start" and event.instance_index is not None:
+                spot = scene.pick_taxel(int(taxels[event.instance_index]))
+            else:
+                ray = np.asarray(event.end_position) - eye
+                spot = scene.pick_along_ray(eye, ray)
+            mouse.drag(event.phase, spot)
+
+    def register_misses(self) -> None:
+        """Say in the log where a click has hit no taxel."""
+
+        @self.server.scene.on_click()
+        def _(event: SceneClickEvent) -> None:
+            # A click on a taxel comes just before, as an event of its own.
+            if monotonic() - self.hit > SAME_CLICK:
+                self.panel.note(self.seconds, MISSED)
+
+    def show(self, update: ViewUpdate) -> None:
+        """Show one update."""
+        self.seconds = update.seconds
+        guide = update.guide and replace(update.guide, share=0.0)
+        with self.server.atomic():
+            for part in self.parts:
+                part.update(update)
+            passed = update.seconds - self.drawn
+            if guide != self.guide or not 0.0 <= passed < PANEL_PERIOD:
+                self.drawn, self.guide = update.seconds, guide
+                self.panel.render(update)
+
+    def tick(self) -> None:
+        """Send the touches that are due."""
+        self.mouse.tick(monotonic())
+
+
+def build_panel(
+    server: ViserServer, scene: Scene, send: Callable[[Order], None]
+) -> tuple[Mouse, Panel]:
+    """Build the mouse and the panel that a scene asks for."""
+    gui, setup, scale = server.gui, scene.setup, scene.scale
+    if setup.paints:
+        brush = PaintBrush(setup, send)
+        return brush, PaintPanel(gui, setup, brush)
+    hand = MouseHand(setup, send)
+    if setup.calibrates:
+        return hand, GuidePanel(gui, setup, scale, send)
+    return hand, TouchPanel(gui, setup, scale, hand)
 
 
 def main(descriptor: int) -> None:
@@ -41,21 +176,18 @@ def serve(connection: Connection) -> None:
         with lock:
             connection.send((kind, value))
 
-    def send_order(order: Order) -> None:
-        send(ORDER, order)
-
     port, token, setup = connection.recv()
     try:
         server = open_server(port, token)
     except DeviceError as error:
-        send(REFUSED, str(error))
+        send("refused", str(error))
         return
-    page = Page(server, setup, send_order)
-    send(READY, server.get_port())
+    page = Page(server, setup, partial(send, "order"))
+    send("ready", server.get_port())
     while True:
         if connection.poll(TICK):
             page.show(connection.recv())
-            send(SHOWN)
+            send("shown")
         page.tick()
 
 

@@ -10,7 +10,6 @@ from eskin.robot import (
     ROBOT_PRESETS,
     Cylinder,
     Geom,
-    Robot,
     TriangleMesh,
     build_geom_mesh,
     compute_surface_distance,
@@ -23,8 +22,11 @@ SEGMENTS = 48
 """Number of segments around a solid of revolution."""
 EDGE_RADIUS = 0.007
 """Radius of the rounded edge of a cylinder [m]."""
-ARC_POINTS = 5
-"""Number of points on the profile of a rounded edge."""
+ANGLES = np.linspace(0.0, np.pi / 2, 5)
+ARC = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
+"""Points on the profile of a rounded edge of radius 1."""
+SLENDER = 3.5
+"""Length of a cylinder by its radius above which it is a tube, and no housing."""
 COVER_DISTANCE = 0.006
 """Greatest distance between an end and the part or taxel that covers it [m]."""
 VIEW_SHARE = 1.6
@@ -89,38 +91,35 @@ def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
     solids = []
     for index, link in enumerate(robot.links):
         for body in link.geoms:
-            is_cylinder = isinstance(body.shape, Cylinder)
-            mesh = (build_rounded_cylinder if is_cylinder else build_geom_mesh)(body)
-            is_tube = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
-            colour = TUBE if is_tube else BODY
-            solids.append(LinkMesh(index, mesh.vertices, mesh.faces, colour))
-            for end in find_bare_ends(mounted, T_world_link, index, body):
-                mesh = build_lid(body, end)
-                solids.append(LinkMesh(index, mesh.vertices, mesh.faces, COVER))
+            shape = body.shape
+            parts = [(build_geom_mesh(body), BODY)]
+            if isinstance(shape, Cylinder):
+                is_upright = abs(body.T_link_shape[2, 2]) > 0.9
+                is_tube = is_upright and shape.length > SLENDER * shape.radius
+                parts = [(build_rounded_cylinder(body), TUBE if is_tube else BODY)]
+                parts += [
+                    (build_lid(body, end), COVER)
+                    for end in (-1, 1)
+                    if is_bare_end(mounted, T_world_link, index, body, end)
+                ]
+            solids += [
+                LinkMesh(index, mesh.vertices, mesh.faces, colour)
+                for mesh, colour in parts
+            ]
     return tuple(solids)
-
-
-def is_slender(body: Geom) -> bool:
-    """Return whether a body is a tube rather than the housing of a joint."""
-    shape = body.shape
-    return isinstance(shape, Cylinder) and shape.length > 3.5 * shape.radius
 
 
 def build_rounded_cylinder(body: Geom) -> TriangleMesh:
     """Return a cylinder with rounded edges, in the frame of its link."""
     shape = body.shape
     assert isinstance(shape, Cylinder)
-    radius, height = shape.radius, shape.length / 2
-    edge = min(EDGE_RADIUS, radius / 3, height / 2)
-    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
-    arc = np.stack(
-        [radius - edge + edge * np.cos(angle), height - edge + edge * np.sin(angle)],
-        axis=-1,
-    )
-    rim = np.array([[radius - edge - 0.001, height]])
-    upper = np.concatenate([arc, rim])
+    height = shape.length / 2
+    edge = min(EDGE_RADIUS, shape.radius / 3, height / 2)
+    inner = shape.radius - edge
+    arc = np.array([inner, height - edge]) + edge * ARC
+    upper = np.concatenate([arc, [[inner - 0.001, height]]])
     profile = np.concatenate([upper[::-1] * (1, -1), upper])
-    return transform_mesh(revolve_profile(profile, height, SEGMENTS), body.T_link_shape)
+    return revolve(profile, height, body.T_link_shape)
 
 
 def build_lid(body: Geom, end: int) -> TriangleMesh:
@@ -133,68 +132,41 @@ def build_lid(body: Geom, end: int) -> TriangleMesh:
     shape = body.shape
     assert isinstance(shape, Cylinder)
     radius = shape.radius - min(EDGE_RADIUS, shape.radius / 3)
-    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
-    dome = np.stack(
-        [radius - 0.006 * (1 - np.cos(angle)), LID_HEIGHT * np.sin(angle)], axis=-1
-    )
-    inside = np.array([[radius, -LID_HEIGHT]])
-    profile = np.concatenate([inside, dome, [[radius / 2, LID_HEIGHT]]])
-    mesh = revolve_profile(profile, LID_HEIGHT, SEGMENTS)
+    dome = np.array([radius - 0.006, 0.0]) + ARC * (0.006, LID_HEIGHT)
+    ends = [[radius, -LID_HEIGHT]], [[radius / 2, LID_HEIGHT]]
     T_shape_end = np.diag([1.0, end, end, 1.0])
     T_shape_end[2, 3] = end * shape.length / 2
-    return transform_mesh(mesh, body.T_link_shape @ T_shape_end)
+    profile = np.concatenate([ends[0], dome, ends[1]])
+    return revolve(profile, LID_HEIGHT, body.T_link_shape @ T_shape_end)
 
 
-def transform_mesh(mesh: TriangleMesh, T: Float[np.ndarray, "4 4"]) -> TriangleMesh:
-    """Return a mesh transformed by a matrix."""
+def revolve(
+    profile: Float[np.ndarray, "ring 2"], height: float, T: Float[np.ndarray, "4 4"]
+) -> TriangleMesh:
+    """Return a solid of revolution by its profile and half its height, transformed."""
+    mesh = revolve_profile(profile, height, SEGMENTS)
     return TriangleMesh(apply(T, mesh.vertices), mesh.faces)
 
 
-def find_bare_ends(
+def is_bare_end(
     mounted: MountedSkin,
     T_world_link: Float[np.ndarray, "link 4 4"],
     link: int,
     body: Geom,
-) -> list[int]:
-    """Return the ends of a cylinder, 1 or -1, that no part and no taxel covers."""
-    if not isinstance(body.shape, Cylinder):
-        return []
-    bare = []
-    for end in (-1, 1):
-        height = end * body.shape.length / 2
-        beyond = apply(
-            body.T_link_shape, np.array([0.0, 0.0, height + end * COVER_DISTANCE])
-        )
-        p_world = apply(T_world_link[link], beyond)
-        if not is_covered(
-            mounted.robot, T_world_link, p_world
-        ) and not has_taxels_on_end(mounted, link, body, height):
-            bare.append(end)
-    return bare
-
-
-def is_covered(
-    robot: Robot,
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    p_world: Float[np.ndarray, "3"],
+    end: int,
 ) -> bool:
-    """Return whether a point of the world lies in some part of the robot."""
-    return any(
-        compute_surface_distance(link, apply(invert(T), p_world)[None])[0][0] < 0
-        for link, T in zip(robot.links, T_world_link, strict=True)
-        if link.geoms
-    )
-
-
-def has_taxels_on_end(
-    mounted: MountedSkin, link: int, body: Geom, height: float
-) -> bool:
-    """Return whether taxels lie on the end of a cylinder at a height [m]."""
-    assert isinstance(body.shape, Cylinder)
+    """Return whether no part and no taxel covers the end of a cylinder, 1 or -1."""
+    shape = body.shape
+    assert isinstance(shape, Cylinder)
+    height = end * shape.length / 2
+    beyond = np.array([0.0, 0.0, height + end * COVER_DISTANCE])
+    p_world = apply(T_world_link[link], apply(body.T_link_shape, beyond))
+    for part, T in zip(mounted.robot.links, T_world_link, strict=True):
+        p_part = apply(invert(T), p_world)[None]
+        if part.geoms and compute_surface_distance(part, p_part)[0][0] < 0:
+            return False
     on_link = mounted.skin.positions[mounted.taxel_link_index == link]
     local = apply(invert(body.T_link_shape), on_link)
     aside = np.linalg.norm(local[:, :2], axis=-1)
-    on_end = (abs(local[:, 2] - height) < COVER_DISTANCE) & (
-        aside < 0.9 * body.shape.radius
-    )
-    return bool(on_end.any())
+    near = abs(local[:, 2] - height) < COVER_DISTANCE
+    return not (near & (aside < 0.9 * shape.radius)).any()

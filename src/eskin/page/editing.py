@@ -58,6 +58,10 @@ class LabelEditor:
         """Return a stamp [ns since the epoch] as a time since the first reading [s]."""
         return (stamp - self.recording.start) / NS_PER_S
 
+    def span(self, label: Label) -> tuple[float, float]:
+        """Return start and end of a label since the first reading [s]."""
+        return self.seconds(label.start), self.seconds(label.end)
+
     def set_range(self, gesture: str, start: float, end: float) -> Label:
         """Give a range a gesture: change the label that it overlaps, or add one.
 
@@ -114,20 +118,15 @@ class LabelEditor:
         kept = path.with_name(f"{path.stem}.original{path.suffix}")
         others = [label for label in self.recording.labels if label.source != "true"]
         if not self.recording.truncated and not kept.exists():
-            link_or_copy(path, kept)
+            try:
+                os.link(path, kept)
+            except OSError:
+                shutil.copy2(path, kept)
         mine = (replace(label, source="true") for label in self.labels)
         rewrite_recording(self.recording, labels=sort_labels([*others, *mine]))
         self.recording = read_recording(path)
         self.changed = False
         return kept
-
-
-def link_or_copy(path: Path, kept: Path) -> None:
-    """Keep a file under a second name, by a hard link or a copy."""
-    try:
-        os.link(path, kept)
-    except OSError:
-        shutil.copy2(path, kept)
 
 
 MAX_DETECTION_DELAY = 1_000_000_000

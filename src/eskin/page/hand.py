@@ -3,13 +3,12 @@
 import heapq
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from threading import RLock
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float
 
 from eskin.page.messages import (
     Order,
@@ -18,67 +17,7 @@ from eskin.page.messages import (
     TouchKind,
     TouchOrder,
 )
-from eskin.page.scene import Scene
-
-MAX_RAY_DISTANCE = 0.015
-"""Greatest distance from a ray to the centre of a taxel that it hits [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class SurfacePoint:
-    """Describes a point on the skin."""
-
-    taxel: int
-    """Index of the nearest taxel."""
-    link: int
-    """Index of the link of that taxel."""
-    p_link: Float[np.ndarray, "3"]
-    """Position of the point in the frame of the link [m]."""
-
-
-@final
-class TaxelPicker:
-    """Finds points on the skin in its current pose."""
-
-    def __init__(self, scene: Scene) -> None:
-        """Find points on the skin of a scene."""
-        self.scene = scene
-        self.links = scene.setup.taxel_link
-
-    def pick_taxel(self, taxel: int) -> SurfacePoint:
-        """Return the centre of a taxel."""
-        link = int(self.links[taxel])
-        return SurfacePoint(taxel, link, self.scene.setup.positions[taxel])
-
-    def pick_along_ray(
-        self, origin: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
-    ) -> SurfacePoint | None:
-        """Return the foremost point that a ray hits; None if it misses the skin.
-
-        Args:
-            origin: origin of the ray in the world frame [m].
-            direction: direction of the ray in the world frame, of any length.
-        """
-        direction = direction / np.linalg.norm(direction)
-        positions, normals = self.scene.place_taxels()
-        depth = (positions - origin) @ direction
-        aside = np.linalg.norm(positions - origin - depth[:, None] * direction, axis=-1)
-        met = (normals @ direction < 0) & (depth > 0) & (aside < MAX_RAY_DISTANCE)
-        if not met.any():
-            return None
-        front = met & (depth < depth[met].min() + 2 * MAX_RAY_DISTANCE)
-        taxel = int(np.argmin(np.where(front, aside, np.inf)))
-        normal = normals[taxel]
-        # The ray meets the plane of the taxel here; the point stays within its radius.
-        step = ((positions[taxel] - origin) @ normal) / (direction @ normal)
-        offset = origin + step * direction - positions[taxel]
-        radius = float(np.sqrt(self.scene.setup.areas[taxel] / np.pi))
-        offset *= min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
-        link = int(self.links[taxel])
-        return SurfacePoint(
-            taxel, link, self.scene.transform_to_link(link, positions[taxel] + offset)
-        )
-
+from eskin.page.scene import SurfacePoint
 
 TouchMode = Literal["poke", "double pat", "grab", "stroke"]
 DragPhase = Literal["start", "update", "end"]
@@ -86,6 +25,15 @@ DragPhase = Literal["start", "update", "end"]
 
 class Mouse(ABC):
     """A mouse turns clicks and drags on a surface into orders."""
+
+    def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
+        """Start without orders.
+
+        Args:
+            setup: description of the skin, or of a surface as the taxels of one.
+            send: function called with each order, from any thread.
+        """
+        self.setup, self.send = setup, send
 
     @abstractmethod
     def click(
@@ -141,14 +89,8 @@ class MouseHand(Mouse):
     """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
-        """Start without touches.
-
-        Args:
-            setup: description of the skin.
-            send: function called with each order, from any thread.
-        """
-        self.setup = setup
-        self.send = send
+        """Start without touches."""
+        super().__init__(setup, send)
         self.mode: TouchMode = "poke"
         self.force = 12.0
         self.seconds = 0.3
@@ -178,14 +120,14 @@ class MouseHand(Mouse):
         with self.lock:
             self.tick(now)
             first = None if self.waiting_poke is None else self.waiting_poke[1]
-            if first is not None and first.link == spot.link:
-                if np.linalg.norm(first.p_link - spot.p_link) <= DOUBLE_CLICK_DISTANCE:
-                    self.schedule(now, "double_pat", first)
-                    self.waiting_poke = None
-                    return
-            if first is not None:
-                self.schedule(now, "poke", first)
             self.waiting_poke = (now + DOUBLE_CLICK, spot)
+            if first is None:
+                return
+            apart = np.linalg.norm(first.p_link - spot.p_link)
+            if first.link == spot.link and apart <= DOUBLE_CLICK_DISTANCE:
+                self.waiting_poke = None
+            kind = "poke" if self.waiting_poke else "double_pat"
+            self.schedule(now, kind, first)
 
     def stroke(self, spot: SurfacePoint, now: float) -> None:
         """Schedule a stroke along the patch from a point, over taxels of its link."""
@@ -273,13 +215,8 @@ class PaintBrush(Mouse):
     """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
-        """Start without strokes.
-
-        Args:
-            setup: description of the scene, whose taxels are points of the surface.
-            send: function called with each ball.
-        """
-        self.setup, self.send = setup, send
+        """Start without strokes."""
+        super().__init__(setup, send)
         self.radius, self.keeps_out = 0.04, False
         self.strokes = 0
         self.pressed: SurfacePoint | None = None
@@ -300,26 +237,21 @@ class PaintBrush(Mouse):
             return
         first, self.pressed = self.pressed, None
         for each in (first, spot):
-            if each is not None and self.is_spaced(each):
+            if each is not None and self.measure_step(each) >= BALL_STEP * self.radius:
                 self.paint(each)
 
-    def is_spaced(self, spot: SurfacePoint) -> bool:
-        """Return whether a point is far enough from the last ball of the stroke."""
-        last = self.last
-        if last is None or last.link != spot.link:
-            return True
-        return bool(
-            np.linalg.norm(spot.p_link - last.p_link) >= BALL_STEP * self.radius
-        )
+    def measure_step(self, spot: SurfacePoint) -> float:
+        """Return the distance from the last ball of the stroke on the same link [m]."""
+        if self.last is None or self.last.link != spot.link:
+            return np.inf
+        return float(np.linalg.norm(spot.p_link - self.last.p_link))
 
     def paint(self, spot: SurfacePoint) -> None:
         """Send a ball at a point."""
-        x, y, z = np.asarray(spot.p_link, np.float64).tolist()
         self.last = spot
-        link = self.setup.links[spot.link]
-        self.send(
-            PaintOrder(self.strokes, link, (x, y, z), self.radius, self.keeps_out)
-        )
+        x, y, z = spot.p_link.tolist()
+        place = self.setup.links[spot.link], (x, y, z)
+        self.send(PaintOrder(self.strokes, *place, self.radius, self.keeps_out))
 
     def tick(self, now: float) -> None:
         """Do nothing: every ball is sent at once."""

@@ -1,14 +1,16 @@
-"""This module renders the texts of the page as HTML."""
+"""This module renders the texts and colours of the page, as HTML."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from itertools import cycle
+from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float16
+from jaxtyping import Bool, Float, Float16, UInt8
 
-from eskin.page.colours import ColourScale, choose_gesture_colours, render_dot
 from eskin.page.messages import (
     ArmSummary,
+    GuideBoard,
     LogEntry,
     OpenTouch,
     SceneDescription,
@@ -32,70 +34,167 @@ KIND_COLOURS = {
     "event": PALE,
     "note": TEAL,
 }
+"""Colour of each kind of entry of the log."""
+GESTURE_COLOURS = {
+    "none": "#4a525e",
+    "unknown": "#c8cdd4",
+    "poke": "#d55e00",
+    "double_pat": "#0072b2",
+    "grab": "#009e73",
+    "stroke": "#cc79a7",
+}
+"""Colours of the gestures that eskin comes with (Okabe and Ito 2008), and of none."""
+OTHER_COLOURS = ("#e69f00", "#56b4e9", "#5d3a9b", "#8c510a", "#b8de29")
+"""Colours of other gestures, in turns."""
 FONT = f"font:12px/1.45 system-ui,sans-serif;color:{INK};padding:0 14px"
+BOX = "padding:5px 8px;border-radius:6px"
+ROW = "display:flex;gap:8px"
+NUMERALS = "font-variant-numeric:tabular-nums"
+"""Styles of a part of the panel, of a box, of cells side by side, and of numbers."""
 
 
-def render_block(inside: str) -> str:
-    """Return a part of the panel as HTML in the font of the panel."""
-    return f'<div style="{FONT}">{inside}</div>'
+def choose_gesture_colours(gestures: Iterable[str]) -> dict[str, str]:
+    """Return the colour of each gesture, the same wherever the same ones are shown."""
+    others = sorted(set(gestures) - set(GESTURE_COLOURS))
+    named = zip(others, cycle(OTHER_COLOURS), strict=False)
+    return GESTURE_COLOURS | dict(named)
 
 
-def render_status(update: ViewUpdate, valid: Bool[np.ndarray, "taxel"]) -> str:
-    """Return rate, delay, taxels in use, arm and recording as HTML."""
-    working, count = int(valid.sum()), len(valid)
-    colour = TEAL if working == count else AMBER if working > 0.9 * count else RED
-    parts = render_numbers(
-        ("readings/s", f"{update.rate:.0f}"),
-        ("recognition", f"{1e3 * update.step:.2f} ms"),
-        ("delay", f"{1e3 * update.age:.0f} ms"),
-        ("taxels in use", f'<span style="color:{colour}">{working} of {count}</span>'),
+def to_words(name: str) -> str:
+    """Return a name with spaces in place of underscores."""
+    return name.replace("_", " ")
+
+
+def div(style: str, *inside: str) -> str:
+    """Return parts in a box of a style as HTML."""
+    return f'<div style="{style}">{"".join(inside)}</div>'
+
+
+def span(style: str, *inside: str) -> str:
+    """Return parts in a line of a style as HTML."""
+    return f'<span style="{style}">{"".join(inside)}</span>'
+
+
+def render_name(name: str) -> str:
+    """Return a name in words as HTML."""
+    return escape(to_words(name))
+
+
+def render_dot(colour: tuple[int, int, int] | str) -> str:
+    """Return a dot of a colour as HTML, beside the text that it explains."""
+    if not isinstance(colour, str):
+        colour = "rgb({},{},{})".format(*colour)
+    return span(
+        "display:inline-block;width:9px;height:9px;margin-right:4px;"
+        f"border:1px solid #99a;border-radius:5px;background:{colour}"
     )
-    if update.arm is not None:
-        parts += render_block(render_arm(update.arm))
-    if update.recording:
-        parts += render_block(f"{render_dot(RED)}{escape(update.recording)}")
-    return parts
+
+
+def render_block(*inside: str) -> str:
+    """Return a part of the panel as HTML in the font of the panel."""
+    return div(FONT, *inside)
 
 
 def render_notice(text: str) -> str:
     """Return a notice in small print as HTML."""
-    return render_block(
-        f'<div style="color:{PALE};font-size:11px">{escape(text)}</div>'
-    )
+    return render_block(div(f"color:{PALE};font-size:11px", escape(text)))
 
 
 def render_warning(text: str) -> str:
     """Return a warning as HTML."""
-    return render_block(
-        f'<div style="margin-bottom:6px;padding:5px 8px;border-radius:6px;color:#fff;'
-        f'background:{RED}">{escape(text)}</div>'
-    )
+    style = f"margin-bottom:6px;{BOX};color:#fff;background:{RED}"
+    return render_block(div(style, escape(text)))
+
+
+def render_request(board: GuideBoard) -> str:
+    """Return what to do now as HTML."""
+    style = "font-size:15px;font-weight:600;min-height:72px;padding:4px 0 8px"
+    return render_block(div(style, escape(board.request)))
+
+
+def render_result(board: GuideBoard) -> str:
+    """Return the result as HTML, one line below the other; empty without one."""
+    if not board.result:
+        return ""
+    lines = "".join(f"<div>{escape(line)}</div>" for line in board.result)
+    return render_block(div(f"{BOX};background:{LINE}", lines))
 
 
 def render_numbers(*pairs: tuple[str, str]) -> str:
     """Return names with their values side by side as HTML."""
     cells = "".join(
-        f'<div><div style="color:{PALE};font-size:10px">{name}</div>'
-        f'<div style="font-weight:600;font-variant-numeric:tabular-nums">{value}</div>'
-        "</div>"
+        f"<div>{div(f'color:{PALE};font-size:10px', name)}"
+        f"{div(f'font-weight:600;{NUMERALS}', value)}</div>"
         for name, value in pairs
     )
-    return render_block(
-        f'<div style="display:flex;justify-content:space-between">{cells}</div>'
+    return render_block(div("display:flex;justify-content:space-between", cells))
+
+
+def render_status(update: ViewUpdate) -> str:
+    """Return rate, delay, taxels in use, arm and recording as HTML."""
+    working, count = int(update.valid.sum()), len(update.valid)
+    colour = TEAL if working == count else AMBER if working > 0.9 * count else RED
+    parts = render_numbers(
+        ("readings/s", f"{update.rate:.0f}"),
+        ("recognition", f"{1e3 * update.step:.2f} ms"),
+        ("delay", f"{1e3 * update.age:.0f} ms"),
+        ("taxels in use", span(f"color:{colour}", f"{working} of {count}")),
+    )
+    if update.arm is not None:
+        parts += render_block(render_arm(update.arm))
+    if update.recording:
+        parts += render_block(render_dot(RED), escape(update.recording))
+    return parts
+
+
+def render_arm(summary: ArmSummary) -> str:
+    """Return the state of the arm as HTML."""
+    state = summary.state + (f": {summary.why}" if summary.why else "")
+    target = summary.target or "-"
+    rest = f"{summary.speed:.0%} speed, gripper {summary.gripper}, to {target}"
+    return div(
+        f"margin-top:4px;padding:4px 8px;border-radius:6px;background:{LINE}",
+        f'<b style="color:{STATE_COLOURS[summary.state]}">{escape(state)}</b>',
+        f"<br>{escape(summary.remedy)}" if summary.remedy else "",
+        f"<br>{span(f'color:{PALE}', escape(rest))}",
     )
 
 
-def render_gestures(
-    counted: Sequence[tuple[str, int]], colours: Mapping[str, str]
+def render_keys(
+    names: Sequence[str],
+    colours: Mapping[str, str],
+    counts: Sequence[int] | None = None,
 ) -> str:
-    """Return gestures with their key, colour and number of labels as HTML."""
-    cells = "".join(
-        f'<span style="white-space:nowrap;margin-right:10px"><b>{number}</b> '
-        f"{render_dot(colours[name])}{escape(to_words(name))} "
-        f'<span style="color:{PALE}">{count or ""}</span></span> '
-        for number, (name, count) in enumerate(counted, 1)
+    """Return gestures with their key, colour and number of labels as HTML.
+
+    Args:
+        names: names of the gestures, of which the first has the key 1.
+        colours: colour of each.
+        counts: number of labels of each; None where there are no labels.
+    """
+    style = "white-space:nowrap" + (";margin-right:10px" if counts is not None else "")
+    keys = [
+        f"<b>{number}</b> {render_dot(colours[name])}{render_name(name)}"
+        for number, name in enumerate(names, 1)
+    ]
+    if counts is None:
+        return " ".join(span(style, key) for key in keys)
+    return "".join(
+        f"{span(style, key, ' ', span(f'color:{PALE}', str(count or '')))} "
+        for key, count in zip(keys, counts, strict=True)
     )
-    return render_block(cells)
+
+
+def render_correction(
+    last: LogEntry | None, names: Sequence[str], colours: Mapping[str, str]
+) -> str:
+    """Return the last detection, and the keys that correct it, as HTML."""
+    if last is None:
+        return render_block("nothing was recognised yet")
+    return render_block(
+        f"at {last.seconds:.1f} s: {render_dot(colours.get(last.gesture, LINE))}"
+        f"<b>{escape(last.text)}</b><br>{render_keys(names[:9], colours)}"
+    )
 
 
 def render_instant(
@@ -109,53 +208,45 @@ def render_instant(
         colours: colour of each gesture.
     """
     cells = "".join(
-        f'<div style="flex:1;border-radius:6px;padding:3px 8px;background:{LINE};'
-        f'border-left:6px solid {colours.get(gesture, LINE)}">'
-        f'<span style="color:{PALE}">{title}</span> '
-        f"<b>{escape(to_words(text))}</b></div>"
+        div(
+            f"flex:1;border-radius:6px;padding:3px 8px;background:{LINE};"
+            f"border-left:6px solid {colours.get(gesture, LINE)}",
+            f"{span(f'color:{PALE}', title)} <b>{render_name(text)}</b>",
+        )
         for title, (gesture, text) in (("label", label), ("model", model))
     )
-    return render_block(f'<div style="display:flex;gap:8px;margin:4px 0">{cells}</div>')
+    return render_block(div(f"{ROW};margin:4px 0", cells))
 
 
-def render_comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
+def render_comparison(rows: Sequence[tuple[float, str, str, bool]]) -> str:
     """Return a table of labels and detections as HTML.
 
     Args:
         rows: time [s], label, detection, and whether they agree.
-        right: number of rows that agree.
     """
-    head = f'<div style="color:{PALE}">{right} of {len(rows)} match</div>'
+    right = sum(is_right for *_, is_right in rows)
     body = "".join(
-        f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE}">'
-        f'<span style="color:{PALE};width:52px;text-align:right">{seconds:.1f} s</span>'
-        f'<span style="flex:1">{escape(to_words(label))}</span>'
-        f'<span style="flex:1;color:{TEAL if is_right else RED}">'
-        f"{escape(to_words(detection))}</span></div>"
+        div(
+            f"{ROW};border-bottom:1px solid {LINE}",
+            span(f"color:{PALE};width:52px;text-align:right", f"{seconds:.1f} s"),
+            span("flex:1", render_name(label)),
+            span(
+                f"flex:1;color:{TEAL if is_right else RED}",
+                render_name(detection),
+            ),
+        )
         for seconds, label, detection, is_right in rows
     )
-    return render_block(head + body)
+    return render_block(div(f"color:{PALE}", f"{right} of {len(rows)} match"), body)
 
 
-def render_arm(summary: ArmSummary) -> str:
-    """Return the state of the arm as HTML."""
-    state = summary.state + (f": {summary.why}" if summary.why else "")
-    colour = STATE_COLOURS[summary.state]
-    target = summary.target or "-"
-    rest = f"{summary.speed:.0%} speed, gripper {summary.gripper}, to {target}"
-    remedy = f"<br>{escape(summary.remedy)}" if summary.remedy else ""
-    return (
-        f'<div style="margin-top:4px;padding:4px 8px;border-radius:6px;'
-        f'background:{LINE}"><b style="color:{colour}">{escape(state)}</b>{remedy}'
-        f'<br><span style="color:{PALE}">{escape(rest)}</span></div>'
-    )
-
-
-HOW = {"poke": "click", "double_pat": "double click", "stroke": "drag"}
-HOW |= {"grab": "shift-click"}
+HOW = {
+    "poke": "click",
+    "double_pat": "double click",
+    "stroke": "drag",
+    "grab": "shift-click",
+}
 """How the mouse makes each gesture."""
-
-
 EFFECTS = {
     "pause": "pauses the arm",
     "hold": "stops the arm",
@@ -195,50 +286,36 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
 
     Each gesture has its colour, and what it commands below it.
     """
-    first = touches[0] if touches else None
-    head = "no touch"
-    if first is not None:
-        head = f"touch {first.id} on {escape(to_words(first.link))}"
-        head += f", {first.force:.1f} N"
-    count = len(setup.gestures)
-    probabilities = np.zeros(count) if first is None else first.probabilities
-    best = int(np.argmax(probabilities)) if first is not None else -1
+    head, best, probabilities = "no touch", -1, np.zeros(len(setup.gestures))
+    for first in touches[:1]:
+        head = f"touch {first.id} on {render_name(first.link)}, {first.force:.1f} N"
+        best, probabilities = int(np.argmax(first.probabilities)), first.probabilities
     colours, commands = choose_gesture_colours(setup.gestures), describe_commands(setup)
-    rows = "".join(
-        render_bar(
-            gesture,
-            float(probabilities[number]),
-            number == best,
-            colours[gesture],
-            commands[gesture],
-        )
-        for number, gesture in enumerate(setup.gestures)
-    )
-    head = f'<div style="color:{PALE};margin:2px 0">{head}</div>'
-    return render_block(head + rows)
-
-
-def render_bar(
-    gesture: str, probability: float, is_best: bool, colour: str, command: str
-) -> str:
-    """Return one probability as an HTML bar, with what the gesture commands."""
-    weight = 600 if is_best else 400
-    style = f"color:{PALE};font-size:10.5px;line-height:1.2;margin:0 0 2px 14px"
-    below = f'<div style="{style}">{escape(command)}</div>' if command else ""
-    return (
-        '<div style="display:flex;align-items:center;gap:8px;height:17px">'
-        f'<span style="width:88px;font-weight:{weight};white-space:nowrap">'
-        f"{render_dot(colour)}{escape(to_words(gesture))}</span>"
-        f'<span style="flex:1;height:9px;border-radius:5px;background:{LINE}">'
-        '<span style="display:block;height:9px;border-radius:5px;'
-        f'width:{probability:.0%};background:{colour}"></span></span>'
-        f'<span style="width:36px;text-align:right;color:{PALE};'
-        f'font-variant-numeric:tabular-nums">{probability:.0%}</span></div>{below}'
-    )
+    below = f"color:{PALE};font-size:10.5px;line-height:1.2;margin:0 0 2px 14px"
+    rows = [div(f"color:{PALE};margin:2px 0", head)]
+    for number, gesture in enumerate(setup.gestures):
+        colour, share = colours[gesture], f"{probabilities[number]:.0%}"
+        weight = f"font-weight:{600 if number == best else 400}"
+        name = render_dot(colour) + render_name(gesture)
+        bar = "display:block;height:9px;border-radius:5px"
+        rows += [
+            div(
+                "display:flex;align-items:center;gap:8px;height:17px",
+                span(f"width:88px;{weight};white-space:nowrap", name),
+                span(
+                    f"flex:1;height:9px;border-radius:5px;background:{LINE}",
+                    span(f"{bar};width:{share};background:{colour}"),
+                ),
+                span(f"width:36px;text-align:right;color:{PALE};{NUMERALS}", share),
+            )
+        ]
+        if commands[gesture]:
+            rows += [div(below, escape(commands[gesture]))]
+    return render_block(*rows)
 
 
 def render_log(
-    log_entries: Sequence[LogEntry], colours: Mapping[str, str] | None = None
+    log_entries: Iterable[LogEntry], colours: Mapping[str, str] | None = None
 ) -> str:
     """Return detections, commands and events as HTML, newest first.
 
@@ -246,71 +323,108 @@ def render_log(
         log_entries: the entries.
         colours: colour of each gesture, which marks detections.
     """
+    marks = {name: render_dot(colour) for name, colour in (colours or {}).items()}
     rows = "".join(
-        f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE};'
-        'padding:1px 0">'
-        f'<span style="color:{PALE};width:46px;flex:none;text-align:right;'
-        f'font-variant-numeric:tabular-nums">{entry.seconds:.1f} s</span>'
-        f'<span style="color:{KIND_COLOURS[entry.kind]}">'
-        f"{render_mark(entry, colours or {})}{escape(entry.text)}</span></div>"
+        div(
+            f"{ROW};border-bottom:1px solid {LINE};padding:1px 0",
+            span(
+                f"color:{PALE};width:46px;flex:none;text-align:right;{NUMERALS}",
+                f"{entry.seconds:.1f} s",
+            ),
+            span(
+                f"color:{KIND_COLOURS[entry.kind]}",
+                marks.get(entry.gesture, ""),
+                escape(entry.text),
+            ),
+        )
         for entry in log_entries
     )
-    inside = rows or f'<span style="color:{PALE}">nothing has happened yet</span>'
-    style = "height:80px;overflow-y:auto;margin:4px 0"
-    return render_block(f'<div style="{style}">{inside}</div>')
-
-
-def render_mark(entry: LogEntry, colours: Mapping[str, str]) -> str:
-    """Return the dot of a detection's gesture as HTML; empty for other entries."""
-    return render_dot(colours[entry.gesture]) if entry.gesture in colours else ""
-
-
-def render_correction(
-    last: LogEntry | None, names: Sequence[str], colours: Mapping[str, str]
-) -> str:
-    """Return the last detection, and the keys that correct it, as HTML."""
-    if last is None:
-        return render_block("nothing was recognised yet")
-    keys = " ".join(
-        f'<span style="white-space:nowrap"><b>{number}</b> '
-        f"{render_dot(colours[name])}{escape(to_words(name))}</span>"
-        for number, name in enumerate(names[:9], 1)
-    )
-    return render_block(
-        f"at {last.seconds:.1f} s: {render_dot(colours.get(last.gesture, LINE))}"
-        f"<b>{escape(last.text)}</b><br>{keys}"
-    )
-
-
-def unpack_valid(
-    update: ViewUpdate, setup: SceneDescription
-) -> Bool[np.ndarray, "taxel"]:
-    """Return whether each taxel of an update is valid."""
-    return np.unpackbits(update.valid, count=setup.patch_index.size).astype(bool)
+    inside = rows or span(f"color:{PALE}", "nothing has happened yet")
+    return render_block(div("height:80px;overflow-y:auto;margin:4px 0", inside))
 
 
 def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
     """Return how many taxels of each patch are not valid, as HTML."""
     sizes = np.bincount(setup.patch_index, minlength=len(setup.patches))
-    good = np.bincount(setup.patch_index, valid, minlength=len(setup.patches))
-    cells = "".join(
-        render_patch_state(name, int(size - whole), int(size))
-        for name, whole, size in zip(setup.patches, good, sizes, strict=True)
-    )
-    style = "display:flex;flex-wrap:wrap;gap:4px"
-    return render_block(f'<div style="{style}">{cells}</div>')
+    missing = np.bincount(setup.patch_index[~valid], minlength=len(setup.patches))
+    cells = ""
+    for name, out, size in zip(setup.patches, missing, sizes, strict=True):
+        colour, note = TEAL, ""
+        if out:
+            colour, note = (RED, " silent") if out == size else (AMBER, f" {out} out")
+        cells += span(
+            f"border:1px solid {LINE};border-radius:9px;padding:0 7px;font-size:11px",
+            f"{span(f'color:{colour}', '&#9679;')} {render_name(name)}{note}",
+        )
+    return render_block(div("display:flex;flex-wrap:wrap;gap:4px", cells))
 
 
-def render_patch_state(patch: str, out: int, size: int) -> str:
-    """Return the state of one patch as HTML."""
-    colour, note = TEAL, ""
-    if out:
-        colour, note = (RED, " silent") if out == size else (AMBER, f" {out} out")
-    return (
-        f'<span style="border:1px solid {LINE};border-radius:9px;padding:0 7px;'
-        f'font-size:11px"><span style="color:{colour}">&#9679;</span> '
-        f"{escape(to_words(patch))}{note}</span>"
-    )
+PRESSED = "ffe066 fec43e fca128 f07823 de5226 c4302e a0183c 76083e 4a002e"
+"""Stops of the scale from a light touch to a strong one, as red, green and blue, ever
+darker, so that people of any colour vision can order them."""
+REST_COLOUR = (150, 160, 172)
+"""Colour of a taxel at rest, a grey from which all colours of touches differ."""
+INVALID_COLOUR = (255, 255, 255)
+"""Colour of a taxel that is not valid: red, green and blue, each to 255."""
+STEPS = 64
+"""Number of colours; a taxel is sent to the browser only when its colour changes."""
+MIN_SHOWN_PRESSURE = 0.5
+"""Pressure below which a taxel is at rest [kPa]."""
+
+
+@final
+class ColourScale:
+    """Maps pressures to colours, by the square root of their share of a maximum.
+
+    Attributes:
+        maximum: pressure of the darkest colour [kPa].
+    """
+
+    def __init__(self, maximum: float) -> None:
+        """Create a scale up to a maximum pressure [kPa]."""
+        self.maximum = maximum
+        stops = np.array([list(bytes.fromhex(stop)) for stop in PRESSED.split()])
+        places, steps = np.linspace(0, 1, len(stops)), np.linspace(0, 1, STEPS)
+        columns = [np.interp(steps, places, column) for column in stops.T]
+        self.table = np.stack(columns, axis=-1).round().astype(np.uint8)
+
+    def colours(
+        self, pressure: Float[np.ndarray, "taxel"], valid: Bool[np.ndarray, "taxel"]
+    ) -> UInt8[np.ndarray, "taxel 3"]:
+        """Return red, green and blue of each taxel.
+
+        Args:
+            pressure: pressure of the taxels [kPa].
+            valid: whether each taxel is valid.
+        """
+        share = np.sqrt(np.clip(pressure / self.maximum, 0.0, 1.0))
+        colours = self.table[np.nan_to_num(share * (STEPS - 1)).astype(np.intp)]
+        colours[pressure < MIN_SHOWN_PRESSURE] = REST_COLOUR
+        colours[~valid] = INVALID_COLOUR
+        return colours
+
+    def legend(self) -> str:
+        """Return the scale as HTML: a bar with its pressures."""
+        shares = np.linspace(0.0, 1.0, 5).tolist()
+        stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in self.table[::7].tolist())
+        values = [f"{self.maximum * share * share:.3g}" for share in shares]
+        values[-1] += " kPa"
+        small = "font-size:11px;color:#667"
+        return render_block(
+            div(
+                "height:10px;border-radius:5px;"
+                f"background:linear-gradient(90deg,{stops})"
+            ),
+            div(
+                f"display:flex;justify-content:space-between;{small}",
+                *(f"<span>{value}</span>" for value in values),
+            ),
+            div(
+                small,
+                f"{render_dot(REST_COLOUR)}at rest "
+                f"{render_dot(INVALID_COLOUR)}not used",
+            ),
+        )
 
 
 MAP_STYLE = (
@@ -330,35 +444,25 @@ def render_patch_map(
 ) -> str:
     """Return a patch as HTML, unrolled by its rows and columns, seen from outside."""
     taxels = np.flatnonzero(setup.patch_index == patch)
-    colours = scale.colours(pressure[taxels].astype(np.float64), valid[taxels]).tolist()
-    width = 10 * (int(setup.columns[taxels].max()) + 1)
-    height = 10 * (int(setup.rows[taxels].max()) + 1)
+    kpa, good = pressure[taxels].astype(np.float64), valid[taxels]
+    rows, columns = setup.rows[taxels], setup.columns[taxels]
+    width, height = 10 * (int(columns.max()) + 1), 10 * (int(rows.max()) + 1)
+    each = (rows, columns, scale.colours(kpa, good), kpa, good)
     cells = "".join(
         f'<g><circle cx="{10 * column + 5}" cy="{10 * row + 5}" r="4.2" '
-        f'fill="rgb({red},{green},{blue})"/>'
-        f'<text x="0" y="-2">row {row}, column {column}: {value}</text></g>'
-        for row, column, (red, green, blue), value in zip(
-            setup.rows[taxels].tolist(),
-            setup.columns[taxels].tolist(),
-            colours,
-            [
-                f"{kpa:.0f} kPa" if good else "not used"
-                for kpa, good in zip(
-                    pressure[taxels].tolist(), valid[taxels].tolist(), strict=True
-                )
-            ],
-            strict=True,
+        f'fill="rgb({red},{green},{blue})"/><text x="0" y="-2">row {row}, '
+        f"column {column}: {f'{value:.0f} kPa' if is_good else 'not used'}</text></g>"
+        for row, column, (red, green, blue), value, is_good in zip(
+            *(array.tolist() for array in each), strict=True
         )
     )
     return render_block(
-        f'{MAP_STYLE}<div style="color:{PALE}">{escape(to_words(setup.patches[patch]))}'
-        ", rows down, columns across; point at a taxel</div>"
+        MAP_STYLE,
+        div(
+            f"color:{PALE}",
+            render_name(setup.patches[patch]),
+            ", rows down, columns across; point at a taxel",
+        ),
         f'<svg class="eskin-map" viewBox="0 -8 {width} {height + 8}" '
-        'style="width:100%;max-height:260px;overflow:visible">'
-        f"{cells}</svg>"
+        f'style="width:100%;max-height:260px;overflow:visible">{cells}</svg>',
     )
-
-
-def to_words(name: str) -> str:
-    """Return a name with spaces in place of underscores."""
-    return name.replace("_", " ")

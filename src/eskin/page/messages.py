@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Float16, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float16, Float32, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +39,19 @@ class OpenTouch:
     """Probability of each class of the vocabulary."""
 
 
+EntryKind = Literal["detection", "command", "refused", "event", "note"]
+"""Kinds of lines of the log; `refused` marks a command that was not accepted, `note` an
+answer to what was done in the page."""
+
+
 @dataclass(frozen=True)
 class LogEntry:
     """Describes a line of the log."""
 
     seconds: float
     """Time since the stream began [s]."""
-    kind: Literal["detection", "command", "refused", "event", "note"]
-    """Kind of the entry; `refused` marks a command that was not accepted, `note` an
-    answer to what was done in the page."""
+    kind: EntryKind
+    """Kind of the entry."""
     text: str
     """Text of the line."""
     gesture: str = ""
@@ -82,34 +86,6 @@ class ArmSummary:
     """What ends `held` or `stopped`; empty where there is nothing to do."""
     carrying: bool = False
     """Whether a part is in the gripper."""
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """Holds the answer of a recogniser to the counts played in one pose."""
-
-    texts: tuple[str, ...]
-    """Text of the answer, one line per touch."""
-    right: bool | None
-    """Whether the answer matches the true label; None before it is complete."""
-    probabilities: Float32[np.ndarray, "class"]
-    """Probability of each class for the strongest touch."""
-
-
-@dataclass(frozen=True)
-class ComparisonBoard:
-    """Compares the answers of two recognisers to the same counts in two poses."""
-
-    title: str
-    """Title of the comparison."""
-    poses: tuple[str, ...]
-    """Names of the poses."""
-    done: tuple[str, ...]
-    """True label in each pose."""
-    playing: int
-    """Index of the current pose of the arm."""
-    rows: tuple[tuple[str, tuple[Answer, ...]], ...]
-    """Name of each recogniser with its answers, one per pose."""
 
 
 @dataclass(frozen=True)
@@ -148,12 +124,12 @@ class ViewUpdate:
 
     seconds: float
     """Time since the stream began [s]."""
-    poses: Float32[np.ndarray, "link 7"]
-    """Quaternion wxyz and position [m] of every link in the world frame."""
+    T_world_link: Float[np.ndarray, "link 4 4"]
+    """Pose of every link in the world frame."""
     pressure: Float16[np.ndarray, "taxel"]
     """Pressure of each taxel [kPa]."""
-    valid: UInt8[np.ndarray, "byte"]
-    """Validity of each taxel, packed into bits."""
+    valid: Bool[np.ndarray, "taxel"]
+    """Whether each taxel is valid."""
     contacts: tuple[ContactMarker, ...] = ()
     """Contacts, strongest first."""
     touches: tuple[OpenTouch, ...] = ()
@@ -172,8 +148,6 @@ class ViewUpdate:
     """Age of the reading when its processing was complete [s]."""
     arm: ArmSummary | None = None
     """Summary of the arm; None without an arm."""
-    board: ComparisonBoard | None = None
-    """Comparison of recognisers; None where none are compared."""
     guide: GuideBoard | None = None
     """Guide through a calibration, or what is painted; None without either."""
     recording: str = ""
@@ -228,8 +202,6 @@ class SceneDescription:
     """Skins offered for selection; the first is the current one."""
     is_arm: bool = False
     """Whether updates include the state of an arm."""
-    compares: bool = False
-    """Whether a comparison of recognisers replaces the panel beside the scene."""
     calibrates: bool = False
     """Whether the guide through a calibration replaces the panel beside the scene."""
     paints: bool = False
@@ -253,22 +225,9 @@ class SceneDescription:
 
 TouchKind = Literal["poke", "double_pat", "grab", "begin", "move", "end"]
 PageKind = Literal[
-    "pause_task",
-    "resume_task",
-    "unplug",
-    "plug",
-    "kill",
-    "restore",
-    "skin",
-    "record",
-    "stop_recording",
-    "opened",
-    "skip",
-    "again",
-    "close",
-    "undo",
-    "save",
-]
+    "pause_task", "resume_task", "unplug", "plug", "kill", "restore", "skin", "record",
+    "stop_recording", "opened", "skip", "again", "close", "undo", "save",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -329,11 +288,5 @@ class PaintOrder:
 Order = TouchOrder | PageOrder | CorrectionOrder | PaintOrder
 
 MessageKind = Literal["ready", "refused", "shown", "order"]
-READY: MessageKind = "ready"
-"""Message sent when the page is served; its value is the port."""
-REFUSED: MessageKind = "refused"
-"""Message sent when the page cannot be served; its value is the reason."""
-SHOWN: MessageKind = "shown"
-"""Message sent after an update was shown, so that another may be sent."""
-ORDER: MessageKind = "order"
-"""Message that carries an order; its value is the order."""
+"""Kinds of messages of the page: it is served at a port, or cannot be for a reason, has
+shown an update, so that another may be sent, or sends an order."""

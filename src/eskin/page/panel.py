@@ -1,4 +1,4 @@
-"""This module lays out the panel beside the scene, with its plot and controls."""
+"""This module lays out the panels beside the scene, with their controls."""
 
 from abc import abstractmethod
 from collections import deque
@@ -7,28 +7,33 @@ from functools import partial
 from typing import Any, Literal, final
 
 import numpy as np
-from jaxtyping import Bool, Float
-from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
+from jaxtyping import Float
+from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon, IconName
 from viser.uplot import Axis, Axis_Grid, Series, Series_Points
 
-from eskin.page.colours import ColourScale, choose_gesture_colours, render_dot
-from eskin.page.hand import MouseHand, TouchMode
+from eskin.page.hand import MouseHand, PaintBrush, TouchMode
 from eskin.page.html import (
+    ColourScale,
+    choose_gesture_colours,
     render_bars,
     render_block,
     render_correction,
+    render_dot,
     render_log,
     render_notice,
     render_patch_map,
     render_patches,
+    render_request,
+    render_result,
     render_status,
     render_warning,
     to_words,
-    unpack_valid,
 )
 from eskin.page.messages import (
     CorrectionOrder,
+    GuideBoard,
     LogEntry,
+    Order,
     PageKind,
     PageOrder,
     SceneDescription,
@@ -43,12 +48,39 @@ Key = Literal[
 DIGITS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 
 
-class Panel(PagePart):
-    """A panel shows updates beside the scene, and sends orders."""
+LINES = 20
+"""Number of lines of the log, of which the latest are visible."""
 
-    @abstractmethod
+
+class Panel(PagePart):
+    """A panel shows updates beside the scene, and sends orders.
+
+    Attributes:
+        log_entries: latest entries of the log, newest first.
+    """
+
+    def __init__(
+        self, gui: GuiApi, setup: SceneDescription, send: Callable[[Order], None]
+    ) -> None:
+        """Start with an empty log, below the warning of the scene if it has one.
+
+        Args:
+            gui: interface of the server.
+            setup: description of the scene.
+            send: function called with the orders of the controls.
+        """
+        self.gui, self.setup, self.send = gui, setup, send
+        self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
+        if setup.warning:
+            gui.add_html(render_warning(setup.warning))
+
     def update(self, update: ViewUpdate) -> None:
-        """Store what an update holds."""
+        """Store the log entries of an update."""
+        self.log_entries.extendleft(update.log_entries)
+
+    def note(self, seconds: float, text: str) -> None:
+        """Add an answer to what was done in the page, at a time [s], to the log."""
+        self.log_entries.appendleft(LogEntry(seconds, "note", text))
 
     @abstractmethod
     def render(self, update: ViewUpdate) -> None:
@@ -76,15 +108,18 @@ def add_key(gui: GuiApi, key: Key, title: str, act: Callable[[], None]) -> None:
     gui.add_command(title, hotkey=key).on_trigger(lambda event: act())
 
 
-def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
-    """Add a slider that changes the maximum of the colour scale."""
+def add_scale(
+    gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle | None = None
+) -> None:
+    """Add a slider that changes the maximum of the colour scale, below its legend."""
+    shown = legend or gui.add_html(scale.legend())
     slider = gui.add_slider(
         "scale to [kPa]", min=5, max=200, step=5, initial_value=int(scale.maximum)
     )
 
     def change(value: float) -> None:
         scale.maximum = float(value)
-        legend.content = render_block(scale.legend())
+        shown.content = scale.legend()
 
     obey(slider.on_update, change)
 
@@ -103,7 +138,7 @@ The plot has no missing values, so hidden marks are drawn outside it.
 
 
 @final
-class HistoryPlot(Panel):
+class HistoryPlot:
     """Plots force and peak pressure ten times a second, and marks detections."""
 
     def __init__(self, gui: GuiApi, gestures: Sequence[str]) -> None:
@@ -189,8 +224,6 @@ def describe_axis(scale: str, title: str, side: Literal[1, 2, 3] = 3) -> Axis:
 
 NOT_CERTIFIED = "eskin is no certified safety function."
 """Notice that the page always shows."""
-LINES = 20
-"""Number of lines of the log, of which the latest are visible."""
 MODES: tuple[TouchMode, ...] = ("poke", "double pat", "grab", "stroke")
 TOUCHED = "the touched one"
 """Choice of the patch that is touched most."""
@@ -216,15 +249,13 @@ class TouchPanel(Panel):
             hand: hand that receives mode, force and duration; other orders are sent
                 through its `send`.
         """
-        self.gui, self.setup, self.scale, self.hand = gui, setup, scale, hand
-        self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
+        super().__init__(gui, setup, hand.send)
+        self.scale, self.hand = scale, hand
         self.colours = choose_gesture_colours(setup.gestures)
         self.names = tuple(name for name in setup.gestures if name != "unknown")
         self.last: LogEntry | None = None
         self.running = True
         self.maps_due, self.mapped = 0.0, 0
-        if setup.warning:
-            gui.add_html(render_warning(setup.warning))
         self.status = gui.add_html("")
         self.bars = gui.add_html(render_bars((), setup))
         self.log = gui.add_html(render_log(()))
@@ -237,8 +268,7 @@ class TouchPanel(Panel):
         with tabs.add_tab("Skin", Icon.GRID_DOTS):
             self.shown_patch = gui.add_dropdown("patch", (TOUCHED, *setup.patches))
             self.map = gui.add_html("")
-            self.legend = gui.add_html(render_block(scale.legend()))
-            add_scale(gui, scale, self.legend)
+            add_scale(gui, scale)
             self.patches = gui.add_html("")
             if setup.touchable:
                 self.add_skin_controls()
@@ -264,7 +294,7 @@ class TouchPanel(Panel):
     def correct(self, gesture: str) -> None:
         """Send what the last detected touch was."""
         if self.last is not None:
-            self.hand.send(CorrectionOrder(self.last.touch, gesture))
+            self.send(CorrectionOrder(self.last.touch, gesture))
 
     def add_touch_controls(self) -> None:
         """Add the controls of touches, and of the task of the arm."""
@@ -294,13 +324,13 @@ class TouchPanel(Panel):
         patch = gui.add_dropdown("cable of", setup.patches)
         cable: dict[str, PageKind] = {"unplug": "unplug", "plug in": "plug"}
         self.add_orders("is to", cable, lambda kind: patch.value)
-        taxels: dict[str, PageKind] = {f"kill {KILL_SHARE:.0%}": "kill"}
-        taxels["restore"] = "restore"
+        kill = f"kill {KILL_SHARE:.0%}"
+        taxels: dict[str, PageKind] = {kill: "kill", "restore": "restore"}
         self.add_orders("taxels", taxels, {"kill": KILL_SHARE}.get)
         self.add_orders("recording", {"record": "record", "stop": "stop_recording"})
         if len(setup.skins) > 1:
             skin = gui.add_dropdown("skin", setup.skins)
-            obey(skin.on_update, lambda name: self.order("skin", name))
+            obey(skin.on_update, lambda name: self.send(PageOrder("skin", name)))
 
     def add_orders(
         self,
@@ -318,46 +348,37 @@ class TouchPanel(Panel):
         group = self.gui.add_button_group(name, tuple(kinds))
         obey(
             group.on_click,
-            lambda label: self.order(kinds[label], find_value(kinds[label])),
+            lambda label: self.send(PageOrder(kinds[label], find_value(kinds[label]))),
         )
 
     def pause_or_resume(self) -> None:
         """Pause the task of the arm while it runs, else resume it."""
-        self.order("pause_task" if self.running else "resume_task")
-
-    def order(self, kind: PageKind, value: str | float | None = None) -> None:
-        """Send an order other than a touch."""
-        self.hand.send(PageOrder(kind, value))
-
-    def note(self, seconds: float, text: str) -> None:
-        """Add an answer to what was done in the page to the log."""
-        self.log_entries.appendleft(LogEntry(seconds, "note", text))
+        self.send(PageOrder("pause_task" if self.running else "resume_task"))
 
     def update(self, update: ViewUpdate) -> None:
         """Store the values and log entries of an update."""
+        super().update(update)
         self.history.update(update)
-        self.log_entries.extendleft(update.log_entries)
         found = [entry for entry in update.log_entries if entry.kind == "detection"]
         self.last = found[-1] if found else self.last
         self.running = update.arm is None or update.arm.state in ("running", "waiting")
 
     def render(self, update: ViewUpdate) -> None:
         """Show the touches, the log, the plot and the skin."""
-        valid = unpack_valid(update, self.setup)
         self.history.render(update)
-        self.status.content = render_status(update, valid)
+        self.status.content = render_status(update)
         self.bars.content = render_bars(update.touches, self.setup)
-        self.log.content = render_log(tuple(self.log_entries), self.colours)
-        self.patches.content = render_patches(self.setup, valid)
+        self.log.content = render_log(self.log_entries, self.colours)
+        self.patches.content = render_patches(self.setup, update.valid)
         if self.setup.corrects:
             self.corrected.content = render_correction(
                 self.last, self.names, self.colours
             )
         if not 0.0 <= self.maps_due - update.seconds <= MAP_PERIOD:
             self.maps_due = update.seconds + MAP_PERIOD
-            self.draw_map(update, valid)
+            self.draw_map(update)
 
-    def draw_map(self, update: ViewUpdate, valid: Bool[np.ndarray, "taxel"]) -> None:
+    def draw_map(self, update: ViewUpdate) -> None:
         """Draw the chosen patch, or the one that is touched most."""
         setup, chosen = self.setup, self.shown_patch.value
         names = [chosen, *(contact.patch for contact in update.contacts)]
@@ -367,5 +388,112 @@ class TouchPanel(Panel):
             patch = setup.patches[self.mapped]
         self.mapped = setup.patches.index(patch) if patch else 0
         self.map.content = render_patch_map(
-            setup, self.mapped, update.pressure, valid, self.scale
+            setup, self.mapped, update.pressure, update.valid, self.scale
         )
+
+
+WAITING = GuideBoard("waiting for the skin", 0.0)
+"""What is shown before the first scan."""
+
+
+@final
+class GuidePanel(Panel):
+    """Guides through a calibration: what to do, what was felt and the result."""
+
+    def __init__(
+        self,
+        gui: GuiApi,
+        setup: SceneDescription,
+        scale: ColourScale,
+        send: Callable[[Order], None],
+    ) -> None:
+        """Lay out the panel.
+
+        Args:
+            gui: interface of the server.
+            setup: description of the scene.
+            scale: colour scale, whose maximum the panel can change.
+            send: function called with the orders of the buttons.
+        """
+        super().__init__(gui, setup, send)
+        self.board = WAITING
+        self.request = gui.add_html(render_request(self.board))
+        self.progress = gui.add_progress_bar(0.0)
+        buttons = (
+            ("Skip this", Icon.PLAYER_SKIP_FORWARD),
+            ("Repeat the last press", Icon.ARROW_BACK_UP),
+            ("Close", Icon.CHECK),
+        )
+        self.skip, self.again, self.close = (
+            gui.add_button(name, visible=False, icon=icon) for name, icon in buttons
+        )
+        self.result = gui.add_html("")
+        self.log = gui.add_html(render_log(()))
+        legend = gui.add_html(scale.legend())
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Skin", Icon.GRID_DOTS):
+            self.patches = gui.add_html("")
+        with tabs.add_tab("View", Icon.PALETTE):
+            add_scale(gui, scale, legend)
+        obey(self.skip.on_click, lambda _: self.order_skip())
+        obey(
+            self.again.on_click,
+            lambda _: send(PageOrder("again", float(self.board.presses))),
+        )
+        obey(self.close.on_click, lambda _: send(PageOrder("close")))
+
+    def order_skip(self) -> None:
+        """Ask to leave out the patch or point that is shown."""
+        if self.board.place is not None:
+            self.send(PageOrder("skip", self.board.place.name))
+
+    def render(self, update: ViewUpdate) -> None:
+        """Show the guide, the log and the patches."""
+        board = self.board = update.guide or WAITING
+        self.request.content = render_request(board)
+        self.progress.value = round(100.0 * board.share, 1)
+        self.skip.visible = board.place is not None
+        if board.place is not None:
+            self.skip.label = f"Skip {to_words(board.place.name)}"
+        self.again.visible = board.presses > 0
+        self.close.visible = bool(board.result)
+        self.result.content = render_result(board)
+        self.log.content = render_log(self.log_entries)
+        self.patches.content = render_patches(self.setup, update.valid)
+
+
+RADII_MM = (5, 150)
+"""Smallest and largest radius of the brush [mm]."""
+KINDS = ("skin", "keep out")
+
+
+@final
+class PaintPanel(Panel):
+    """Shows the brush and what is painted."""
+
+    def __init__(self, gui: GuiApi, setup: SceneDescription, brush: PaintBrush) -> None:
+        """Lay out the panel, which sets a brush and sends orders as it does."""
+        super().__init__(gui, setup, brush.send)
+        self.request = gui.add_html(render_request(WAITING))
+        low, high = RADII_MM
+        radius = gui.add_slider(
+            "radius [mm]", min=low, max=high, step=1, initial_value=40
+        )
+        kind = gui.add_dropdown("paint", options=KINDS, initial_value=KINDS[0])
+        obey(radius.on_update, lambda mm: setattr(brush, "radius", 1e-3 * float(mm)))
+        obey(kind.on_update, lambda k: setattr(brush, "keeps_out", k == KINDS[1]))
+        buttons: tuple[tuple[PageKind, IconName], ...] = (
+            ("undo", Icon.ARROW_BACK_UP),
+            ("save", Icon.DEVICE_FLOPPY),
+            ("close", Icon.CHECK),
+        )
+        for order, icon in buttons:
+            button = gui.add_button(order.capitalize(), icon=icon)
+            obey(button.on_click, lambda _, order=order: brush.send(PageOrder(order)))
+        self.result = gui.add_html("")
+
+    def render(self, update: ViewUpdate) -> None:
+        """Show the board."""
+        board = update.guide or WAITING
+        self.request.content = render_request(board)
+        self.result.content = render_result(board)

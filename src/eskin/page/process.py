@@ -11,17 +11,13 @@ from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from queue import Empty, Full, Queue
+from queue import Empty, Queue
 from threading import Condition, Event, Thread
-from typing import TypeGuard, final
+from typing import final
 
 import eskin
 from eskin.errors import DeviceError
 from eskin.page.messages import (
-    ORDER,
-    READY,
-    REFUSED,
-    SHOWN,
     CorrectionOrder,
     Order,
     PageOrder,
@@ -140,16 +136,11 @@ class PageProcess:
                 stdin=subprocess.DEVNULL,
             )
         self.connection = Connection(ours.detach())
-        self.threads = [
-            Thread(target=run, name=f"eskin page {name}", daemon=True)
-            for name, run in (
-                ("sender", lambda: self.send((port, self.token, setup))),
-                ("receiver", self.receive),
-                ("orders", self.execute_orders),
-            )
-        ]
-        for thread in self.threads:
-            thread.start()
+        first = port, self.token, setup
+        self.threads = []
+        for run in (lambda: self.send(first), self.receive, self.execute_orders):
+            self.threads.append(Thread(target=run, name="eskin page", daemon=True))
+            self.threads[-1].start()
 
     def give(self, update: ViewUpdate) -> None:
         """Show an update when the page is ready, unless a later one replaces it."""
@@ -212,50 +203,41 @@ class PageProcess:
         try:
             while True:
                 kind, value = self.connection.recv()
-                if kind == ORDER:
+                if kind == "order":
                     self.queue_order(value)
                 with self.changed:
-                    if kind == READY:
+                    if kind == "ready":
                         self.port = value
-                    elif kind == REFUSED:
+                    elif kind == "refused":
                         self.failure = value
-                    elif kind == SHOWN:
+                    elif kind == "shown":
                         self.in_flight -= 1
                         self.shown += 1
                     self.changed.notify_all()
         except (EOFError, OSError):
             self.report_lost()
 
-    def queue_order(self, order: object) -> None:
+    def queue_order(self, order: Order) -> None:
         """Queue an order, if orders are accepted and the queue is not full."""
-        if self.on_order is None or not self.is_allowed(order):
-            self.dropped += 1
-            return
-        try:
-            self.orders.put_nowait(order)
-        except Full:
-            self.dropped += 1
-
-    def is_allowed(self, order: object) -> TypeGuard[Order]:
-        """Return whether the page may send an order."""
         setup = self.setup
-        match order:
-            case CorrectionOrder():
-                return setup.corrects
-            case PaintOrder():
-                return setup.paints
-            case PageOrder():
-                return setup.touchable or setup.calibrates or setup.paints
-            case TouchOrder():
-                return setup.touchable or setup.calibrates
-        return False
+        touches = setup.touchable or setup.calibrates
+        allowed = {
+            CorrectionOrder: setup.corrects,
+            PaintOrder: setup.paints,
+            PageOrder: touches or setup.paints,
+            TouchOrder: touches,
+        }
+        may_send = self.on_order is not None and allowed.get(type(order), False)
+        if may_send and not self.orders.full():
+            self.orders.put_nowait(order)
+        else:
+            self.dropped += 1
 
     def execute_orders(self) -> None:
         """Execute orders one after the other."""
-        while (order := self.orders.get()) is not None:
+        while (order := self.orders.get()) is not None and self.on_order is not None:
             try:
-                if self.on_order is not None:
-                    self.on_order(order)
+                self.on_order(order)
             except Exception:
                 logger.exception("%s failed", order)
 

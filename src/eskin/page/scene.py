@@ -2,6 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
@@ -9,13 +11,12 @@ from jaxtyping import Float, Float32, UInt8
 from viser import (
     BatchedMeshHandle,
     ClientHandle,
-    FrameHandle,
     LabelHandle,
     MeshHandle,
     ViserServer,
 )
 
-from eskin.page.colours import ColourScale
+from eskin.page.html import ColourScale, to_words
 from eskin.page.messages import (
     ContactMarker,
     LogEntry,
@@ -23,7 +24,7 @@ from eskin.page.messages import (
     SceneDescription,
     ViewUpdate,
 )
-from eskin.transforms import quaternion_to_matrix
+from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
 
 CORNERS = 12
 """Number of corners of a disc."""
@@ -45,12 +46,31 @@ NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
 RAISED = 0.6
 """Height of the scene over the middle of such a window, by half of the window."""
+MAX_RAY_DISTANCE = 0.015
+"""Greatest distance from a ray to the centre of a taxel that it hits [m]."""
+SCALE = 60.0
+"""Initial pressure of the lightest colour [kPa]; the user can change it."""
+WIDTH, WIDER = 320, 400
+"""Width of the panel, and of a panel with two columns [px]."""
+BRAND = (31, 120, 137)
 MIN_POSE_CHANGE = 1e-5
 """Change of a pose below which a frame is not moved, per component [1 or m]."""
 
 
 Mesh = tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]
 """Vertices of a mesh, and their indices in each face."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoint:
+    """Describes a point on the skin."""
+
+    taxel: int
+    """Index of the nearest taxel."""
+    link: int
+    """Index of the link of that taxel."""
+    p_link: Float[np.ndarray, "3"]
+    """Position of the point in the frame of the link [m]."""
 
 
 class PagePart(ABC):
@@ -77,8 +97,7 @@ class Scene(PagePart):
         self.server = server
         self.setup = setup
         self.scale = scale
-        at_rest = np.array([1, 0, 0, 0, 0, 0, 0], np.float32)
-        self.poses = np.tile(at_rest, (len(setup.links), 1))
+        self.T_world_link = np.tile(np.eye(4), (len(setup.links), 1, 1))
         self.add_surroundings()
         self.add_places()
         self.frames = [
@@ -95,7 +114,11 @@ class Scene(PagePart):
             )
         links = np.unique(setup.taxel_link).tolist()
         self.taxels = {link: np.flatnonzero(setup.taxel_link == link) for link in links}
-        self.discs = {link: self.add_discs(link) for link in links}
+        at_rest = scale.colours(np.zeros(1), np.ones(1, bool))
+        self.discs = {
+            link: self.add_discs("taxels", link, LIFT, DISC_SHARE, LINEAR[at_rest])
+            for link in links
+        }
 
     def add_surroundings(self) -> None:
         """Add a grid as ground, a pale sky, and lights that preserve the colours."""
@@ -170,33 +193,26 @@ class Scene(PagePart):
         position, look_at = place_camera(*self.camera, client.camera.aspect)
         client.camera.position, client.camera.look_at = position, look_at
 
-    def add_discs(self, link: int) -> BatchedMeshHandle:
-        """Add one disc per taxel, in the frame of their link."""
-        count = len(self.taxels[link])
-        colours = self.scale.colours(np.zeros(count), np.ones(count, dtype=bool))
-        return self.add_taxel_discs("taxels", link, LIFT, DISC_SHARE, LINEAR[colours])
-
     def add_pads(self, link: int) -> BatchedMeshHandle:
         """Add pads between the discs of a link, so that it can be touched there."""
-        colour = tuple(LINEAR[list(PAD)].tolist())
-        return self.add_taxel_discs("pads", link, LIFT / 2, PAD_SHARE, colour)
+        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, LINEAR[[PAD]])
 
-    def add_taxel_discs(
+    def add_discs(
         self,
         name: str,
         link: int,
         lift: float,
         share: float,
-        colours: UInt8[np.ndarray, "taxel 3"] | tuple[int, int, int],
+        colour: UInt8[np.ndarray, "1 3"],
     ) -> BatchedMeshHandle:
-        """Add a disc on each taxel of a link, in the frame of the link.
+        """Add a disc of a colour on each taxel of a link.
 
         Args:
             name: name of the discs in the scene.
             link: index of the link.
             lift: distance of the discs from the surface [m].
             share: radius as a share of the radius of a circle of the taxel's area.
-            colours: colour of each disc, or of all.
+            colour: colour of all discs at first.
         """
         setup, taxels = self.setup, self.taxels[link]
         normals = setup.normals[taxels]
@@ -205,7 +221,7 @@ class Scene(PagePart):
             build_disc(),
             (compute_rotations_to(normals), setup.positions[taxels] + lift * normals),
             share * np.sqrt(setup.areas[taxels] / np.pi),
-            colours,
+            np.repeat(colour, len(taxels), axis=0),
         )
 
     def add_instances(
@@ -242,10 +258,13 @@ class Scene(PagePart):
     def update(self, update: ViewUpdate) -> None:
         """Move the links and colour the taxels that have changed."""
         for link, frame in enumerate(self.frames):
-            move_frame(frame, self.poses[link], update.poses[link])
+            T = update.T_world_link[link]
+            if np.abs(self.T_world_link[link] - T).max() > MIN_POSE_CHANGE:
+                self.T_world_link[link] = T
+                frame.wxyz = matrix_to_quaternion(T[:3, :3])
+                frame.position = T[:3, 3]
         pressure = update.pressure.astype(np.float64)
-        valid = np.unpackbits(update.valid, count=len(pressure)).astype(bool)
-        colours = LINEAR[self.scale.colours(pressure, valid)]
+        colours = LINEAR[self.scale.colours(pressure, update.valid)]
         for link, discs in self.discs.items():
             discs.batched_colors = colours[self.taxels[link]]
 
@@ -253,25 +272,54 @@ class Scene(PagePart):
         self,
     ) -> tuple[Float[np.ndarray, "taxel 3"], Float[np.ndarray, "taxel 3"]]:
         """Return positions [m] and normals of the taxels in the world, as shown."""
-        rotations = quaternion_to_matrix(self.poses[:, :4].astype(np.float64))
-        turn = rotations[self.setup.taxel_link]
-        origin = self.poses[self.setup.taxel_link, 4:]
-        positions = np.einsum("tij,tj->ti", turn, self.setup.positions) + origin
-        return positions, np.einsum("tij,tj->ti", turn, self.setup.normals)
+        T = self.T_world_link[self.setup.taxel_link]
+        return apply(T, self.setup.positions), rotate(T, self.setup.normals)
 
-    def transform_to_link(
-        self, link: int, p_world: Float[np.ndarray, "3"]
-    ) -> Float[np.ndarray, "3"]:
-        """Return a point of the world in the frame of a link as shown [m]."""
-        rotation = quaternion_to_matrix(self.poses[link, :4].astype(np.float64))
-        return rotation.T @ (p_world - self.poses[link, 4:])
+    def pick_taxel(self, taxel: int) -> SurfacePoint:
+        """Return the centre of a taxel."""
+        link = int(self.setup.taxel_link[taxel])
+        return SurfacePoint(taxel, link, self.setup.positions[taxel])
 
-    def transform_to_world(
-        self, link: int, p_link: Float[np.ndarray, "3"]
-    ) -> Float[np.ndarray, "3"]:
-        """Return a point in the frame of a link in the world, as shown [m]."""
-        rotation = quaternion_to_matrix(self.poses[link, :4].astype(np.float64))
-        return rotation @ p_link + self.poses[link, 4:]
+    def pick_along_ray(
+        self, origin: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
+    ) -> SurfacePoint | None:
+        """Return the foremost point that a ray hits; None if it misses the skin.
+
+        Args:
+            origin: origin of the ray in the world frame [m].
+            direction: direction of the ray in the world frame, of any length.
+        """
+        direction = direction / np.linalg.norm(direction)
+        positions, normals = self.place_taxels()
+        depth = (positions - origin) @ direction
+        aside = np.linalg.norm(positions - origin - depth[:, None] * direction, axis=-1)
+        met = (normals @ direction < 0) & (depth > 0) & (aside < MAX_RAY_DISTANCE)
+        if not met.any():
+            return None
+        front = met & (depth < depth[met].min() + 2 * MAX_RAY_DISTANCE)
+        taxel = int(np.argmin(np.where(front, aside, np.inf)))
+        normal = normals[taxel]
+        # The ray meets the plane of the taxel here; the point stays within its radius.
+        step = ((positions[taxel] - origin) @ normal) / (direction @ normal)
+        offset = origin + step * direction - positions[taxel]
+        radius = float(np.sqrt(self.setup.areas[taxel] / np.pi))
+        offset *= min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
+        link = int(self.setup.taxel_link[taxel])
+        T_link_world = invert(self.T_world_link[link])
+        return SurfacePoint(taxel, link, apply(T_link_world, positions[taxel] + offset))
+
+
+def lay_out(server: ViserServer, setup: SceneDescription, width: int = WIDTH) -> Scene:
+    """Lay out a page with its panel on the right, and draw its scene."""
+    gui = server.gui
+    gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
+    gui.main_panel.dock_right()
+    gui.main_panel.set_width(width)
+    gui.set_panel_label(setup.title)
+    scene = Scene(server, setup, ColourScale(SCALE))
+    scene.set_camera(np.array(setup.middle), setup.distance)
+    server.on_client_connect(scene.turn)
+    return scene
 
 
 def place_camera(
@@ -303,24 +351,31 @@ def compute_arrow_length(force: float) -> float:
     return min(ARROW_BASE + ARROW_PER_NEWTON * force, ARROW_LONGEST)
 
 
-def move_frame(
-    frame: FrameHandle, shown: Float32[np.ndarray, "7"], pose: Float32[np.ndarray, "7"]
-) -> None:
-    """Move a frame if its pose has changed, and store the pose in `shown`."""
-    if np.abs(shown - pose).max() > MIN_POSE_CHANGE:
-        shown[:] = pose
-        frame.wxyz = pose[:4]
-        frame.position = pose[4:]
-
-
 def build_disc() -> Mesh:
     """Return vertices and faces of a flat disc of radius 1 that faces z."""
-    angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
-    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(CORNERS)], axis=-1)
-    vertices = np.concatenate([np.zeros((1, 3)), rim]).astype(np.float32)
-    corner = np.arange(CORNERS)
-    faces = np.stack([0 * corner, 1 + corner, 1 + (corner + 1) % CORNERS], axis=-1)
-    return vertices, faces.astype(np.uint32)
+    vertices, faces = revolve([(1.0, 0.0), (0.0, 0.0)], CORNERS)
+    # The rim, then one vertex in the middle.
+    return vertices[: CORNERS + 1], np.minimum(faces[CORNERS:], CORNERS)
+
+
+def revolve(profile: Sequence[tuple[float, float]], corners: int) -> Mesh:
+    """Return vertices and faces of a surface of revolution about z.
+
+    Args:
+        profile: radius and z of its rings, one after the other.
+        corners: number of corners of a ring.
+    """
+    angle = np.arange(corners) * 2 * np.pi / corners
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    vertices = [radius * circle + (0.0, 0.0, z) for radius, z in profile]
+    near, far = np.arange(corners), (np.arange(corners) + 1) % corners
+    faces = []
+    for low in range(0, corners * (len(profile) - 1), corners):
+        high = low + corners
+        faces.append(np.stack([low + near, high + far, high + near], axis=-1))
+        faces.append(np.stack([low + near, low + far, high + far], axis=-1))
+    vertices = np.concatenate(vertices).astype(np.float32)
+    return vertices, np.concatenate(faces).astype(np.uint32)
 
 
 def compute_rotations_to(
@@ -397,6 +452,10 @@ RING_LIFT = 0.006
 """Distance of the rings from the skin [m]."""
 SEGMENTS = 40
 """Number of segments of a ring."""
+RING_PROFILE = ((0.84, 0.0), (1.0, 0.0))
+ARROW_PROFILE = ((0.0, 0.0), (0.12, 0.3), (0.04, 0.3), (0.04, 1.0), (0.0, 1.0))
+"""Profiles of a flat ring of radius 1 across z, and of an arrow of length 1 down z with
+its tip at zero: the head, its underside, the shaft, and the end."""
 RING = (0, 90, 181)
 """Blue, distinct from the whole colour scale for people of any colour vision."""
 ARROW_BASE, ARROW_PER_NEWTON, ARROW_LONGEST = 0.03, 0.006, 0.15
@@ -420,7 +479,7 @@ class Marks(PagePart):
         self.ringed: set[int] = set()
         self.count = 0
         self.labels: deque[tuple[float, LabelHandle, int]] = deque()
-        ring, arrow = build_ring(), build_arrow()
+        ring, arrow = revolve(RING_PROFILE, SEGMENTS), revolve(ARROW_PROFILE, CORNERS)
         self.rings = {n: self.add_marks("contacts", n, ring) for n in scene.discs}
         self.arrows = {n: self.add_marks("forces", n, arrow) for n in scene.discs}
         self.names = [
@@ -470,18 +529,16 @@ class Marks(PagePart):
 
     def draw_names(self, contacts: tuple[ContactMarker, ...]) -> None:
         """Write patch and force beside the arrows of the strongest contacts."""
-        for number, label in enumerate(self.names):
-            if number >= len(contacts):
-                if label.visible:
-                    label.visible = False
-                continue
-            contact = contacts[number]
+        for label in self.names[len(contacts) :]:
+            if label.visible:
+                label.visible = False
+        for label, contact in zip(self.names, contacts, strict=False):
             length = compute_arrow_length(contact.force) + 0.01
             end = contact.p_link + length * contact.n_link
-            text = f"{contact.patch.replace('_', ' ')} {contact.force:.0f} N"
+            text = f"{to_words(contact.patch)} {contact.force:.0f} N"
             if label.text != text:
                 label.text = text
-            label.position = self.scene.transform_to_world(contact.link, end)
+            label.position = apply(self.scene.T_world_link[contact.link], end)
             if not label.visible:
                 label.visible = True
 
@@ -545,11 +602,9 @@ class TargetMark(PagePart):
         scene, normal = self.server.scene, np.array(place.n_link)
         at = f"/robot/{self.scene.setup.links[place.link]}"
         middle = place.p_link + RING_LIFT * normal
-        vertices, faces = build_ring()
         ring = scene.add_mesh_simple(
             f"{at}/target",
-            vertices,
-            faces,
+            *revolve(RING_PROFILE, SEGMENTS),
             color=TARGET,
             side="double",
             scale=TARGET_RADIUS,
@@ -568,44 +623,10 @@ class TargetMark(PagePart):
 
     def turn_camera(self, place: PressPlace) -> None:
         """Look at a place from outside, and from above the ground."""
-        p_link = np.array(place.p_link)
-        p_world = self.scene.transform_to_world(place.link, p_link)
-        end = self.scene.transform_to_world(place.link, p_link + place.n_link)
-        direction = end - p_world + SLANT * CAMERA_DIRECTION
+        T = self.scene.T_world_link[place.link]
+        p_world = apply(T, np.array(place.p_link))
+        direction = rotate(T, np.array(place.n_link)) + SLANT * CAMERA_DIRECTION
         direction /= np.linalg.norm(direction)
         room = max(p_world[2] - CAMERA_HEIGHT, CAMERA_HEIGHT)
         distance = min(TARGET_DISTANCE, room / max(-direction[2], 1e-9))
         self.scene.set_camera(p_world, distance, direction)
-
-
-def build_ring() -> Mesh:
-    """Return vertices and faces of a flat ring of radius 1 across z."""
-    angle = np.arange(SEGMENTS) * 2 * np.pi / SEGMENTS
-    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(SEGMENTS)], axis=-1)
-    vertices = np.concatenate([0.84 * circle, circle]).astype(np.float32)
-    inner, right = np.arange(SEGMENTS), (np.arange(SEGMENTS) + 1) % SEGMENTS
-    outer = inner + SEGMENTS
-    faces = [
-        np.stack([inner, outer, right + SEGMENTS], axis=-1),
-        np.stack([inner, right + SEGMENTS, right], axis=-1),
-    ]
-    return vertices, np.concatenate(faces).astype(np.uint32)
-
-
-def build_arrow() -> Mesh:
-    """Return vertices and faces of an arrow of length 1 down z, its tip at zero."""
-    angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
-    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    # From the tip: the head, its underside, the shaft, and the end.
-    rings = [(0.0, 0.0), (0.12, 0.3), (0.04, 0.3), (0.04, 1.0), (0.0, 1.0)]
-    vertices = [radius * circle + (0.0, 0.0, height) for radius, height in rings]
-    near, far = np.arange(CORNERS), (np.arange(CORNERS) + 1) % CORNERS
-    faces = []
-    for number in range(len(rings) - 1):
-        low, high = number * CORNERS, (number + 1) * CORNERS
-        faces.append(np.stack([low + near, high + far, high + near], axis=-1))
-        faces.append(np.stack([low + near, low + far, high + far], axis=-1))
-    return (
-        np.concatenate(vertices).astype(np.float32),
-        np.concatenate(faces).astype(np.uint32),
-    )

@@ -16,15 +16,12 @@ from viser.uplot import Series
 from eskin.errors import RecordingError
 from eskin.page import html
 from eskin.page.appearance import describe_scene
-from eskin.page.colours import choose_gesture_colours
 from eskin.page.editing import (
     LabelEditor,
     LoadedRecording,
-    Pair,
     compute_envelope,
     match_detections,
 )
-from eskin.page.page import WIDER, lay_out
 from eskin.page.panel import (
     DIGITS,
     OUTSIDE,
@@ -35,6 +32,7 @@ from eskin.page.panel import (
     describe_marks,
     obey,
 )
+from eskin.page.scene import WIDER, lay_out
 from eskin.page.viewer import build_still
 from eskin.recording import NONE, DetectionRecord, Label
 from eskin.skin import MountedSkin
@@ -134,7 +132,7 @@ class Overview:
 
     def describe_series(self) -> tuple[Series, ...]:
         """Return the series: each gesture has one for labels and one for detections."""
-        colours = choose_gesture_colours(self.names)
+        colours = html.choose_gesture_colours(self.names)
         labels = (
             Series(label=name, scale="mark", width=0, fill=colours[name] + "59")
             for name in self.names
@@ -160,7 +158,7 @@ class Overview:
         ranged[(times >= span[0]) & (times < span[1])] = 1.0
         here[self.find_bin(seconds)] = 1.0
         for label in editor.labels:
-            start, end = editor.seconds(label.start), editor.seconds(label.end)
+            start, end = editor.span(label)
             inside = (times >= start) & (times < end)
             inside[self.find_bin(start)] = True  # However short the label is.
             labelled[rows.get(label.gesture, ...), inside] = 0.86
@@ -171,10 +169,8 @@ class Overview:
 
     def find_bin(self, seconds: float) -> int:
         """Return the index of a time [s] in the plot."""
-        share = seconds / self.length if self.length else 0.0
-        return int(
-            np.clip(round(share * (len(self.times) - 1)), 0, len(self.times) - 1)
-        )
+        share, last = seconds / (self.length or 1.0), len(self.times) - 1
+        return min(max(round(share * last), 0), last)
 
 
 SHOWN_NS = 1_000_000_000
@@ -238,7 +234,6 @@ class Timeline:
         gui, title = server.gui, editor.recording.path.name
         setup = replace(describe_scene(mounted, GESTURES), title=title)
         self.scene = lay_out(server, setup, WIDER)
-        scale = self.scene.scale
         self.status = gui.add_html("")
         self.overview = Overview(gui, loaded, editor, detections)
         self.add_transport()
@@ -248,29 +243,26 @@ class Timeline:
         with tabs.add_tab("Compare", Icon.LIST_CHECK):
             self.table = gui.add_html("")
         with tabs.add_tab("Colours", Icon.PALETTE):
-            legend = gui.add_html(html.render_block(scale.legend()))
-            add_scale(gui, scale, legend)
+            add_scale(gui, self.scene.scale)
         self.note = gui.add_html("")
-        for key, title in KEYS.items():
+        digits: dict[Key, str] = {
+            key: f"label the range with gesture {key}" for key in DIGITS
+        }
+        for key, title in (KEYS | digits).items():
             add_key(gui, key, title, partial(self.press, key))
-        for digit in DIGITS:
-            title = f"label the range with gesture {digit}"
-            add_key(gui, digit, title, partial(self.press, digit))
         self.list_labels()
 
     def add_transport(self) -> None:
         """Add the controls of the playback: time, range, speed."""
         gui, clock = self.server.gui, self.clock
         longest = max(clock.length, STEP)
-        self.slider = gui.add_slider(
-            "time [s]", min=0.0, max=longest, step=STEP, initial_value=0.0
-        )
+        self.slider = gui.add_slider("time [s]", 0.0, longest, STEP, 0.0)
         self.range = gui.add_multi_slider(
             "range [s]",
-            min=0.0,
-            max=longest,
-            step=STEP,
-            initial_value=(0.0, min(1.0, longest)),
+            0.0,
+            longest,
+            STEP,
+            (0.0, min(1.0, longest)),
             hint="Drag both ends over a touch, or set them at the position by I and O",
         )
         keys = gui.add_button_group("go", ("play/pause", "previous", "next"))
@@ -295,18 +287,13 @@ class Timeline:
         change = gui.add_button_group("range", ("label", "remove", "undo"))
         save = gui.add_button("save", icon=Icon.DEVICE_FLOPPY)
         gui.add_html(html.render_notice(HELP))
-
-        marks: dict[str, Key] = {"begin (I)": "I", "end (O)": "O"}
-        changes: dict[str, Key] = {"remove": "delete", "undo": "Z"}
-        obey(ends.on_click, lambda label: self.press(marks[label]))
-        obey(
-            change.on_click,
-            lambda label: (
-                self.press(changes[label])
-                if label in changes
-                else self.attempt(lambda: self.label(str(self.gesture.value)))
-            ),
-        )
+        acts = {
+            "label": lambda: self.label(str(self.gesture.value)),
+            "remove": self.remove,
+            "undo": self.undo,
+        }
+        obey(ends.on_click, lambda text: self.press("I" if "(I)" in text else "O"))
+        obey(change.on_click, lambda text: self.attempt(acts[text]))
         # In a thread, since it takes a while.
         save.on_click(lambda event: self.press("S"))
 
@@ -350,29 +337,25 @@ class Timeline:
     def begin_or_end(self, key: Literal["I", "O"]) -> None:
         """Begin (I) or end (O) the range at the position."""
         here, (start, end) = round(self.clock.seconds, 2), self.span()
-        self.range.value = (
-            (here, max(here, end)) if key == "I" else (min(start, here), here)
-        )
+        begins = key == "I"
+        span = (here, max(here, end)) if begins else (min(start, here), here)
+        self.range.value = span
         self.draw()
 
     def format_label(self, label: Label) -> str:
         """Return a label in words."""
-        start, end = (self.editor.seconds(x) for x in (label.start, label.end))
+        start, end = self.editor.span(label)
         return f"{html.to_words(label.gesture)} from {start:.2f} to {end:.2f} s"
 
     def select_neighbour(self, step: int) -> None:
         """Go to the label before or after the position; the range becomes its."""
         now = self.editor.stamp(self.clock.seconds)
-        labels = self.editor.labels
-        after = [label for label in labels if label.start > now]
-        previous = [label for label in labels if label.start < now]
-        for label in after[:1] if step > 0 else previous[-1:]:
-            start, end = (self.editor.seconds(x) for x in (label.start, label.end))
+        labels = self.editor.labels[::step]
+        for label in [x for x in labels if (x.start - now) * step > 0][:1]:
+            start, end = self.editor.span(label)
             self.clock.seek(start)
-            self.range.value = (
-                round(start, 2),
-                min(max(round(end, 2), round(start, 2)), self.clock.length),
-            )
+            start, end = round(start, 2), round(end, 2)
+            self.range.value = start, min(max(end, start), self.clock.length)
             self.gesture.value = label.gesture
             self.draw()
 
@@ -422,29 +405,21 @@ class Timeline:
         """Show the current labels in the plot, the legend and the comparison."""
         names, labels = self.names, self.editor.labels
         counts = Counter(label.gesture for label in labels)
-        self.legend.content = html.render_gestures(
-            [(name, counts[name]) for name in names], choose_gesture_colours(names)
-        )
+        colours = html.choose_gesture_colours(names)
+        keys = html.render_keys(names, colours, [counts[name] for name in names])
+        self.legend.content = html.render_block(keys)
         with self.server.atomic():
             self.draw()
-        pairs = match_detections(labels, self.detections)
-        self.table.content = self.render_table(pairs)
-
-    def render_table(self, pairs: tuple[Pair, ...]) -> str:
-        """Return labels beside detections as HTML."""
-        right = sum(pair.is_right for pair in pairs)
         rows = [
             (
                 self.editor.seconds(pair.time),
                 pair.label.gesture if pair.label else "-",
-                f"{pair.detection.gesture} {pair.detection.confidence:.0%}"
-                if pair.detection
-                else "-",
+                describe_detection(pair.detection),
                 pair.is_right,
             )
-            for pair in pairs
+            for pair in match_detections(labels, self.detections)
         ]
-        return html.render_comparison(rows, right)
+        self.table.content = html.render_comparison(rows)
 
     def tick(self, elapsed: float) -> None:
         """Advance by a time [s] and show the reading at the new position."""
@@ -455,34 +430,32 @@ class Timeline:
             if row != self.shown:
                 self.shown = row
                 loaded = self.loaded
-                still = build_still(
-                    self.mounted,
-                    float(loaded.seconds[row]),
-                    loaded.q[row],
-                    loaded.pressure[row],
-                    loaded.valid[row],
-                )
-                self.scene.update(still)
+                seconds, q = float(loaded.seconds[row]), loaded.q[row]
+                shown = loaded.pressure[row], loaded.valid[row]
+                self.scene.update(build_still(self.mounted, seconds, q, *shown))
                 self.status.content = self.render_status(row)
                 self.draw()
 
     def render_status(self, row: int) -> str:
         """Return time, force and peak of a reading, and what it is, as HTML."""
-        now = self.editor.recording.start + round(self.loaded.seconds[row] * 1e9)
-        here = [x.gesture for x in self.editor.labels if x.start <= now < x.end]
-        found = [
-            record
-            for record in self.detections
-            if record.onset <= now < record.stamp + SHOWN_NS
-        ]
-        model = [f"{record.gesture} {record.confidence:.0%}" for record in found[-1:]]
+        now = self.editor.stamp(float(self.loaded.seconds[row]))
+        label, found = "", None
+        for each in self.editor.labels:
+            label = each.gesture if each.start <= now < each.end else label
+        for record in self.detections:
+            found = record if record.onset <= now < record.stamp + SHOWN_NS else found
         numbers = html.render_numbers(
             ("time", f"{self.loaded.seconds[row]:.2f} s"),
             ("force", f"{self.loaded.force[row]:.1f} N"),
             ("peak", f"{self.loaded.peak[row]:.0f} kPa"),
         )
         return numbers + html.render_instant(
-            (here[-1] if here else "", here[-1] if here else "no label"),
-            (found[-1].gesture if found else "", model[0] if model else "-"),
-            choose_gesture_colours(self.names),
+            (label, label or "no label"),
+            (found.gesture if found else "", describe_detection(found)),
+            html.choose_gesture_colours(self.names),
         )
+
+
+def describe_detection(found: DetectionRecord | None) -> str:
+    """Return gesture and confidence of a detection, or a dash for none."""
+    return f"{found.gesture} {found.confidence:.0%}" if found else "-"

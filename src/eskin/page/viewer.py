@@ -17,9 +17,9 @@ from eskin.live import Detection
 from eskin.page.appearance import describe_scene
 from eskin.page.messages import (
     ArmSummary,
-    ComparisonBoard,
     ContactMarker,
     CorrectionOrder,
+    EntryKind,
     GuideBoard,
     LogEntry,
     OpenTouch,
@@ -48,7 +48,7 @@ from eskin.stream import (
 )
 from eskin.stream.listener import RARE, Drop
 from eskin.touch import Contact, TouchState
-from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
+from eskin.transforms import apply, invert, rotate
 from eskin.units import NS_PER_S
 
 MAX_LOG_ENTRIES = 32
@@ -68,8 +68,7 @@ class FrameEncoder:
             mounted: skin on its robot.
             begin: stamp of time zero [ns since the epoch].
         """
-        self.mounted = mounted
-        self.begin = begin
+        self.mounted, self.begin = mounted, begin
         self.log_entries: deque[LogEntry] = deque(maxlen=MAX_LOG_ENTRIES)
         self.last_event: Event | None = None
         joints = len(mounted.robot.joint_names)
@@ -78,6 +77,10 @@ class FrameEncoder:
     def seconds(self, stamp: int) -> float:
         """Return the time of a stamp since `begin` [s]."""
         return (stamp - self.begin) / NS_PER_S
+
+    def log(self, stamp: int, kind: EntryKind, text: str) -> None:
+        """Add a line of a time and a kind to the log."""
+        self.log_entries.append(LogEntry(self.seconds(stamp), kind, text))
 
     def note(self, item: object) -> None:
         """Add a detection, an event or a command to the log."""
@@ -89,14 +92,11 @@ class FrameEncoder:
                 pass
             case Event():
                 self.last_event = item
-                self.log_entries.append(
-                    LogEntry(self.seconds(item.stamp), "event", item.text)
-                )
+                self.log(item.stamp, "event", item.text)
             case CommandEvent():
                 kind = "command" if item.accepted else "refused"
                 text = item.action + (f": {item.why}" if item.why else "")
-                text = text.replace("_", " ")
-                self.log_entries.append(LogEntry(self.seconds(item.stamp), kind, text))
+                self.log(item.stamp, kind, text.replace("_", " "))
 
     def describe_detection(self, detection: Detection) -> LogEntry:
         """Return the log entry of a detection, with its position on its link."""
@@ -114,22 +114,10 @@ class FrameEncoder:
             detection.touch,
         )
 
-    def build_update(
-        self,
-        recognised: RecognitionState,
-        rate: float,
-        step: float,
-        age: float,
-        arm: ArmSummary | None,
-    ) -> ViewUpdate:
-        """Return the update that shows a state of the recognition.
+    def build_update(self, recognised: RecognitionState, rate: float) -> ViewUpdate:
+        """Return the update that shows a recognition at a rate of readings [1/s].
 
-        Args:
-            recognised: state of the recognition.
-            rate: rate of readings [1/s].
-            step: median time to recognise one reading [s].
-            age: age of the reading when its processing was complete [s].
-            arm: summary of the arm; None without an arm.
+        Its other fields are set by `dataclasses.replace`.
         """
         state = recognised.state
         reading = state.reading
@@ -140,18 +128,15 @@ class FrameEncoder:
             self.log_entries.popleft()
         return ViewUpdate(
             seconds=self.seconds(reading.stamp),
-            poses=pack_poses(self.T_world_link),
+            T_world_link=self.T_world_link,
             pressure=np.where(reading.valid, reading.pressure, 0.0).astype(np.float16),
-            valid=np.packbits(reading.valid),
+            valid=reading.valid,
             contacts=tuple(map(self.build_marker, contacts[:MAX_CONTACTS])),
             touches=self.build_touches(recognised),
             force=sum((contact.force for contact in contacts), 0.0),
             peak=max((contact.peak for contact in contacts), default=0.0),
             log_entries=entries,
             rate=rate,
-            step=step,
-            age=age,
-            arm=arm,
         )
 
     def build_marker(self, contact: Contact) -> ContactMarker:
@@ -188,18 +173,10 @@ def build_still(
     """Return an update that shows pressures [kPa] without contacts and touches."""
     return ViewUpdate(
         seconds=seconds,
-        poses=pack_poses(mounted.kinematics.poses(q)),
+        T_world_link=mounted.kinematics.poses(q),
         pressure=pressure,
-        valid=np.packbits(valid),
+        valid=valid,
     )
-
-
-def pack_poses(
-    T_world_link: Float[np.ndarray, "link 4 4"],
-) -> Float[np.ndarray, "link 7"]:
-    """Return quaternion wxyz and position [m] of each link, in single precision."""
-    wxyz = matrix_to_quaternion(T_world_link[:, :3, :3])
-    return np.concatenate([wxyz, T_world_link[:, :3, 3]], axis=1).astype(np.float32)
 
 
 REMEDIES = (
@@ -319,7 +296,6 @@ class Viewer(Listener):
         config: ViewerConfig | None = None,
         on_order: Callable[[Order], None] | None = None,
         arm: Arm | None = None,
-        board: Callable[[], ComparisonBoard | None] | None = None,
         recording: Callable[[], str] | None = None,
     ) -> None:
         """Prepare the viewer; the page starts with the stream.
@@ -329,18 +305,12 @@ class Viewer(Listener):
             config: configuration of the page.
             on_order: function called with each order, on a thread of its own.
             arm: arm to show the state of.
-            board: function that returns the comparison of recognisers, which then
-                replaces everything else beside the scene.
             recording: function that describes the recording that is made, for example
                 by its path, empty while there is none. With one, detections can be
                 corrected in the page.
         """
-        self.recognition = recognition
-        self.config = config or ViewerConfig()
-        self.on_order = on_order
-        self.arm = arm
-        self.board = board
-        self.recording = recording
+        self.recognition, self.config = recognition, config or ViewerConfig()
+        self.on_order, self.arm, self.recording = on_order, arm, recording
         self.touches: dict[int, tuple[int, int]] = {}
         self.corrected: dict[int, str] = {}
         self.page: PageProcess | None = None
@@ -373,19 +343,15 @@ class Viewer(Listener):
 
     def correct(self, order: CorrectionOrder) -> None:
         """Note what a touch was, for the recording, and say so in the log."""
-        now = self.context.clock.now()
         known = self.touches.get(order.touch)
-        path = "" if self.recording is None else self.recording()
         gesture = order.gesture.strip().lower().replace(" ", "_")
         text = "not kept: nothing is recorded; press record first"
         if known is None or not gesture:
             text = "not kept: the touch or the name of the gesture is missing"
-        elif path.startswith(RECORDING):
+        elif self.describe_recording().startswith(RECORDING):
             self.corrected[order.touch] = gesture
             text = f"kept: that was a {gesture.replace('_', ' ')}"
-        self.encoder.log_entries.append(
-            LogEntry(self.encoder.seconds(now), "note", text)
-        )
+        self.encoder.log(self.context.clock.now(), "note", text)
 
     def publish_corrections(self, going_on: Collection[int]) -> None:
         """Publish corrections, but not yet those of touches that go on, by their ids.
@@ -396,6 +362,10 @@ class Viewer(Listener):
             start, last = self.touches[touch]
             now, gesture = self.context.clock.now(), self.corrected.pop(touch)
             self.context.publish(Correction(now, start, last + LAST_CONTACT, gesture))
+
+    def describe_recording(self) -> str:
+        """Return state and path of the recording; empty before the first."""
+        return "" if self.recording is None else self.recording()
 
     def note_touches(self, state: TouchState) -> None:
         """Note first and latest contact of the touches of a reading [ns]."""
@@ -412,7 +382,6 @@ class Viewer(Listener):
             touchable=self.config.touchable,
             skins=self.config.skins,
             is_arm=self.arm is not None,
-            compares=self.board is not None,
             warning=self.config.warning,
             commands=self.config.commands,
             corrects=self.recording is not None,
@@ -433,18 +402,15 @@ class Viewer(Listener):
         if now < self.due or self.page is None or not self.page.wants():
             return
         self.due = max(self.due + 1 / MAX_UPDATE_RATE, now)
-        update = self.encoder.build_update(
-            item,
-            self.rate,
+        commands, arm = self.config.commands, self.arm
+        update = replace(
+            self.encoder.build_update(item, self.rate),
             step=self.recognition.step.quantile(0.5),
             age=self.context.age(item.state.reading.stamp),
-            arm=None
-            if self.arm is None
-            else describe_arm(self.arm.state(), self.config.commands),
+            arm=None if arm is None else describe_arm(arm.state(), commands),
+            recording=self.describe_recording(),
         )
-        board = None if self.board is None else self.board()
-        recording = "" if self.recording is None else self.recording()
-        self.page.give(replace(update, board=board, recording=recording))
+        self.page.give(update)
 
     def update_rate(self, now: float) -> None:
         """Measure the rate of readings once a second."""
@@ -561,9 +527,7 @@ class CalibrationViewer:
     def tell(self, line: str) -> None:
         """Add a line to the log of the page."""
         if self.encoder is not None:
-            seconds = self.encoder.seconds(self.stamp)
-            entry = LogEntry(seconds, "event", line.strip())
-            self.encoder.log_entries.append(entry)
+            self.encoder.log(self.stamp, "event", line.strip())
 
     def show(self, state: TouchState, board: GuideBoard) -> None:
         """Show pressures and contacts of a scan, and what to do next."""
@@ -571,8 +535,7 @@ class CalibrationViewer:
         if self.encoder is None:
             self.encoder = FrameEncoder(self.mounted, self.stamp)
         self.due = monotonic() + 1 / MAX_UPDATE_RATE
-        recognised = RecognitionState(state, {}, ())
-        update = self.encoder.build_update(recognised, self.rate, 0.0, 0.0, None)
+        update = self.encoder.build_update(RecognitionState(state, {}, ()), self.rate)
         self.page.give(replace(update, guide=board))
 
     def close(self) -> None:

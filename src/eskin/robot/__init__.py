@@ -1,6 +1,5 @@
 """Robots hold links, joints and shapes; kinematics place the links for a given `q`."""
 
-from eskin.robot.dynamics import Dynamics, ServoConfig, Wrench
 from eskin.robot.kinematics import DampedLeastSquaresIK, Kinematics
 from eskin.robot.presets import ROBOT_PRESETS, load_recorded_robot, load_robot
 from eskin.robot.robot import Joint, Link, Mimic, Robot
@@ -23,18 +22,15 @@ __all__ = [
     "Box",
     "Cylinder",
     "DampedLeastSquaresIK",
-    "Dynamics",
     "Geom",
     "Joint",
     "Kinematics",
     "Link",
     "Mimic",
     "Robot",
-    "ServoConfig",
     "Shape",
     "Sphere",
     "TriangleMesh",
-    "Wrench",
     "build_geom_mesh",
     "build_shape_mesh",
     "compute_surface_distance",

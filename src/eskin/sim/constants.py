@@ -144,11 +144,8 @@ class Constants:
     def draw(self, name: str, rng: np.random.Generator, widen: float = 1.0) -> float:
         """Draw one number.
 
-        Args:
-            name: constant with a distribution.
-            rng: random generator.
-            widen: factor on the deviation of a normal law, or on the logarithm of a
-                lognormal one; a uniform law does not widen.
+        `widen` multiplies the deviation of a normal law, or of the logarithm of a
+        lognormal one; a uniform law does not widen.
         """
         spread = self.get_constant(name).spread
         if spread is None:

@@ -504,7 +504,8 @@ def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
     count = 0
     for k in range(len(patch.taxels)):
         shown = patch.shown[patch.rows[k], patch.columns[k]]
-        count += shown > MIN_TOUCHED * largest
+        if shown > MIN_TOUCHED * largest:
+            count += 1
     return count / len(patch.taxels)
 
 

@@ -1,4 +1,6 @@
 """Compiled kernels that find the active taxels and the contacts of a reading."""
+# The types of compiled code are those that numba infers.
+# pyright: reportAttributeAccessIssue=false
 
 import numpy as np
 from jaxtyping import Bool, Float, Int

@@ -2,6 +2,8 @@
 
 `update` holds the tracks, and the touches while they are updated.
 """
+# The types of compiled code are those that numba infers.
+# pyright: reportAttributeAccessIssue=false
 
 from typing import NamedTuple
 

@@ -3,6 +3,8 @@
 They run the stages of a reading, and write the records of its touches. `update` holds
 its tracks, and the touches while they are updated.
 """
+# The types of compiled code are those that numba infers.
+# pyright: reportAttributeAccessIssue=false
 
 import numpy as np
 from jaxtyping import Int

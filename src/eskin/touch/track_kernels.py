@@ -2,6 +2,8 @@
 
 `before` is the `TouchRecords` of the previous reading.
 """
+# The types of compiled code are those that numba infers.
+# pyright: reportAttributeAccessIssue=false
 
 from typing import NamedTuple
 

@@ -2,7 +2,4 @@
 
 from eskin.sim.bench.scene import BenchScene, large_skin
 
-__all__ = [
-    "BenchScene",
-    "large_skin",
-]
+__all__ = ["BenchScene", "large_skin"]

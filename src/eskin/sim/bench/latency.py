@@ -18,9 +18,9 @@ from eskin.live import Recognizer, load_model
 from eskin.robot import load_robot
 from eskin.sim.bench.scene import (
     BenchScene,
+    find_central_taxels,
     find_forearm_band,
     find_forearm_taxels,
-    find_upper_arm_taxels,
     large_skin,
 )
 from eskin.skin import MountedSkin
@@ -156,7 +156,10 @@ LIGHT_TAXELS, GRAB_TAXELS = 20, 83
 
 @dataclass(frozen=True)
 class LatencyConfig:
-    """Sets what is timed, and how often."""
+    """Time one step of the engine on one core: touches of several sizes, and none.
+
+    The scene is a touch of the ur5's forearm while the arm moves.
+    """
 
     active: int = 60
     """Active taxels of the contact that all methods are timed on."""
@@ -183,9 +186,8 @@ def measure_latency(config: LatencyConfig) -> list[LatencyRow]:
 def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
     """Build the engine on the configured contact, idle, and on other touches."""
     skin = mounted.skin
-    two = np.concatenate(
-        [find_forearm_taxels(skin, active), find_upper_arm_taxels(skin, active)]
-    )
+    upper_arm = find_central_taxels(skin, "upper_arm_front", active)
+    two = np.concatenate([find_forearm_taxels(skin, active), upper_arm])
     touches = {
         ("eskin", active): find_forearm_taxels(skin, active),
         ("eskin", 0): find_forearm_taxels(skin, 1)[:0],

@@ -1,20 +1,12 @@
 """This module builds readings of a moving ur5 arm that is touched, in memory."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
-from eskin.skin import (
-    MountedSkin,
-    Patch,
-    Plane,
-    Skin,
-    TaxelGrid,
-    build_skin,
-    load_skin,
-)
+from eskin.skin import MountedSkin, Patch, Plane, Skin, TaxelGrid, build_skin, load_skin
 from eskin.touch import Reading
 from eskin.units import NS_PER_S
 
@@ -65,33 +57,22 @@ def large_skin(taxels: int) -> Skin:
 
 def concatenate_skins(one: Skin, other: Skin) -> Skin:
     """Concatenate the patches of two skins."""
-
-    def concatenate(name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name), getattr(other, name)])
-
+    names = ("rows", "columns", "positions", "normals", "areas", "tangents")
+    both: dict[str, Any] = {
+        n: np.concatenate([getattr(one, n), getattr(other, n)]) for n in names
+    }
+    patch_index = [one.patch_index, other.patch_index + len(one.patches)]
     return Skin(
         name=f"{one.name} and {other.name}",
         patches=one.patches + other.patches,
-        patch_index=np.concatenate(
-            [one.patch_index, other.patch_index + len(one.patches)]
-        ),
-        rows=concatenate("rows"),
-        columns=concatenate("columns"),
-        positions=concatenate("positions"),
-        normals=concatenate("normals"),
-        areas=concatenate("areas"),
-        tangents=concatenate("tangents"),
+        patch_index=np.concatenate(patch_index),
+        **both,
     )
 
 
 def find_forearm_taxels(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
     """Find the taxels nearest to the middle of the ur5's front forearm."""
     return find_central_taxels(skin, "forearm_front", active)
-
-
-def find_upper_arm_taxels(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
-    """Find the taxels nearest to the middle of the ur5's front upper arm."""
-    return find_central_taxels(skin, "upper_arm_front", active)
 
 
 def find_central_taxels(
@@ -140,11 +121,7 @@ class BenchScene:
     ) -> None:
         """Start with the first touch.
 
-        Args:
-            mounted: skin on its robot.
-            active: taxels that are pressed; none for an idle skin.
-            rate: rate of the readings [1/s].
-            seed: seed of the noise.
+        No `active` taxels make an idle skin; `rate` is that of the readings [1/s].
         """
         rng = np.random.default_rng(seed)
         self.active = active
@@ -175,10 +152,6 @@ class BenchScene:
             round(seconds * NS_PER_S) + NS_PER_S,
             pressure[phase % PATTERN_COUNT],
             self.valid,
-            self.joint_positions(seconds),
+            0.3 * np.sin(seconds * (0.5 + 0.1 * np.arange(self.joints))),
         )
         return SceneReading(reading, touched)
-
-    def joint_positions(self, seconds: float) -> Float[np.ndarray, "joint"]:
-        """Return joint positions [rad] that swing by 0.3 rad, each at its own rate."""
-        return 0.3 * np.sin(seconds * (0.5 + 0.1 * np.arange(self.joints)))

@@ -15,17 +15,8 @@ from jaxtyping import Int
 
 from eskin.drivers import HostClock
 from eskin.robot import load_robot
-from eskin.sim.bench.scene import (
-    BenchScene,
-    find_forearm_band,
-    find_forearm_taxels,
-    find_upper_arm_taxels,
-)
-from eskin.sim.virtual import (
-    PtyPort,
-    UdpPort,
-    VirtualSkin,
-)
+from eskin.sim.bench.scene import BenchScene, find_central_taxels, find_forearm_band
+from eskin.sim.virtual import PtyPort, UdpPort, VirtualSkin
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import Calibration, Scan
 
@@ -43,15 +34,12 @@ def build_sender_calibration(taxels: int) -> Calibration:
 
 
 def build_touch_counts(mounted: MountedSkin) -> Int[np.ndarray, "scan taxel"]:
-    """Build the counts of three touches of 1.5 s, each followed by 0.6 s without touch.
-
-    Args:
-        mounted: the ur5's skin on its robot.
-    """
+    """Build the counts of three touches, each of 1.5 s and then 0.6 s without touch."""
     skin = mounted.skin
     touches = [
-        f(skin, ACTIVE)
-        for f in (find_forearm_taxels, find_upper_arm_taxels, find_forearm_band)
+        find_central_taxels(skin, "forearm_front", ACTIVE),
+        find_central_taxels(skin, "upper_arm_front", ACTIVE),
+        find_forearm_band(skin, ACTIVE),
     ]
     scale = 1.0 / build_sender_calibration(skin.count).gain
     rng = np.random.default_rng(0)

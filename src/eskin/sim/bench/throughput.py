@@ -45,7 +45,10 @@ MAX_RATE = 10_000.0
 
 @dataclass(frozen=True)
 class ThroughputConfig:
-    """Sets what is sent, and for how long."""
+    """Receive a skin's bytes at a rate, recognise every reading, and count the drops.
+
+    Another process simulates the ur5's skin: touches come and go, and the arm swings.
+    """
 
     rate: float = 1000.0
     """Rate of the scans [1/s]."""
@@ -120,10 +123,7 @@ def measure_throughput(
 ) -> ThroughputResult:
     """Receive and recognise for some time, and count what is dropped.
 
-    Args:
-        over: transport of the packets.
-        rate: rate of the scans [1/s].
-        seconds: duration of the measurement, after 3 s that are not counted.
+    The first 3 s are not counted; `rate` is in [1/s], `seconds` in [s].
     """
     mounted = MountedSkin(load_skin(SKIN), load_robot(SKIN))
     calibration = build_sender_calibration(mounted.skin.count)

@@ -2,10 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
 
-import tyro
 from rich.console import Console
 from rich.table import Table
 
@@ -23,30 +20,10 @@ from eskin.sim.bench.throughput import (
 )
 
 
-@dataclass(frozen=True)
-class LatencyCommand:
-    """Time one step of the engine on one core: touches of several sizes, and none.
-
-    The scene is a touch of the ur5's forearm while the arm moves.
-    """
-
-    config: Annotated[LatencyConfig, tyro.conf.arg(name="")]
-
-
-@dataclass(frozen=True)
-class ThroughputCommand:
-    """Receive a skin's bytes at a rate, recognise every reading, and count the drops.
-
-    Another process simulates the ur5's skin: touches come and go, and the arm swings.
-    """
-
-    config: Annotated[ThroughputConfig, tyro.conf.arg(name="")]
-
-
-def run_latency(command: LatencyCommand) -> dict[str, object]:
+def run_latency(command: LatencyConfig) -> dict[str, object]:
     """Time all scenes, print a table, and return its rows."""
     with pin_to_one_core():
-        rows = measure_latency(command.config)
+        rows = measure_latency(command)
     print_latency(rows)
     return {"rows": [row.as_dict() for row in rows]}
 
@@ -70,13 +47,13 @@ def format_number(number: float) -> str:
     return f"{number:.3f}" if number < 100 else f"{number:.0f}"
 
 
-def run_throughput(command: ThroughputCommand) -> dict[str, object]:
+def run_throughput(command: ThroughputConfig) -> dict[str, object]:
     """Measure each transport in turn, print a table, and return its rows."""
-    config, rows, limits = command.config, [], {}
-    for over in config.transports:
-        rows.append(measure_throughput(over, config.rate, config.seconds))
-        if config.find_limit:
-            limits[over] = find_limit(over, config.rate)
+    rows, limits = [], {}
+    for over in command.transports:
+        rows.append(measure_throughput(over, command.rate, command.seconds))
+        if command.find_limit:
+            limits[over] = find_limit(over, command.rate)
     print_throughput(rows, limits)
     return {
         "rate_hz": round(min(row.rate_hz for row in rows), 2),

@@ -150,10 +150,7 @@ def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     )
     return {
         "touches": served.detections,
-        "correct": None,
-        "wrong": None,
-        "missed": None,
-        "false_alarms": None,
+        **dict.fromkeys(("correct", "wrong", "missed", "false_alarms")),
         "commands": served.commands,
         "step_ms_p50": served.step[0],
         "step_ms_p99": served.step[1],

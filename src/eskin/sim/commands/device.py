@@ -84,11 +84,7 @@ def run(command: DeviceCommand) -> dict[str, object]:
     """Send until the end or until stopped; return the counts of what was sent."""
     from eskin.drivers import HostClock, read_key
     from eskin.recording import write_calibration
-    from eskin.sim.virtual import (
-        VirtualSkin,
-        parse_fault,
-        resample_scans,
-    )
+    from eskin.sim.virtual import VirtualSkin, parse_fault, resample_scans
     from eskin.skin import load_skin
     from eskin.stream import stop_on_signals
 

@@ -4,10 +4,11 @@ import os
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from eskin.cli.checks import Excludes, Needs, Range
 from eskin.progress import show_progress
 from eskin.sim.commands.untouched import print_untouched
 from eskin.sim.dataset import GenerationSettings, generate
@@ -19,7 +20,10 @@ from eskin.skin import SKIN_PRESETS
 from eskin.units import format_count
 
 # A checker of types cannot know the names of a tuple; the command line does.
-SetName = str if TYPE_CHECKING else Literal[ALL_SETS]
+if TYPE_CHECKING:
+    SetName = str
+else:
+    SetName = Literal[ALL_SETS]
 
 SKINS = (
     "ur5",
@@ -65,10 +69,10 @@ class GenerateCommand:
     seed: int = 0
     """Random seed."""
 
-    workers: int | None = None
+    workers: Annotated[int | None, Range(1)] = None
     """Number of processes; by default one for each core."""
 
-    ray: str | None = None
+    ray: Annotated[str | None, Excludes("workers")] = None
     """Address of a Ray cluster whose machines generate, HOST:PORT of its head or auto,
     in place of processes of this computer."""
 
@@ -83,13 +87,13 @@ class GenerateCommand:
     """Folder of the public SocialTouch set, whose recorded touches the sets `recorded`
     (classes of the paper) and `recorded-groups` (its own 12) place on the skin."""
 
-    people: tuple[int, ...] | None = None
+    people: Annotated[tuple[int, ...] | None, Needs("recorded")] = None
     """Participants of that folder whose touches are placed; by default all."""
 
 
 def run(command: GenerateCommand) -> dict[str, object]:
     """Generate recordings; return the number of clips and the time taken."""
-    check_options(command)
+    check_skin(command)
     settings = build_settings(command)
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     print_untouched(command.skin, command.robot_urdf)
@@ -118,30 +122,16 @@ def run(command: GenerateCommand) -> dict[str, object]:
     }
 
 
-def check_options(command: GenerateCommand) -> None:
-    """Raise if an option is out of range or does not go with another one.
+def check_skin(command: GenerateCommand) -> None:
+    """Raise if nobody is simulated on the skin.
 
     A skin that is not a preset is loaded, so that one without a robot is refused before
     anything is written.
 
     Raises:
-        ValueError: for an option.
+        ValueError: for a preset.
         SkinError: when there is no such skin.
     """
-    if command.ray is not None and command.workers is not None:
-        raise ValueError(
-            "--workers is given with --ray; allowed is one of them; the cluster has as "
-            "many workers as cores"
-        )
-    if command.workers is not None and command.workers < 1:
-        raise ValueError(
-            f"--workers is {command.workers}; allowed are 1 and above; change it"
-        )
-    if command.people is not None and command.recorded is None:
-        raise ValueError(
-            "--people is given without --recorded; allowed is with it; name the folder "
-            "of the participants, or leave --people out"
-        )
     if command.skin in SKIN_PRESETS and command.skin not in SKINS:
         raise ValueError(
             f"--skin is '{command.skin}'; allowed are {', '.join(SKINS)} or a folder "

@@ -96,9 +96,7 @@ def wrap_difference(
 def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
     """Build the charts of a skin, in the order of their first own taxels.
 
-    Args:
-        mounted: skin on its robot.
-        rim: distance that surfaces go on beyond their taxels [m].
+    Surfaces go on for `rim` [m] beyond their taxels.
     """
     skin = mounted.skin
     found: list[tuple[str, Surface, list[int]]] = []

@@ -6,6 +6,7 @@ of a size that depends on its load, and the pressure in it is an inverted parabo
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -36,12 +37,25 @@ def compute_contact_ellipses(
 ) -> tuple[ContactEllipses, Float[np.ndarray, "time"], Float[np.ndarray, "time 2"]]:
     """Return the ellipses of a press, its contact area [m2] and its centroid [m]."""
     offsets = compute_pad_offsets(press)
-    long = compute_long_axes(press)
-    centres = compute_pad_centres(press, chart, offsets)
+    turned = press.angle[:, None] + press.pads.angles
+    long = np.stack([-np.sin(turned), np.cos(turned)], axis=2)
+    centres = press.centre[:, None]
+    if isinstance(chart.surface, Dome):
+        centres = centres + stretch_steps_on_dome(centres, offsets, chart.radius)
+    else:
+        centres = centres + offsets
     curvatures = compute_relative_curvatures(press.pads, chart, long, centres)
     off = compute_pad_gaps(press.tissue, chart, offsets, press.centre)
     off[chart.is_beyond(centres)] = constants.value("contact.off")
-    loads = share_load(press, off, constants)
+    loads = compute_loads(
+        press.force,
+        off,
+        press.pads.stiffness,
+        press.tissue.b,
+        press.tissue.m,
+        constants.value("contact.deepest") * MM,
+        int(constants.value("contact.halvings")),
+    )
     areas = compute_contact_areas(press, curvatures, loads, constants)
     ratio = np.sqrt(curvatures[..., 0] / curvatures[..., 1])
     across = np.sqrt(areas / np.pi / ratio)
@@ -63,12 +77,6 @@ def compute_pad_offsets(press: Press) -> Points:
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=2)
 
 
-def compute_long_axes(press: Press) -> Points:
-    """Return unit vectors (s, t) of the pads' long axes."""
-    turned = press.angle[:, None] + press.pads.angles
-    return np.stack([-np.sin(turned), np.cos(turned)], axis=2)
-
-
 LEAST_CURVED = 0.2
 """Least curvature of a pad against a hollow surface, over its own."""
 
@@ -78,11 +86,8 @@ def compute_relative_curvatures(
 ) -> Points:
     """Return each pad's curvature against the surface, across and along it [1/m].
 
-    Args:
-        pads: pads of the body.
-        chart: chart that it presses on.
-        long: unit vectors (s, t) of the pads' long axes.
-        centres: centres of the pads, unrolled (s, t) [m].
+    `long` holds unit vectors of the pads' long axes and `centres` their centres [m],
+    both as (s, t).
     """
     own = np.broadcast_to(1.0 / pads.radii, long.shape)
     if isinstance(chart.surface, Sheet):
@@ -107,11 +112,7 @@ def compute_pad_gaps(
 ) -> Lengths:
     """Return how far pads stay off a round surface that the body wraps poorly [m].
 
-    Args:
-        tissue: tissue of the body.
-        chart: chart that it presses on.
-        offsets: offsets of the pads from the centre of the body, as (s, t) [m].
-        centre: centre of the body, unrolled (s, t) [m].
+    `offsets` of the pads are from the centre of the body, both unrolled (s, t) [m].
     """
     if isinstance(chart.surface, Sheet):
         bent = chart.surface.compute_curvature(centre)
@@ -123,19 +124,6 @@ def compute_pad_gaps(
     if isinstance(chart.surface, Dome):
         round_way = round_way + offsets[..., 1] ** 2
     return (1.0 - tissue.conformity) * round_way / (2.0 * chart.radius)
-
-
-def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
-    """Return the load of each pad [N]; loads sum to the force exactly."""
-    return compute_loads(
-        press.force,
-        gaps,
-        press.pads.stiffness,
-        press.tissue.b,
-        press.tissue.m,
-        constants.value("contact.deepest") * MM,
-        int(constants.value("contact.halvings")),
-    )
 
 
 def compute_contact_areas(
@@ -151,14 +139,6 @@ def compute_contact_areas(
     rounder = np.sqrt(flat / np.prod(curvatures, axis=2))
     exponent = constants.value("contact.curvature_exponent")
     return np.minimum(pads.max_area, grown) * rounder**exponent
-
-
-def compute_pad_centres(press: Press, chart: Chart, offsets: Points) -> Points:
-    """Return the centres of the pads, unrolled (s, t) [m]."""
-    start = press.centre[:, None]
-    if not isinstance(chart.surface, Dome):
-        return start + offsets
-    return start + stretch_steps_on_dome(start, offsets, chart.radius)
 
 
 DOME_ITERATIONS = 4
@@ -215,8 +195,9 @@ def compute_leak_share(
     return sigma / np.sqrt(2 * np.pi * areas)
 
 
+@lru_cache(maxsize=4)
 def find_grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
-    """Find the taxels beside each one in its patch's grid, -1 where there is none.
+    """Find the taxels beside each one in its patch's grid, -1 for none; cached.
 
     Columns of the result: the column before, the column after, the row before, the row
     after.

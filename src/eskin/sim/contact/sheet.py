@@ -97,7 +97,8 @@ class Sheet(Surface):
         """Lay unrolled points (s, t) [m] on the surface."""
         taxels, weights = find_nearest(self.in_plane, unrolled)
         offset = unrolled[:, None] - self.flat[taxels]
-        bent = shorten_steps(offset, MAX_STEP)
+        length = np.linalg.norm(offset, axis=-1, keepdims=True)
+        bent = offset * np.minimum(1.0, MAX_STEP / np.maximum(length, 1e-12))
         tilt = np.einsum("pkij,pkj->pki", self.curvatures[taxels], bent)
         axes, normals = self.axes[taxels], self.normals[taxels]
         drop = 0.5 * np.sum(tilt * bent, axis=2, keepdims=True)
@@ -151,14 +152,6 @@ def find_nearest(
     distance, taxels = (each.reshape(-1, count) for each in (distance, taxels))
     weights = 1.0 / np.maximum(distance, 1e-9) ** 4
     return taxels, weights / weights.sum(axis=1, keepdims=True)
-
-
-def shorten_steps(
-    offset: Float[np.ndarray, "*batch 2"], max_length: float
-) -> Float[np.ndarray, "*batch 2"]:
-    """Return offsets, those that are longer than `max_length` [m] shortened to it."""
-    length = np.linalg.norm(offset, axis=-1, keepdims=True)
-    return offset * np.minimum(1.0, max_length / np.maximum(length, 1e-12))
 
 
 def normalise(vectors: Points) -> Points:
@@ -237,9 +230,7 @@ def build_sheet(
 ) -> tuple[Sheet, Int[np.ndarray, "part"]]:
     """Build the sheet around the taxels of a patch, and the taxels that lie on it.
 
-    Args:
-        mesh: mesh of the skin.
-        own: taxels of the patch, ascending.
+    `own` holds the taxels of the patch, ascending.
     """
     middle = mesh.positions[own].mean(axis=0)
     away = np.linalg.norm(mesh.positions[own] - middle, axis=1)

@@ -82,14 +82,8 @@ def simulate_clip(
 ) -> SimulatedClip:
     """Simulate the counts of a scene, and its ground truth.
 
-    Args:
-        scene: scene that begins `lead` steps before the clip.
-        lead: steps before the clip, in which contacts and creep build up.
-        build: sensor build.
-        session: drift since calibration.
-        env: robot in its skin.
-        rng: random generator of noise.
-        stages: stages of the sensor that are simulated; all unless given.
+    The scene begins `lead` steps before the clip, in which contacts and creep build up.
+    All stages of the sensor are simulated unless given.
     """
     skin = env.mounted.skin
     touch_presses = compute_touch_presses(scene, env)
@@ -100,7 +94,8 @@ def simulate_clip(
     ratio = build.electronics.period / build.electronics.step
     edges = find_reading_edges(lead, len(counts), ratio)
     truths = compute_true_series(
-        scene, touch_presses, env.charts, env.mounted, lead, env, edges
+        *(scene, touch_presses, env.charts, env.mounted),
+        *(lead, edges, build.electronics.step),
     )
     q = scene.q[edges[:-1]]
     times = draw_reading_times(build, len(counts), rng) if build.flaws else None

@@ -39,10 +39,8 @@ def open_cluster(address: str) -> Iterator[WriteSessions]:
 
     Each session is one task on one core. Its file comes back over the network, so the
     machines need no common disk; they need the same version of eskin. The share of a
-    machine that is lost is done again by others.
-
-    Args:
-        address: address of the cluster's head, `HOST:PORT`, or `auto`.
+    machine that is lost is done again by others. The address is the `HOST:PORT` of the
+    cluster's head, or `auto`.
 
     Raises:
         ExtraError: Ray is not installed.
@@ -141,11 +139,7 @@ def make_file(
 ) -> tuple[bytes, tuple[ClipRow, ...]]:
     """Make the file of a session on a worker; return its bytes and its rows.
 
-    Args:
-        settings: settings of the set.
-        plan: session of the file.
-        factory: function that builds the clip generator of a skin.
-        version: digest of the code of who asks.
+    `version` is the digest of the code of who asks.
 
     Raises:
         GenerationError: this machine has other code, or a clip cannot be made.

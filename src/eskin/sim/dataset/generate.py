@@ -17,14 +17,10 @@ from multiprocessing import parent_process
 from multiprocessing.connection import wait
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import Protocol
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
-from eskin.sim.dataset.clip_generator import (
-    ClipGenerator,
-    SimulatorFactory,
-)
+from eskin.sim.dataset.clip_generator import ClipGenerator, SimulatorFactory
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
 from eskin.sim.dataset.plan import SessionPlan
 from eskin.sim.dataset.session_file import write_session
@@ -136,20 +132,9 @@ PENDING_PER_WORKER = 2
 Rows = Generator[tuple[ClipRow, ...], None, None]
 
 
-class WriteSessions(Protocol):
-    """Writes the files of sessions, and yields their rows in order."""
-
-    def __call__(
-        self,
-        folder: Path,
-        settings: GenerationSettings,
-        sessions: Sequence[SessionPlan],
-        /,
-        *,
-        factory: Callable[[str], ClipGenerator],
-    ) -> Rows:
-        """Write the files into a folder."""
-        ...
+WriteSessions = Callable[..., Rows]
+"""Function that writes files of sessions and yields their rows in order; it is called
+as `write_sessions`, but for the number of workers."""
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -109,17 +110,9 @@ class ClipRow:
     def from_line(cls, line: str) -> "ClipRow":
         """Parse a line of the index."""
         facts = json.loads(line)
-        return cls(
-            file=facts["file"],
-            number=facts["number"],
-            start=facts["start"],
-            skin=facts["skin"],
-            pose_group=facts["pose_group"],
-            regime=facts["regime"],
-            touches=tuple(TouchRow(**touch) for touch in facts["touches"]),
-            drawn=facts["drawn"],
-            plan=parse_plan(facts["plan"]),
-        )
+        parsed: dict[str, Any] = {each.name: facts[each.name] for each in fields(cls)}
+        parsed["touches"] = tuple(TouchRow(**touch) for touch in facts["touches"])
+        return cls(**parsed | {"plan": parse_plan(facts["plan"])})
 
 
 def parse_plan(facts: dict) -> ClipPlan:
@@ -159,15 +152,8 @@ def build_row(
 ) -> ClipRow:
     """Build the row of a clip.
 
-    Args:
-        file: path of its recording below the folder of the set.
-        number: number of the clip in the file.
-        start: stamp of its first reading [ns since the epoch].
-        skin: name of the skin.
-        first: number of its first true touch in the file.
-        period: time between two readings [s].
-        plan: plan of the clip.
-        clip: simulated clip.
+    `start` is the stamp of its first reading [ns since the epoch], `first` the number
+    of its first true touch in the file, `period` the time between two readings [s].
     """
     touches = tuple(
         TouchRow(

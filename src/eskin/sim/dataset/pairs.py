@@ -6,6 +6,7 @@ or by temporary merging of patches, as in Fig. 7 of arXiv 2506.18256.
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,13 +24,7 @@ from eskin.sim.dataset.clip import (
     simulate_clip,
 )
 from eskin.sim.dataset.plan import ClipPlan, plan_single_pair
-from eskin.sim.dataset.sets import (
-    NONE_KINDS,
-    PAIR_SIDES,
-    SIDE_SKINS,
-    PairKind,
-    parse_pair_kind,
-)
+from eskin.sim.dataset.sets import NONE_KINDS, PAIR_SIDES, SIDE_SKINS, PairKind
 from eskin.sim.dataset.staging import (
     count_clip_steps,
     draw_start,
@@ -44,11 +39,7 @@ from eskin.sim.people.person import (
     mirror_pads,
     select_pads,
 )
-from eskin.sim.scene.environment import (
-    SimEnvironment,
-    load_environment,
-    mount_skin,
-)
+from eskin.sim.scene.environment import SimEnvironment, load_environment, mount_skin
 from eskin.sim.scene.folds import (
     compute_facing_gaps,
     compute_site_gap,
@@ -63,6 +54,7 @@ from eskin.sim.scene.scene import (
     compute_touch_presses,
     compute_true_series,
     find_contact_steps,
+    find_reading_edges,
     shift_touch,
 )
 from eskin.sim.scene.validity import are_poses_valid, compute_joint_limits
@@ -112,11 +104,7 @@ def draw_meeting_poses(
 ) -> tuple[Pose, Pose, Sites]:
     """Draw a pose in which two sites meet, a pose with them far apart, and the sites.
 
-    Args:
-        env: robot in its skin.
-        groups: pose groups of the second pose.
-        person: person who touches.
-        rng: random generator.
+    `groups` are the pose groups of the second pose.
 
     Raises:
         ValueError: no such poses were found.
@@ -227,22 +215,18 @@ def draw_merging_scenes(
             if touch is None:
                 continue
             touches = (shift_touch(touch, draw_onset(touch, plan, env, rng)),)
+        singles = tuple(
+            replace(each, gesture="none", kind=NONE_KINDS[each.gesture], presses=(one,))
+            for each in touches
+            for one in each.presses
+        )
         return PairScenes(
             TouchScene(np.tile(folded, (steps, 1)), touches),
-            TouchScene(np.tile(apart, (steps, 1)), tuple(split_presses(touches))),
+            TouchScene(np.tile(apart, (steps, 1)), singles),
             env.mounted,
             env.charts,
         )
     raise ValueError("no touch found that is felt on two patches; lower pairs.felt")
-
-
-def split_presses(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
-    """Split each gesture into touches of gesture `none`, one for each press."""
-    return [
-        replace(touch, gesture="none", kind=NONE_KINDS[touch.gesture], presses=(press,))
-        for touch in touches
-        for press in touch.presses
-    ]
 
 
 def draw_shared_touch(
@@ -261,18 +245,13 @@ def draw_shared_touch(
     min_pressure = env.constants.value("pairs.felt")
     for _ in range(int(env.constants.value("pairs.touches"))):
         touch = draw(plan, env, person, sites, rng)
-        if touch is not None and min(compute_press_peaks(touch, env)) >= min_pressure:
+        fields = (
+            compute_pressure_field(press, env.charts[press.chart], env.constants)
+            for press in (touch.bodies if touch else ())
+        )
+        if touch and all(f.pressure.max(initial=0.0) >= min_pressure for f in fields):
             return touch
     return None
-
-
-def compute_press_peaks(touch: TrueTouch, env: SimEnvironment) -> list[float]:
-    """Return the largest pressure of each press of a touch [kPa]."""
-    fields = (
-        compute_pressure_field(press, env.charts[press.chart], env.constants)
-        for press in touch.bodies
-    )
-    return [float(field.pressure.max(initial=0.0)) for field in fields]
 
 
 def draw_shared_pat(
@@ -377,7 +356,9 @@ def make_pair(
     Raises:
         ValueError: there is no such kind, or no patches can meet.
     """
-    chosen = parse_pair_kind(kind)
+    if kind not in PAIR_SIDES:
+        raise ValueError(f"no pairs of '{kind}'; allowed are {', '.join(PAIR_SIDES)}")
+    chosen = cast(PairKind, kind)
     env = env or load_environment(SIDE_SKINS.get(PAIR_SIDES[chosen][0], "ur5"))
     published = env.constants.value("sets.difficulty")
     level = published if difficulty is None else difficulty
@@ -387,9 +368,7 @@ def make_pair(
 def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
     """Simulate both clips of the pair that a plan belongs to.
 
-    Args:
-        plan: plan of either clip.
-        env: environment of the first clip.
+    The plan is of either clip, the environment that of the first one.
     """
     assert plan.pair is not None
     rng, kind = plan.rng(), plan.pair.kind
@@ -409,14 +388,13 @@ def build_second_clip(
     first: SimulatedClip, scenes: PairScenes, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
     """Build a clip of the same counts with the ground truth of the second scene."""
-    scene = scenes.second
-    touch_presses = compute_touch_presses(scene, env)
+    scene, readings = scenes.second, len(first.counts)
+    edges = find_reading_edges(lead, readings, (scene.steps - lead) / readings)
     truths = compute_true_series(
-        scene, touch_presses, scenes.charts, scenes.mounted, lead, env
+        *(scene, compute_touch_presses(scene, env), scenes.charts, scenes.mounted),
+        *(lead, edges, env.constants.value("time.step")),
     )
-    readings = len(first.counts)
-    every = (len(scene.q) - lead) // readings
-    return replace(first, q=scene.q[lead::every][:readings], truths=truths)
+    return replace(first, q=scene.q[edges[:-1]], truths=truths)
 
 
 def describe_clip(

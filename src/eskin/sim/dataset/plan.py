@@ -238,15 +238,7 @@ def plan_clips(
     difficulty: float,
     constants: Constants,
 ) -> tuple[ClipPlan, ...]:
-    """Plan the lead-in of a session, without touch, then its clips.
-
-    Args:
-        session_plan: plan of the session.
-        clip_set: set of the session.
-        seed: seed of the whole set.
-        difficulty: difficulty of all clips.
-        constants: constants of the simulation.
-    """
+    """Plan the lead-in of a session, without touch, then its clips."""
     rng = build_rng(build_seed(f"order {clip_set.name}", session_plan.number, 0, seed))
     lead = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
     gestures = draw_gestures(session_plan, clip_set, rng)
@@ -256,15 +248,20 @@ def plan_clips(
     others = session_plan.others
     plans = [lead]
     for number, gesture in enumerate(gestures):
+        company = others[int(rng.integers(len(others)))] if others else None
+        pose = None
+        if clip_set.poses is not None:
+            which = int(rng.integers(clip_set.poses))
+            pose = build_seed(f"pose {clip_set.people}", which, 0, seed)
         plan = replace(
             lead,
             seed=build_seed(f"clip {clip_set.name}", session_plan.number, number, seed),
-            company=others[int(rng.integers(len(others)))] if others else None,
+            company=company,
             at=every * (number + 1),
             seconds=seconds,
             gesture=gesture,
             kind=clip_set.stream,
-            pose=draw_pose_seed(clip_set, seed, rng),
+            pose=pose,
             moving=bool(rng.random() >= clip_set.stopped),
             fold_share=constants.value("clip.fold"),
             concurrent=min(concurrent, constants.value("difficulty.most")),
@@ -301,9 +298,8 @@ def draw_gestures(
     """Draw the gestures of clips in random order, balanced over a part of a set."""
     if not clip_set.classes:
         return [None] * session_plan.clips
-    count = len(clip_set.classes)
     order = rng.permutation(session_plan.first + np.arange(session_plan.clips))
-    return [clip_set.classes[int(number) % count] for number in order]
+    return [clip_set.classes[int(n) % len(clip_set.classes)] for n in order]
 
 
 def draw_seconds(
@@ -320,28 +316,16 @@ def draw_seconds(
     return round(seconds / period) * period
 
 
-def draw_pose_seed(
-    clip_set: ClipSet, seed: int, rng: np.random.Generator
-) -> Seed | None:
-    """Draw the seed of one of the poses of the set; None if it has no fixed poses."""
-    if clip_set.poses is None:
-        return None
-    number = int(rng.integers(clip_set.poses))
-    return build_seed(f"pose {clip_set.people}", number, 0, seed)
-
-
 def plan_pair_sessions(
     sessions: Sequence[SessionPlan], seed: int
 ) -> tuple[SessionPlan, ...]:
     """Return sessions in which both sides of each kind of pair have the same origin."""
     found = []
-    for session_plan in sessions:
-        kind = find_pair_kind(find_side(session_plan))
-        name = f"pairs-{kind}-{session_plan.first:04d}"
-        origin = Origin(
-            name, build_seed(f"session pairs {kind}", session_plan.first, 0, seed)
-        )
-        found.append(replace(session_plan, session=origin))
+    for plan in sessions:
+        kind = find_pair_kind(find_side(plan))
+        own = build_seed(f"session pairs {kind}", plan.first, 0, seed)
+        origin = Origin(f"pairs-{kind}-{plan.first:04d}", own)
+        found.append(replace(plan, session=origin))
     return tuple(found)
 
 
@@ -380,13 +364,8 @@ def plan_pair_clip(
 ) -> ClipPlan:
     """Plan one clip of a pair; both clips have the same seed.
 
-    Args:
-        lead: lead-in of its session.
-        side: side of the pair.
-        number: number of the pair among those of its kind.
-        at: start of the clip since the start of the session [s].
-        seed: seed of the set.
-        constants: constants of the simulation.
+    `number` counts the pairs of its kind; `at` is the start of the clip since the start
+    of the session [s].
     """
     kind = find_pair_kind(side)
     rng = build_rng(build_seed(f"gesture pairs {kind}", number, 0, seed))

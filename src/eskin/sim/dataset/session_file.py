@@ -33,30 +33,20 @@ def build_true_labels(
     """Build labels, from first to last contact, of the main touch or all of a stream.
 
     Touches of a stream that overlap an earlier one have no label, since labels of one
-    source must not overlap; all are in `/eskin/truth`.
+    source must not overlap; all are in `/eskin/truth`. One label of a pair covers all
+    touches, so that both of its clips agree in time.
     """
-    if plan.pair is not None:
-        return build_pair_labels(plan, clip, start)
     stream = plan.gesture is None
     wanted = [truth for truth in clip.truths if stream or truth.number == 0]
+    if plan.pair is not None and clip.truths:
+        first = min(clip.truths, key=lambda truth: truth.onset)
+        wanted = [replace(first, end=max(truth.end for truth in clip.truths))]
     found: list[Label] = []
     for truth in sorted(wanted, key=lambda truth: (truth.onset, truth.number)):
         label = build_label(truth, plan, start)
         if label is not None and (not found or label.start >= found[-1].end):
             found.append(label)
     return tuple(found)
-
-
-def build_pair_labels(
-    plan: ClipPlan, clip: SimulatedClip, start: int
-) -> tuple[Label, ...]:
-    """Build one label over all touches, so that both clips of a pair agree in time."""
-    if not clip.truths:
-        return ()
-    first = min(clip.truths, key=lambda truth: truth.onset)
-    whole = replace(first, end=max(truth.end for truth in clip.truths))
-    label = build_label(whole, plan, start)
-    return () if label is None else (label,)
 
 
 def build_label(truth: TrueTouchSeries, plan: ClipPlan, start: int) -> Label | None:
@@ -120,12 +110,7 @@ def write_session(
 ) -> tuple[ClipRow, ...]:
     """Generate the clips of a session and write its file; return their rows.
 
-    Args:
-        folder: folder of the set.
-        settings: settings of the set.
-        session_plan: plan of the session.
-        generator: clip generator of the session's skin.
-        check_stopped: function that is called before each clip and raises to stop.
+    `check_stopped` is called before each clip and raises to stop.
 
     Raises:
         GenerationError: a clip cannot be made; then no file is left.

@@ -34,18 +34,6 @@ NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
 """Kind of `none` on the second side that has the counts of each gesture."""
 
 
-def parse_pair_kind(name: str) -> PairKind:
-    """Return the kind of pair of a name.
-
-    Raises:
-        ValueError: there is no such kind.
-    """
-    for kind in PAIR_SIDES:
-        if kind == name:
-            return kind
-    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(PAIR_SIDES)}")
-
-
 def find_pair_kind(side: Side) -> PairKind:
     """Return the kind of pair that a side belongs to."""
     return "bending" if side in PAIR_SIDES["bending"] else "merging"
@@ -178,20 +166,11 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     """
     if name == PAIRS:
         return build_pair_set(constants)
-    if name in FINAL_SETS:
-        return build_final_set(name, constants)
-    if name in RECORDED_SETS:
-        return build_recorded_set(name, constants)
-    if name in FAMILY_SETS:
-        return build_family_set(name, constants)
+    for names, build in SET_BUILDERS:
+        if name in names:
+            return build(name, constants)
     if name not in SETS:
         raise ValueError(f"no set '{name}'; allowed are {', '.join(ALL_SETS)}")
-    if name.startswith("paper"):
-        return build_paper_set(name, constants)
-    if name.startswith("streams"):
-        return build_stream_set(name, constants)
-    if name in (ACCIDENTS, QUIET):
-        return build_gestureless_set(name, constants)
     size = name if name in ("train", "val") else "test"
     kind = "shifted" if name in ("test-x", "test-m") else "fresh"
     groups = "known" if name in ("train", "val", "test-s") else "new"
@@ -317,26 +296,37 @@ def build_pair_set(constants: Constants) -> ClipSet:
     )
 
 
+SET_BUILDERS = (
+    (FINAL_SETS, build_final_set),
+    (RECORDED_SETS, build_recorded_set),
+    (FAMILY_SETS, build_family_set),
+    (("paper", "paper-5"), build_paper_set),
+    (("streams", "streams-fresh"), build_stream_set),
+    ((ACCIDENTS, QUIET), build_gestureless_set),
+)
+"""Functions that build sets other than the plainest ones, by the names of these."""
+
+
 def resize_set(
     clip_set: ClipSet, clips: int | None, subjects: int | None, constants: Constants
 ) -> ClipSet:
     """Return a set with another number of clips or people.
 
     A small set has fewer people, so that each of them still shows every gesture.
-
-    Args:
-        clip_set: set to resize.
-        clips: number of clips, or streams, in all parts; for pairs, of each kind; None
-            keeps it.
-        subjects: number of people; None chooses it by the number of clips.
-        constants: constants, with the least number of clips per person.
+    `clips` counts the clips, or streams, of all parts, or of each kind of pair; None
+    keeps it. `subjects` is None to choose it by the number of clips.
 
     Raises:
         ValueError: a number is not positive, or some people would have no clip.
     """
     total = clip_set.clips if clips is None else clips
     if clip_set.name == PAIRS and clips is not None:
-        total = count_pair_clips(clips)
+        if clips < 2 or clips % 2:
+            raise ValueError(
+                f"{clips} clips requested of each kind of pair; allowed are 2, 4 and "
+                "so on; change --clips"
+            )
+        total = len(PAIR_SIDES) * clips
     if total < len(clip_set.parts):
         raise ValueError(
             f"{total} clips requested for set '{clip_set.name}'; allowed are at least "
@@ -351,25 +341,9 @@ def resize_set(
             f"{people} people requested for set '{clip_set.name}' of {total} clips; "
             f"allowed are 1 to {total}; change --subjects or --clips"
         )
-    return replace(clip_set, subjects=people, parts=resize_parts(clip_set, total))
-
-
-def count_pair_clips(clips: int) -> int:
-    """Return the clips of all kinds of pairs, from the even number of each kind."""
-    if clips < 2 or clips % 2:
-        raise ValueError(
-            f"{clips} clips requested of each kind of pair; allowed are 2, 4 and so "
-            "on; change --clips"
-        )
-    return len(PAIR_SIDES) * clips
-
-
-def resize_parts(clip_set: ClipSet, total: int) -> tuple[SetPart, ...]:
-    """Return the parts of a set with a total of clips, in the same proportions."""
-    first, *rest = clip_set.parts
+    _, *rest = clip_set.parts
     shares = [max(1, total * part.clips // clip_set.clips) for part in rest]
-    clips = [total - sum(shares), *shares]
-    return tuple(
-        SetPart(part.folder, count)
-        for part, count in zip((first, *rest), clips, strict=True)
-    )
+    counts = [total - sum(shares), *shares]
+    parts = zip(clip_set.parts, counts, strict=True)
+    resized = tuple(SetPart(part.folder, count) for part, count in parts)
+    return replace(clip_set, subjects=people, parts=resized)

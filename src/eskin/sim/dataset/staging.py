@@ -42,37 +42,23 @@ def draw_start(
     """Draw the step of the clip at which a touch's clock starts.
 
     Some touches are cut by an end of the clip, but at least the share `clip.inside` of
-    them is in it. A touch longer than the clip fills it, or begins or ends in it.
+    them is in it. Half of the touches that are longer than the clip begin before it,
+    and the rest in its first part, unless one was drawn with `began_before`.
     """
     first, end = find_contact_steps(touch)
     length = end - first
     outside = round((1 - constants.value("clip.inside")) * length)
     if length >= steps:
-        onset = draw_long_start(touch, length, steps, constants, rng)
+        margin = round((1 - constants.value("clip.inside")) * steps)
+        before = bool(touch.drawn.get("began_before", rng.random() < 0.5))
+        low, high = (steps - length - margin, -1) if before else (0, margin)
+        onset = int(rng.integers(low, high + 1))
     elif rng.random() < constants.value("clip.cut"):
         low = -outside if rng.random() < 0.5 else steps - length
         onset = int(rng.integers(low, low + outside + 1))
     else:
         onset = int(rng.integers(0, steps - length + 1))
     return onset - first
-
-
-def draw_long_start(
-    touch: TrueTouch,
-    length: int,
-    steps: int,
-    constants: Constants,
-    rng: np.random.Generator,
-) -> int:
-    """Draw the step of first contact of a touch that is longer than the clip.
-
-    Half of such touches begin before the clip, and the rest in its first part, unless
-    the touch was drawn with `began_before`.
-    """
-    margin = round((1 - constants.value("clip.inside")) * steps)
-    before = bool(touch.drawn.get("began_before", rng.random() < 0.5))
-    low, high = (steps - length - margin, -1) if before else (0, margin)
-    return int(rng.integers(low, high + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,23 +257,25 @@ def draw_stream(setup: ClipSetup) -> tuple[TrueTouch, ...]:
     if setup.plan.kind == QUIET:
         return ()
     constants, rng = setup.env.constants, setup.rng
-    step = constants.value("time.step")
+    quiet = constants.value("stream.quiet") / constants.value("time.step")
+    last = len(setup.q) - round(quiet)
     person = get_person(setup.plan.person, setup.env)
     found: list[TrueTouch] = []
     at = setup.lead + draw_pause(setup)
     while True:
         touch = draw_next_touch(setup, person, at)
         _, end = find_contact_steps(touch)
-        if end >= len(setup.q) - round(constants.value("stream.quiet") / step):
+        if end >= last:
             return tuple(found)
         found.append(touch)
         if rng.random() < constants.value("stream.together"):
             company = draw_second_person(setup)
             onset = at + int(rng.integers(0, max(1, end - at)))
             other = draw_next_touch(setup, company, onset)
-            if can_come_second(setup, touch, other, at):
+            other_end = find_contact_steps(other)[1]
+            if other_end < last and are_apart(setup.env, setup.q[at], touch, other):
                 found.append(other)
-                end = max(end, find_contact_steps(other)[1])
+                end = max(end, other_end)
         at = end + draw_pause(setup)
 
 
@@ -297,18 +285,12 @@ def draw_next_touch(setup: ClipSetup, person: Person, at: int) -> TrueTouch:
     if setup.plan.kind == ACCIDENTS:
         gesture, kind = NONE, draw_accident(setup, at)
     else:
-        gesture, kind = draw_gesture(setup, person)
+        gesture = setup.env.constants.choose("stream.gestures", setup.rng)
+        kind = draw_kind(setup, person, gesture)
+        while kind in NEVER_SECOND:
+            kind = draw_kind(setup, person, gesture)
     touch = perform_at(setup, person, gesture, kind, at)
     return place_touch(setup, touch, at - find_contact_steps(touch)[0])
-
-
-def draw_gesture(setup: ClipSetup, person: Person) -> tuple[str, str]:
-    """Draw a gesture of a stream and its variant."""
-    gesture = setup.env.constants.choose("stream.gestures", setup.rng)
-    kind = draw_kind(setup, person, gesture)
-    while kind in NEVER_SECOND:
-        kind = draw_kind(setup, person, gesture)
-    return gesture, kind
 
 
 def draw_accident(setup: ClipSetup, at: int) -> str:
@@ -325,14 +307,3 @@ def draw_pause(setup: ClipSetup) -> int:
     """Draw the number of steps without contact until the next touch."""
     seconds = setup.env.constants.draw("stream.pause", setup.rng)
     return round(seconds / setup.env.constants.value("time.step"))
-
-
-def can_come_second(
-    setup: ClipSetup, first: TrueTouch, other: TrueTouch, at: int
-) -> bool:
-    """Tell whether a second touch is apart from the first and ends in the stream."""
-    value = setup.env.constants.value
-    last = len(setup.q) - round(value("stream.quiet") / value("time.step"))
-    return find_contact_steps(other)[1] < last and are_apart(
-        setup.env, setup.q[at], first, other
-    )

@@ -13,14 +13,7 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import (
-    Policy,
-    PolicyConfig,
-    SimulatedArm,
-    SkinMonitorConfig,
-    Task,
-    load_commands,
-)
+from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, Task, load_commands
 from eskin.drivers import Clock, Event, FixedJoints, HostClock
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
@@ -29,11 +22,8 @@ from eskin.page.process import free_port, make_token
 from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
-from eskin.sim.demo.headless import (
-    DemoConfig,
-    build_arm,
-    is_on_arm,
-)
+from eskin.sim.arm import SimulatedArm
+from eskin.sim.demo.headless import DemoConfig, build_arm, is_on_arm
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import (
@@ -61,12 +51,7 @@ class RecordButton(Listener):
     drop: Drop = "newest"
 
     def __init__(self, folder: Path, metadata: Metadata) -> None:
-        """Record nothing yet.
-
-        Args:
-            folder: folder of the recordings.
-            metadata: metadata of all recordings.
-        """
+        """Record nothing yet."""
         self.folder = folder
         self.metadata = metadata
         self.recorder: Recorder | None = None
@@ -126,19 +111,17 @@ class PageOrderHandler:
         self,
         skin: InteractiveSkin,
         arm: SimulatedArm | None,
-        other: Callable[[PageOrder], None] = lambda order: None,
+        button: RecordButton | None = None,
+        choice: "SkinChoice | None" = None,
     ) -> None:
         """Store the skin and the arm that orders apply to.
 
-        Args:
-            skin: the skin that is touched.
-            arm: the arm that is paused, and unlocked as at the robot; None for a robot
-                that stands still.
-            other: handles orders other than touches, faults and pauses.
+        The arm is paused, and unlocked as at the robot; it is None for a robot that
+        stands still. Without a button nothing is recorded, and without a choice the
+        skin stays.
         """
-        self.skin = skin
-        self.arm = arm
-        self.other = other
+        self.skin, self.arm = skin, arm
+        self.button, self.choice = button, choice
         self.dragged: dict[int, int] = {}
 
     def handle(self, order: Order) -> None:
@@ -147,6 +130,13 @@ class PageOrderHandler:
             self.handle_touch(order)
         elif isinstance(order, PageOrder):
             self.handle_other(order)
+
+    def handle_or_log(self, order: Order) -> None:
+        """Apply an order, or log why it cannot be applied."""
+        try:
+            self.handle(order)
+        except (EskinError, ValueError) as error:
+            logger.warning("%s", error)
 
     def handle_touch(self, order: TouchOrder) -> None:
         """Begin, move or end a touch of the skin."""
@@ -185,8 +175,12 @@ class PageOrderHandler:
                 self.arm.unlock()
                 self.arm.release()
                 self.arm.resume()
-            case _:
-                self.other(order)
+            case "record" if self.button is not None:
+                self.button.press()
+            case "stop_recording" if self.button is not None:
+                self.button.release()
+            case "skin" if self.choice is not None:
+                self.choice.choose(str(order.value))
 
 
 SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
@@ -224,11 +218,8 @@ def serve(
 ) -> PageResult:
     """Serve the page until time is up or a signal comes.
 
-    Args:
-        config: skin, model and arm; the skin can be changed in the page.
-        port: port of the page on this computer; 0 for any free one.
-        seconds: how long to serve [s]; without end if None.
-        tell: prints a line for the user.
+    The skin can be changed in the page. Port 0 is any free one; without `seconds` there
+    is no end; `tell` prints a line for the user.
 
     Raises:
         DeviceError: the port is not available.
@@ -239,9 +230,17 @@ def serve(
     while True:
         choice = SkinChoice()
         page = ViewerConfig(port, touchable=True, token=token)
-        result = serve_skin(config, page, seconds, tell, choice)
+        with run_demo(config, page, choice) as demo:
+            tell(f"Ctrl-C ends it; see {demo.link}")
+            demo.stream.wait(seconds)
         if choice.skin is None:
-            return result
+            step = demo.recognition.step
+            return PageResult(
+                readings=demo.source.given,
+                detections=demo.recognition.detections,
+                commands=0 if demo.policy is None else demo.policy.accepted,
+                step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
+            )
         config = replace(config, skin=choice.skin)
 
 
@@ -278,26 +277,6 @@ class SkinChoice:
         self.stop()
 
 
-def serve_skin(
-    config: DemoConfig,
-    page: ViewerConfig,
-    seconds: float | None,
-    tell: Callable[[str], None],
-    choice: SkinChoice,
-) -> PageResult:
-    """Serve the page with one skin."""
-    with run_demo(config, page, choice) as demo:
-        tell(f"Ctrl-C ends it; see {demo.link}")
-        demo.stream.wait(seconds)
-    step = demo.recognition.step
-    return PageResult(
-        readings=demo.source.given,
-        detections=demo.recognition.detections,
-        commands=0 if demo.policy is None else demo.policy.accepted,
-        step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
-    )
-
-
 @contextmanager
 def run_demo(
     config: DemoConfig,
@@ -307,14 +286,13 @@ def run_demo(
 ) -> Iterator[RunningDemo]:
     """Serve one skin on its arm while the context lasts; signals stop the stream.
 
-    Args:
-        config: skin, model and arm.
-        page: port of the page and token of its link; the skins are added.
-        choice: receives another skin that is chosen in the page.
-        clock: clock of arm and skin; this computer's unless given.
+    The skins are added to `page`; `choice` receives another skin that is chosen in it.
+    Arm and skin have the clock of this computer unless one is given.
 
     Raises:
-        DeviceError: the port is not available.
+        DeviceError: the port is not available, or a robot that stands still is to be
+            commanded or to have dynamics.
+        CommandError: the command map cannot be used.
         StreamError: something failed while it ran.
     """
     model = load_model(config.model)
@@ -328,26 +306,28 @@ def run_demo(
     with ExitStack() as stack:
         if is_on_arm(skin):
             arm = stack.enter_context(build_arm(config, clock))
-            policy = build_policy(config, skin, arm, model.card.vocabulary)
+            words = model.card.vocabulary
+            commands = load_commands(
+                config.commands, words, skin.mounted.skin, config.imports
+            )
+            policy = Policy(arm, commands, words, PolicyConfig(monitor=MONITOR))
             page = complete_page(config, page, arm, policy)
             source = LiveSource(
                 skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
             )
         else:
-            check_standing(config)
+            if config.commands is not None or config.dynamics:
+                raise DeviceError(
+                    f"commands or dynamics are asked for on robot '{config.robot}', "
+                    "which stands still; allowed are both on ur5; leave them out"
+                )
             arm = policy = None
             page = replace(page, skins=(config.skin,))
             q = np.zeros(len(skin.mounted.robot.joint_names))
             source = LiveSource(skin, FixedJoints(q), clock)
-        handler = PageOrderHandler(
-            skin, arm, lambda order: handle_page_order(order, button, choice)
-        )
+        handler = PageOrderHandler(skin, arm, button, choice)
         viewer = Viewer(
-            recognition,
-            page,
-            log_errors(handler.handle),
-            arm,
-            recording=button.describe,
+            recognition, page, handler.handle_or_log, arm, recording=button.describe
         )
         gc.unfreeze()
         gc.collect()
@@ -368,23 +348,6 @@ def run_demo(
 
 TOOL_LENGTH = 0.1
 """Distance from the tool's link to the part between the fingers [m]."""
-
-
-def build_policy(
-    config: DemoConfig,
-    skin: InteractiveSkin,
-    arm: SimulatedArm,
-    vocabulary: tuple[str, ...],
-) -> Policy:
-    """Build the policy by which touches of the skin command the arm.
-
-    Raises:
-        CommandError: when the command map cannot be used.
-    """
-    commands = load_commands(
-        config.commands, vocabulary, skin.mounted.skin, config.imports
-    )
-    return Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
 
 
 def complete_page(
@@ -413,19 +376,6 @@ def locate_places(task: Task) -> tuple[tuple[str, tuple[float, float, float]], .
     return tuple(found)
 
 
-def check_standing(config: DemoConfig) -> None:
-    """Raise where a robot that stands still is to be commanded.
-
-    Raises:
-        DeviceError: there are commands, or dynamics.
-    """
-    if config.commands is not None or config.dynamics:
-        raise DeviceError(
-            f"commands or dynamics are asked for on robot '{config.robot}', which "
-            "stands still; allowed are both on ur5; leave them out"
-        )
-
-
 def build_skin(config: DemoConfig) -> InteractiveSkin:
     """Build the simulated skin of a demonstration, which loses no scans."""
     return InteractiveSkin(
@@ -441,28 +391,3 @@ def warm_up_hand(config: DemoConfig) -> None:
         if number == 5:
             skin.hand.perform("poke")
         skin.scan(number + 1, q)
-
-
-def handle_page_order(
-    order: PageOrder, button: RecordButton, choice: SkinChoice
-) -> None:
-    """Start or stop a recording, or choose another skin."""
-    match order.kind:
-        case "record":
-            button.press()
-        case "stop_recording":
-            button.release()
-        case "skin":
-            choice.choose(str(order.value))
-
-
-def log_errors(handle: Callable[[Order], None]) -> Callable[[Order], None]:
-    """Wrap a handler so that it logs orders that cannot be applied."""
-
-    def handle_or_log(order: Order) -> None:
-        try:
-            handle(order)
-        except (EskinError, ValueError) as error:
-            logger.warning("%s", error)
-
-    return handle_or_log

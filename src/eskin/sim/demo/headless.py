@@ -7,18 +7,11 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import (
-    FRAME_TASK,
-    DynamicPlant,
-    MotionConfig,
-    Policy,
-    PolicyConfig,
-    SimulatedArm,
-    load_commands,
-)
+from eskin.command import FRAME_TASK, MotionConfig, Policy, PolicyConfig, load_commands
 from eskin.drivers import Clock, ManualClock
 from eskin.errors import DeviceError
 from eskin.live import Recognizer, load_model
+from eskin.sim.arm import DynamicPlant, SimulatedArm
 from eskin.sim.demo.live_source import FaultStorm, LiveSource, StormConfig
 from eskin.sim.demo.score import CommandScore, ScoreListener
 from eskin.sim.demo.simulated_user import SimulatedUser, SimulatedUserConfig
@@ -152,9 +145,7 @@ class SynchronousStream:
 def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult:
     """Simulate people who touch a working arm, on several builds of its skin in turn.
 
-    Args:
-        seconds: duration in simulated time [s].
-        config: skin, model and arm.
+    `seconds` is simulated time [s].
     """
     config = config or DemoConfig()
     parts: list[DemoResult] = []
@@ -174,11 +165,7 @@ def run_build(
 ) -> DemoResult:
     """Simulate people who touch a working arm, on one build of its skin.
 
-    Args:
-        seconds: duration in simulated time [s].
-        config: skin, model and arm.
-        seed: seed of the build, the people and their touches.
-        watch: builds further listeners; it gets the score.
+    `seconds` is simulated time [s]; `watch` builds further listeners, given the score.
     """
     clock = ManualClock(NS_PER_S)
     arm = build_arm(config, clock)
@@ -230,15 +217,12 @@ def run_build(
 
 def merge_results(parts: list[DemoResult]) -> DemoResult:
     """Merge several results into one."""
-    scores = [part.score for part in parts]
-    score = CommandScore(
-        attempts=[attempt for each in scores for attempt in each.attempts],
-        accidents=[touch for each in scores for touch in each.accidents],
-        false_alarms=[command for each in scores for command in each.false_alarms],
-        commands=sum(each.commands for each in scores),
-        holds=sum(each.holds for each in scores),
-        by_faults=[command for each in scores for command in each.by_faults],
-    )
+    score = CommandScore()
+    for each in (part.score for part in parts):
+        for name in ("attempts", "accidents", "false_alarms", "by_faults"):
+            getattr(score, name).extend(getattr(each, name))
+        score.commands += each.commands
+        score.holds += each.holds
     return DemoResult(
         score=score,
         seconds=sum(part.seconds for part in parts),

@@ -34,12 +34,7 @@ class LiveSource(Source):
     ) -> None:
         """Schedule the first scan one period from now.
 
-        Args:
-            skin: the skin to scan.
-            joints: joint positions of the arm.
-            clock: the clock that times the scans.
-            before_scan: called before each scan with its stamp.
-            after_scan: called after each scan.
+        `before_scan` is called with the stamp of each scan.
         """
         self.skin = skin
         self.joints = joints
@@ -120,11 +115,6 @@ class FaultStorm:
 
     def __init__(self, skin: InteractiveSkin, config: StormConfig, seed: int) -> None:
         """Kill the taxels that are dead from the start.
-
-        Args:
-            skin: the skin that fails.
-            config: which faults come.
-            seed: seed of what is lost and unplugged.
 
         Raises:
             ValueError: a share is not between 0 and 1.

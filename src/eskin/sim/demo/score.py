@@ -101,9 +101,7 @@ class TouchCauses:
     def update(self, state: TouchState, truths: Sequence[TruthRecord]) -> None:
         """Compare the tracked touches of a reading with the simulated ones.
 
-        Args:
-            state: contacts and touches of the reading.
-            truths: simulated touches that press during it.
+        `truths` holds the simulated touches that press during the reading.
         """
         stamp = state.reading.stamp
         self.felt = {
@@ -266,9 +264,7 @@ class ScoreListener(Listener):
     ) -> None:
         """Store the score to add to.
 
-        Args:
-            score: the score.
-            truths: returns the simulated touches that press during the latest scan.
+        `truths` returns the simulated touches that press during the latest scan.
         """
         self.score = score
         self.truths = truths

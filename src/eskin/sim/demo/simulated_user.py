@@ -5,13 +5,10 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import ArmState, CommandMap, SimulatedArm, resolve_action
+from eskin.command import ArmState, CommandMap, resolve_action
 from eskin.recording import NONE
-from eskin.sim.demo.score import (
-    GRACE,
-    Attempt,
-    CommandScore,
-)
+from eskin.sim.arm import SimulatedArm
+from eskin.sim.demo.score import GRACE, Attempt, CommandScore
 from eskin.sim.interactive import InteractiveSkin, draw_demo_person
 from eskin.units import NS_PER_S
 
@@ -65,15 +62,7 @@ class SimulatedUser:
         seed: int = 0,
         config: SimulatedUserConfig | None = None,
     ) -> None:
-        """Wait for the first touch.
-
-        Args:
-            skin: the skin that is touched.
-            arm: the arm that wears it.
-            commands: command map.
-            seed: seed of the people and their touches.
-            config: rates of touches.
-        """
+        """Wait for the first touch."""
         self.skin = skin
         self.arm = arm
         self.commands = commands
@@ -95,8 +84,7 @@ class SimulatedUser:
     def update(self, stamp: int) -> None:
         """Begin, continue or end a touch before the scan at a time.
 
-        Args:
-            stamp: time of that scan [ns since the epoch].
+        `stamp` is the time of that scan [ns since the epoch].
         """
         state = self.arm.state()
         if self.next_touch is None:

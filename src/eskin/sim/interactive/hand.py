@@ -100,13 +100,7 @@ class InteractiveHand:
     def __init__(
         self, env: SimEnvironment, person: Person, rng: np.random.Generator
     ) -> None:
-        """Create a hand.
-
-        Args:
-            env: robot in its skin.
-            person: person who touches.
-            rng: random generator.
-        """
+        """Create a hand."""
         self.env, self.person, self.rng = env, person, rng
         self.difficulty = env.constants.value("sets.difficulty")
         self.q = np.zeros(len(env.mounted.robot.joint_names))
@@ -196,7 +190,7 @@ class InteractiveHand:
                 if point is not None or self.is_free(touch):
                     break
                 touch = self.draw_touch(gesture, kind, None, person)
-            return self.add(self.make_interactive(touch))
+            return self.add_performed(touch)
 
     def begin(self, point: LinkPoint, force: float, kind: str = DRAGGING_PADS) -> int:
         """Begin a touch that `move` drags and `end` lifts.
@@ -278,7 +272,7 @@ class InteractiveHand:
                 "paper",
                 requested,
             )
-            return self.add(self.make_interactive(touch))
+            return self.add_performed(touch)
 
     def draw_touch(
         self, gesture: str, kind: str | None, point: LinkPoint | None, person: Person
@@ -330,10 +324,10 @@ class InteractiveHand:
             others = [other.touch for other in self.active.values()]
         return all(are_apart(self.env, self.q, touch, other) for other in others)
 
-    def make_interactive(self, touch: TrueTouch) -> PerformedTouch:
-        """Build a touch by a hand that follows the robot with a random delay."""
+    def add_performed(self, touch: TrueTouch) -> int:
+        """Add a touch by a hand that follows the robot with a random delay."""
         delay = self.env.constants.draw("motion.delay", self.rng)
-        return PerformedTouch(touch, delay, self.env)
+        return self.add(PerformedTouch(touch, delay, self.env))
 
     def add(self, touch: InteractiveTouch) -> int:
         """Add a touch that begins with the next scan; return its id."""

@@ -4,19 +4,16 @@ import itertools
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import final
 
 from eskin.app import SourceConfig
 from eskin.drivers import Clock, PlayedSource, Source, SourceInfo
 from eskin.errors import DeviceError
-from eskin.recording import TruthRecord
 from eskin.robot import Robot
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import Simulator
-from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
-from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, build_seed
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, Seed, build_seed
 from eskin.sim.dataset.sets import get_pose_groups
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -27,16 +24,6 @@ SEGMENT_SECONDS = 15.0
 """Length of a segment, enough for the longest touch [s]."""
 LEAD_SECONDS = 2.0
 """Length of the first segment, without touch, for the baseline [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class SampledScan:
-    """A sampled scan holds one scan and the true touches during it."""
-
-    scan: Scan
-    """Scan of the sensor."""
-    truths: tuple[TruthRecord, ...]
-    """True touches that press during the scan."""
 
 
 @final
@@ -57,10 +44,7 @@ class TouchPlayer:
     def __init__(self, generator: ClipGenerator, seed: int = 0, start: int = 0) -> None:
         """Create a touch player.
 
-        Args:
-            generator: clip generator of a skin.
-            seed: seed of everything that is drawn.
-            start: stamp of the first scan [ns since the epoch].
+        `start` is the stamp of the first scan [ns since the epoch].
 
         Raises:
             ValueError: the seed is negative.
@@ -82,16 +66,8 @@ class TouchPlayer:
         self.rate = NS_PER_S / self.period
 
     def scans(self) -> Iterator[Scan]:
-        """Yield scans without end."""
-        return (sampled.scan for sampled in self.sampled_scans())
-
-    def sampled_scans(self) -> Iterator[SampledScan]:
-        """Yield scans and their true touches without end, the same ones every time.
-
-        Touches are numbered consecutively across segments.
-        """
-        touches, stamp = 0, self.start
-        make, plan = self.generator.make, self.plan_segment
+        """Yield scans without end, the same ones every time."""
+        stamp, make, plan = self.start, self.generator.make, self.plan_segment
         with ThreadPoolExecutor(1, "player") as pool:
             pending = deque(pool.submit(make, plan(number)) for number in (0, 1))
             # Wait for the simulator's kernels to compile before the first scan.
@@ -99,57 +75,33 @@ class TouchPlayer:
             for number in itertools.count(2):
                 clip = pending.popleft().result()
                 pending.append(pool.submit(make, plan(number)))
-                yield from self.build_scans(clip, stamp, touches)
-                stamp += self.period * len(clip.counts)
-                touches += len(clip.truths)
+                for reading in zip(clip.counts, clip.received, clip.q, strict=True):
+                    yield Scan(stamp, *reading)
+                    stamp += self.period
 
     def plan_segment(self, number: int) -> ClipPlan:
         """Plan a segment: the first without touch, the others with gestures."""
-        person = Origin(
-            f"{PLAYER_ROLE}-p{self.seed}",
-            build_seed(f"person {PLAYER_ROLE}", 0, 0, self.seed),
-        )
-        session = Origin(
-            f"{PLAYER_ROLE}-0000", build_seed(f"session {PLAYER_ROLE}", 0, 0, self.seed)
-        )
+
+        def seed(role: str, first: int = 0) -> Seed:
+            return build_seed(f"{role} {PLAYER_ROLE}", first, 0, self.seed)
+
         return ClipPlan(
             set_name=PLAYER_ROLE,
-            seed=build_seed(f"clip {PLAYER_ROLE}", number, 0, self.seed),
-            person=person,
+            seed=seed("clip", number),
+            person=Origin(f"{PLAYER_ROLE}-p{self.seed}", seed("person")),
             build=self.build,
-            session=session,
+            session=Origin(f"{PLAYER_ROLE}-0000", seed("session")),
             seconds=SEGMENT_SECONDS if number else LEAD_SECONDS,
             gesture=None if number else "none",
             kind=None if number else "idle",
             groups=self.groups,
-            pose=build_seed(f"pose {PLAYER_ROLE}", 0, 0, self.seed),
+            pose=seed("pose"),
             difficulty=self.difficulty,
         )
-
-    def build_scans(
-        self, clip: SimulatedClip, start: int, first: int
-    ) -> Iterator[SampledScan]:
-        """Yield the scans of a clip, with its touches numbered from `first`."""
-        for reading in range(len(clip.counts)):
-            stamp = start + reading * self.period
-            truths = tuple(
-                truth.to_record(first + place, reading, stamp)
-                for place, truth in enumerate(clip.truths)
-                if truth.force[reading] > 0
-            )
-            scan = Scan(
-                stamp, clip.counts[reading], clip.received[reading], clip.q[reading]
-            )
-            yield SampledScan(scan, truths)
 
 
 def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
     """Open a simulation of a person in no training set, who touches without end.
-
-    Args:
-        skin: name of the skin.
-        config: how the source is opened.
-        clock: clock that stamps the scans.
 
     Raises:
         DeviceError: the robot of the configuration is loaded already.

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.robot import Wrench
+from eskin.sim.arm import Wrench
 from eskin.sim.dataset.clip import get_build
 from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng, build_seed
 from eskin.sim.interactive.hand import InteractiveHand
@@ -38,12 +38,7 @@ def compute_wrenches(
     """Compute the wrenches that pressure on taxels exerts on their links.
 
     Pressure acts along the inward normals; friction, and pressure outside all taxels,
-    are neglected.
-
-    Args:
-        pressure: pressure on each pressed taxel [kPa].
-        taxels: pressed taxels.
-        skin: skin of the taxels.
+    are neglected. `pressure` of each taxel is in [kPa].
     """
     forces = PA_PER_KPA * pressure * skin.areas[taxels]
     forces_link = -forces[:, None] * skin.normals[taxels]
@@ -145,9 +140,7 @@ class InteractiveSkin:
     def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
         """Simulate the next scan.
 
-        Args:
-            stamp: stamp of the scan [ns since the epoch].
-            q: joint positions at the scan [rad].
+        `stamp` is in [ns since the epoch], `q` in [rad].
 
         Raises:
             ValueError: `q` does not fit the joints of the robot, or is not finite.
@@ -183,8 +176,8 @@ class InteractiveSkin:
         truths: tuple[TrueTouchSeries, ...] = ()
         if numbers:
             truths = compute_true_series(
-                *(scene, touch_presses, self.env.charts, self.mounted, 0, self.env),
-                np.array([0, self.steps]),
+                *(scene, touch_presses, self.env.charts, self.mounted),
+                *(0, np.array([0, self.steps]), self.build.electronics.step),
             )
         self.hand.set_truths(
             tuple(
@@ -213,8 +206,7 @@ class InteractiveSkin:
     def kill(self, share: float) -> tuple[int, ...]:
         """Make a random part of the taxels dead from now on.
 
-        Args:
-            share: share of all taxels, drawn from those that still work.
+        The share is of all taxels; they are drawn from those that still work.
 
         Returns:
             Indices of the taxels.

@@ -50,9 +50,7 @@ class MotionTrack:
     def __init__(self, steps: int, kept: int) -> None:
         """Create an empty track.
 
-        Args:
-            steps: steps of a reading.
-            kept: steps before a reading that are kept.
+        A reading has `steps`; of the steps before it `kept` are kept.
         """
         self.steps, self.kept = steps, kept
         self.past: Poses | None = None
@@ -99,10 +97,7 @@ class PerformedTouch(InteractiveTouch):
     def __init__(self, touch: TrueTouch, delay: float, env: SimEnvironment) -> None:
         """Create the touch.
 
-        Args:
-            touch: touch on its own clock, from step 0.
-            delay: delay with which a hand follows [s].
-            env: robot in its skin.
+        The touch is on its own clock, from step 0; a hand follows with a delay [s].
         """
         self.touch = touch
         self.env = env
@@ -160,10 +155,7 @@ class DraggedTouch(InteractiveTouch):
     ) -> None:
         """Create a touch that lands with the next reading at the site of a sample.
 
-        Args:
-            sample: gesture sample whose `kind` is a pad group.
-            force: force to press with [N].
-            env: robot in its skin.
+        The `kind` of the sample is a pad group; `force` is in [N].
         """
         value = env.constants.value
         self.step = value("time.step")
@@ -211,9 +203,9 @@ class DraggedTouch(InteractiveTouch):
         centre = np.zeros((span.steps, 2))
         for step in range(span.steps):
             moved = self.slide()
-            self.lifting |= (
-                self.lift_requested and self.level == 1.0 and self.has_arrived
-            )
+            left = float(np.linalg.norm(self.target - self.centre))
+            has_arrived = self.level == 1.0 and left < ARRIVAL_DISTANCE
+            self.lifting |= self.lift_requested and has_arrived
             self.level += -self.fall if self.lifting else self.rise
             self.level = float(np.clip(self.level, 0.0, 1.0))
             at = self.steps_done % len(self.noise)
@@ -224,11 +216,6 @@ class DraggedTouch(InteractiveTouch):
         self.over = self.lifting and self.level == 0.0
         self.touch = replace(self.touch, presses=(self.build_press(force, centre),))
         return self.touch
-
-    @property
-    def has_arrived(self) -> bool:
-        """Tell whether the pads are at their target."""
-        return float(np.linalg.norm(self.target - self.centre)) < ARRIVAL_DISTANCE
 
     def slide(self) -> bool:
         """Move one step as a critically damped spring; tell whether the pads slide."""

@@ -34,11 +34,8 @@ def build_bell(steps: int, exponent: float) -> Series:
 def build_trapezoid(steps: int, rise: float, fall: float, smooth: int) -> Series:
     """Build a series that rises, holds and falls, largest value 1.
 
-    Args:
-        steps: length of the series.
-        rise: share of the length in which it rises.
-        fall: share of the length in which it falls.
-        smooth: steps to either side over which corners are rounded.
+    It rises and falls in shares of its length; corners are rounded over `smooth` steps
+    to either side.
     """
     x = np.linspace(0, 1, steps)
     shape = np.interp(x, [0, rise, max(rise, 1 - fall), 1], [0.0, 1.0, 1.0, 0.0])
@@ -76,12 +73,8 @@ def draw_slow_noise(
 ) -> Series:
     """Draw slow noise with mean square 1 and equal power in each octave, as 1/f.
 
-    Args:
-        steps: length of the series.
-        step: time between two values [s].
-        band: lowest and highest frequency [Hz].
-        tones: number of sines.
-        rng: random generator of the phases.
+    `band` is the lowest and highest frequency [Hz], `step` the time between two values
+    [s], `tones` the number of sines.
     """
     rates = np.geomspace(*band, tones)
     phases = rng.uniform(0, 2 * np.pi, tones)
@@ -287,12 +280,8 @@ def draw_force(
 ) -> float:
     """Draw the largest force of a touch [N]; difficulty widens the law.
 
-    Args:
-        sample: touch that is drawn.
-        name: constant with the law over the population.
-        gesture: habit that applies; drawn anew for a gesture that is no habit.
-        max_amount: upper limit of the force [N].
-        firmer: factor by which it is firmer than usual.
+    The habit of `gesture` applies, or is drawn anew where it is no habit. `max_amount`
+    is the upper limit [N]; `firmer` multiplies the force.
     """
     habit = sample.person.firmness.get(gesture)
     usual = sample.constants.value("force.repeat")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import ContactPads, Press, SoftTissue
+from eskin.sim.contact.press import Press, SoftTissue
 from eskin.sim.people.gesture_sample import (
     GestureSample,
     Series,
@@ -36,18 +36,19 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
     if sample.draw_event(
         "again", sample.constants.value("poke.again") * sample.difficulty
     ):
-        shape = resample_series(press_again(sample, shape), steps)
+        # As many steps as before, since durations are of whole pokes.
+        both = press_again(sample, shape)
+        places = np.linspace(0, len(both) - 1, steps)
+        again = np.interp(places, np.arange(len(both)), both)
+        shape = scale_to_peak(again, 1.0)
     series = scale_to_peak(shape * sample.draw_held_noise(steps), force)
     tissue = replace(sample.person.tissue, conformity=sample.draw("poke.conformity"))
     path, angle = sample.draw_wander(steps), sample.draw_angle()
-    return (sample.build_press(draw_poking_pads(sample), series, path, tissue, angle),)
-
-
-def draw_poking_pads(sample: GestureSample) -> ContactPads:
-    """Draw the pads that poke."""
     if sample.kind == "knuckle":
-        return build_body("knuckle", sample.constants)
-    return sample.draw_pads(sample.kind)
+        pads = build_body("knuckle", sample.constants)
+    else:
+        pads = sample.draw_pads(sample.kind)
+    return (sample.build_press(pads, series, path, tissue, angle),)
 
 
 def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
@@ -62,26 +63,17 @@ def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "long
     return both[: later + len(tail)]
 
 
-def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
-    """Resample a series to so many steps, since durations are of whole pokes."""
-    places = np.linspace(0, len(shape) - 1, steps)
-    return scale_to_peak(np.interp(places, np.arange(len(shape)), shape), 1.0)
-
-
 def draw_double_pat(sample: GestureSample) -> tuple[Press, ...]:
     """Draw two pats; sometimes more, which mean the same."""
     more = sample.draw_event("more", sample.constants.value("double_pat.more"))
-    return draw_pats(sample, draw_pat_count(sample) if more else 2, sample.kind)
+    count = int(sample.choose("unknown.taps")) if more else 2
+    return draw_pats(sample, count, sample.kind)
 
 
 def draw_many_taps(sample: GestureSample) -> tuple[Press, ...]:
     """Draw three pats or more."""
-    return draw_pats(sample, draw_pat_count(sample), sample.choose("double_pat.kinds"))
-
-
-def draw_pat_count(sample: GestureSample) -> int:
-    """Draw the number of pats, three or more."""
-    return int(sample.choose("unknown.taps"))
+    count = int(sample.choose("unknown.taps"))
+    return draw_pats(sample, count, sample.choose("double_pat.kinds"))
 
 
 def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...]:
@@ -213,7 +205,11 @@ def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
     speed = sample.draw("stroke.speed")
     start, length = fit_stroke(sample, direction, speed * duration / legs)
     sample.record("speed", legs * length / duration)
-    along = start + length * build_travel(steps, back)
+    travel = build_minimum_jerk((steps + 1) // 2 if back else steps)
+    if back:
+        returned = build_minimum_jerk(steps - len(travel) + 1)[::-1]
+        travel = np.concatenate([travel, returned[1:]])
+    along = start + length * travel
     path = along[:, None] * direction
     series = scale_to_peak(draw_sliding_force(sample, steps), force)
     # Side by side on a tube two hands need no more room along it than one.
@@ -290,15 +286,6 @@ def draw_slide_limits(
         both = sorted((low / direction[1], high / direction[1]))
         limits.append((both[0], both[1]))
     return max(each[0] for each in limits), min(each[1] for each in limits)
-
-
-def build_travel(steps: int, back: bool) -> Series:
-    """Build the share of the path travelled through time."""
-    if not back:
-        return build_minimum_jerk(steps)
-    half = (steps + 1) // 2
-    out = build_minimum_jerk(half)
-    return np.concatenate([out, build_minimum_jerk(steps - half + 1)[::-1][1:]])
 
 
 def draw_sliding_force(sample: GestureSample, steps: int) -> Series:

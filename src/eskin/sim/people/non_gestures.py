@@ -102,19 +102,14 @@ def draw_guiding(sample: GestureSample) -> tuple[Press, ...]:
     """Draw two hands that hold the arm and move it."""
     steps = sample.count_steps(sample.draw("none.guiding.hold"))
     total, share = sample.draw("none.guiding.force"), sample.draw("none.guiding.share")
-    gap = draw_hand_positions(sample)
-    return (
-        draw_guiding_hand(sample, total * share, steps, gap[0]),
-        draw_guiding_hand(sample, total * (1 - share), steps, gap[1]),
-    )
-
-
-def draw_hand_positions(sample: GestureSample) -> tuple[float, float]:
-    """Draw where along the tube the two hands are, from the site's centre [m]."""
+    # Both hands are along the tube, within its free run.
     low, high = sample.site.free_run
     gap = min(sample.draw("none.guiding.gap"), high - low)
     first = float(np.clip(-gap / 2, low, high - gap))
-    return first, first + gap
+    return (
+        draw_guiding_hand(sample, total * share, steps, first),
+        draw_guiding_hand(sample, total * (1 - share), steps, first + gap),
+    )
 
 
 def draw_guiding_hand(
@@ -169,17 +164,12 @@ def draw_bump(sample: GestureSample) -> tuple[Press, ...]:
         share = sample.draw("none.bump.rebound_share")
         gap = np.zeros(round(sample.draw("none.bump.rebound_after") / sample.step))
         series = np.concatenate([series, gap, share * series])
-    body = build_body(choose_bumping_body(sample, stiffness), sample.constants)
-    path = draw_slide(sample, sample.draw("none.bump.slide"), len(series))
-    return (sample.build_press(body, series, path),)
-
-
-def choose_bumping_body(sample: GestureSample, stiffness: float) -> str:
-    """Choose the body that bumps by its stiffness [N/m]."""
     soft, hard = sample.constants.array("none.bump.limits") / MM
+    body = "torso" if stiffness < soft else "forearm"
     if stiffness > hard:
-        return sample.choose("none.bump.hard")
-    return "torso" if stiffness < soft else "forearm"
+        body = sample.choose("none.bump.hard")
+    path = draw_slide(sample, sample.draw("none.bump.slide"), len(series))
+    return (sample.build_press(build_body(body, sample.constants), series, path),)
 
 
 def draw_slide(

@@ -106,7 +106,8 @@ def perform(
         )
     if difficulty < 0:
         raise ValueError(f"difficulty is {difficulty}; give 0 or more")
-    chosen = regime or parse_regime(constants.choose("duration.regime", rng))
+    drawn = regime or constants.choose("duration.regime", rng)
+    chosen: Regime = "paper" if drawn == "paper" else "cost"
     variant = choose_kind(gesture, kind, person, constants, rng, difficulty)
     sample = GestureSample(
         variant,
@@ -119,8 +120,10 @@ def perform(
         requested=requested or {},
     )
     sample.drawn["regime"] = chosen
-    program = find_program(gesture, variant)
-    presses = program(sample)
+    if gesture == "none":
+        presses = NONE_PROGRAMS[variant](sample)
+    else:
+        presses = (GESTURE_PROGRAMS | UNKNOWN_PROGRAMS)[gesture](sample)
     is_thing = gesture == "none" and variant in NO_PERSON_KINDS
     label = find_label(gesture, site, constants)
     return TrueTouch(
@@ -139,22 +142,6 @@ def find_label(gesture: str, site: ContactSite, constants: Constants) -> str:
     return "none" if gesture == "grab" and (wide or not site.can_close) else gesture
 
 
-def parse_regime(name: str) -> Regime:
-    """Return the regime of a name."""
-    return "paper" if name == "paper" else "cost"
-
-
-def find_program(gesture: str, kind: str) -> Program:
-    """Return the function that draws a gesture."""
-    if gesture == "none":
-        return NONE_PROGRAMS[kind]
-    return (
-        GESTURE_PROGRAMS[gesture]
-        if gesture in GESTURE_PROGRAMS
-        else UNKNOWN_PROGRAMS[gesture]
-    )
-
-
 def choose_kind(
     gesture: str,
     kind: str | None,
@@ -164,14 +151,12 @@ def choose_kind(
     difficulty: float,
 ) -> str:
     """Return the variant that is asked for, or draw one."""
-    if gesture in UNKNOWN_PROGRAMS:
-        allowed = [gesture]
-    else:
-        allowed = list(constants.weights(f"{gesture}.kinds"))
+    is_unknown = gesture in UNKNOWN_PROGRAMS
+    allowed = [gesture] if is_unknown else [*constants.weights(f"{gesture}.kinds")]
     if kind is not None and kind not in allowed:
         raise ValueError(
             f"no kind '{kind}' of {gesture}; choose from {', '.join(allowed)}, or None"
         )
-    if gesture in UNKNOWN_PROGRAMS:
+    if is_unknown:
         return gesture
     return kind or choose_style(f"{gesture}.kinds", person, constants, rng, difficulty)

@@ -3,7 +3,7 @@
 A hand is 20 pads that bear load; any other body is one pad.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -67,9 +67,8 @@ class Person:
     def select_pads(self, group: str, splay: float = 0.0) -> ContactPads:
         """Return some pads of the hand.
 
-        Args:
-            group: one of `eskin.sim.people.person.PAD_GROUPS`.
-            splay: angle between neighbouring fingers [rad].
+        `group` is one of `PAD_GROUPS`; `splay` is the angle between neighbouring
+        fingers [rad].
 
         Raises:
             ValueError: there is no such group.
@@ -218,19 +217,19 @@ def build_hand(
 ) -> ContactPads:
     """Build a flat left hand, seen from its back as it lies on the skin.
 
-    Args:
-        fingers: lengths of index to little finger [m].
-        thumb: length of the thumb [m].
-        breadth: breadth of the hand [m].
-        palm: length of the palm [m].
-        length: length of the hand [m].
-        constants: constants of the average hand.
+    All lengths are in [m]; `fingers` go from index to little finger.
     """
     across = breadth / (constants.value("hand.breadth") * MM)
     up = palm / (constants.value("hand.palm_length") * MM)
     scale = length / (constants.value("hand.length") * MM)
     reach = thumb / (constants.value("hand.thumb") * MM)
-    thumbs = compute_thumb_positions(constants, across, up, reach)
+    usual = [constants.array(f"hand.thumb_{way}") for way in ("side", "height")]
+    tip, base = np.column_stack(usual) * MM
+    root = base * [across, up]
+    thumbs = np.stack([root + (tip - base) * reach, root])
+    to_tip, angles = thumbs[0] - thumbs[1], np.zeros(len(HAND_PADS))
+    angles[12:14] = -np.arctan2(to_tip[0], to_tip[1])
+    radii = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
     bases = constants.array("hand.finger_base") * MM * up
     sides = constants.array("hand.finger_side") * MM * across
     along = constants.array("hand.along")
@@ -244,36 +243,12 @@ def build_hand(
     )
     return ContactPads(
         np.column_stack([x, y]),
-        build_pad_radii(constants) * scale,
-        compute_pad_angles(thumbs),
+        np.column_stack(radii)[PAD_ROWS] * MM * scale,
+        angles,
         constants.array("hand.area")[PAD_ROWS] * MM**2,
         constants.array("hand.most")[PAD_ROWS] * MM**2 * scale**2,
         constants.array("hand.stiffness")[PAD_ROWS],
     )
-
-
-def compute_thumb_positions(
-    constants: Constants, across: float, up: float, reach: float
-) -> Float[np.ndarray, "2 2"]:
-    """Return where tip and proximal pad of the thumb lie [m]."""
-    usual = [constants.array(f"hand.thumb_{way}") for way in ("side", "height")]
-    tip, base = np.column_stack(usual) * MM
-    root = base * [across, up]
-    return np.stack([root + (tip - base) * reach, root])
-
-
-def build_pad_radii(constants: Constants) -> Float[np.ndarray, "part 2"]:
-    """Return the radii of curvature of the average hand's pads [m]."""
-    both = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
-    return np.column_stack(both)[PAD_ROWS] * MM
-
-
-def compute_pad_angles(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "part"]:
-    """Return the angles of the pads: the thumb's own, and 0 of all others."""
-    turns = np.zeros(len(HAND_PADS))
-    to_tip = thumbs[0] - thumbs[1]
-    turns[12:14] = -np.arctan2(to_tip[0], to_tip[1])
-    return turns
 
 
 def mirror_pads(pads: ContactPads) -> ContactPads:
@@ -284,22 +259,13 @@ def mirror_pads(pads: ContactPads) -> ContactPads:
 def select_pads(pads: ContactPads, names: tuple[str, ...]) -> ContactPads:
     """Return some pads of a whole hand."""
     rows = np.array([HAND_PADS.index(name) for name in names])
-    return ContactPads(
-        pads.centres[rows],
-        pads.radii[rows],
-        pads.angles[rows],
-        pads.area[rows],
-        pads.max_area[rows],
-        pads.stiffness[rows],
-    )
+    return ContactPads(*(getattr(pads, each.name)[rows] for each in fields(pads)))
 
 
 def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
     """Return a whole hand with its fingers fanned out.
 
-    Args:
-        hand: all 20 pads.
-        angle: angle between neighbouring fingers [rad]; negative closes them.
+    `angle` is that between neighbouring fingers [rad]; a negative one closes them.
     """
     centres, turns = hand.centres.copy(), hand.angles.copy()
     thumb_side = np.sign(centres[0, 0] - centres[3, 0])

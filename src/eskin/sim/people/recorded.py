@@ -5,7 +5,7 @@ nor geometry, so its pitch and its full scale are drawn anew for each touch.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
@@ -82,10 +82,7 @@ def find_recorded_people(
 ) -> RecordedPeople:
     """Find participants of the SocialTouch set in a folder; all unless some are named.
 
-    Args:
-        folder: folder of the set.
-        people: numbers of the participants.
-        grouped: whether classes are the groups of gestures.
+    Where `grouped`, the classes are the groups of gestures.
 
     Raises:
         ImportSourceError: a file of the set cannot be read.
@@ -105,7 +102,13 @@ def find_recorded_people(
     digest = sha256()
     for person in wanted:
         mine = [touch for touch in touches if touch.repetition.person == person]
-        check_classes(folder, person, mine, grouped)
+        classes = set(GROUPS if grouped else RECORDED_CLASSES)
+        unshown = sorted(classes - {touch.gesture for touch in mine})
+        if unshown:
+            raise GenerationError(
+                f"{folder} has no {', '.join(unshown)} of participant {person}; "
+                "allowed are participants with all gestures; copy all of their files"
+            )
         for touch in mine:
             digest.update(f"{person} {touch.repetition.gesture}".encode())
             digest.update(touch.repetition.seconds.tobytes())
@@ -113,39 +116,21 @@ def find_recorded_people(
     return RecordedPeople(folder, tuple(wanted), digest.hexdigest(), grouped)
 
 
-def check_classes(
-    folder: Path, person: int, touches: list[RecordedTouch], grouped: bool
-) -> None:
-    """Raise if a participant does not show every class."""
-    classes = set(GROUPS if grouped else RECORDED_CLASSES)
-    missing = sorted(classes - {touch.gesture for touch in touches})
-    if missing:
-        raise GenerationError(
-            f"{folder} has no {', '.join(missing)} of participant {person}; allowed "
-            "are participants with all gestures; copy all of their files"
-        )
-
-
 @lru_cache(maxsize=1)
 def read_recorded_touches(
     folder: Path, grouped: bool = False
 ) -> tuple[RecordedTouch, ...]:
     """Read all touches of a folder that show one of the classes, cached."""
-    return tuple(
-        RecordedTouch(gesture, find_group(found.gesture), number, found)
-        for number, (gesture, found) in enumerate(read_classified(folder, grouped))
-    )
-
-
-def read_classified(folder: Path, grouped: bool) -> Iterator[tuple[str, Repetition]]:
-    """Yield the repetitions in a folder that show one of the classes."""
+    found: list[RecordedTouch] = []
     for path in find_files(folder, "touch_*", SUFFIXES):
         for repetition in read_repetitions(path):
             gesture = classify_repetition(repetition)
             if grouped and repetition.touched.any():
                 gesture = find_group(repetition.gesture)
             if gesture is not None:
-                yield gesture, repetition
+                group = find_group(repetition.gesture)
+                found.append(RecordedTouch(gesture, group, len(found), repetition))
+    return tuple(found)
 
 
 def draw_recorded_touch(

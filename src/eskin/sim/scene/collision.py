@@ -66,11 +66,8 @@ def build_collision_model(robot: Robot, min_distance: float) -> CollisionModel:
 
     A robot of which a link reaches below its base stands on its lowest point, and may
     touch the ground. Of links that are no cylinders, those that are close with all
-    joints at 0 are taken for parts that belong together.
-
-    Args:
-        robot: the robot.
-        min_distance: distance below which links are close [m].
+    joints at 0 are taken for parts that belong together. `min_distance` is the distance
+    below which links are close [m].
     """
     cylinders = build_cylinders(robot)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}
@@ -81,9 +78,14 @@ def build_collision_model(robot: Robot, min_distance: float) -> CollisionModel:
     links = cylinders.links
     pairs = np.argwhere(np.triu(may_collide[links][:, links]))
     pairs = pairs.astype(np.int64).reshape(-1, 2)
-    free = np.flatnonzero(~np.isin(links, find_base_links(robot)))
+    # The root link and its children stand on the table.
+    (root,) = set(names) - {joint.child for joint in robot.joints}
+    first = [joint.child for joint in robot.joints if joint.parent == root]
+    based = [robot.link_index(name) for name in (root, *first)]
+    free = np.flatnonzero(~np.isin(links, based))
     ground = 0.0
-    if not has_cylinders_alone(robot):
+    shapes = [body.shape for link in robot.links for body in link.geoms]
+    if not all(isinstance(shape, Cylinder) for shape in shapes):
         rest = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
         T = np.ascontiguousarray(Kinematics(robot).poses(rest))
         height = min(
@@ -116,32 +118,15 @@ SLAB = 0.06
 """Largest length of a slab of a link that is no cylinder [m]."""
 
 
-def has_cylinders_alone(robot: Robot) -> bool:
-    """Tell whether all shapes of a robot are cylinders."""
-    return all(
-        isinstance(g.shape, Cylinder) for link in robot.links for g in link.geoms
-    )
-
-
-def find_base_links(robot: Robot) -> list[int]:
-    """Find the root link and its children, which stand on the table."""
-    children = {joint.child for joint in robot.joints}
-    (root,) = (name for name in robot.link_names if name not in children)
-    first = [joint.child for joint in robot.joints if joint.parent == root]
-    return [robot.link_index(name) for name in (root, *first)]
-
-
 def build_cylinders(robot: Robot) -> CylinderArrays:
     """Return all collision geometry as cylinders in the frames of their links."""
-    links, centres, axes, radii, halves = [], [], [], [], []
-    for index, link in enumerate(robot.links):
-        for body in link.geoms:
-            for centre, axis, radius, half in enclose_geom(body):
-                links.append(index)
-                centres.append(centre)
-                axes.append(axis)
-                radii.append(radius)
-                halves.append(half)
+    rows = [
+        (index, *each)
+        for index, link in enumerate(robot.links)
+        for body in link.geoms
+        for each in enclose_geom(body)
+    ]
+    links, centres, axes, radii, halves = zip(*rows, strict=True) if rows else [()] * 5
     return CylinderArrays(
         np.array(links, dtype=np.int64),
         np.array(centres, dtype=np.float64).reshape(-1, 3),

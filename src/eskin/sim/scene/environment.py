@@ -15,6 +15,7 @@ from eskin.sim.contact.sheet import Sheet
 from eskin.sim.scene.collision import CollisionModel, build_collision_model
 from eskin.sim.scene.targets import CLOSE, TouchTargets, build_targets
 from eskin.skin import SKIN_PRESETS, MountedSkin, load_robot_for_skin, load_skin
+from eskin.skin.surfaces import Points
 
 
 @dataclass(frozen=True)
@@ -118,9 +119,8 @@ def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironm
 def mount_skin(skin: str, robot: str | None = None) -> MountedSkin:
     """Mount a skin on its robot.
 
-    Args:
-        skin: name of a preset, or folder of a skin.
-        robot: name of a robot, or path of a URDF; None for that of a preset.
+    The skin is the name of a preset or a folder, the robot a name or the path of a
+    URDF, or None for that of a preset.
 
     Raises:
         SkinError: there is no such skin.
@@ -146,12 +146,7 @@ def compute_surface_axes(
     chart: Chart,
     centre: Float[np.ndarray, "point 2"],
     T_world_link: Float[np.ndarray, "*#batch 4 4"],
-) -> tuple[
-    Float[np.ndarray, "point 3"],
-    Float[np.ndarray, "point 3"],
-    Float[np.ndarray, "point 3"],
-    Float[np.ndarray, "point 3"],
-]:
+) -> tuple[Points, Points, Points, Points]:
     """Return position [m], unit axes of s and t, and outward normal in the world."""
     wrapped = chart.surface.wrap(centre)
     R, p = T_world_link[..., :3, :3], T_world_link[..., :3, 3]

@@ -172,11 +172,7 @@ def press_both_sites(
 ) -> TrueTouch:
     """Return a touch with each press at the first site also at the second.
 
-    Args:
-        touch: touch at the first site.
-        first: site of the touch.
-        second: site that faces it.
-        share: share of the force on the second site.
+    `share` is the part of the force on the second site.
 
     Raises:
         ValueError: the share is not between 0 and 1.

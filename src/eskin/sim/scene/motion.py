@@ -66,13 +66,9 @@ def follow_with_delay(
     """Return a press by a hand that follows the moving robot with a delay.
 
     At each instant the hand is where its target was a delay ago, but never earlier than
-    at its landing: it lands on the target and slides until it has caught up.
-
-    Args:
-        press: press on a robot at rest.
-        env: robot in its skin.
-        q_series: poses at the steps of the scene [rad].
-        delay: delay of the hand [s]; infinite for a thing at rest, such as a cable.
+    at its landing: it lands on the target and slides until it has caught up. `press` is
+    that on a robot at rest, `q_series` the poses at the steps of the scene [rad];
+    `delay` [s] is infinite for a thing at rest, such as a cable.
     """
     if np.all(q_series == q_series[0]):
         return press
@@ -137,12 +133,6 @@ def draw_motion(
     Some joints start together, reach their speeds, and stop together; the move may
     begin before the series and end after it. If every attempt would collide, only the
     base turns.
-
-    Args:
-        env: robot in its skin.
-        q: pose [rad].
-        seconds: duration [s].
-        rng: random generator.
     """
     for _ in range(int(env.constants.value("motion.tries"))):
         series = move_through_pose(env, q, draw_joint_direction(env, rng), seconds, rng)
@@ -223,11 +213,7 @@ def draw_pose_path(
 ) -> Float[np.ndarray, "time joint"]:
     """Draw a motion from pose to pose, with pauses, for a stream [rad].
 
-    Args:
-        env: robot in its skin.
-        seconds: duration [s].
-        rng: random generator.
-        groups: groups of the poses that it pauses in.
+    It pauses in poses of `groups`.
     """
     at = draw_pose(env, groups, rng)
     parts, length, wanted = [], 0, count_steps(env, seconds)

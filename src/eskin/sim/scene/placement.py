@@ -97,15 +97,8 @@ def draw_site(
     """Draw where a person touches the robot in a pose.
 
     Gestures without a placement law take one of those of poke, double pat, grab and
-    stroke at random, so that the place does not distinguish them.
-
-    Args:
-        env: robot in its skin.
-        q: pose [rad].
-        person: person who touches.
-        gesture: gesture, `none` or an unknown gesture.
-        rng: random generator.
-        kind: variant of the gesture; some need a certain kind of place.
+    stroke at random, so that the place does not distinguish them. Some kinds need a
+    certain kind of place.
 
     Raises:
         ValueError: the skin has no place for the gesture.
@@ -183,7 +176,9 @@ def draw_target(
     if not chances.any():
         return None
     region = int(rng.choice(len(REGIONS), p=chances / chances.sum()))
-    targets = by_kind[region, draw_target_kind(env, rng), needed]
+    drawn, seam = rng.random(), env.constants.value("place.seam")
+    kind = EDGE if drawn < seam + env.constants.value("place.edge") else INNER
+    targets = by_kind[region, SEAM if drawn < seam else kind, needed]
     if not len(targets):
         targets = by_kind[region, EDGE, needed]
     weights = (
@@ -195,15 +190,6 @@ def draw_target(
     if not total[-1] > 0:
         return None
     return int(targets[np.searchsorted(total, rng.random() * total[-1], side="right")])
-
-
-def draw_target_kind(env: SimEnvironment, rng: np.random.Generator) -> int:
-    """Draw whether to aim at the inside of a patch, near its edge, or at a seam."""
-    value = env.constants.value
-    drawn = rng.random()
-    if drawn < value("place.seam"):
-        return SEAM
-    return EDGE if drawn < value("place.seam") + value("place.edge") else INNER
 
 
 def compute_target_weights(

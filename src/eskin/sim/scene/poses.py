@@ -102,37 +102,21 @@ def build_pose_pool(env: SimEnvironment) -> PosePool:
         int(count) for count in env.constants.array("robot.pool")
     )
     folded = find_folded_poses(env, q)
+    q_folded, folded_group = q[folded], group[folded]
     touching, touching_group = draw_touching_poses(env, q, group, touching_count, rng)
+    every = resolve_groups(env, POSE_GROUPS)
+
+    def compute_shares(group: Int[np.ndarray, "pose"]) -> dict[int, float]:
+        total = max(1, len(group))
+        return {g: float(np.count_nonzero(group == g) / total) for g in every}
+
     return PosePool(
-        any=sort_by_group(env, q, group, any_count),
-        folded=sort_by_group(env, q[folded], group[folded], folded_count),
-        touching=sort_by_group(env, touching, touching_group, touching_count),
-        shares=compute_group_shares(env, group),
-        folded_shares=compute_group_shares(env, group[folded]),
+        any={g: q[group == g][:any_count] for g in every},
+        folded={g: q_folded[folded_group == g][:folded_count] for g in every},
+        touching={g: touching[touching_group == g][:touching_count] for g in every},
+        shares=compute_shares(group),
+        folded_shares=compute_shares(folded_group),
     )
-
-
-def sort_by_group(
-    env: SimEnvironment,
-    q: Float[np.ndarray, "pose joint"],
-    group: Int[np.ndarray, "pose"],
-    max_count: int,
-) -> dict[int, Float[np.ndarray, "_ joint"]]:
-    """Return at most `max_count` poses of each group, in order."""
-    return {
-        each: q[group == each][:max_count] for each in resolve_groups(env, POSE_GROUPS)
-    }
-
-
-def compute_group_shares(
-    env: SimEnvironment, group: Int[np.ndarray, "pose"]
-) -> dict[int, float]:
-    """Return the share of each group among some poses."""
-    total = max(1, len(group))
-    return {
-        each: float(np.count_nonzero(group == each) / total)
-        for each in resolve_groups(env, POSE_GROUPS)
-    }
 
 
 def draw_valid_poses(
@@ -179,13 +163,13 @@ def draw_touching_poses(
 def can_fold(env: SimEnvironment, groups: frozenset[int]) -> bool:
     """Tell whether patches of two links face each other in a pose of some groups."""
     poses = build_pose_pool(env).folded
-    return any(len(poses.get(group, ())) for group in resolve_groups(env, groups))
+    return any(len(poses[group]) for group in resolve_groups(env, groups))
 
 
 def can_touch_itself(env: SimEnvironment, groups: frozenset[int]) -> bool:
     """Tell whether links nearly touch each other in a pose of some groups."""
     poses = build_pose_pool(env).touching
-    return any(len(poses.get(group, ())) for group in resolve_groups(env, groups))
+    return any(len(poses[group]) for group in resolve_groups(env, groups))
 
 
 def draw_pose(
@@ -196,13 +180,8 @@ def draw_pose(
 ) -> Float[np.ndarray, "joint"]:
     """Draw a pose of some groups [rad], each group weighted by its share of poses.
 
-    The base joint affects no condition on poses and is drawn anew.
-
-    Args:
-        env: robot in its skin.
-        groups: some of `POSE_GROUPS`.
-        rng: random generator.
-        fold: whether patches of different links must face each other closely.
+    The base joint affects no condition on poses and is drawn anew. `groups` are some of
+    `POSE_GROUPS`; with `fold`, patches of different links must face each other closely.
 
     Raises:
         ValueError: there is no such group, or no such pose in any of them.

@@ -1,7 +1,6 @@
 """A scene is a robot motion with touches; this module computes pressure and truth."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -179,10 +178,8 @@ class TrueTouchSeries:
     def to_record(self, number: int, reading: int, stamp: int) -> TruthRecord:
         """Return the record of the touch at one reading.
 
-        Args:
-            number: number of the touch in the recording or stream.
-            reading: reading of the clip.
-            stamp: time of that reading [ns since the epoch].
+        `number` is that of the touch in the recording or stream, `stamp` the time of
+        the reading [ns since the epoch].
         """
         x, y, z = self.centroid[reading].tolist()
         return TruthRecord(
@@ -197,61 +194,13 @@ class TrueTouchSeries:
         )
 
 
-def build_true_series(
-    number: int,
-    touch: TrueTouch,
-    presses: list[ScenePress],
-    charts: tuple[Chart, ...],
-    mounted: MountedSkin,
-    T_world_link: Float[np.ndarray, "time link 4 4"],
-    lead: int,
-    edges: Int[np.ndarray, "reading_and_one"],
-    step: float,
-) -> TrueTouchSeries:
-    """Build force, area and centre of a touch, as means over the steps of readings."""
-    steps = len(T_world_link)
-    force, area = np.zeros(steps), np.zeros(steps)
-    moment = np.zeros((steps, 3))
-    force_on: dict[str, float] = {}
-    for press in presses:
-        chart, field = charts[press.press.chart], press.field
-        force[press.span] += field.force
-        area[press.span] += field.area
-        p_link = chart.surface.wrap(field.centroid).positions
-        poses = T_world_link[press.span, mounted.robot.link_index(chart.link)]
-        p_world = apply(poses, p_link)
-        moment[press.span] += field.force[:, None] * p_world
-        force_on[chart.link] = force_on.get(chart.link, 0.0) + float(field.force.sum())
-    first, end = find_contact_steps(touch)
-    # Means over the steps of a reading, since a bump may last a single step.
-    force, area, moment = (
-        average_readings(series, edges) for series in (force, area, moment)
-    )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        centroid = np.nan_to_num(moment / force[:, None])
-    return TrueTouchSeries(
-        number=number,
-        gesture=touch.gesture,
-        kind=touch.kind,
-        subject=touch.subject,
-        link=max(force_on, key=lambda link: force_on[link], default=""),
-        force=force,
-        area=area,
-        centroid=centroid,
-        onset=(first - lead) * step,
-        end=(end - lead) * step,
-    )
-
-
 def find_reading_edges(
     lead: int, readings: int, ratio: float
 ) -> Int[np.ndarray, "reading_and_one"]:
     """Return the first step of each reading, and the step after the last.
 
-    Args:
-        lead: steps before the first reading.
-        readings: number of readings.
-        ratio: steps in a reading, perhaps not whole, or less than one.
+    `lead` steps come before the first reading. A reading has `ratio` steps, perhaps not
+    a whole number, or less than one.
     """
     edges = np.floor(ratio * np.arange(readings + 1) + EDGE_ROUNDING)
     return lead + edges.astype(np.int64)
@@ -272,12 +221,6 @@ def average_readings(
     return sums / steps.reshape(-1, *[1] * (series.ndim - 1))
 
 
-@lru_cache(maxsize=4)
-def get_grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
-    """Return the neighbours of each taxel in its patch's grid, cached."""
-    return find_grid_neighbours(skin)
-
-
 def compute_scene_pressure(
     touch_presses: list[list[ScenePress]], steps: int, film_sigma: float, skin: Skin
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
@@ -286,13 +229,7 @@ def compute_scene_pressure(
         [p for ps in touch_presses for p in ps], steps, skin.count
     )
     beta = compute_leak_share(film_sigma, skin.areas)
-    return spread_through_film(pressure, taxels, get_grid_neighbours(skin), beta)
-
-
-def count_steps_per_reading(env: SimEnvironment) -> int:
-    """Return the number of simulator steps between two readings."""
-    value = env.constants.value
-    return round(value("sensor.period") / value("time.step"))
+    return spread_through_film(pressure, taxels, find_grid_neighbours(skin), beta)
 
 
 def compute_true_series(
@@ -301,10 +238,12 @@ def compute_true_series(
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
     lead: int,
-    env: SimEnvironment,
-    edges: Int[np.ndarray, "reading_and_one"] | None = None,
+    edges: Int[np.ndarray, "reading_and_one"],
+    step: float,
 ) -> tuple[TrueTouchSeries, ...]:
     """Compute the ground truth of every touch of a scene that has presses.
+
+    Values are means over the steps of a reading, since a bump may last a single step.
 
     Args:
         scene: scene that is simulated.
@@ -312,24 +251,47 @@ def compute_true_series(
         charts: charts that the touches are on.
         mounted: skin of these charts on its robot.
         lead: steps of the scene before the clip.
-        env: environment, whose constants give the length of a step.
-        edges: first step of each reading, and the step after the last; a sensor period
-            apart unless given.
+        edges: first step of each reading, and the step after the last.
+        step: length of a step [s].
     """
-    step = env.constants.value("time.step")
-    if edges is None:
-        every = count_steps_per_reading(env)
-        edges = find_reading_edges(lead, (scene.steps - lead) // every, float(every))
     T_world_link = mounted.kinematics.poses(scene.q)
-    return tuple(
-        build_true_series(
-            number, touch, presses, charts, mounted, T_world_link, lead, edges, step
+    found = []
+    for number, touch in enumerate(scene.touches):
+        if not touch.presses:
+            continue
+        force, area = np.zeros(scene.steps), np.zeros(scene.steps)
+        moment = np.zeros((scene.steps, 3))
+        force_on: dict[str, float] = {}
+        for press in touch_presses[number]:
+            chart, field = charts[press.press.chart], press.field
+            link, total = chart.link, float(field.force.sum())
+            force[press.span] += field.force
+            area[press.span] += field.area
+            p_link = chart.surface.wrap(field.centroid).positions
+            poses = T_world_link[press.span, mounted.robot.link_index(link)]
+            moment[press.span] += field.force[:, None] * apply(poses, p_link)
+            force_on[link] = force_on.get(link, 0.0) + total
+        first, end = find_contact_steps(touch)
+        force, area, moment = (
+            average_readings(series, edges) for series in (force, area, moment)
         )
-        for number, (touch, presses) in enumerate(
-            zip(scene.touches, touch_presses, strict=True)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            centroid = np.nan_to_num(moment / force[:, None])
+        found.append(
+            TrueTouchSeries(
+                number=number,
+                gesture=touch.gesture,
+                kind=touch.kind,
+                subject=touch.subject,
+                link=max(force_on, key=lambda link: force_on[link], default=""),
+                force=force,
+                area=area,
+                centroid=centroid,
+                onset=(first - lead) * step,
+                end=(end - lead) * step,
+            )
         )
-        if touch.presses
-    )
+    return tuple(found)
 
 
 def compute_touch_presses(

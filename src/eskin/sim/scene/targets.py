@@ -175,15 +175,6 @@ def find_patch_edges(skin: Skin, chart: Chart) -> PatchEdges:
     return PatchEdges(np.concatenate(points), directions / lengths)
 
 
-def compute_offsets(
-    chart: Chart, places: Float[np.ndarray, "place 2"], to: Float[np.ndarray, "point 2"]
-) -> Float[np.ndarray, "place point 2"]:
-    """Return the offset from each place to each point, the shorter way round [m]."""
-    away = to[None] - places[:, None]
-    away[..., 0] = chart.wrap_s(away[..., 0])
-    return away
-
-
 def compute_edge_distance(
     chart: Chart, edges: PatchEdges, places: Float[np.ndarray, "place 2"]
 ) -> Float[np.ndarray, "place"]:
@@ -193,7 +184,8 @@ def compute_edge_distance(
     nearest = np.empty(len(places))
     for first in range(0, len(places), TARGET_BLOCK):
         part = slice(first, first + TARGET_BLOCK)
-        away = compute_offsets(chart, places[part], edges.points)
+        away = edges.points[None] - places[part][:, None]
+        away[..., 0] = chart.wrap_s(away[..., 0])
         nearest[part] = np.sqrt(np.min(np.sum(away**2, axis=2), axis=1))
     return nearest
 

@@ -13,7 +13,6 @@ from eskin.sim.sensor.electronics import (
     build_nominal_electronics,
     draw_electronics,
     draw_family_electronics,
-    get_span,
 )
 from eskin.sim.sensor.faults import (
     Defects,
@@ -104,11 +103,8 @@ class SensorBuild:
     ) -> Calibration:
         """Build a calibration with the converter of the build.
 
-        Args:
-            pressure: pressure of each taxel at half scale, or at full scale where the
-                converter is linear or logarithmic [kPa].
-            exponent: exponent of conductance.
-            activation: pressure that closes a taxel [kPa].
+        `pressure` is that of each taxel at half scale, or at full scale where the
+        converter is linear or logarithmic; `activation` closes a taxel [kPa].
         """
         electronics = self.electronics
         return Calibration(
@@ -157,15 +153,8 @@ def draw_flawed_build(
 
     Its data sheet is typical of the family, and so is all that is not named: an intact
     build reads what its calibration says. Its noise at rest is the least measured one,
-    or typical where a flaw multiplies noise.
-
-    Args:
-        name: name of the build.
-        family: one of `FAMILIES`.
-        flaws: level of each flaw, of `FLAWS`.
-        skin: skin of the taxels.
-        constants: constants of the simulation.
-        rng: random generator.
+    or typical where a flaw multiplies noise. `flaws` holds the level of each flaw, of
+    `FLAWS`.
 
     Raises:
         ValueError: there is no such family, flaw or level.
@@ -174,20 +163,21 @@ def draw_flawed_build(
 
 
 def assemble_family_build(name: str, draw: FlawDraw, skin: Skin) -> SensorBuild:
-    """Draw all parts of a build of a family."""
+    """Draw all parts of a build of a family; a cast sensor spreads pressure more."""
+    film = "film.sigma_covered" if draw.family == "linear" else "film.sigma"
     half = draw.take_product("scale")
     exponent, activation = (
         draw.take_product("exponent"),
         draw.take_product("activation"),
     )
-    electronics = draw_family_electronics(draw, skin, get_span(draw))
+    electronics = draw_family_electronics(draw, skin)
     return SensorBuild(
         name=name,
         kind=draw.family,
         velostat=draw_family_velostat(draw, skin, half, exponent, activation),
         electronics=electronics,
         defects=draw_family_defects(draw, skin),
-        film_sigma=draw_film_sigma(draw) * MM,
+        film_sigma=draw.constants.draw(film, draw.rng) * MM,
         nominal_exponent=exponent,
         nominal_activation=activation,
         nominal_half=half,
@@ -231,9 +221,3 @@ def compute_nominal_half(half_pressure: float, constants: Constants) -> float:
     creep = float(np.sum(constants.array("sensor.creep") * risen))
     grown = (1.0 + creep) ** (1.0 / constants.value("sensor.nominal_exponent"))
     return float(half_pressure / passed / grown)
-
-
-def draw_film_sigma(draw: FlawDraw) -> float:
-    """Draw the spread of pressure in the layer [mm]; a cast sensor spreads it more."""
-    name = "film.sigma_covered" if draw.family == "linear" else "film.sigma"
-    return draw.constants.draw(name, draw.rng)

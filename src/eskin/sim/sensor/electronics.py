@@ -118,14 +118,11 @@ CURVES: dict[str, Curve] = {
 """Curve of each family; a capacitive taxel saturates as a divider does."""
 
 
-def get_span(draw: FlawDraw) -> float:
-    """Draw the span of a logarithmic converter; 0 of others."""
-    return draw.take_product("span") if CURVES[draw.family] == "logarithmic" else 0.0
-
-
-def draw_family_electronics(draw: FlawDraw, skin: Skin, span: float) -> Electronics:
+def draw_family_electronics(draw: FlawDraw, skin: Skin) -> Electronics:
     """Draw the readout of a build of a family."""
     constants, rng = draw.constants, draw.rng
+    is_logarithmic = CURVES[draw.family] == "logarithmic"
+    span = draw.take_product("span") if is_logarithmic else 0.0
     best = draw.take_product("bits")
     bits = round(best - draw.take("quantisation", "bits_lost"))
     is_late = draw.has("jitter")

@@ -45,7 +45,9 @@ def draw_defects(
     stuck[broken[is_stuck]] = rng.random(int(is_stuck.sum()))
     dead = np.zeros(skin.count, dtype=bool)
     dead[broken[~is_stuck]] = True
-    lines = draw_lines(kind, skin, constants, rng)
+    every = [draw_line(index, skin, rng) for index in range(len(skin.patches))]
+    hit = rng.random(len(every)) < constants.value(f"sensor.dead_line.{kind}")
+    lines = tuple(line for line, is_hit in zip(every, hit, strict=True) if is_hit)
     for line in lines:
         dead |= find_line_taxels(line, skin)
     return Defects(
@@ -55,16 +57,6 @@ def draw_defects(
         dropped=constants.value(f"sensor.dropped.{kind}"),
         dropped_run=constants.value("sensor.dropped_run"),
     )
-
-
-def draw_lines(
-    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
-) -> tuple[str, ...]:
-    """Draw the dead rows and columns."""
-    chance = constants.value(f"sensor.dead_line.{kind}")
-    lines = [draw_line(index, skin, rng) for index in range(len(skin.patches))]
-    hit = rng.random(len(lines)) < chance
-    return tuple(line for line, is_hit in zip(lines, hit, strict=True) if is_hit)
 
 
 def draw_line(index: int, skin: Skin, rng: np.random.Generator) -> str:
@@ -121,15 +113,7 @@ def add_electrical_event(
 ) -> tuple[Counts, Received, dict[str, float | str]]:
     """Add one electrical event to a copy of counts.
 
-    Args:
-        kind: one of `ELECTRICAL_EVENTS`.
-        counts: counts of the converter.
-        received: whether each count arrives.
-        skin: skin of the taxels.
-        electronics: readout of the skin.
-        rng: random generator.
-        constants: constants of the simulation.
-        onset: first reading of the event; drawn unless given.
+    `onset` is the first reading of the event, drawn unless given.
 
     Returns:
         The counts, whether each arrives, and what was drawn.

@@ -26,6 +26,12 @@ PAUSE = 4.0
 """About the time between two clips of a session; slower drift goes on [s]."""
 
 
+Wrong = tuple[
+    Int[np.ndarray, "value"], Int[np.ndarray, "value"], Float[np.ndarray, "value"]
+]
+"""Reading, taxel and error of each corrupt value, the error by full scale."""
+
+
 @dataclass(frozen=True, eq=False)
 class FlawBlock:
     """A flaw block holds the random numbers of some readings."""
@@ -36,10 +42,8 @@ class FlawBlock:
     """Which intermittent taxels have no contact."""
     again: Bool[np.ndarray, "reading patch"]
     """Which patches repeat their last reading."""
-    corrupt: tuple[
-        Int[np.ndarray, "value"], Int[np.ndarray, "value"], Float[np.ndarray, "value"]
-    ]
-    """Reading, taxel and error of each corrupt value, the error by full scale."""
+    corrupt: Wrong
+    """Values that are wrong in one reading."""
 
 
 @final
@@ -59,16 +63,7 @@ class FlawedReadings:
         stages: SensorStages,
         rng: np.random.Generator,
     ) -> None:
-        """Begin before the first step.
-
-        Args:
-            build: skin as built.
-            flaws: its flaws.
-            skin: skin of the taxels.
-            session: drift since calibration.
-            stages: stages that work.
-            rng: random generator.
-        """
+        """Begin before the first step."""
         self.flaws, self.stages, self.rng = flaws, stages, rng
         self.full = build.electronics.full_scale
         self.period, self.step = build.electronics.period, build.electronics.step
@@ -97,16 +92,12 @@ class FlawedReadings:
             slow[lasting] = session.drift[lasting]
         self.slow = (size[:, None] * slow).astype(np.float32)
         self.offset = np.zeros(self.count, np.float32)
-        self.swings = rng.random(len(flaws.intermittent)) < self.swing_share
+        working, swinging = flaws.swing_times
+        share = swinging / (working + swinging)
+        self.swings = rng.random(len(flaws.intermittent)) < share
         self.last = np.full(self.count, -1, np.int32)
         self.given = 0
         self.block = self.draw_block()
-
-    @property
-    def swing_share(self) -> float:
-        """Return the share of time in which an intermittent taxel has no contact."""
-        working, swinging = self.flaws.swing_times
-        return swinging / (working + swinging)
 
     def build_release(self, layer: SensorLayer) -> tuple[Release, ReleaseState]:
         """Build the lag of live taxels, and its state before the first step."""
@@ -169,11 +160,7 @@ class FlawedReadings:
         chances = self.rng.random((NOISE_BLOCK, self.patches))
         return (chances < self.flaws.repeated) & self.stages.faults
 
-    def draw_corrupt(
-        self,
-    ) -> tuple[
-        Int[np.ndarray, "value"], Int[np.ndarray, "value"], Float[np.ndarray, "value"]
-    ]:
+    def draw_corrupt(self) -> Wrong:
         """Draw the values that are wrong in one reading."""
         rng = self.rng
         share = self.flaws.corrupt * self.stages.faults

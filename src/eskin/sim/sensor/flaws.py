@@ -133,11 +133,8 @@ class FlawDraw:
     ) -> None:
         """Prepare to draw the flaws of a build.
 
-        Args:
-            family: one of `FAMILIES`.
-            levels: level of each flaw that the build has; None draws all of them.
-            constants: constants of the simulation.
-            rng: random generator.
+        `levels` holds the level of each flaw that the build has; None draws all of
+        them.
 
         Raises:
             ValueError: there is no such family, flaw or level.
@@ -199,13 +196,10 @@ SECONDS_PER_HOUR = 3600.0
 def draw_flaws(draw: FlawDraw, skin: Skin, noise: float, full_scale: int) -> Flaws:
     """Draw the flaws of a build of a family.
 
-    Args:
-        draw: draw of the build's flaws.
-        skin: skin of the taxels.
-        noise: noise of its readout at rest, by full scale.
-        full_scale: largest count of its converter.
+    `noise` is that of its readout at rest, by full scale.
     """
     constants, take = draw.constants, draw.take
+    is_capacitive = draw.family == "capacitive"
     intermittent = np.flatnonzero(draw_some(draw, skin, "intermittent"))
     swings = [constants.draw("flaw.intermittent_swing", draw.rng) for _ in intermittent]
     working, swinging = constants.array("flaw.intermittent_times")
@@ -226,7 +220,9 @@ def draw_flaws(draw: FlawDraw, skin: Skin, noise: float, full_scale: int) -> Fla
         line_noise=take("line_noise", "line_noise"),
         drift=draw_drift(draw),
         drift_times=constants.array("flaw.drift_times"),
-        offset_per_kelvin=draw_offset_per_kelvin(draw, skin),
+        # Alike but for a fifth.
+        offset_per_kelvin=take("thermal", "thermal_offset")
+        * (1.0 + 0.2 * draw.rng.standard_normal(skin.count)),
         warming=take("thermal", "warming"),
         jumps=take("jumps", "jumps") / SECONDS_PER_HOUR,
         jump_size=(size.median, size.gsd, size.high),
@@ -237,8 +233,8 @@ def draw_flaws(draw: FlawDraw, skin: Skin, noise: float, full_scale: int) -> Fla
         corrupt_size=(corrupt.low, corrupt.high),
         repeated=take("repeated", "repeated"),
         stamp_jitter=take("jitter", "jitter"),
-        cut=draw_cut(draw, full_scale),
-        proximity=draw_proximity(draw),
+        cut=round(take("quantisation", "cut") * full_scale) if is_capacitive else 0,
+        proximity=take("proximity", "proximity") if is_capacitive else 0.0,
         proximity_reach=take("proximity", "proximity_reach") * MM,
         proximity_times=(
             take("proximity", "proximity_before"),
@@ -285,26 +281,6 @@ def draw_drift(draw: FlawDraw) -> Float[np.ndarray, "process"]:
     times = draw.constants.array("flaw.drift_times")
     variances = times ** (draw.take("drift", "drift_slope", 1.0) - 1.0)
     return draw.take("drift", "drift") * np.sqrt(variances / variances.sum())
-
-
-def draw_offset_per_kelvin(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
-    """Draw the shift of readings with temperature, alike but for a fifth."""
-    mean = draw.take("thermal", "thermal_offset")
-    return mean * (1.0 + 0.2 * draw.rng.standard_normal(skin.count))
-
-
-def draw_cut(draw: FlawDraw, full_scale: int) -> int:
-    """Draw the counts below which a capacitive converter gives zero."""
-    if draw.family != "capacitive":
-        return 0
-    return round(draw.take("quantisation", "cut") * full_scale)
-
-
-def draw_proximity(draw: FlawDraw) -> float:
-    """Draw what a capacitive taxel feels of a body that does not touch it."""
-    if draw.family != "capacitive":
-        return 0.0
-    return draw.take("proximity", "proximity")
 
 
 def number_rows(skin: Skin) -> Int[np.ndarray, "taxel"]:

@@ -90,10 +90,8 @@ def build_taxel_arrays(
 ) -> TaxelArrays:
     """Lay live taxels out in the arrays of their patches.
 
-    Args:
-        live: taxels of the skin that conduct at any time, sorted by patch.
-        ages: time of each taxel's scan before its reading is assembled [s].
-        skin: skin with all taxels.
+    `live` taxels conduct at some time and are sorted by patch; `ages` are the times
+    from their scans to the assembly of the reading [s].
     """
     patches, starts = np.unique(skin.patch_index[live], return_index=True)
     rows = max(patch.rows for patch in skin.patches)
@@ -114,14 +112,6 @@ def build_taxel_arrays(
             [skin.patches[patch].columns for patch in patches], dtype=np.int64
         ),
     )
-
-
-def compute_scan_ages(
-    phase: Float[np.ndarray, "patch"], scan: float, skin: Skin
-) -> Float[np.ndarray, "taxel"]:
-    """Return when each taxel is scanned before a reading is assembled [s]."""
-    rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
-    return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
 
 
 def compute_free_load(
@@ -233,21 +223,15 @@ def build_converter(build: SensorBuild, stages: SensorStages) -> Converter:
     return Converter(curve, electronics.span)
 
 
-def get_crosstalk(build: SensorBuild, stages: SensorStages) -> tuple[float, float]:
-    """Return the ghosts and leak that are strong enough to compute."""
-    electronics = build.electronics
-    parts = (electronics.ghost, electronics.leak)
-    ghost, leak = (part * (part >= electronics.ghost_least) for part in parts)
-    return ghost * stages.ghosting, leak * stages.ghosting
-
-
 def compute_taxel_ages(
     build: SensorBuild, skin: Skin, stages: SensorStages
 ) -> Float[np.ndarray, "taxel"]:
     """Return when taxels are scanned before their reading is assembled [s]."""
     if not stages.skew:
         return np.zeros(skin.count)
-    return compute_scan_ages(build.electronics.phase, build.electronics.scan, skin)
+    rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
+    phase, scan = build.electronics.phase, build.electronics.scan
+    return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
 
 
 def build_layer_state(layer: SensorLayer) -> LayerState:

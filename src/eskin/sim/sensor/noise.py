@@ -43,10 +43,7 @@ class ReadingNoise:
     ) -> None:
         """Begin before the first reading.
 
-        Args:
-            patches: number of patches of the skin.
-            taxels: number of taxels of the skin.
-            streams: random generators of scan times, steps of walks, and noise.
+        `streams` draw scan times, steps of walks, and noise.
         """
         self.patches, self.taxels = patches, taxels
         self.streams = streams
@@ -98,14 +95,7 @@ class ReadingLosses:
         rng: np.random.Generator,
         stages: SensorStages,
     ) -> None:
-        """Begin before the first reading.
-
-        Args:
-            defects: share of readings that get lost, and length of runs.
-            patches: number of patches of the skin.
-            rng: random generator.
-            stages: flags that tell whether there are faults.
-        """
+        """Begin before the first reading."""
         self.share, self.run = defects.dropped, defects.dropped_run
         self.works = stages.faults and self.share > 0.0
         self.patches = patches

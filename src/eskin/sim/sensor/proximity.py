@@ -26,13 +26,8 @@ def add_proximity(
     """Add the apparent pressure of bodies close to a capacitive skin but not on it.
 
     A body that will touch is felt earlier, one that has touched later, and both beside
-    the place of contact. The whole series must be known.
-
-    Args:
-        pressure: pressure of the active taxels, step by step [kPa].
-        taxels: active taxels, each once.
-        build: sensor build; only capacitive ones of a family feel anything.
-        skin: skin of the taxels.
+    the place of contact. The whole series must be known. Only capacitive builds of a
+    family feel anything. Pressure is in [kPa].
 
     Returns:
         The pressure of all taxels that feel anything [kPa], and these taxels.
@@ -82,10 +77,7 @@ def extend_in_time(
 ) -> Float[np.ndarray, "time near"]:
     """Let a signal grow exponentially before each value and fall after it.
 
-    Args:
-        cover: signal at each step, from 0 to 1.
-        growth: rate of the growth [1/step].
-        fall: rate of the fall [1/step].
+    `growth` and `fall` are rates [1/step].
     """
     steps = np.arange(len(cover))[:, None]
     ln = np.log(np.maximum(cover, TINY))

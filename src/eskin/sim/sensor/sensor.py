@@ -22,7 +22,6 @@ from eskin.sim.sensor.model import (
     compute_free_load,
     compute_taxel_ages,
     draw_session,
-    get_crosstalk,
 )
 from eskin.sim.sensor.noise import (
     NOISE_BLOCK,
@@ -71,18 +70,12 @@ class Sensor:
     ) -> None:
         """Begin before the first step, untouched.
 
-        Args:
-            build: skin as built.
-            skin: skin of the taxels.
-            rng: random generator.
-            stages: stages that work; all unless given.
-            session: drift since calibration; drawn unless given.
-            live: taxels that may conduct, sorted by patch; all unless given.
+        All stages work, the session is drawn, and all taxels may conduct unless given;
+        `live` taxels are sorted by patch.
         """
         stages = stages or SensorStages()
-        streams = [
-            np.random.Generator(np.random.SFC64(seed)) for seed in draw_seeds(rng)
-        ]
+        seeds = rng.integers(2**63, size=6).tolist()
+        streams = [np.random.Generator(np.random.SFC64(seed)) for seed in seeds]
         session = session or draw_session(build, streams[0])
         electronics = build.electronics
         if live is None:
@@ -101,7 +94,10 @@ class Sensor:
         )
         self.arrays = build_taxel_arrays(live, ages, skin)
         self.readout = build_readout(build, stages)
-        self.crosstalk = get_crosstalk(build, stages)
+        # Ghosts and leak that are strong enough to compute.
+        parts = (electronics.ghost, electronics.leak)
+        strong = [part * (part >= electronics.ghost_least) for part in parts]
+        self.crosstalk = tuple(part * stages.ghosting for part in strong)
         self.converter = build_converter(build, stages)
         self.jitter = electronics.jitter * stages.skew
         self.step = electronics.step
@@ -136,9 +132,8 @@ class Sensor:
     ) -> None:
         """Simulate further steps.
 
-        Args:
-            pressure: pressure of the active taxels after the film [kPa].
-            taxels: active taxels, each once; all others are free.
+        `pressure` is that of the active taxels after the film [kPa]; all others are
+        free.
         """
         column = np.full(self.count, -1, dtype=np.int64)
         column[taxels] = np.arange(len(taxels))
@@ -213,11 +208,6 @@ class Sensor:
         return counts
 
 
-def draw_seeds(rng: np.random.Generator) -> list[int]:
-    """Draw a seed for each thing that is random."""
-    return [int(seed) for seed in rng.integers(2**63, size=6)]
-
-
 def draw_after(
     build: SensorBuild, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "touch taxel"]:
@@ -250,27 +240,39 @@ def sense(
     """Simulate what the skin counts, and which counts arrive.
 
     The same numbers are drawn whatever the stages and the pressure, so two calls with
-    generators in the same state can be compared.
-
-    Args:
-        pressure: pressure of the active taxels after the film, at steps of `time.step`
-            [kPa].
-        taxels: active taxels, as indices of the skin, each once.
-        build: skin as built.
-        skin: skin of the taxels.
-        rng: random generator.
-        stages: stages that work; all unless given.
-        session: drift since calibration; drawn unless given.
-        lead: steps before the first reading, in which creep builds up.
+    generators in the same state can be compared. Pressure after the film [kPa] is given
+    at steps of `time.step`, `lead` of them before the first reading, in which creep
+    builds up. All stages work, and the session is drawn, unless given.
 
     Raises:
         ValueError: pressure and taxels do not belong together.
     """
-    check_pressure(pressure, taxels, lead)
+    if pressure.ndim != 2 or pressure.shape[1] != len(taxels):
+        raise ValueError(
+            f"pressure has shape {pressure.shape} for {len(taxels)} taxels; allowed is "
+            "one column a taxel; pass the taxels that it is of"
+        )
+    if not np.isfinite(pressure).all():
+        raise ValueError(
+            "pressure is not finite everywhere; allowed are finite numbers [kPa]; "
+            "correct the contact that it comes from"
+        )
+    if len(np.unique(taxels)) != len(taxels):
+        raise ValueError(
+            "taxels name some taxel twice; allowed is once; add their pressures"
+        )
+    if not 0 <= lead <= len(pressure):
+        raise ValueError(
+            f"lead is {lead} for {len(pressure)} steps; allowed is from 0 to all of "
+            "them; pass a longer series"
+        )
     stages = stages or SensorStages()
     if stages.proximity:
         pressure, taxels = add_proximity(pressure, taxels, build, skin)
-    live = find_live_taxels(pressure, taxels, build, skin, stages)
+    conducts = compute_free_load(build, stages) > 0.0
+    conducts[taxels[pressure.max(axis=0, initial=0.0) > 0.0]] = True
+    live = np.flatnonzero(conducts)
+    live = live[np.argsort(skin.patch_index[live], kind="stable")]
     sensor = Sensor(build, skin, rng, stages, session, live)
     sensor.push(pressure, taxels)
     ratio = build.electronics.period / build.electronics.step
@@ -304,44 +306,3 @@ def draw_reading_times(
 
 MAX_STAMP_JITTER = 0.45
 """Part of a period by which a stamp is off at most."""
-
-
-def check_pressure(
-    pressure: Float[np.ndarray, "time active"],
-    taxels: Int[np.ndarray, "active"],
-    lead: int,
-) -> None:
-    """Refuse pressure, taxels and lead that do not belong together."""
-    if pressure.ndim != 2 or pressure.shape[1] != len(taxels):
-        raise ValueError(
-            f"pressure has shape {pressure.shape} for {len(taxels)} taxels; allowed is "
-            "one column a taxel; pass the taxels that it is of"
-        )
-    if not np.isfinite(pressure).all():
-        raise ValueError(
-            "pressure is not finite everywhere; allowed are finite numbers [kPa]; "
-            "correct the contact that it comes from"
-        )
-    if len(np.unique(taxels)) != len(taxels):
-        raise ValueError(
-            "taxels name some taxel twice; allowed is once; add their pressures"
-        )
-    if not 0 <= lead <= len(pressure):
-        raise ValueError(
-            f"lead is {lead} for {len(pressure)} steps; allowed is from 0 to all of "
-            "them; pass a longer series"
-        )
-
-
-def find_live_taxels(
-    pressure: Float[np.ndarray, "time active"],
-    taxels: Int[np.ndarray, "active"],
-    build: SensorBuild,
-    skin: Skin,
-    stages: SensorStages,
-) -> Int[np.ndarray, "live"]:
-    """Find the taxels that ever conduct, sorted by patch."""
-    conducts = compute_free_load(build, stages) > 0.0
-    conducts[taxels[pressure.max(axis=0, initial=0.0) > 0.0]] = True
-    live = np.flatnonzero(conducts)
-    return live[np.argsort(skin.patch_index[live], kind="stable")]

@@ -73,22 +73,34 @@ def build_nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
 def draw_velostat(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Velostat:
-    """Draw the laminate of a build of some kind."""
+    """Draw the laminate of a build of some kind.
+
+    Activations and exponents lie about the mean of their patch, gains about its gain;
+    creep is the same within a patch.
+    """
+    value, normal = constants.value, rng.standard_normal
+    half_pressure = constants.draw(f"sensor.half_pressure.{kind}", rng)
+    share = constants.draw(f"sensor.bent.{kind}", rng)
+    bend = draw_bend(share, f"sensor.bend.{kind}", skin, constants, rng)
+    activation = draw_per_patch(f"sensor.activation.{kind}", skin, constants, rng)
+    scatter = np.log(value("sensor.activation_scatter"))
+    activation = activation * np.exp(scatter * normal(skin.count))
+    exponent = draw_per_patch(f"sensor.exponent.{kind}", skin, constants, rng)
+    exponent += value(f"sensor.exponent_scatter.{kind}") * normal(skin.count)
+    creep = constants.array("sensor.creep")
+    scatter = np.log(value(f"sensor.creep_scatter.{kind}"))
+    creep = creep * np.exp(scatter * normal((len(skin.patches), len(creep))))
+    patches, taxels = normal(len(skin.patches)), normal(skin.count)
+    between = value(f"sensor.gain_patch.{kind}") * patches[skin.patch_index]
     return replace(
         build_nominal_velostat(skin, constants),
-        half_pressure=constants.draw(f"sensor.half_pressure.{kind}", rng),
-        bend=draw_bend(
-            constants.draw(f"sensor.bent.{kind}", rng),
-            f"sensor.bend.{kind}",
-            skin,
-            constants,
-            rng,
-        ),
-        activation=draw_activation(kind, skin, constants, rng),
+        half_pressure=half_pressure,
+        bend=bend,
+        activation=activation,
         play_weights=constants.array(f"sensor.play_weights.{kind}"),
-        exponent=draw_exponent(kind, skin, constants, rng),
-        creep=draw_creep(kind, skin, constants, rng),
-        gain=draw_gain(kind, skin, constants, rng),
+        exponent=np.clip(exponent, *constants.array("sensor.exponent_limits")),
+        creep=creep[skin.patch_index],
+        gain=np.exp(between + value(f"sensor.gain_taxel.{kind}") * taxels),
         session_gain=get_normal_law(f"sensor.session_gain.{kind}", constants),
         temperature=get_normal_law(f"sensor.temperature.{kind}", constants)[1],
     )
@@ -108,36 +120,6 @@ def draw_per_patch(
     """Draw a constant once a patch, for all its taxels."""
     drawn = np.array([constants.draw(name, rng) for _ in skin.patches])
     return drawn[skin.patch_index]
-
-
-def draw_exponent(
-    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
-) -> Float[np.ndarray, "taxel"]:
-    """Draw exponents about the mean of their patch."""
-    mean = draw_per_patch(f"sensor.exponent.{kind}", skin, constants, rng)
-    scatter = constants.value(f"sensor.exponent_scatter.{kind}")
-    low, high = constants.array("sensor.exponent_limits")
-    return np.clip(mean + scatter * rng.standard_normal(skin.count), low, high)
-
-
-def draw_gain(
-    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
-) -> Float[np.ndarray, "taxel"]:
-    """Draw gains about the gain of their patch."""
-    patches = rng.standard_normal(len(skin.patches))[skin.patch_index]
-    taxels = rng.standard_normal(skin.count)
-    between = constants.value(f"sensor.gain_patch.{kind}")
-    inside = constants.value(f"sensor.gain_taxel.{kind}")
-    return np.exp(between * patches + inside * taxels)
-
-
-def draw_activation(
-    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
-) -> Float[np.ndarray, "taxel"]:
-    """Draw activation pressures about the pressure of their patch."""
-    mean = draw_per_patch(f"sensor.activation.{kind}", skin, constants, rng)
-    scatter = np.log(constants.value("sensor.activation_scatter"))
-    return mean * np.exp(scatter * rng.standard_normal(skin.count))
 
 
 def draw_bend(
@@ -160,30 +142,14 @@ def count_steps_from_edge(skin: Skin) -> Int[np.ndarray, "taxel"]:
     return np.minimum(across, along)
 
 
-def draw_creep(
-    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
-) -> Float[np.ndarray, "taxel process"]:
-    """Draw the creep of each taxel, the same within a patch."""
-    usual = constants.array("sensor.creep")
-    scatter = np.log(constants.value(f"sensor.creep_scatter.{kind}"))
-    drawn = rng.standard_normal((len(skin.patches), len(usual)))
-    return (usual * np.exp(scatter * drawn))[skin.patch_index]
-
-
 def draw_family_velostat(
     draw: FlawDraw, skin: Skin, half_pressure: float, exponent: float, activation: float
 ) -> Velostat:
     """Draw the layer of a build of a family.
 
     With its own hysteresis and creep, a taxel without other flaws reads what the data
-    sheet says after `sensor.calibrated_at`.
-
-    Args:
-        draw: draw of the build's flaws.
-        skin: skin of the taxels.
-        half_pressure: pressure of conductance 1 by the data sheet [kPa].
-        exponent: exponent by the data sheet.
-        activation: activation by the data sheet [kPa].
+    sheet says after `sensor.calibrated_at`. Exponent, and pressures [kPa], are those of
+    the data sheet.
     """
     constants = draw.constants
     lagging = draw.take("hysteresis", "hysteresis")
@@ -194,7 +160,9 @@ def draw_family_velostat(
     creep_times = constants.array("flaw.creep_times")
     risen = 1.0 - np.exp(-constants.value("sensor.calibrated_at") / creep_times)
     creep = draw_family_creep(draw, skin, creep_times, risen)
-    own = exponent * np.exp(draw_exponent_deviation(draw, skin))
+    device = draw.take_signed("exponent", "exponent")
+    taxels = draw.take("exponent", "exponent_taxel")
+    own = exponent * np.exp(device + taxels * draw.rng.standard_normal(skin.count))
     grown = 1.0 + creep @ risen
     passed = float(np.sum(weights * (1.0 - play)))
     return replace(
@@ -217,13 +185,6 @@ MAX_EARLY_CREEP = 0.7
 """Largest part of the conductance at the time of calibration that is creep."""
 
 
-def draw_exponent_deviation(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
-    """Draw how far the ln exponent of each taxel is from the data sheet's."""
-    device = draw.take_signed("exponent", "exponent")
-    taxel = draw.take("exponent", "exponent_taxel")
-    return device + taxel * draw.rng.standard_normal(skin.count)
-
-
 def draw_family_creep(
     draw: FlawDraw,
     skin: Skin,
@@ -232,12 +193,8 @@ def draw_family_creep(
 ) -> Float[np.ndarray, "taxel process"]:
     """Draw creep that grows about evenly with the logarithm of time.
 
-    Args:
-        draw: draw of the build's flaws.
-        skin: skin of the taxels.
-        times: time constants of the processes [s].
-        risen: share of each that has risen at the time of calibration, by which the
-            growth in a doubling of time is meant.
+    `risen` is the share of each process, of time constant `times` [s], that has risen
+    at the time of calibration, by which the growth in a doubling of time is meant.
     """
     rate = draw.take("creep", "creep") * float(np.log2(times[1] / times[0]))
     scatter = np.log(draw.constants.value("sensor.creep_scatter.fresh"))

@@ -108,11 +108,7 @@ class PacketFault(DeviceFault):
     """
 
     unit = "packets"
-
-    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare the fault."""
-        super().__init__(spec, rng)
-        self.data = 0
+    data = 0
 
     def select(self, packet: OutgoingBytes, at: int) -> bool:
         """Draw whether the fault affects a packet, and count the packet if so."""

@@ -346,11 +346,8 @@ class Garbage(LineFault):
 
     unit = "bytes"
     default, max_amount = 100_000.0, 1e8
-
-    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare the fault."""
-        super().__init__(spec, rng)
-        self.last = 0
+    last = 0
+    """Time of the last bytes [ns]."""
 
     def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Return all bytes, then some random ones."""

@@ -9,11 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.drivers.packet import MAX_ADDRESS
-from eskin.sim.virtual.fault import (
-    FOREVER,
-    DeviceFault,
-    FaultSpec,
-)
+from eskin.sim.virtual.fault import FOREVER, DeviceFault, FaultSpec
 from eskin.sim.virtual.fault_kinds import FAULT_KINDS
 from eskin.skin import Skin
 from eskin.units import NS_PER_S
@@ -33,10 +29,7 @@ PLACE = re.compile(
 def parse_fault(text: str, skin: Skin, seed: int = 0) -> DeviceFault:
     """Parse a fault such as `lose=0.1`, `unplug:forearm@5-8` or `stuck:forearm/r3c5`.
 
-    Args:
-        text: the fault in the fault language.
-        skin: skin whose patches it names.
-        seed: seed of the random generator that the fault draws from.
+    `seed` is that of the random generator that the fault draws from.
 
     Raises:
         ValueError: the text is not a valid fault of this skin.

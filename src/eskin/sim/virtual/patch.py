@@ -22,7 +22,7 @@ from eskin.drivers.packet import (
     Status,
     encode_packet,
 )
-from eskin.drivers.seal import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
+from eskin.drivers.sessions import NO_CHALLENGE, SessionSeal, is_sealed, read_seal
 from eskin.drivers.timeline import index_taxels
 from eskin.skin import Patch
 
@@ -61,15 +61,9 @@ class VirtualPatch:
     ) -> None:
         """Power up.
 
-        Args:
-            patch: patch that it belongs to.
-            taxels: taxels of that patch, as indices of the skin.
-            rate: scan rate [1/s].
-            serial_number: serial number of the module.
-            clock_error: relative error of its clock; positive is too fast [ppm].
-            offset: time since power-up when the skin starts [s].
-            version: version of the protocol, 1 or 2.
-            key: key that seals its packets; None sends them without a seal.
+        `clock_error` is relative, and positive if too fast [ppm]; `offset` is the time
+        since power-up when the skin starts [s]; `rate` is in [1/s]. Without a key
+        packets have no seal.
         """
         self.patch = patch
         self.taxels = taxels
@@ -170,10 +164,8 @@ class VirtualPatch:
     ) -> list[bytes]:
         """Return the data packets of its part of a scan, and go to the next scan.
 
-        Args:
-            counts: counts of the whole skin, each of 16 bits.
-            received: which of them are valid; the rest is not sent.
-            at: time of the scan [ns].
+        `counts` of 16 bits are those of the whole skin; those that are not `received`
+        are not sent. `at` is in [ns].
         """
         own = counts[self.place].astype(COUNT_TYPE).tobytes()
         time = self.device_time(at)
@@ -271,11 +263,7 @@ class PatchSession:
 def build_echo(request: Request, scan: int, device_time: int, delay: int) -> bytes:
     """Return the answer to a request, without a seal.
 
-    Args:
-        request: the request.
-        scan: number of the latest scan.
-        device_time: device time when the request arrived [us].
-        delay: time since then [us].
+    `device_time` is that when the request arrived, `delay` the time since then [us].
     """
     echo = Echo(
         request.address, scan, device_time, request.number, request.challenge, delay

@@ -95,7 +95,19 @@ class VirtualSkin(Closing):
         self.rate = rate
         self.faults = tuple(faults)
         rng = np.random.default_rng(seed)
-        self.patches = build_patches(skin, rate, rng, version, key)
+        self.patches = tuple(
+            VirtualPatch(
+                patch,
+                skin.find_taxels(patch.id),
+                rate,
+                serial_number=int(rng.integers(2**63)),
+                clock_error=float(rng.uniform(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR)),
+                offset=float(rng.uniform(0.0, MAX_UPTIME)),
+                version=version,
+                key=key,
+            )
+            for patch in skin.patches
+        )
         patches = len(skin.patches)
         self.port_of = [index * len(ports) // patches for index in range(patches)]
         self.scans = self.packets = self.elapsed = 0
@@ -247,37 +259,11 @@ class VirtualSkin(Closing):
             port.close()
 
 
-def build_patches(
-    skin: Skin,
-    rate: float,
-    rng: np.random.Generator,
-    version: int = VERSION_2,
-    key: bytes | None = None,
-) -> tuple[VirtualPatch, ...]:
-    """Build the patches of a skin, with random clocks and serial numbers."""
-    return tuple(
-        VirtualPatch(
-            patch,
-            skin.find_taxels(patch.id),
-            rate,
-            serial_number=int(rng.integers(2**63)),
-            clock_error=float(rng.uniform(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR)),
-            offset=float(rng.uniform(0.0, MAX_UPTIME)),
-            version=version,
-            key=key,
-        )
-        for patch in skin.patches
-    )
-
-
 def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
     """Yield the latest scan at every tick of another rate; the duration stays the same.
 
     A scan is repeated where the rate is higher, and may be left out where it is lower.
-
-    Args:
-        scans: scans in the order of their stamps.
-        rate: rate of the ticks, the first of which is at the first scan [1/s].
+    The first tick is at the first scan; `rate` is in [1/s].
     """
     latest: Scan | None = None
     start = ticks = 0

@@ -14,7 +14,7 @@ from eskin.command.task import FRAME_TASK, Task, TaskArm, TaskExecutor
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock, JointHistory
 from eskin.errors import ArmError
-from eskin.robot import Dynamics, ServoConfig, Wrench
+from eskin.sim.arm.dynamics import Dynamics, ServoConfig, Wrench
 from eskin.units import NS_PER_S
 
 PROTECTIVE_STOP = "protective stop"
