@@ -7,6 +7,7 @@ and so on, and measure pressure in kPa.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -66,6 +67,7 @@ def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
             [getattr(p, field)[order] for p, order in zip(parts, orders, strict=True)]
         )
 
+    arrays: dict[str, Any] = {name: join(name) for name in ARRAYS}
     skin = Skin(
         name=name,
         patches=tuple(
@@ -75,7 +77,7 @@ def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
         patch_index=np.repeat(
             np.arange(len(parts)), [len(part.rows) for part in parts]
         ),
-        **{name: join(name) for name in ARRAYS},
+        **arrays,
     )
     if problems := find_direction_problems(skin):
         raise SkinError(f"{file}: {problems[0]}")
