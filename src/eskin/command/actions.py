@@ -51,8 +51,8 @@ MIN_CONFIDENCE = {
 }
 """Default confidence that each action needs, by what errors of it cost.
 
-Those of the default map are chosen by `python -m lab.command_thresholds`; `hold`
-and `previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
+Those of the default map are chosen from data (`lab/notes/policy.md`); `hold` and
+`previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
 one that is set by hand.
 """
 SUSPEND_CONFIDENCE = 0.08

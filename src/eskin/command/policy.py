@@ -62,7 +62,7 @@ class PolicyConfig:
     min_duration: float = 0.3
     """Least time from the first to the latest contact of a touch that makes the arm do
     more than before [s]; what bumps into a skin and rebounds is briefer than most
-    double pats. Chosen by `python -m lab.command_thresholds`."""
+    double pats. Chosen from data (`lab/notes/policy.md`)."""
 
     min_pause: float = 1.0
     """Least duration of a pause [s]."""
