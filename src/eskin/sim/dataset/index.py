@@ -112,7 +112,8 @@ class ClipRow:
         facts = json.loads(line)
         parsed: dict[str, Any] = {each.name: facts[each.name] for each in fields(cls)}
         parsed["touches"] = tuple(TouchRow(**touch) for touch in facts["touches"])
-        return cls(**parsed | {"plan": parse_plan(facts["plan"])})
+        parsed["plan"] = parse_plan(facts["plan"])
+        return cls(**parsed)
 
 
 def parse_plan(facts: dict) -> ClipPlan:
