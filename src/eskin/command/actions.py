@@ -57,7 +57,7 @@ one that is set by hand.
 """
 SUSPEND_CONFIDENCE = 0.08
 """Probability of a stop from which a moving arm is suspended until the touch is
-recognised, where the stop itself needs more; chosen by the same command."""
+recognised, where the stop itself needs more; chosen on the same data."""
 STRICT_ACTIONS = ("open_gripper", "resume", "jog")
 """Actions whose default confidence a rule can only raise."""
 COOL_DOWN = 0.5
