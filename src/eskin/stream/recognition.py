@@ -27,6 +27,12 @@ FAULT_TEXTS = {
     "column": "is out",
     "patch": "is out or silent",
 }
+WAY_TEXTS = {
+    "falling": "has counts that fall under pressure; use --falling, or run eskin "
+    "calibrate, which finds that by itself: no touch is felt",
+    "rising": "has counts that rise under pressure; leave out --falling, or "
+    "run eskin calibrate, which finds that by itself: no touch is felt",
+}
 
 
 @final
@@ -95,7 +101,10 @@ def fault_event(stamp: int, fault: Fault, over: bool) -> Event:
     elif fault.row is not None or fault.column is not None:
         number = fault.column if fault.row is None else fault.row
         what = f"{fault.kind} {number} of {what}"
-    text = f"{what} {FAULT_TEXTS[fault.kind]} and is left out; check its lines and plug"
+    text = f"{what} {WAY_TEXTS.get(fault.kind)}"
+    if fault.kind in FAULT_TEXTS:
+        found = FAULT_TEXTS[fault.kind]
+        text = f"{what} {found} and is left out; check its lines and plug"
     return Event(
         stamp,
         "mended" if over else "fault",

@@ -15,6 +15,7 @@ from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompe
 from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
+from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
     LATCHED,
@@ -190,7 +191,8 @@ class PipelineConfig:
 class TouchPipeline:
     """A pipeline finds the touches on one skin from its scans; stateful.
 
-    Its stages are calibration, fault detection, crosstalk and tracking.
+    Its stages are calibration, fault detection, crosstalk and tracking. Counts that
+    fall under pressure are turned before the first of them.
     """
 
     def __init__(
@@ -203,6 +205,7 @@ class TouchPipeline:
         """Start with every stage in its initial state; `poses` may be shared."""
         self.config = config or PipelineConfig()
         self.mounted = mounted
+        self.given, calibration = calibration, calibration.rising
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         contacts = self.config.contacts.with_floor(calibration.floor)
         self.faults = FaultDetector(
@@ -210,6 +213,12 @@ class TouchPipeline:
         )
         if calibration.noise is not None:
             self.calibrator.set_noise(self.faults.noise.counts)
+        self.polarity = PolarityDetector(
+            mounted.skin,
+            "rising" if self.given.falling else "falling",
+            calibration.full_scale,
+            calibration.compute_counts(LEAST_PRESSURE + calibration.floor),
+        )
         self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
         self.tracker = TouchTracker(
             mounted,
@@ -237,6 +246,7 @@ class TouchPipeline:
         """
         self.tracker.poses.check(scan.q)
         check_count(scan, self.calibrator.skin)
+        scan = self.turn(scan)
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
         invalid = self.faults.mask | (scan.counts < 0)
@@ -246,7 +256,14 @@ class TouchPipeline:
         self.calibrator.set_noise(self.faults.noise.counts)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
+        faults += self.polarity.push(scan, self.calibrator.margin, mask)
         return self.crosstalk.compensate(reading), faults
+
+    def turn(self, scan: Scan) -> Scan:
+        """Return a scan whose counts rise under pressure."""
+        if not self.given.falling:
+            return scan
+        return replace(scan, counts=self.given.turn_counts(scan.counts))
 
     def find_latched(self) -> Int[np.ndarray, "latched"]:
         """Find the taxels that are in contact, and clearly above their noise."""
