@@ -49,7 +49,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Electrode:
-    """One taxel of a file."""
+    """An electrode is one taxel of a file."""
 
     index: int
     skin: str
