@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
-from eskin.touch.faults import Fault, FaultKind
+from eskin.touch.faults import MIN_LINE, Fault, FaultKind
 from eskin.touch.reading import Scan
 from eskin.units import NS_PER_S
 
@@ -24,7 +24,7 @@ RETURNED = 0.2
 """Share of the greatest move below which counts have returned."""
 ONE_WAY = 4.0
 """Least ratio of the counts that move one way to those that move the other way."""
-LEAST_PRESSURE = 5.0
+LEAST_PRESSURE = 3.0
 """Pressure on some taxel, above the floor, from which a move may be a touch [kPa]."""
 WHOLE, SMALL = 0.9, 12
 """Share of the taxels of a patch that moves as a whole, which one of up to so many
@@ -32,6 +32,9 @@ taxels may do under a hand."""
 END = 0.01
 """Distance from either end of the scale, as a share of it, at which a taxel may be one
 whose line is lost."""
+BESIDE = 0.25
+"""Share of the counts from which a taxel may be touched by which another one moves the
+same way under a finger."""
 LEAST_OTHERS = 3
 """Number of unmoved taxels of a patch whose median tells how it is at rest."""
 ENOUGH = 2
@@ -53,6 +56,8 @@ class Move:
     """Taxels that have moved in the greater way when most did."""
     counts: Float[np.ndarray, "some"] = field(default_factory=lambda: np.zeros(0))
     """Their counts then."""
+    is_alone: bool = False
+    """Whether no other taxel moved the same way."""
 
 
 @final
@@ -63,7 +68,8 @@ class PolarityDetector:
     do neither a hand that lay on the skin at the start and lifts, nor drift, which do
     not return; nor the dip after a touch, which is less than the touch; nor a patch or
     line that is lost, which moves as a whole or to an end of the scale. A hand that
-    lifts and lies down again takes counts to the level of the others, and back.
+    lifts and lies down again takes counts to the level of the others, and back. A taxel
+    that moves alone may jump: a second one must move so, too.
 
     Attributes:
         faults: the patch where it was seen first; empty while nothing is known.
@@ -86,6 +92,7 @@ class PolarityDetector:
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.level = np.full(skin.count, np.nan)
         self.moves: dict[int, Move] = {}
+        self.alone: tuple[set[int], set[int]] = (set(), set())
         self.risen = 0
         self.last: int | None = None
         self.faults: tuple[Fault, ...] = ()
@@ -113,11 +120,16 @@ class PolarityDetector:
             for patch, members in enumerate(self.members):
                 own = members[use[members]]
                 if len(own) and (patch in self.moves or moved[own].any()):
-                    self.follow(patch, own, scan, np.where(moved, away, 0.0))
+                    self.follow(patch, own, scan, away, margin)
         return self.faults
 
     def follow(
-        self, patch: int, own: Int[np.ndarray, "own"], scan: Scan, away: Values
+        self,
+        patch: int,
+        own: Int[np.ndarray, "own"],
+        scan: Scan,
+        away: Values,
+        margin: Values,
     ) -> None:
         """Follow the move of a patch, and judge it when it ends.
 
@@ -125,17 +137,23 @@ class PolarityDetector:
             patch: index of the patch.
             own: its taxels with data.
             scan: the scan.
-            away: counts from their level of the taxels that have moved, else 0.
+            away: counts of all taxels from their level.
+            margin: counts from which a taxel may be touched.
         """
         move = self.moves.setdefault(patch, Move(scan.stamp))
-        sums = np.array([-away[own].clip(max=0.0).sum(), away[own].clip(0.0).sum()])
+        far, least = away[own], margin[own]
+        sums = np.array([-far[far < -least].sum(), far[far > least].sum()])
         if sums.max() > move.most.max():
-            sign = -1.0 if sums[0] > sums[1] else 1.0
-            move.taxels = own[sign * away[own] > 0.0]
+            far = -far if sums[0] > sums[1] else far
+            move.taxels = own[far > least]
             move.counts = scan.counts[move.taxels].astype(np.float64)
+            move.is_alone = bool(np.count_nonzero(far > BESIDE * least) == 1 < len(own))
         move.scans += bool(sums.any())
         move.most = np.maximum(move.most, sums)
-        if sums.sum() <= RETURNED * move.most.max():
+        if not np.isin(move.taxels, own).all():
+            # Nobody knows where a taxel without data is.
+            del self.moves[patch]
+        elif sums.sum() <= RETURNED * move.most.max():
             del self.moves[patch]
             if self.is_touch(move, own):
                 self.count(patch, move)
@@ -148,6 +166,15 @@ class PolarityDetector:
         taxels, counts = move.taxels, move.counts
         before = self.level[taxels]
         is_whole = len(taxels) >= WHOLE * len(own)
+        for numbers in (self.skin.rows, self.skin.columns):
+            line = own[numbers[own] == numbers[taxels[0]]]
+            is_line = len(own) > len(line) >= MIN_LINE
+            if (
+                is_line
+                and len(taxels) >= WHOLE * len(line)
+                and np.isin(taxels, line).all()
+            ):
+                return False
         if (
             move.scans < 2
             or move.most.max() < ONE_WAY * move.most.min()
@@ -166,7 +193,13 @@ class PolarityDetector:
 
     def count(self, patch: int, move: Move) -> None:
         """Count a touch, and update the fault."""
-        falls = move.most[0] > move.most[1]
+        falls = bool(move.most[0] > move.most[1])
+        if move.is_alone:
+            seen, taxel = self.alone[falls], int(move.taxels[0])
+            is_new = taxel not in seen
+            seen.add(taxel)
+            if not is_new or len(seen) < 2:
+                return
         self.risen += -1 if falls else 1
         if self.risen >= 0:
             self.faults = ()
