@@ -132,7 +132,7 @@ NO_TOUCH = {
         *rest(40),
     ],
     "a bend": [*rest(40), *[np.where(SKIN.columns < 4, 60, -80)] * 20, *rest(40)],
-    "a change that lasts": [*rest(40), *[-press_counts(27)] * 300, *rest(40)],
+    "a change that lasts": [*rest(40), *[-press_counts(27) // 2] * 300, *rest(40)],
     "drift": [np.full(SKIN.count, -n) for n in range(190)],
 }
 
