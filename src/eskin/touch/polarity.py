@@ -86,7 +86,8 @@ class PolarityDetector:
             full_scale: counts at which the converter saturates.
             least: counts above rest of each taxel at `LEAST_PRESSURE`.
         """
-        self.skin, self.way = skin, way
+        self.skin = skin
+        self.way: FaultKind = way
         self.full_scale, self.least = full_scale, least
         index = np.asarray(skin.patch_index)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
