@@ -180,8 +180,8 @@ class ArmJoints(JointSource):
         if others and prefix not in found:
             raise ArmError(
                 f"robot '{robot.name}' has joints {', '.join(names)}, and its arm has "
-                f"{', '.join(own)}; allowed are joints of these names, once, and only "
-                "beside all of them others; rename them in the URDF"
+                f"{', '.join(own)}; allowed are all of these names, once, with or "
+                "without one prefix, and others beside; rename them in the URDF"
             )
         if others:
             logger.warning(
@@ -206,7 +206,7 @@ class ArmJoints(JointSource):
         except JointsError as error:
             raise JointsError(str(error), self.place(error.q)) from error
 
-    def place(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "joint"]:
+    def place(self, q: Float[np.ndarray, "own"]) -> Float[np.ndarray, "joint"]:
         """Return the positions of the robot's joints by those of the arm [rad]."""
         placed = self.rest.copy()
         placed[self.places] = q[self.sources]
