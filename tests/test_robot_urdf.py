@@ -388,6 +388,16 @@ def test_mesh_outside_folder_and_packages_is_refused(tmp_path, address, stored):
     assert read_shapes(load_urdf(path))
 
 
+def test_mesh_in_a_folder_of_meshes_beside_is_read(tmp_path):
+    """Whatever the folder of the URDF is named."""
+    pytest.importorskip("trimesh")
+    write_stl(tmp_path / "meshes" / "left" / "box.stl")
+    (tmp_path / "any").mkdir()
+    path = tmp_path / "any" / "toy.urdf"
+    path.write_text(MESH.format("../meshes/left/box.stl", "1 1 1"))
+    assert read_shapes(load_urdf(path))
+
+
 def test_mesh_of_a_package_beside_is_read(tmp_path):
     """Where a package.xml says that it is one; also through a link to its folder."""
     pytest.importorskip("trimesh")
