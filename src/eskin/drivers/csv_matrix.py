@@ -1,12 +1,13 @@
 """This module reads row-column matrices that send lines of numbers over serial ports.
 
-A line holds the counts of one scan, separated by commas, semicolons or blanks. It may
-begin with the device's time and end with a checksum:
+A line holds the counts of one scan, separated by commas, semicolons, tabs or blanks. It
+may begin with the device's time and end with a checksum:
 
     @1020000,12,13,11,870,15*3C
 
-The time is that of the beginning of the scan [us], modulo 2**32. The checksum is the
-exclusive or of all bytes before the star, in two hexadecimal digits.
+The time is that of the beginning of the scan [us]. The checksum is the exclusive or of
+all bytes before the star, in two hexadecimal digits. Options in the address of the port
+name other forms; where two forms are possible, a line is refused until one is named.
 """
 
 import re
@@ -14,18 +15,19 @@ import select
 import zlib
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import reduce
 from operator import xor
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.clock_sync import DeviceClock
 from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN, Framing
-from eskin.drivers.sampled_source import PatchSample, SampleDevice
-from eskin.drivers.serial_transport import SerialPort
+from eskin.drivers.sampled_source import MAX_HELD, PatchSample, SampleDevice
+from eskin.drivers.serial_transport import MAX_READ_BYTES, SerialPort
 from eskin.errors import DeviceError
 from eskin.skin import Skin
 from eskin.units import NS_PER_S
@@ -33,30 +35,146 @@ from eskin.units import NS_PER_S
 MAX_LINE_BYTES = 1 << 16
 """Longest line."""
 MAX_COUNT = 65_535
-STALL = NS_PER_S // 20
-"""Time without reading after which lines without a time are of an unknown age [ns]."""
-LINE = re.compile(rb"(?:@(\d{1,10})[,; \t])?([\d,; \t]+)(?:\*([0-9A-Fa-f]{2}))?\r?")
-SEPARATORS = re.compile(rb"[,; \t]+")
+MAX_WAIT = 0.05
+"""Longest wait for bytes [s], much shorter than `MAX_HELD`: a port that was looked at
+long ago may hold lines of an unknown age."""
+MIN_CLOCK_LINES = 6
+"""Number of lines by which it is tested whether their first number is a time."""
+MIN_FRACTIONS = 100
+"""Largest count from which fractions of counts may be rounded."""
+UNITS = {"ns": 1e-3, "us": 1.0, "ms": 1e3, "s": 1e6}
+"""Units of time [us]."""
+END = re.compile(rb"\r\n|\n\r|\n|\r")
+NUMBERS = re.compile(rb"[-+.\deEnNaA,; \t]*")
+LABEL = re.compile(rb"[^,;]*[^-+.\d,; \t]")
+AROUND = re.compile(rb" *([,;\t]) *")
+SEPARATOR = re.compile(rb"[,;\t]| +")
+OPTION = re.compile(r"(.*),([a-z]+)=([^,]*)", re.DOTALL)
+ALLOWED_OPTIONS = (
+    "time=ns, us, ms, s, ignore or none, decimal=comma or point, label=TEXT, "
+    "scale=NUMBER and offset=NUMBER"
+)
+
+
+@final
+class LineError(Exception):
+    """Says why a line is refused, and what the remedy is; empty where not known."""
+
+    def __init__(self, why: str, remedy: str = "") -> None:
+        """Keep both."""
+        super().__init__(why)
+        self.why, self.remedy = why, remedy
+
+
+@final
+@dataclass(frozen=True)
+class LineForm:
+    """A line form says how the lines of a port are read."""
+
+    path: str
+    """Path of the port's device file."""
+    time: str = ""
+    """Unit of the time that a line begins with; `ignore` leaves the time out, `none`
+    says that there is none. Empty: a time follows an @ and is in us."""
+    decimal: str = ""
+    """What is before the decimals of a number: `comma` or `point`."""
+    label: str = ""
+    """What a line begins with; other lines are left out."""
+    scale: str = ""
+    """Counts of a number 1."""
+    offset: str = ""
+    """Count of a number 0."""
+
+    @classmethod
+    def parse(cls, text: str) -> "LineForm":
+        """Parse a path and options that follow it, each as `,name=value`.
+
+        Raises:
+            DeviceError: there is no such option, or it has no such value.
+        """
+        options: dict[str, str] = {}
+        while (match := OPTION.fullmatch(text)) is not None:
+            text, name, value = match.groups()
+            options[name] = value
+        if not (
+            options.keys() <= {"time", "decimal", "label", "scale", "offset"}
+            and options.get("time", "us") in (*UNITS, "ignore", "none")
+            and options.get("decimal", "comma") in ("comma", "point")
+            and all(is_number(options.get(name, "1")) for name in ("scale", "offset"))
+        ):
+            given = ",".join(f"{name}={value}" for name, value in options.items())
+            raise DeviceError(
+                f"options of csv:{text} are {given}; allowed are {ALLOWED_OPTIONS}; "
+                "correct them"
+            )
+        return cls(text, **options)
+
+    def format(self, **changes: str) -> str:
+        """Return the address of the port with other options."""
+        options = asdict(replace(self, **changes))
+        path = options.pop("path")
+        words = [f"{name}={value}" for name, value in options.items() if value]
+        return ",".join([f"csv:{path}", *words])
+
+    def split(self, body: bytes) -> list[float]:
+        """Return the numbers of a line; those that are missing are not a number.
+
+        Raises:
+            ValueError: something is not a number.
+            LineError: commas may be decimal.
+        """
+        if NUMBERS.fullmatch(body) is None:
+            raise ValueError
+        body = AROUND.sub(rb"\1", body.strip())
+        if self.decimal == "comma":
+            body = body.replace(b",", b".")
+        elif not self.decimal and b"," in body and any(c in body for c in b"; \t"):
+            comma = self.format(decimal="comma")
+            raise LineError(
+                "commas may separate or be decimal",
+                f"give {comma} or {self.format(decimal='point')}",
+            )
+        words = SEPARATOR.split(body)
+        if not words[-1]:
+            words.pop()
+        return [float(word) if word else np.nan for word in words]
+
+
+def is_number(text: str) -> bool:
+    """Return whether a text is a finite number."""
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
 
 
 @final
 class LineDeframer(Framing):
-    """Finds the lines in the bytes of a port; the first may be cut and is left out."""
+    """Finds the lines in the bytes of a port; the first may be cut and is left out.
+
+    Lines end with a line feed, a carriage return, or both in any order.
+    """
 
     def reset(self) -> None:
         """Discard the open line; the rest of it will be left out."""
-        self.open = bytearray()
+        self.open, self.other = bytearray(), b""
         self.skipping = True
 
     def push(self, chunk: bytes) -> list[bytes]:
         """Return the lines that end in this chunk, without their ends."""
         self.bytes += len(chunk)
+        if chunk and self.other:
+            chunk, self.other = chunk.removeprefix(self.other), b""
         lines = []
-        *ends, start = chunk.split(b"\n")
+        *ends, start = END.split(chunk)
         for part in ends:
             if not self.skipping:
                 lines.append(bytes(self.open + part))
             self.open, self.skipping = bytearray(), False
+        if ends and not start:
+            # The other half of the end may be in the next chunk.
+            last = END.findall(chunk)[-1]
+            self.other = {b"\r": b"\n", b"\n": b"\r"}.get(last, b"")
         if not self.skipping:
             self.open += start
         if len(self.open) > MAX_LINE_BYTES:
@@ -67,90 +185,299 @@ class LineDeframer(Framing):
 
 
 @final
+class ParsedLine(NamedTuple):
+    """What a line, or the lines of the rows of a matrix, say."""
+
+    time: int | None
+    """Device time [us], modulo 2**32; None without one."""
+    counts: Int[np.ndarray, "taxel"]
+    """Counts of the patch's taxels; 0 where missing."""
+    received: Bool[np.ndarray, "taxel"]
+    """Which are not missing."""
+
+
+@final
+class FirstNumberTest:
+    """Tests whether the first number of lines is a time, and in which unit.
+
+    Attributes:
+        unit: the unit; empty for none; None while it is not known.
+    """
+
+    def __init__(self) -> None:
+        """Start without lines."""
+        self.unit: str | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Start over, with the last result."""
+        self.numbers: list[float] = []
+        self.begun = 0
+
+    def push(self, number: float, arrived: int) -> bool:
+        """Add the first number of a line; return whether `unit` is found anew."""
+        self.begun = self.begun if self.numbers else arrived
+        self.numbers.append(number)
+        span = (arrived - self.begun) / NS_PER_S
+        if len(self.numbers) < MIN_CLOCK_LINES or span * NS_PER_S < MAX_HELD:
+            return False
+        rate = (number - self.numbers[0]) / span
+        steps = np.diff(self.numbers)
+        # Numbers of lines go on by one, at any rate.
+        rises = bool((steps >= 0).all() and (steps != 1).any())
+        near = [u for u, us in UNITS.items() if 2 / 3 < 1e-6 * us * rate < 3 / 2]
+        self.unit = near[0] if near and rises else ""
+        self.restart()
+        return True
+
+
+@final
 class MatrixLine:
     """Reads one port, to which one patch is connected."""
 
-    def __init__(self, path: str, baud: int, skin: Skin, patch: int) -> None:
+    def __init__(self, form: LineForm, baud: int, skin: Skin, patch: int) -> None:
         """Open the port.
 
         Raises:
             DeviceError: it is missing, busy or not readable.
         """
+        self.form = form
+        self.scale, self.offset = float(form.scale or 1), float(form.offset or 0)
         self.deframer = LineDeframer()
-        self.port = SerialPort(path, baud, self.deframer)
-        self.patch = patch
-        taxels = skin.find_taxels(skin.patches[patch].id)
+        self.port = SerialPort(form.path, baud, self.deframer)
+        self.patch, self.place = patch, skin.patches[patch]
+        taxels = skin.find_taxels(self.place.id)
         self.taxels = len(taxels)
-        self.cells = skin.patches[patch].rows * skin.patches[patch].columns
-        columns = skin.patches[patch].columns
-        self.places = skin.rows[taxels] * columns + skin.columns[taxels]
+        self.cells = self.place.rows * self.place.columns
+        self.places = skin.rows[taxels] * self.place.columns + skin.columns[taxels]
         self.counts: Counter[str] = Counter()
+        self.refused, self.why = 0, ""
         self.has_checksum = False
         self.begin(0)
 
     def begin(self, now: int) -> None:
         """Start over, as after the port was opened at a time [ns]."""
         self.device_clock = DeviceClock()
-        self.number = 0
-        self.read_at = now
+        self.first_number = FirstNumberTest()
+        self.number = self.unknown = 0
+        self.empty_at = self.arrived = now
+        self.size = self.last_size = 0
+        self.rows: list[float] = []
 
     def read(self, now: int) -> list[PatchSample]:
         """Return the samples that have arrived until a time [ns]."""
-        previous, self.read_at = self.read_at, now
+        empty_at, before = self.empty_at, self.deframer.bytes
         lines = self.port.read() or ()
-        parsed = [found for line in lines if (found := self.parse(line)) is not None]
-        # Lines without a time came since the port was last read, evenly: if that is
-        # long ago, nobody knows how old they are.
-        if parsed and now - previous > STALL and parsed[0][0] is None:
-            self.counts["late"] += len(parsed)
-            self.deframer.reset()
-            return []
+        if self.deframer.bytes - before < MAX_READ_BYTES:
+            self.empty_at = now
+        found = [(line, self.parse(line, now)) for line in lines]
+        parsed = [(line, one) for line, one in found if one is not None]
+        # Lines without a time were made since the last ones came, evenly, and not
+        # earlier than a driver holds them back.
+        since = max(self.arrived, now - MAX_HELD)
+        self.arrived = now if parsed else self.arrived
+        is_old = now - empty_at > MAX_HELD
         samples = []
-        for index, (time, counts) in enumerate(parsed):
-            stamp = previous + (now - previous) * (index + 1) // len(parsed)
+        for index, (line, (time, counts, received)) in enumerate(parsed):
+            stamp = since + (now - since) * (index + 1) // len(parsed)
             if time is not None:
-                stamp = self.time_line(time, counts, now)
+                stamp = self.time_line(line, time, counts, now)
+            elif is_old:
+                self.counts["late"] += 1
+                self.refuse(line, "it lay unread for a time that is not known", "")
+                continue
             if stamp is not None:
-                samples.append(PatchSample(self.patch, stamp, counts))
+                self.counts["samples"] += 1
+                samples.append(PatchSample(self.patch, stamp, counts, None, received))
+        if is_old:
+            self.deframer.reset()
         return samples
 
     def time_line(
-        self, time: int, counts: Int[np.ndarray, "taxel"], now: int
+        self, line: bytes, time: int, counts: Int[np.ndarray, "taxel"], now: int
     ) -> int | None:
         """Return when a line was made by the host's clock; None if not believed."""
         self.number = (self.number + 1) % SCAN_NUMBER_SPAN
         content = zlib.crc32(counts.tobytes())
         found = self.device_clock.push(time, self.number, now, content)
-        if found is None or self.device_clock.doubt is not None:
-            self.counts["late"] += 1
-            return None
-        return found.stamp
+        if found is not None and self.device_clock.doubt is None:
+            self.unknown = 0
+            return found.stamp
+        self.counts["late"] += 1
+        self.unknown += 1
+        # The first lines of every clock are not believed.
+        if self.unknown >= MIN_CLOCK_LINES:
+            why = "its time does not go on as the clock of this computer does"
+            self.refuse(line, why, f"give {self.form.format(time='ignore')}")
+        return None
 
-    def parse(self, line: bytes) -> tuple[int | None, Int[np.ndarray, "taxel"]] | None:
-        """Return time [us] and counts of a line; None, counted, if it is damaged."""
-        match = LINE.fullmatch(line)
-        if match is None:
-            self.counts["damaged"] += 1
+    def parse(self, line: bytes, now: int = 0) -> ParsedLine | None:
+        """Return what a line says; None if it is damaged, or not the end of a scan."""
+        try:
+            return self.parse_body(line, now)
+        except ValueError:
+            why, remedy = "not all of it is numbers", self.find_label(line)
+        except LineError as error:
+            why, remedy = error.why, error.remedy
+        self.counts["damaged"] += 1
+        self.rows.clear()
+        self.refuse(line, why, remedy)
+        return None
+
+    def parse_body(self, line: bytes, now: int) -> ParsedLine | None:
+        """Return what a line says; None if it is not the end of a scan.
+
+        Raises:
+            LineError: it cannot be read.
+            ValueError: something in it is not a number.
+        """
+        body = line.strip(b"\xef\xbb\xbf \t")
+        label = self.form.label.encode()
+        if not body.startswith(label):
             return None
-        time, numbers, checksum = match.groups()
-        if checksum is None:
-            wrong = self.has_checksum
-        else:
-            star = line.rindex(b"*")
-            wrong = reduce(xor, line[:star], 0) != int(checksum, 16)
-            self.has_checksum |= not wrong
-        words = SEPARATORS.split(numbers.strip(b",; \t"))
-        if wrong or len(words) not in (self.taxels, self.cells):
-            self.counts["damaged"] += 1
+        body, star, digits = body[len(label) :].partition(b"*")
+        if star:
+            whole = line[: line.index(b"*")]
+            if f"{reduce(xor, whole, 0):02X}".encode() != digits.upper():
+                raise LineError("its checksum is wrong", "see devices.md for the form")
+            self.has_checksum = True
+        elif self.has_checksum and body:
+            raise LineError("it has no checksum, as others had", "send it with all")
+        ends_rows = not body or body.endswith(b"]]")
+        body = body.translate(None, b"[](){}").strip()
+        is_timed = body.startswith(b"@") or self.form.time not in ("", "none")
+        numbers = self.form.split(body.removeprefix(b"@")) if body else []
+        time = self.take_time(numbers, now) if is_timed and numbers else None
+        if not is_timed and len(numbers) not in (self.taxels, self.cells):
+            numbers = self.join_rows(numbers, ends_rows)
+        if not numbers:
             return None
-        values = [int(word) if len(word) < 6 else MAX_COUNT + 1 for word in words]
-        if max(values) > MAX_COUNT:
-            self.counts["damaged"] += 1
+        self.check_size(len(numbers), is_timed)
+        if not (is_timed or self.form.time):
+            self.check_first(numbers[0], now)
+        counts, received = self.count(numbers)
+        return ParsedLine(time, counts, received)
+
+    def join_rows(self, numbers: list[float], ends: bool) -> list[float]:
+        """Add a row of the matrix; return the numbers of all rows when they end."""
+        if len(numbers) in (0, self.place.columns):
+            self.rows += numbers
+            if not ends and len(self.rows) <= self.cells:
+                return []
+            numbers, self.rows = self.rows, []
+            if numbers and (not ends or len(numbers) != self.cells):
+                rows = self.place.rows
+                raise LineError(
+                    "it is one of rows, without an empty line after each "
+                    f"{rows} of them",
+                    "send one",
+                )
+        return numbers
+
+    def take_time(self, numbers: list[float], now: int) -> int | None:
+        """Take the time from the numbers of a line; return it [us], modulo 2**32."""
+        time, unit = numbers.pop(0), self.form.time or "us"
+        if unit == "ignore":
             return None
-        counts = np.array(values, np.int32)
-        self.counts["samples"] += 1
-        whole = counts if len(words) == self.taxels else counts[self.places]
-        return None if time is None else int(time) % DEVICE_TIME_SPAN, whole
+        if not np.isfinite(time):
+            raise LineError("its time is missing", "send it with all lines")
+        unit = "us" if unit == "none" else unit
+        test = self.first_number
+        if test.unit != unit:
+            test.push(time, now)
+        if test.unit not in (None, unit):
+            found = f"{test.unit}, not {unit}" if test.unit else "none"
+            other = self.form.format(time=test.unit or "ignore")
+            raise LineError(f"the unit of its time is {found}", f"give {other}")
+        return round(time * UNITS[unit]) % DEVICE_TIME_SPAN
+
+    def check_first(self, number: float, now: int) -> None:
+        """Raise a LineError where the first count goes on as a time."""
+        test = self.first_number
+        if test.unit is None:
+            test.push(number, now)
+        if test.unit:
+            time, none = (self.form.format(time=u) for u in (test.unit, "none"))
+            raise LineError(
+                f"its first number goes on as a time in {test.unit}",
+                f"give {time}, or {none} if it is the count of a cell",
+            )
+
+    def check_size(self, size: int, is_timed: bool) -> None:
+        """Raise a LineError unless a line of so many counts can be understood."""
+        time, none = self.form.format(time="ms"), self.form.format(time="none")
+        ask = f"give {time} (or ns, us, s, ignore) if the first is a time"
+        if size not in (self.taxels, self.cells):
+            is_more = not is_timed and size - 1 in (self.taxels, self.cells)
+            raise LineError(
+                f"it has {size} numbers",
+                ask
+                if is_more
+                else "send one line a scan, or an empty line after its rows",
+            )
+        if size == self.cells == self.taxels + 1 and not (is_timed or self.form.time):
+            raise LineError(
+                f"its {size} numbers may be all cells, or a time and the taxels",
+                f"{ask}, else {none}",
+            )
+        # A line that has lost a separator may have the number of the other form.
+        known = self.size == self.last_size == 0 or size in (self.size, self.last_size)
+        self.last_size = size
+        if not known:
+            raise LineError(f"it has {size} numbers, others had {self.size}", "")
+        self.size = size
+
+    def count(
+        self, numbers: list[float]
+    ) -> tuple[Int[np.ndarray, "taxel"], Bool[np.ndarray, "taxel"]]:
+        """Return the counts of numbers, and which are not missing."""
+        values = np.array(numbers)
+        if len(values) > 2 and (values == values[0] + np.arange(len(values))).all():
+            if values[0] in (0, 1):
+                raise LineError("its numbers are those of the cells", "send counts")
+        received = ~np.isnan(values)
+        values = np.where(received, values, 0)
+        if not self.form.scale and values.max() < MIN_FRACTIONS:
+            if (values % 1).any():
+                large, one = (self.form.format(scale=s) for s in ("1000", "1"))
+                raise LineError(
+                    f"its numbers are fractions below {MIN_FRACTIONS}",
+                    f"give {large}, or {one} to round them",
+                )
+        values = np.where(received, np.rint(values * self.scale + self.offset), 0)
+        if values.min() < 0 or values.max() > MAX_COUNT:
+            worst = values.min() if values.min() < 0 else values.max()
+            way = {"offset": "1000"} if worst < 0 else {"scale": "0.01"}
+            raise LineError(
+                f"a count is {worst:g}; allowed are 0 to {MAX_COUNT}",
+                f"give {self.form.format(**way)} or another",
+            )
+        if len(values) != self.taxels:
+            values, received = values[self.places], received[self.places]
+        return values.astype(np.int32), received
+
+    def find_label(self, line: bytes) -> str:
+        """Return the option that reads a line with a label before its numbers."""
+        match = LABEL.match(line)
+        if (
+            match is None
+            or NUMBERS.fullmatch(line[match.end() :].removeprefix(b"@")) is None
+        ):
+            return ""
+        label = match.group().decode("ascii", "replace")
+        return f"give {self.form.format(label=label)}" if label.isprintable() else ""
+
+    def refuse(self, line: bytes, why: str, remedy: str) -> None:
+        """Note why a line is refused."""
+        text = line[:48].decode("ascii", "replace")
+        sizes = " or ".join(map(str, sorted({self.taxels, self.cells})))
+        self.refused += 1
+        self.why = (
+            f"'{text if text.isprintable() else ascii(text)[1:-1]}"
+            f"{'...' if len(line) > 48 else ''}' at {self.form.path}: {why}; "
+            f"allowed are {sizes} counts a line of patch '{self.place.id}' from 0 "
+            f"to {MAX_COUNT}; {remedy or 'check cable, baud rate and what is sent'}"
+        )
 
 
 @final
@@ -164,20 +491,23 @@ class CsvMatrix(SampleDevice):
 
         Args:
             clock: clock that stamps arrivals.
-            paths: paths of the device files, in the order of the skin's patches.
+            paths: paths of the device files, in the order of the skin's patches, with
+                options that say how lines are read, as in `/dev/ttyACM0,time=ms`.
             skin: skin whose patches they are.
             baud: baud rate [bit/s]; has no effect on a pure USB port.
 
         Raises:
-            DeviceError: there is not one port a patch.
+            DeviceError: there is not one port a patch, or no such option.
         """
+        self.forms = [LineForm.parse(path) for path in paths]
+        paths = [form.path for form in self.forms]
         if len(paths) != len(skin.patches) or len(set(paths)) != len(paths):
             raise DeviceError(
                 f"csv: ports are {', '.join(paths)}, skin '{skin.name}' has "
                 f"{len(skin.patches)} patches; allowed is one port a patch, in the "
                 "order of skin.yaml; name as many"
             )
-        self.clock, self.paths, self.skin, self.baud = clock, paths, skin, baud
+        self.clock, self.skin, self.baud = clock, skin, baud
         self.lines: list[MatrixLine] = []
 
     def connect(self) -> None:
@@ -186,8 +516,8 @@ class CsvMatrix(SampleDevice):
         Raises:
             DeviceError: one of them cannot be opened.
         """
-        for patch, path in enumerate(self.paths):
-            self.lines.append(MatrixLine(path, self.baud, self.skin, patch))
+        for patch, form in enumerate(self.forms):
+            self.lines.append(MatrixLine(form, self.baud, self.skin, patch))
         for line in self.lines:
             line.begin(self.clock.now())
 
@@ -201,15 +531,23 @@ class CsvMatrix(SampleDevice):
         if not files:
             self.clock.sleep(timeout)
             return []
-        readable = select.select(list(files), [], [], timeout)[0]
+        readable = select.select(list(files), [], [], min(timeout, MAX_WAIT))[0]
         now = self.clock.now()
         samples = []
         for file, line in files.items():
             if file in readable:
                 samples += line.read(now)
             else:
-                line.read_at = now
+                line.empty_at = now
         return samples
+
+    def take_refused(self) -> tuple[int, str]:
+        """Return how many lines were refused since the last call, and why the last."""
+        count = sum(line.refused for line in self.lines)
+        why = next((line.why for line in self.lines if line.refused), "")
+        for line in self.lines:
+            line.refused = 0
+        return count, why
 
     def disconnect(self) -> None:
         """Close the ports."""
