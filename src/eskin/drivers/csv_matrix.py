@@ -233,18 +233,20 @@ class FirstNumberTest:
 
 @final
 class MatrixLine:
-    """Reads one port, to which one patch is connected."""
+    """Reads the lines of one port, to which one patch is connected.
 
-    def __init__(self, form: LineForm, baud: int, skin: Skin, patch: int) -> None:
-        """Open the port.
+    Attributes:
+        deframer: finds the lines in the bytes of the port.
+        empty_at: latest time at which the port was known to be empty [ns].
+        refused: number of lines that were refused and not yet reported.
+        why: why the last of them was.
+    """
 
-        Raises:
-            DeviceError: it is missing, busy or not readable.
-        """
-        self.form = form
+    def __init__(self, form: LineForm, skin: Skin, patch: int) -> None:
+        """Start without lines."""
+        self.form, self.deframer = form, LineDeframer()
+        self.unit = "us" if form.time in ("", "none") else form.time
         self.scale, self.offset = float(form.scale or 1), float(form.offset or 0)
-        self.deframer = LineDeframer()
-        self.port = SerialPort(form.path, baud, self.deframer)
         self.patch, self.place = patch, skin.patches[patch]
         taxels = skin.find_taxels(self.place.id)
         self.taxels = len(taxels)
@@ -252,6 +254,7 @@ class MatrixLine:
         self.places = skin.rows[taxels] * self.place.columns + skin.columns[taxels]
         self.counts: Counter[str] = Counter()
         self.refused, self.why = 0, ""
+        self.bytes = 0
         self.has_checksum = False
         self.begin(0)
 
@@ -264,11 +267,11 @@ class MatrixLine:
         self.size = self.last_size = 0
         self.rows: list[float] = []
 
-    def read(self, now: int) -> list[PatchSample]:
-        """Return the samples that have arrived until a time [ns]."""
-        empty_at, before = self.empty_at, self.deframer.bytes
-        lines = self.port.read() or ()
-        if self.deframer.bytes - before < MAX_READ_BYTES:
+    def push(self, lines: Sequence[bytes], now: int) -> list[PatchSample]:
+        """Return the samples of the lines that were read at a time [ns]."""
+        empty_at, before = self.empty_at, self.bytes
+        self.bytes = self.deframer.bytes
+        if self.bytes - before < MAX_READ_BYTES:
             self.empty_at = now
         found = [(line, self.parse(line, now)) for line in lines]
         parsed = [(line, one) for line, one in found if one is not None]
@@ -347,14 +350,15 @@ class MatrixLine:
         body = body.translate(None, b"[](){}").strip()
         is_timed = body.startswith(b"@") or self.form.time not in ("", "none")
         numbers = self.form.split(body.removeprefix(b"@")) if body else []
-        time = self.take_time(numbers, now) if is_timed and numbers else None
         if not is_timed and len(numbers) not in (self.taxels, self.cells):
             numbers = self.join_rows(numbers, ends_rows)
         if not numbers:
             return None
+        test = self.first_number
+        if test.unit is None or (is_timed and test.unit != self.unit):
+            test.push(numbers[0], now)
+        time = self.take_time(numbers) if is_timed else None
         self.check_size(len(numbers), is_timed)
-        if not (is_timed or self.form.time):
-            self.check_first(numbers[0], now)
         counts, received = self.count(numbers)
         return ParsedLine(time, counts, received)
 
@@ -374,51 +378,36 @@ class MatrixLine:
                 )
         return numbers
 
-    def take_time(self, numbers: list[float], now: int) -> int | None:
+    def take_time(self, numbers: list[float]) -> int | None:
         """Take the time from the numbers of a line; return it [us], modulo 2**32."""
-        time, unit = numbers.pop(0), self.form.time or "us"
-        if unit == "ignore":
+        time, found = numbers.pop(0), self.first_number.unit
+        if self.unit == "ignore":
             return None
         if not np.isfinite(time):
             raise LineError("its time is missing", "send it with all lines")
-        unit = "us" if unit == "none" else unit
-        test = self.first_number
-        if test.unit != unit:
-            test.push(time, now)
-        if test.unit not in (None, unit):
-            found = f"{test.unit}, not {unit}" if test.unit else "none"
-            other = self.form.format(time=test.unit or "ignore")
-            raise LineError(f"the unit of its time is {found}", f"give {other}")
-        return round(time * UNITS[unit]) % DEVICE_TIME_SPAN
-
-    def check_first(self, number: float, now: int) -> None:
-        """Raise a LineError where the first count goes on as a time."""
-        test = self.first_number
-        if test.unit is None:
-            test.push(number, now)
-        if test.unit:
-            time, none = (self.form.format(time=u) for u in (test.unit, "none"))
+        if found not in (None, self.unit):
+            other = self.form.format(time=found or "ignore")
             raise LineError(
-                f"its first number goes on as a time in {test.unit}",
-                f"give {time}, or {none} if it is the count of a cell",
+                f"its time is in {found or 'none'}, not {self.unit}", f"give {other}"
             )
+        return round(time * UNITS[self.unit]) % DEVICE_TIME_SPAN
 
     def check_size(self, size: int, is_timed: bool) -> None:
-        """Raise a LineError unless a line of so many counts can be understood."""
-        time, none = self.form.format(time="ms"), self.form.format(time="none")
-        ask = f"give {time} (or ns, us, s, ignore) if the first is a time"
+        """Raise a LineError unless a line of so many counts has one meaning."""
+        found = self.first_number.unit
+        unit = {None: "ms", "": "ignore"}.get(found, found)
+        time, none = (self.form.format(time=word) for word in (unit, "none"))
         if size not in (self.taxels, self.cells):
             is_more = not is_timed and size - 1 in (self.taxels, self.cells)
+            remedy = f"give {time} if the first is a time"
+            if not is_more:
+                remedy = "send a line a scan, or an empty line after all rows"
+            raise LineError(f"it has {size} numbers", remedy)
+        is_either = size == self.cells == self.taxels + 1
+        if not (is_timed or self.form.time) and (is_either or found):
             raise LineError(
-                f"it has {size} numbers",
-                ask
-                if is_more
-                else "send one line a scan, or an empty line after its rows",
-            )
-        if size == self.cells == self.taxels + 1 and not (is_timed or self.form.time):
-            raise LineError(
-                f"its {size} numbers may be all cells, or a time and the taxels",
-                f"{ask}, else {none}",
+                f"its first number may be a time{f' in {found}' if found else ''}",
+                f"give {time} if it is one, or {none} if it is the count of a cell",
             )
         # A line that has lost a separator may have the number of the other form.
         known = self.size == self.last_size == 0 or size in (self.size, self.last_size)
@@ -449,7 +438,7 @@ class MatrixLine:
             worst = values.min() if values.min() < 0 else values.max()
             way = {"offset": "1000"} if worst < 0 else {"scale": "0.01"}
             raise LineError(
-                f"a count is {worst:g}; allowed are 0 to {MAX_COUNT}",
+                f"count {worst:g} is out of range",
                 f"give {self.form.format(**way)} or another",
             )
         if len(values) != self.taxels:
@@ -499,16 +488,17 @@ class CsvMatrix(SampleDevice):
         Raises:
             DeviceError: there is not one port a patch, or no such option.
         """
-        self.forms = [LineForm.parse(path) for path in paths]
-        paths = [form.path for form in self.forms]
+        forms = [LineForm.parse(path) for path in paths]
+        paths = [form.path for form in forms]
         if len(paths) != len(skin.patches) or len(set(paths)) != len(paths):
             raise DeviceError(
                 f"csv: ports are {', '.join(paths)}, skin '{skin.name}' has "
                 f"{len(skin.patches)} patches; allowed is one port a patch, in the "
                 "order of skin.yaml; name as many"
             )
-        self.clock, self.skin, self.baud = clock, skin, baud
-        self.lines: list[MatrixLine] = []
+        self.clock, self.baud = clock, baud
+        self.ports: list[SerialPort] = []
+        self.lines = [MatrixLine(form, skin, n) for n, form in enumerate(forms)]
 
     def connect(self) -> None:
         """Open the ports.
@@ -516,27 +506,28 @@ class CsvMatrix(SampleDevice):
         Raises:
             DeviceError: one of them cannot be opened.
         """
-        for patch, form in enumerate(self.forms):
-            self.lines.append(MatrixLine(form, self.baud, self.skin, patch))
+        for line in self.lines:
+            self.ports.append(SerialPort(line.form.path, self.baud, line.deframer))
         for line in self.lines:
             line.begin(self.clock.now())
 
     def receive(self, timeout: float) -> list[PatchSample]:
         """Return the samples of all ports; a port that is gone is opened again."""
         now = self.clock.now()
-        for line in self.lines:
-            if line.port.retry(now):
+        pairs = list(zip(self.ports, self.lines, strict=True))
+        for port, line in pairs:
+            if port.retry(now):
                 line.begin(now)
-        files = {line.port.line.fileno(): line for line in self.lines if line.port.line}
+        files = {port.line.fileno(): (port, line) for port, line in pairs if port.line}
         if not files:
             self.clock.sleep(timeout)
             return []
         readable = select.select(list(files), [], [], min(timeout, MAX_WAIT))[0]
         now = self.clock.now()
         samples = []
-        for file, line in files.items():
+        for file, (port, line) in files.items():
             if file in readable:
-                samples += line.read(now)
+                samples += line.push(port.read() or (), now)
             else:
                 line.empty_at = now
         return samples
@@ -551,8 +542,8 @@ class CsvMatrix(SampleDevice):
 
     def disconnect(self) -> None:
         """Close the ports."""
-        for line in self.lines:
-            line.port.close()
+        for port in self.ports:
+            port.close()
 
     def counters(self) -> dict[str, int]:
         """Return lines by what became of them: samples, damaged, late; and bytes."""
