@@ -6,6 +6,7 @@ The driver and the source are those of `csv:` addresses; time is simulated. `--r
 sends over pseudo-terminals in real time instead.
 """
 
+import math
 import os
 import sys
 import threading
@@ -15,7 +16,6 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
 
 from eskin.drivers import (
     Clock,
@@ -89,7 +89,7 @@ class ScheduledMatrix(SampleDevice):
         """Begin now."""
         self.clock, self.schedule, self.next = clock, schedule, 0
         self.line = MatrixLine(LineForm("simulated"), skin, 0)
-        self.times = clock.now() + np.int64(schedule.arrived * NS_PER_S)
+        self.times = clock.now() + (schedule.arrived * NS_PER_S).astype(np.int64)
         self.line.deframer.push(b"\n")
 
     def connect(self) -> None:
@@ -184,9 +184,9 @@ def measure(
     )
 
 
-def percentile(values: list[float]) -> Float[np.ndarray, ""]:
+def percentile(values: list[float]) -> float:
     """Return the 95th percentile; infinite without values."""
-    return np.percentile(values, 95) if values else np.float64("inf")
+    return float(np.percentile(values, 95)) if values else math.inf
 
 
 def measure_simulated(rate: float, way: str, seed: int) -> Outcome:

@@ -392,7 +392,7 @@ def test_matrix_has_sent_once_any_byte_has_come(tmp_path, data):
         if data:
             open_source(pad.uri, config=config).close()
             return
-        with pytest.raises(DeviceError, match=r"port sent no byte within 0\.3 s"):
+        with pytest.raises(DeviceError, match=r"port\S* sent no byte within 0\.3"):
             open_source(pad.uri, config=config)
 
 

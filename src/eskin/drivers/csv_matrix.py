@@ -275,9 +275,9 @@ class MatrixLine:
             self.empty_at = now
         found = [(line, self.parse(line, now)) for line in lines]
         parsed = [(line, one) for line, one in found if one is not None]
-        # Lines without a time were made since the last ones came, evenly, and not
-        # earlier than a driver holds them back.
-        since = max(self.arrived, now - MAX_HELD)
+        # Lines without a time were made since the last ones came, evenly, but not so
+        # long ago that they are not used.
+        since = max(self.arrived, now - MAX_HELD * 4 // 5)
         self.arrived = now if parsed else self.arrived
         is_old = now - empty_at > MAX_HELD
         samples = []
@@ -395,7 +395,7 @@ class MatrixLine:
     def check_size(self, size: int, is_timed: bool) -> None:
         """Raise a LineError unless a line of so many counts has one meaning."""
         found = self.first_number.unit
-        unit = {None: "ms", "": "ignore"}.get(found, found)
+        unit = "ms" if found is None else found or "ignore"
         time, none = (self.form.format(time=word) for word in (unit, "none"))
         if size not in (self.taxels, self.cells):
             is_more = not is_timed and size - 1 in (self.taxels, self.cells)
