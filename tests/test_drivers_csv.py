@@ -171,6 +171,21 @@ def test_lines_that_lay_unread_are_not_used():
     ]
 
 
+@pytest.mark.parametrize("rate", [20, 50, 200])
+@pytest.mark.parametrize("in_pieces", [False, True])
+def test_lines_of_a_burst_are_stamped_when_they_were_made(rate, in_pieces):
+    line, errors = open_line(), []
+    made = np.arange(1, 5 * rate) * SECOND // rate
+    arrived = -(-made // (160 * MS)) * 160 * MS
+    for at in np.unique(arrived).tolist():
+        due = made[arrived == at].tolist()
+        for k, part in enumerate([[one] for one in due] if in_pieces else [due]):
+            samples = line.push([join(COUNTS)] * len(part), at + k * MS // 10)
+            errors += [abs(s.stamp - m) for s, m in zip(samples, part, strict=True)]
+    # After a second the interval is known.
+    assert max(errors[rate:]) <= SECOND // rate + 20 * MS
+
+
 @given(
     st.lists(
         st.tuples(

@@ -13,7 +13,7 @@ name other forms; where two forms are possible, a line is refused until one is n
 import re
 import select
 import zlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import reduce
@@ -38,6 +38,12 @@ MAX_COUNT = 65_535
 MAX_WAIT = 0.05
 """Longest wait for bytes [s], much shorter than `MAX_HELD`: a port that was looked at
 long ago may hold lines of an unknown age."""
+MAX_AGE = MAX_HELD * 4 // 5
+"""Largest age of a line without a time [ns], less than that from which it is late."""
+PIECE_GAP = NS_PER_S // 200
+"""Longest time between the pieces of a burst [ns]."""
+MAX_BURSTS = 16
+"""Number of bursts by which the interval of lines is estimated."""
 MIN_CLOCK_LINES = 6
 """Number of lines by which it is tested whether their first number is a time."""
 MIN_FRACTIONS = 100
@@ -207,28 +213,58 @@ class FirstNumberTest:
     def __init__(self) -> None:
         """Start without lines."""
         self.unit: str | None = None
-        self.restart()
-
-    def restart(self) -> None:
-        """Start over, with the last result."""
         self.numbers: list[float] = []
         self.begun = 0
 
-    def push(self, number: float, arrived: int) -> bool:
-        """Add the first number of a line; return whether `unit` is found anew."""
+    def push(self, number: float, arrived: int, is_time: bool) -> None:
+        """Add the first number of a line, of which is said whether it is a time."""
+        if self.numbers and number < self.numbers[-1]:
+            # A device that starts over; or a count.
+            self.unit = self.unit if is_time else ""
+            self.numbers.clear()
         self.begun = self.begun if self.numbers else arrived
         self.numbers.append(number)
-        span = (arrived - self.begun) / NS_PER_S
-        if len(self.numbers) < MIN_CLOCK_LINES or span * NS_PER_S < MAX_HELD:
-            return False
-        rate = (number - self.numbers[0]) / span
-        steps = np.diff(self.numbers)
+        if len(self.numbers) < MIN_CLOCK_LINES or arrived - self.begun < MAX_HELD:
+            return
+        rate = (number - self.numbers[0]) * NS_PER_S / (arrived - self.begun)
         # Numbers of lines go on by one, at any rate.
-        rises = bool((steps >= 0).all() and (steps != 1).any())
+        rises = bool((np.diff(self.numbers) != 1).any())
         near = [u for u, us in UNITS.items() if 2 / 3 < 1e-6 * us * rate < 3 / 2]
         self.unit = near[0] if near and rises else ""
-        self.restart()
-        return True
+        self.numbers.clear()
+
+
+@final
+class LineBurst:
+    """Tells when lines without a time were made: evenly, though they come in bursts.
+
+    A driver may hold lines back and deliver them at once, in pieces. Then the first of
+    them was made one interval after the last of those before.
+    """
+
+    def __init__(self, now: int) -> None:
+        """Start without lines at a time [ns]."""
+        self.begin = self.arrived = now
+        self.count = 0
+        self.past: deque[tuple[int, int]] = deque(maxlen=MAX_BURSTS)
+
+    def push(self, count: int, now: int) -> list[int]:
+        """Return when some lines that arrive now were made [ns]."""
+        if not count:
+            return []
+        gap = now - self.arrived
+        if gap > PIECE_GAP or now - self.begin > MAX_AGE:
+            span = self.arrived - self.begin
+            if self.count and span < NS_PER_S:
+                self.past.append((span, self.count))
+            self.begin = self.arrived if gap < NS_PER_S else now
+            self.count = 0
+        self.arrived = now
+        past = self.past or [(max(now - self.begin, 1), count)]
+        spans, counts = (sum(column) for column in zip(*past, strict=True))
+        first, self.count = self.count + 1, self.count + count
+        made = (self.begin + n * spans // counts for n in range(first, self.count + 1))
+        return [min(max(stamp, now - MAX_AGE), now) for stamp in made]
 
 
 @final
@@ -263,7 +299,8 @@ class MatrixLine:
         self.device_clock = DeviceClock()
         self.first_number = FirstNumberTest()
         self.number = self.unknown = 0
-        self.empty_at = self.arrived = now
+        self.empty_at = now
+        self.burst = LineBurst(now)
         self.size = self.last_size = 0
         self.rows: list[float] = []
 
@@ -275,14 +312,10 @@ class MatrixLine:
             self.empty_at = now
         found = [(line, self.parse(line, now)) for line in lines]
         parsed = [(line, one) for line, one in found if one is not None]
-        # Lines without a time were made since the last ones came, evenly, but not so
-        # long ago that they are not used.
-        since = max(self.arrived, now - MAX_HELD * 4 // 5)
-        self.arrived = now if parsed else self.arrived
         is_old = now - empty_at > MAX_HELD
         samples = []
-        for index, (line, (time, counts, received)) in enumerate(parsed):
-            stamp = since + (now - since) * (index + 1) // len(parsed)
+        stamps = self.burst.push(len(parsed), now)
+        for stamp, (line, (time, counts, received)) in zip(stamps, parsed, strict=True):
             if time is not None:
                 stamp = self.time_line(line, time, counts, now)
             elif is_old:
@@ -342,7 +375,9 @@ class MatrixLine:
         if star:
             whole = line[: line.index(b"*")]
             if f"{reduce(xor, whole, 0):02X}".encode() != digits.upper():
-                raise LineError("its checksum is wrong", "see devices.md for the form")
+                raise LineError(
+                    "its checksum is wrong", "send the exclusive or of all bytes before"
+                )
             self.has_checksum = True
         elif self.has_checksum and body:
             raise LineError("it has no checksum, as others had", "send it with all")
@@ -356,7 +391,7 @@ class MatrixLine:
             return None
         test = self.first_number
         if test.unit is None or (is_timed and test.unit != self.unit):
-            test.push(numbers[0], now)
+            test.push(numbers[0], now, is_timed)
         time = self.take_time(numbers) if is_timed else None
         self.check_size(len(numbers), is_timed)
         counts, received = self.count(numbers)
@@ -386,10 +421,9 @@ class MatrixLine:
         if not np.isfinite(time):
             raise LineError("its time is missing", "send it with all lines")
         if found not in (None, self.unit):
+            why = f"is in {found}, not" if found else "does not go on in"
             other = self.form.format(time=found or "ignore")
-            raise LineError(
-                f"its time is in {found or 'none'}, not {self.unit}", f"give {other}"
-            )
+            raise LineError(f"its time {why} {self.unit}", f"give {other}")
         return round(time * UNITS[self.unit]) % DEVICE_TIME_SPAN
 
     def check_size(self, size: int, is_timed: bool) -> None:
