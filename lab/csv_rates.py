@@ -27,7 +27,8 @@ from eskin.drivers import (
     SampleDevice,
     SampledSource,
 )
-from eskin.drivers.csv_matrix import MAX_WAIT, LineForm, MatrixLine
+from eskin.drivers.csv_lines import LineForm
+from eskin.drivers.csv_matrix import MAX_WAIT, MatrixLine
 from eskin.robot import load_robot
 from eskin.skin import (
     MountedSkin,

@@ -8,12 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.drivers.csv_matrix import (
-    END,
-    LineDeframer,
-    LineForm,
-    MatrixLine,
-)
+from eskin.drivers.csv_lines import END, LineDeframer, LineForm
+from eskin.drivers.csv_matrix import MatrixLine
 from eskin.drivers.sampled_source import estimate_rate
 from eskin.errors import DeviceError
 from test_drivers_devices import COLUMNS, ROWS, format_line, matrix_skin
@@ -235,7 +231,15 @@ def test_line_without_checksum_is_refused_after_one_with(line):
 
 
 @pytest.mark.parametrize(
-    "bad", [b"1,2,3", b"1," * 29 + b"x", b"1," * 29 + b"70000", b"-1," * 30, b"@1"]
+    "bad",
+    [
+        b"1,2,3",
+        b"1," * 29 + b"x",
+        b"1," * 29 + b"70000",
+        b"-1," * 30,
+        b"1e999," * 30,
+        b"@1",
+    ],
 )
 def test_line_that_is_no_scan_is_refused_and_counted(line, bad):
     assert line.parse(bad) is None and line.counts["damaged"] == 1
