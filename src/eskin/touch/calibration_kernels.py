@@ -99,9 +99,10 @@ class BaselineState(NamedTuple):
     """Counts at rest."""
     above: np.ndarray
     """Counts above the baseline at the last scan."""
+    confirmed: np.ndarray
+    """The same of the lesser of the last two scans: one alone may be corrupt."""
     peak: np.ndarray
-    """Recent peak of the counts of it and its neighbours above the baseline, which
-    decays."""
+    """Recent peak of `confirmed` of it and its neighbours, which decays."""
     low: np.ndarray
     """Counts of the last scan where they were below the baseline, else infinite."""
     low_since: np.ndarray
@@ -239,30 +240,31 @@ def calibrate(
         if sample_count[i] < size or now - last_received[i] > silence:
             update_tare(i, counts[i], now, margin[i], context)
         above = counts[i] - baseline[i]
+        state.confirmed[i] = min(above, state.above[i])
         state.above[i] = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
         if above > margin[i] and above > after * peak[i]:
             if touched_since[i] == np.inf:
                 touched_since[i] = now
             if not is_residual(i, above, now, margin[i], context):
-                mark_touched(i, above, now, context)
+                mark_touched(i, now, context)
         else:
             touched_since[i] = np.inf
     for i in latched:
         above = counts[i] - baseline[i]
         if use[i] and not is_residual(i, above, now, margin[i], context):
-            mark_touched(i, above, now, context)
+            mark_touched(i, now, context)
     update_baselines(counts, use, now, margin, context)
 
 
 @compiled
-def mark_touched(i: int, above: float, now: float, context: BaselineContext) -> None:
+def mark_touched(i: int, now: float, context: BaselineContext) -> None:
     """Mark a taxel and its neighbours as touched, and raise their peaks."""
     state = context.state
     state.last_touched[i] = now
     for j in find_near(i, context.adjacency):
         state.last_touched[j] = now
-        state.peak[j] = max(state.peak[j], above)
+        state.peak[j] = max(state.peak[j], state.confirmed[i])
 
 
 @compiled
@@ -367,7 +369,7 @@ def update_baselines(
         baseline[i] += step * above
         peak[i] *= fading
         if above > margin[i]:
-            peak[i] = max(peak[i], above)
+            peak[i] = max(peak[i], state.confirmed[i])
         elif peak[i] < margin[i]:
             peak[i] = 0.0
 
