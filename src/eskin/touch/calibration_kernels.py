@@ -100,7 +100,8 @@ class BaselineState(NamedTuple):
     above: np.ndarray
     """Counts above the baseline at the last scan."""
     confirmed: np.ndarray
-    """The same of the lesser of the last two scans: one alone may be corrupt."""
+    """The same, the lesser of those of the last two scans if they are less than
+    `SHORTEST_PRESS` apart: one alone may be corrupt."""
     peak: np.ndarray
     """Recent peak of `confirmed` of it and its neighbours, which decays."""
     low: np.ndarray
@@ -141,6 +142,9 @@ STALE_SECONDS = 0.5
 """Time without data, as of a faulty taxel, after which it is no longer touched."""
 MIN_TARE_SAMPLES = 4
 """Number of samples from which one above the margin no longer raises the tare."""
+SHORTEST_PRESS = 0.05
+"""Time between two scans up to which a press is seen in both [s]; what is seen in one
+alone is corrupt, and its peak is not remembered."""
 LOW_SECONDS = 0.06
 """Time below the baseline after which it is lowered [s]: a corrupt value is of one
 scan."""
@@ -240,7 +244,8 @@ def calibrate(
         if sample_count[i] < size or now - last_received[i] > silence:
             update_tare(i, counts[i], now, margin[i], context)
         above = counts[i] - baseline[i]
-        state.confirmed[i] = min(above, state.above[i])
+        is_fast = now - last_received[i] <= SHORTEST_PRESS
+        state.confirmed[i] = min(above, state.above[i]) if is_fast else above
         state.above[i] = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
         if above > margin[i] and above > after * peak[i]:

@@ -159,7 +159,7 @@ def check_patches(
             outcome[p] = REFUSED
             if moves.zero[p] + moves.full[p] < least:
                 stays = since < np.inf and state.may_press[p] and is_up
-                if moves.known[p] < least:
+                if since < np.inf and moves.known[p] < least:
                     outcome[p] = RESTARTED
                 elif stays or (moves.up[p] == 0 and now - since >= LOW_SECONDS):
                     outcome[p] = USED
