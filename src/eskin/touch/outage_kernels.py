@@ -15,9 +15,6 @@ NEARLY_ALL = 0.8
 """Share of the received taxels of a patch that move at once."""
 MAX_PRESSED = 12
 """Number of taxels that a hand may press within one scan."""
-LOW_SECONDS = 1.0
-"""Time below rest, and above zero, after which a patch has another rest [s]: it was
-switched on under a hand that has lifted."""
 RETURN_FACTOR = 4.0
 """Factor by which a move is smaller that keeps a patch refused."""
 USED, REFUSED, RESTARTED = range(3)
@@ -155,16 +152,16 @@ def check_patches(
         if now - state.last_seen[p] > limits.silence_seconds:
             state.only_zeros[p] = moves.positive[p] == 0
             outcome[p] = REFUSED if is_full else USED
+        elif is_wide and only_zeros and moves.positive[p] >= least:
+            outcome[p] = REFUSED if is_full else RESTARTED
+            state.only_zeros[p] = is_full
         elif is_low or (is_wide and moves.up[p] + moves.low[p] >= least):
             outcome[p] = REFUSED
-            if moves.zero[p] + moves.full[p] < least:
-                stays = since < np.inf and state.may_press[p] and is_up
-                if since < np.inf and moves.known[p] < least:
+            if since < np.inf and moves.zero[p] + moves.full[p] < least:
+                if moves.known[p] < least:
                     outcome[p] = RESTARTED
-                elif stays or (moves.up[p] == 0 and now - since >= LOW_SECONDS):
+                elif is_up and state.may_press[p]:
                     outcome[p] = USED
-        elif is_wide and only_zeros and moves.positive[p] >= least:
-            outcome[p] = RESTARTED
         state.last_seen[p] = now
         if outcome[p] == REFUSED:
             state.refused_since[p] = min(since, now)

@@ -34,9 +34,8 @@ class OutageDetector:
     After a reset of its board, with a loose plug or in a corrupt packet, nearly all
     taxels of a patch move within one scan: to zero or elsewhere below rest, to full
     scale, or anywhere. Such a scan counts as not received, and so do the next ones
-    until the counts are near those of the last scan that was used, or lie below rest
-    for a while. If nearly all taxels move up, a hand may press them: the second such
-    scan is used.
+    until the counts are near those of the last scan that was used. If nearly all
+    taxels move up, a hand may press them: the second such scan is used.
 
     A patch restarts at such a move before its rest is known, and when it leaves zeros
     that it has sent from the start.
