@@ -56,7 +56,7 @@ def set_part(rng: np.random.Generator, counts: Counts, full: int) -> Counts:
 
 
 def set_block(rng: np.random.Generator, counts: Counts, full: int) -> Counts:
-    """Return the counts with a run of them at random values or at one, as a lost row."""
+    """Return the counts with a run of them at one value, or at random ones."""
     start, end = np.sort(rng.integers(0, len(counts) + 1, 2))
     value = (set_value, set_random)[rng.integers(2)](rng, counts, full)
     return np.where((np.arange(len(counts)) - start) % len(counts) < end, value, counts)
