@@ -1,5 +1,7 @@
 """Tests of sources by their URI: each kind, what it needs, and what is refused."""
 
+import itertools
+import re
 import socket
 import subprocess
 import sys
@@ -7,9 +9,25 @@ import sys
 import numpy as np
 import pytest
 
-from eskin.app import CALIBRATION, SourceConfig, nominal_calibration, open_source
-from eskin.drivers import DeviceSource, PlayedSource, SerialTransport, UdpTransport
-from eskin.errors import DeviceError, EskinError, RecordingError
+from eskin.app import (
+    CALIBRATION,
+    SourceConfig,
+    choose_joints,
+    nominal_calibration,
+    open_source,
+)
+from eskin.drivers import (
+    DeviceSource,
+    ManualClock,
+    PlayedSource,
+    SerialTransport,
+    UdpTransport,
+)
+from eskin.errors import ArmError, DeviceError, EskinError, RecordingError
+from eskin.live import mount_skin
+from eskin.robot import load_robot
+from eskin.robot.presets import read_preset_urdf
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor
 from eskin.sim.virtual import PtyPort
@@ -72,6 +90,78 @@ def test_joints_stand_where_given():
     q = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
     with open_source(UDP, config=config(skin="ur5", robot=None, q=q)) as source:
         assert tuple(source.read(1.0).q) == q
+
+
+GRIPPER = """<link name="finger"/><joint name="finger_joint" type="prismatic">
+<parent link="tool0"/><child link="finger"/><axis xyz="0 0 1"/>
+<limit lower="0.01" upper="0.05" effort="1" velocity="1"/></joint>"""
+
+
+def write_ur5(folder, change):
+    """Write a URDF of the ur5 with a gripper, after a change of its text."""
+    path = folder / "own.urdf"
+    path.write_text(change(read_preset_urdf("ur5").replace("</robot>", ""), GRIPPER))
+    return path
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda arm, more: f"{arm}{more}</robot>",
+        lambda arm, more: arm.replace("<joint", f"{more}<joint", 1) + "</robot>",
+        lambda arm, more: f"{arm}{more}</robot>".replace(
+            '<joint name="', '<joint name="a_'
+        ),
+    ],
+    ids=["last", "first", "prefix"],
+)
+def test_joints_of_an_arm_are_found_by_name_and_others_told(tmp_path, change, caplog):
+    """For any robot that holds the arm: its links are where those of the arm are."""
+    arm = SimulatedArm(clock=ManualClock())
+    mounted = mount_skin("ur5", write_ur5(tmp_path, change))
+    q = choose_joints(SourceConfig("ur5", joints=arm), mounted).q_at(arm.time)
+    (told,) = caplog.messages
+    assert "finger_joint" in told and "elbow" not in told
+    names, finger = mounted.robot.joint_names, told.rpartition(" ")[2]
+    assert len(q) == 7 and q[names.index(finger)] == 0.01
+    ur5 = mount_skin("ur5", None)
+    got = mounted.kinematics.poses(q)
+    for link, pose in enumerate(ur5.kinematics.poses(arm.q_at(arm.time))):
+        own = mounted.robot.link_index(ur5.robot.link_names[link])
+        np.testing.assert_allclose(got[own], pose, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda arm, more: arm.replace("elbow_joint", "joint_3") + f"{more}</robot>",
+        lambda arm, _: re.sub(r'joint name="\w*"', count_joints(), arm) + "</robot>",
+    ],
+    ids=["one renamed", "all renamed"],
+)
+def test_robot_whose_joints_are_not_those_of_the_arm_is_refused_at_once(
+    tmp_path, change
+):
+    """Also one with as many joints: their order says nothing."""
+    arm = SimulatedArm(clock=ManualClock())
+    given = config(skin="ur5", robot=write_ur5(tmp_path, change), joints=arm)
+    with pytest.raises(ArmError, match=r"joint_3.*elbow_joint.*rename") as error:
+        open_source(UDP, config=given)
+    assert "\n" not in str(error.value)
+
+
+def count_joints():
+    """Return a function that names joints by their number."""
+    numbers = itertools.count(1)
+    return lambda _: f'joint name="joint_{next(numbers)}"'
+
+
+def test_arm_commands_for_a_skin_that_is_not_on_it(caplog):
+    """The table under the skin has no joints."""
+    arm = SimulatedArm(clock=ManualClock())
+    mounted = mount_skin(small_skin(), load_robot("table"))
+    joints = choose_joints(SourceConfig(small_skin(), joints=arm), mounted)
+    assert joints.q_at(arm.time).shape == (0,) and not caplog.messages
 
 
 def test_calibration_is_given_or_beside_skin_or_nominal(tmp_path):

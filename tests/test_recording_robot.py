@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.errors import RobotError
+from eskin.errors import RobotError, SkinMismatchError
 from eskin.learn.dataset import prepare
 from eskin.recording import (
     Overrides,
@@ -80,6 +80,34 @@ def test_recording_without_its_urdf_needs_one(path, tmp_path):
     overrides = Overrides(urdf=URDF)
     assert read_recording(older, overrides).load_robot().joint_names == ("turn",)
     assert len(prepare([older], overrides=overrides).stamps) > 20
+
+
+def add_joint(name, before=b"</robot>"):
+    """Return the URDF with one more joint, which stands first or last."""
+    added = (
+        f'<link name="{name}"/><joint name="{name}" type="continuous">'
+        f'<parent link="table"/><child link="{name}"/></joint>'
+    )
+    return URDF.replace(before, added.encode() + before)
+
+
+def test_positions_of_a_recording_go_to_the_joints_of_their_names(path, tmp_path):
+    """In whatever order a robot that is given in place of the recorded one has them."""
+    known, both = read_recording(path), tmp_path / "both.mcap"
+    names, urdf = ("turn", "grip"), add_joint("grip")
+    header = ("panel", known.skin, known.calibration, known.metadata, names, urdf)
+    scans = (replace(scan, q=np.array([0.5, 0.1])) for scan in known.scans())
+    with RecordingWriter(both, *header) as writer:
+        write_all(writer, scans, ())
+    for given, q in ((add_joint("grip", b"<joint"), [0.1, 0.5]), (URDF, [0.5])):
+        recording = read_recording(both, Overrides(urdf=given))
+        assert recording.joint_names == recording.load_robot().joint_names
+        np.testing.assert_array_equal(next(recording.scans()).q, q)
+
+
+def test_robot_with_joints_that_were_not_recorded_is_refused_at_once(path):
+    with pytest.raises(SkinMismatchError, match="joints turn, .* also grip; allowed"):
+        read_recording(path, Overrides(urdf=add_joint("grip")))
 
 
 def test_recorded_urdf_that_cannot_be_used_is_named(path, tmp_path):

@@ -53,7 +53,6 @@ def find_ways(states):
         for state in states
         for event in reporter.push(state.reading.stamp, state.faults)
     ]
-    assert not [event for event in events if event.kind == "mended"]
     return [event.text for event in events if "under pressure" in event.text]
 
 

@@ -34,6 +34,10 @@ from eskin.page.viewer import (
     ViewerConfig,
     describe_arm,
 )
+from eskin.robot.meshes import MeshReader
+from eskin.robot.presets import read_preset_urdf
+from eskin.robot.urdf import parse_urdf
+from eskin.skin import MountedSkin
 from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
 from helpers.live import START, calibration_of, say_always, scans, two_hands
@@ -56,6 +60,17 @@ def test_meshes_are_closed_with_outward_normals():
         assert all((b, a) in directed for a, b in directed)
         a, b, c = mesh.vertices[faces].transpose(1, 0, 2)
         assert np.einsum("fi,fi->f", a, np.cross(b, c)).sum() > 0
+
+
+def test_shapes_that_cannot_be_read_are_not_drawn_and_told_in_one_line(caplog):
+    mesh = '<collision><geometry><mesh filename="gone.stl"/></geometry></collision>'
+    urdf = read_preset_urdf("ur5").replace("</link>", f"{mesh}</link>")
+    path = Path("own.urdf")
+    robot = parse_urdf(urdf.encode(), path, MeshReader(path.absolute().parent))
+    drawn = build_link_meshes(MountedSkin(mounted().skin, robot))
+    assert len(drawn) == len(build_link_meshes(mounted()))
+    (told,) = caplog.messages
+    assert f"{urdf.count('gone.stl')} shapes are not drawn: own.urdf: link" in told
 
 
 def test_lids_close_bare_ends_and_leave_room_for_taxels():

@@ -79,6 +79,8 @@ class RepeatedEvent:
     """Number of times since the last report."""
     reported: int | None = None
     """Time of the last report [ns]; None before the first."""
+    detail: str = ""
+    """What the report adds of the last time."""
 
 
 @final
@@ -97,23 +99,29 @@ class EventLog:
         self.events.append(Event(stamp, kind, text, patch))
 
     def count(
-        self, kind: EventKind, text: str, count: int = 1, patch: str | None = None
+        self,
+        kind: EventKind,
+        text: str,
+        count: int = 1,
+        patch: str | None = None,
+        detail: str = "",
     ) -> None:
         """Count an event that may happen often; it is reported at most every 10 s.
 
-        The report is the number of times, then `text`.
+        The report is the number of times, then `text`, then the latest `detail`.
         """
         key = (kind, text, patch)
         if key not in self.repeated and len(self.repeated) >= MAX_REPEATED:
             del self.repeated[next(iter(self.repeated))]
-        self.repeated.setdefault(key, RepeatedEvent()).count += count
+        event = self.repeated.setdefault(key, RepeatedEvent())
+        event.count, event.detail = event.count + count, detail
 
     def flush_counts(self, now: int) -> None:
         """Add events for what has been counted and is due."""
         for (kind, text, patch), event in self.repeated.items():
             due = event.reported is None or now - event.reported >= REPORT_INTERVAL
             if event.count and due:
-                self.add(now, kind, f"{event.count} {text}", patch)
+                self.add(now, kind, f"{event.count} {text}{event.detail}", patch)
                 event.count, event.reported = 0, now
 
     def take(self) -> list[Event]:

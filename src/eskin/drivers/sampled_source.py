@@ -5,11 +5,12 @@ A driver of a new device is a `SampleDevice`; `SampledSource` does the rest.
 
 from abc import abstractmethod
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
@@ -24,19 +25,23 @@ from eskin.units import NS_PER_S
 
 DEFAULT_RATE = 50.0
 """Scan rate of a device that sends nothing while it is opened [1/s]."""
-MEASURE_SECONDS = 1.2
-"""Time for which the rate of a device is measured when it is opened [s]."""
+MEASURE_SECONDS, MEASURE_SAMPLES, MAX_MEASURE_SECONDS = 1.2, 16, 8.0
+"""The rate of a device is measured from its first sample on, for a time [s] and until
+so many samples have come, but no longer than a time [s]."""
+MAX_RATE_SAMPLES = 400
+"""Number of samples by which the rate is estimated."""
 RETRY_INTERVAL = NS_PER_S // 4
 """Time between two attempts to connect a device that is gone [ns]."""
 MAX_WAIT = 0.05
 """Longest wait for a sample before it is checked what is missing [s]."""
-SILENT_PERIODS, LEAST_SILENCE = 3, NS_PER_S // 10
-"""Silence of a patch from which scans go on without it: a number of periods of the
-device, at least a time [ns]."""
+MAX_HELD = NS_PER_S // 2
+"""Time for which data may be held back, by a driver or a busy computer [ns]: what is
+older is not used, and what has not come for longer is missing."""
+SILENT_PERIODS = 3
+"""Silence of a patch in periods of the device, and at least `MAX_HELD`, from which
+scans go on without it."""
 MAX_SPREAD = 0.9
 """Longest time between the samples of a scan, in periods of the device."""
-MAX_AGE = NS_PER_S // 5
-"""Age from which a sample is not used [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +56,8 @@ class PatchSample:
     """Counts of the patch's taxels, in the order of the skin."""
     shear: Int[np.ndarray, "taxel 2"] | None = None
     """Counts along each taxel's tangents, 0 at rest; None where not measured."""
+    received: Bool[np.ndarray, "taxel"] | None = None
+    """Which taxels were measured; None where all were."""
 
 
 class SampleDevice(Closing):
@@ -93,6 +100,13 @@ class SampleDevice(Closing):
         nothing from one that is not understood.
         """
 
+    def take_refused(self) -> tuple[int, str]:
+        """Return how much was refused since the last call, and why the last was.
+
+        The reason shows what was received, and says what is allowed and the remedy.
+        """
+        return 0, ""
+
     def close(self) -> None:
         """Close the line for good."""
         self.disconnect()
@@ -131,13 +145,14 @@ class SampledSource(Source):
             joints: source of the robot's joint positions.
             clock: clock that stamps everything.
             uri: URI that the source was opened with.
-            rate: scan rate of the device [1/s]; None measures it for 1.2 s.
+            rate: scan rate of the device [1/s]; None measures it, for 1.2 s, or until
+                16 samples or 8 s have passed.
             patience: longest wait for the first byte [s]; 0 waits for none.
 
         Raises:
             SkinMismatchError: the calibration is not of this skin.
-            DeviceError: the device is not there, no byte came in time, or the rate is
-                out of range.
+            DeviceError: the device is not there, no byte came in time, what comes is
+                not understood, or the rate is out of range.
         """
         skin = mounted.skin
         calibration.check_skin(skin)
@@ -170,23 +185,40 @@ class SampledSource(Source):
         await_first_byte(
             uri, clock, patience, lambda: device.counters()["bytes"], self.receive
         )
-        self.due = clock.now() + round(MEASURE_SECONDS * NS_PER_S)
         rate = self.measure_rate() if rate is None else rate
         self.period = round(NS_PER_S / rate)
-        self.silence = max(SILENT_PERIODS * self.period, LEAST_SILENCE)
+        self.silence = max(SILENT_PERIODS * self.period, MAX_HELD)
         self.due = clock.now() + self.silence
         self.info = SourceInfo.build(uri, mounted, calibration, rate)
 
     def measure_rate(self) -> float:
-        """Return the highest rate of a patch, by its samples [1/s]."""
+        """Return the highest rate of a patch, by its samples [1/s].
+
+        Raises:
+            DeviceError: more is refused than understood.
+        """
         stamps: dict[int, list[int]] = {}
-        while (left := self.due - self.clock.now()) > 0:
-            for sample in self.receive(left / NS_PER_S):
+        begin = now = self.clock.now()
+        first = None
+        while True:
+            most = max(map(len, stamps.values()), default=0)
+            first = now if most and first is None else first
+            sends = self.device.counters()["bytes"] > 0
+            is_enough = most >= MEASURE_SAMPLES or not sends
+            since = begin if first is None else first
+            limit = MEASURE_SECONDS if is_enough else MAX_MEASURE_SECONDS
+            left = limit - (now - since) / NS_PER_S
+            if left <= 0:
+                break
+            for sample in self.receive(min(left, MAX_WAIT)):
                 stamps.setdefault(sample.patch, []).append(sample.stamp)
-        spans = [(len(found) - 1, found[-1] - found[0]) for found in stamps.values()]
-        rates = [count * NS_PER_S / span for count, span in spans if span > 0]
-        highest = max(rates, default=DEFAULT_RATE)
-        return float(round(min(max(highest, 1.0), MAX_SCAN_RATE)))
+            now = self.clock.now()
+        refused, why = self.device.take_refused()
+        if refused > sum(map(len, stamps.values())) or (sends and not stamps):
+            why = why or "it is not data of this skin; allowed is such a device"
+            raise DeviceError(f"what {self.uri} sends is not understood: {why}")
+        rates = [estimate_rate(found) for found in stamps.values() if len(found) > 1]
+        return max(rates, default=DEFAULT_RATE)
 
     def read(self, timeout: float | None = None) -> Scan | None:
         """Return the next scan of the whole skin; None where none was due in time."""
@@ -221,6 +253,7 @@ class SampledSource(Source):
         except OSError as error:
             self.device.disconnect()
             self.is_open = False
+            self.due = self.clock.now()
             text = f"{self.uri} is gone ({error}); plug it in again"
             self.log.add(self.clock.now(), "silent", text)
             return []
@@ -228,7 +261,7 @@ class SampledSource(Source):
     def push(self, sample: PatchSample) -> None:
         """Take a sample, unless it is too old."""
         now, patch = self.clock.now(), sample.patch
-        if now - sample.stamp > MAX_AGE:
+        if now - sample.stamp > MAX_HELD:
             self.late += 1
             name = self.skin.patches[patch].id
             text = f"samples of patch '{name}' arrived too late to be used"
@@ -265,6 +298,11 @@ class SampledSource(Source):
             self.emit(now)
         elif now >= self.due:
             self.emit(now)
+        refused, why = self.device.take_refused()
+        if refused:
+            self.log.count(
+                "damaged", "lines are not read; the last: ", refused, detail=why
+            )
         self.log.flush_counts(now)
 
     def emit(self, now: int) -> None:
@@ -276,7 +314,8 @@ class SampledSource(Source):
         )
         for patch, sample in self.pending.items():
             taxels = self.taxels[patch]
-            counts[taxels], received[taxels] = sample.counts, True
+            counts[taxels] = sample.counts
+            received[taxels] = True if sample.received is None else sample.received
             if shear is not None and sample.shear is not None:
                 shear[taxels] = sample.shear
         newest = max((one.stamp for one in self.pending.values()), default=now)
@@ -309,3 +348,18 @@ class SampledSource(Source):
             self.readings -= len(self.ready)
             self.ready.clear()
             self.device.close()
+
+
+def estimate_rate(stamps: Sequence[int]) -> float:
+    """Estimate the rate of samples [1/s] by their stamps, to three digits.
+
+    It is the median over all pairs of samples (Theil, 1950; Sen, 1968), on which
+    jitter, bursts and a pause have little effect.
+    """
+    stride = len(stamps) // MAX_RATE_SAMPLES + 1
+    times = np.array(stamps[::stride], np.float64)
+    if len(times) < 2:
+        return DEFAULT_RATE
+    i, j = np.triu_indices(len(times), 1)
+    period = np.median((times[j] - times[i]) / (j - i)) / stride / NS_PER_S
+    return float(f"{1 / min(max(period, 1 / MAX_SCAN_RATE), 10.0):.3g}")

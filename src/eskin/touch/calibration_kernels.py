@@ -99,9 +99,11 @@ class BaselineState(NamedTuple):
     """Counts at rest."""
     above: np.ndarray
     """Counts above the baseline at the last scan."""
+    confirmed: np.ndarray
+    """The same, the lesser of those of the last two scans if they are less than
+    `SHORTEST_PRESS` apart: one alone may be corrupt."""
     peak: np.ndarray
-    """Recent peak of the counts of it and its neighbours above the baseline, which
-    decays."""
+    """Recent peak of `confirmed` of it and its neighbours, which decays."""
     low: np.ndarray
     """Counts of the last scan where they were below the baseline, else infinite."""
     low_since: np.ndarray
@@ -140,6 +142,9 @@ STALE_SECONDS = 0.5
 """Time without data, as of a faulty taxel, after which it is no longer touched."""
 MIN_TARE_SAMPLES = 4
 """Number of samples from which one above the margin no longer raises the tare."""
+SHORTEST_PRESS = 0.05
+"""Time between two scans up to which a press is seen in both [s]; what is seen in one
+alone is corrupt, and its peak is not remembered."""
 LOW_SECONDS = 0.06
 """Time below the baseline after which it is lowered [s]: a corrupt value is of one
 scan."""
@@ -239,30 +244,32 @@ def calibrate(
         if sample_count[i] < size or now - last_received[i] > silence:
             update_tare(i, counts[i], now, margin[i], context)
         above = counts[i] - baseline[i]
+        is_fast = now - last_received[i] <= SHORTEST_PRESS
+        state.confirmed[i] = min(above, state.above[i]) if is_fast else above
         state.above[i] = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
         if above > margin[i] and above > after * peak[i]:
             if touched_since[i] == np.inf:
                 touched_since[i] = now
             if not is_residual(i, above, now, margin[i], context):
-                mark_touched(i, above, now, context)
+                mark_touched(i, now, context)
         else:
             touched_since[i] = np.inf
     for i in latched:
         above = counts[i] - baseline[i]
         if use[i] and not is_residual(i, above, now, margin[i], context):
-            mark_touched(i, above, now, context)
+            mark_touched(i, now, context)
     update_baselines(counts, use, now, margin, context)
 
 
 @compiled
-def mark_touched(i: int, above: float, now: float, context: BaselineContext) -> None:
+def mark_touched(i: int, now: float, context: BaselineContext) -> None:
     """Mark a taxel and its neighbours as touched, and raise their peaks."""
     state = context.state
     state.last_touched[i] = now
     for j in find_near(i, context.adjacency):
         state.last_touched[j] = now
-        state.peak[j] = max(state.peak[j], above)
+        state.peak[j] = max(state.peak[j], state.confirmed[i])
 
 
 @compiled
@@ -367,7 +374,7 @@ def update_baselines(
         baseline[i] += step * above
         peak[i] *= fading
         if above > margin[i]:
-            peak[i] = max(peak[i], above)
+            peak[i] = max(peak[i], state.confirmed[i])
         elif peak[i] < margin[i]:
             peak[i] = 0.0
 

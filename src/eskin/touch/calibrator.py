@@ -49,7 +49,7 @@ AT_REST_SIGMAS = 4.0
 
 @final
 class KnownRest:
-    """The counts of a skin at rest, as a calibration holds them.
+    """The counts of a skin at rest, as a calibration or earlier scans tell them.
 
     A hand may lie on a skin that is switched on. Its taxels lie above their rest, the
     others at it. The rest of a whole patch also drifts, by about the same for all
@@ -57,17 +57,9 @@ class KnownRest:
     """
 
     def __init__(self, skin: Skin, calibration: Calibration) -> None:
-        """Store rest and noise; a noise that is not known is taken as one count.
-
-        Raises:
-            ValueError: the calibration has no rest.
-        """
-        if calibration.rest is None:
-            raise ValueError(
-                "the calibration has no rest; allowed is one with it; measure it with "
-                "eskin calibrate"
-            )
-        self.rest = calibration.rest
+        """Store rest and noise; a noise that is not known is taken as one count."""
+        unknown = np.full(skin.count, np.nan)
+        self.rest = unknown if calibration.rest is None else calibration.rest
         noise = np.ones(skin.count) if calibration.noise is None else calibration.noise
         self.near = AT_REST_SIGMAS * noise
         index = np.asarray(skin.patch_index)
@@ -81,10 +73,11 @@ class KnownRest:
         It is plausible where the counts lie at it, or above it by `margin`, from which
         a taxel may be touched, together with those of a neighbour. A taxel that is
         neither has an offset of its own. Taxels without `use` were not received or are
-        faulty.
+        faulty; NaN is no known rest.
         """
         rest = self.rest.copy()
         known = np.zeros(len(rest), bool)
+        use = use & np.isfinite(rest)
         for members in self.members:
             seen = members[use[members]]
             if len(seen):
@@ -139,9 +132,7 @@ class Calibrator:
         self.least_margin = calibration.compute_counts(self.config.margin)
         self.margin = self.least_margin
         self.noise: np.ndarray | None = None
-        self.known_rest = (
-            None if calibration.rest is None else KnownRest(skin, calibration)
-        )
+        self.known_rest = KnownRest(skin, calibration)
         self.state = build_baseline_state(skin.count, self.config.tare_samples)
         self.context = BaselineContext(
             np.asarray(calibration.gain, np.float64),
@@ -182,8 +173,7 @@ class Calibrator:
         elapsed = 0.0 if self.last is None else (scan.stamp - self.last) / NS_PER_S
         self.last = scan.stamp
         use = scan.received if faulty is None else scan.received & ~faulty
-        if self.known_rest is not None:
-            self.start_from_rest(self.known_rest, scan.counts, use, seconds)
+        self.start_from_rest(scan.counts, use, seconds)
         pressure = np.empty(self.skin.count, np.float32)
         calibrate(
             scan.counts,
@@ -199,18 +189,28 @@ class Calibrator:
             shear = self.calibrate_shear(scan.shear, use, seconds, elapsed)
         return Reading(scan.stamp, pressure, use.copy(), scan.q, shear)
 
-    def start_from_rest(
-        self, known: KnownRest, counts: Counts, use: Flags, seconds: float
-    ) -> None:
-        """Start baselines from the calibrated rest where a taxel has its first data.
+    @property
+    def is_tared(self) -> Flags:
+        """Which taxels have a baseline from a whole tare, or a calibrated rest."""
+        return self.state.sample_count >= self.config.tare_samples
 
-        The same holds after a long silence. Where that rest is not plausible, the taxel
-        is tared.
+    def restart(self, taxels: Int[np.ndarray, "some"]) -> None:
+        """Tare some taxels anew, as if they had not been received yet."""
+        self.state.last_received[taxels] = -np.inf
+        self.state.sample_count[taxels] = 0
+
+    def start_from_rest(self, counts: Counts, use: Flags, seconds: float) -> None:
+        """Start baselines from a known rest where a taxel has its first data.
+
+        That is the calibrated one. After a long silence it is the rest before it. Where
+        it is not plausible, the taxel is tared.
         """
         state = self.state
         starts = use & (seconds - state.last_received > self.config.silence_seconds)
         if not starts.any():
             return
+        known = self.known_rest
+        known.rest = np.where(self.is_tared, state.baseline, known.rest)
         rest, plausible = known.compare(counts, use, self.margin, self.adjacency)
         found = starts & plausible
         state.baseline[found] = rest[found]
@@ -243,6 +243,7 @@ def build_baseline_state(count: int, samples: int) -> BaselineState:
     return BaselineState(
         baseline=np.zeros(count),
         above=np.zeros(count),
+        confirmed=np.zeros(count),
         peak=np.zeros(count),
         low=np.full(count, np.inf),
         low_since=np.full(count, np.inf),

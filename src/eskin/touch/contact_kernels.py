@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
+from eskin.touch.calibration_kernels import SHORTEST_PRESS
 from eskin.touch.records import (
     CONTACT,
     LATCHED,
@@ -198,18 +199,13 @@ def update_active(
         least = max(parameters.min_rise * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.highest = max(taxel.highest, pressure)
-        # A corrupt value is of one reading of one taxel, a press of more.
-        span = context.geometry[i].neighbours
-        confirmed = pressure
-        if reading.floor[i] > 0.0:
-            confirmed = taxel.pressure if taxel.active_at >= since else 0.0
-            for k in range(span[0], span[1]):
-                j = context.neighbours[k]
-                if reading.valid[j]:
-                    confirmed = max(confirmed, reading.pressure[j])
+        # Corrupt values are of one reading, a press of more.
+        peak = pressure
+        if reading.floor[i] > 0.0 and now - reading.previous <= SHORTEST_PRESS:
+            peak = min(pressure, taxel.pressure) if taxel.active_at >= since else 0.0
         taxel.active_at, taxel.pressure = now, pressure
-        peak = min(pressure, confirmed)
         raise_peak(taxel, peak, now, parameters.fade_seconds)
+        span = context.geometry[i].neighbours
         for k in range(span[0], span[1]):
             near = state.taxels[context.neighbours[k]]
             raise_peak(near, peak, now, parameters.fade_seconds)

@@ -297,10 +297,21 @@ class FaultDetector:
         self.last_check = NEVER
         self.turn = 0
 
+    def restart(self, taxels: Int[np.ndarray, "some"]) -> None:
+        """Forget the history of some taxels, as if they had not been received yet."""
+        self.history.last_received[taxels] = NEVER
+
     def push(
-        self, scan: Scan, pressure: Values, rest: Values
+        self,
+        scan: Scan,
+        pressure: Values,
+        rest: Values,
+        refused: Flags | None = None,
     ) -> tuple[Flags, tuple[Fault, ...]]:
         """Check the next scan, its calibrated pressure [kPa], and the counts at rest.
+
+        `refused` are taxels whose data counts as not received, and tells of swings of
+        a patch alone.
 
         Returns:
             Which taxels are faulty; and the faults, with a whole row, column or patch
@@ -313,9 +324,10 @@ class FaultDetector:
         now = (scan.stamp - self.first) / NS_PER_S
         self.mask = self.mask.copy()
         self.turn = (self.turn + 1) % RECENT
+        received = scan.received if refused is None else scan.received & ~refused
         counted = CountScan(
             counts=scan.counts,
-            received=scan.received,
+            received=received,
             rest=rest,
             rest_band=self.noise.rest_band,
             mask=self.mask,
@@ -325,17 +337,19 @@ class FaultDetector:
         )
         update_history(counted, self.limits, self.history)
         low_count = update_noise(counted, self.limits, self.adjacency, self.history)
-        may_swing = now >= MIN_LEARNED and (low_count or self.swings.going)
+        may_swing = now >= MIN_LEARNED and (
+            low_count or self.swings.going or refused is not None
+        )
         is_due = now - self.last_check >= self.config.check_seconds - 1e-6
         if may_swing or is_due:
-            above, received = scan.counts - rest, scan.received
-            high = received & (above > self.noise.rest_band)
+            above = scan.counts - rest
+            high = scan.received & (above > self.noise.rest_band)
             if may_swing:
-                low = received & (above < -self.noise.rest_band)
+                low = scan.received & (above < -self.noise.rest_band)
                 self.swings.update(high, low, now)
-                self.doubt_mixed_lines(high, low, now)
+                self.doubt_mixed_lines(high & received, low & received, now)
             if is_due:
-                self.doubt_even_lines(above, high, now)
+                self.doubt_even_lines(above, high & received, now)
                 self.check(counted, pressure)
         return self.mask, self.faults
 

@@ -15,6 +15,7 @@ from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompe
 from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
+from eskin.touch.outages import OutageDetector
 from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
@@ -191,8 +192,8 @@ class PipelineConfig:
 class TouchPipeline:
     """A pipeline finds the touches on one skin from its scans; stateful.
 
-    Its stages are calibration, fault detection, crosstalk and tracking. Counts that
-    fall under pressure are turned before the first of them.
+    Its stages are the detection of outages, calibration, fault detection, crosstalk and
+    tracking. Counts that fall under pressure are turned before the first of them.
     """
 
     def __init__(
@@ -213,6 +214,7 @@ class TouchPipeline:
         )
         if calibration.noise is not None:
             self.calibrator.set_noise(self.faults.noise.counts)
+        self.outages = OutageDetector(mounted.skin, self.faults.limits)
         self.polarity = PolarityDetector(
             mounted.skin,
             "rising" if self.given.falling else "falling",
@@ -250,9 +252,18 @@ class TouchPipeline:
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
         invalid = self.faults.mask | (scan.counts < 0)
-        reading = self.calibrator.push(scan, invalid, self.find_latched())
         rest = self.calibrator.state.baseline
-        mask, faults = self.faults.push(scan, reading.pressure, rest)
+        refused, restarted = self.outages.push(
+            scan, rest, self.faults.noise.counts, self.calibrator.is_tared
+        )
+        if len(restarted):
+            self.calibrator.restart(restarted)
+            self.faults.restart(restarted)
+        used = scan
+        if refused is not None:
+            used = replace(scan, received=scan.received & ~refused)
+        reading = self.calibrator.push(used, invalid, self.find_latched())
+        mask, faults = self.faults.push(scan, reading.pressure, rest, refused)
         self.calibrator.set_noise(self.faults.noise.counts)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)

@@ -1,0 +1,262 @@
+"""Read matrices that send lines at many rates, and print what becomes of the lines.
+
+    python -m lab.csv_rates
+
+The driver and the source are those of `csv:` addresses; time is simulated. `--real`
+sends over pseudo-terminals in real time instead.
+"""
+
+import math
+import os
+import sys
+import threading
+import tty
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from eskin.drivers import (
+    Clock,
+    CsvMatrix,
+    FixedJoints,
+    HostClock,
+    ManualClock,
+    PatchSample,
+    SampleDevice,
+    SampledSource,
+)
+from eskin.drivers.csv_lines import LineForm
+from eskin.drivers.csv_matrix import MAX_WAIT, MatrixLine
+from eskin.robot import load_robot
+from eskin.skin import (
+    MountedSkin,
+    Patch,
+    Plane,
+    Skin,
+    TaxelGrid,
+    build_skin,
+)
+from eskin.touch import Calibration
+from eskin.units import NS_PER_S
+from lab.program import run_program
+
+RATES = (2, 5, 8, 10, 12, 15, 20, 25, 33, 50, 100, 200, 500, 1000)
+WAYS = ("steady", "jitter", "bursts", "repeats")
+JITTER, BURST = 0.3, 0.16
+"""Largest relative change of an interval; time between two bursts [s]."""
+MIN_SCANS, MIN_SECONDS = 50, 4.0
+"""Each run lasts for a number of scans and a time [s], about a third to open."""
+SLACK = 0.05
+"""Delay that is allowed beyond one period [s]."""
+
+
+def build_pad() -> Skin:
+    """Build one patch of 64 taxels on a table."""
+    patch, grid = Patch("pad", "table", 1, 8, 8), TaxelGrid(8, 8, 0.01, 0.01)
+    return build_skin("pad", [(patch, grid, Plane(np.eye(4)))])
+
+
+@final
+class Schedule:
+    """When each line is made, and when it arrives, since the device began [s]."""
+
+    def __init__(self, rate: float, way: str, seed: int) -> None:
+        """Draw the times of a device of some rate of scans [1/s]."""
+        seconds = MIN_SECONDS + MIN_SCANS / rate
+        rng = np.random.default_rng(seed)
+        change = JITTER * rng.uniform(-1, 1, round(seconds * rate))
+        steps = (1 + change * (way == "jitter")) / rate
+        self.made = np.cumsum(steps)
+        if way == "repeats":
+            self.made = self.made.repeat(2)
+        self.arrived = self.made + 1e-4
+        if way == "bursts":
+            self.arrived = np.ceil(self.made / BURST) * BURST
+        self.rate = rate * (1 + (way == "repeats"))
+
+    def line(self, number: int) -> bytes:
+        """Return a line: its number in the first two counts, then constant counts."""
+        counts = [number % 1000, number // 1000, *range(300, 362)]
+        return ",".join(map(str, counts)).encode() + b"\n"
+
+
+@final
+class ScheduledMatrix(SampleDevice):
+    """Sends the lines of a schedule to the driver, in simulated time."""
+
+    def __init__(self, clock: Clock, skin: Skin, schedule: Schedule) -> None:
+        """Begin now."""
+        self.clock, self.schedule, self.next = clock, schedule, 0
+        self.line = MatrixLine(LineForm("simulated"), skin, 0)
+        self.times = clock.now() + (schedule.arrived * NS_PER_S).astype(np.int64)
+        self.line.deframer.push(b"\n")
+
+    def connect(self) -> None:
+        """Begin with an empty port."""
+        self.line.begin(self.clock.now())
+
+    def receive(self, timeout: float) -> list[PatchSample]:
+        """Wait for the next bytes and return their samples."""
+        now, times = self.clock.now(), self.times
+        due = times[self.next] if self.next < len(times) else now + NS_PER_S
+        self.clock.sleep(min(timeout, MAX_WAIT, max(0, due - now) / NS_PER_S))
+        now = self.clock.now()
+        last = int(np.searchsorted(times, now, "right"))
+        if last == self.next:
+            self.line.empty_at = now
+            return []
+        numbers, self.next = range(self.next, last), last
+        chunk = b"".join(map(self.schedule.line, numbers))
+        return self.line.push(self.line.deframer.push(chunk), now)
+
+    def disconnect(self) -> None:
+        """Do nothing."""
+
+    def counters(self) -> dict[str, int]:
+        """Return the counters of the driver."""
+        return {"bytes": self.line.deframer.bytes, **self.line.counts}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of the lines that arrived after the source was opened."""
+
+    sent: int
+    """Number of lines."""
+    used: int
+    """Number of lines that became scans."""
+    empty: int
+    """Number of scans without data."""
+    rate: float
+    """Announced rate, relative to that of the lines."""
+    delay: float
+    """95th percentile of the time from arrival to scan [s]."""
+    error: float
+    """95th percentile of the difference of stamp and time of making [s]."""
+    limit: float
+    """Largest delay that is allowed [s]."""
+
+    @property
+    def is_right(self) -> bool:
+        """Whether all lines are used, in time, and the rate is within a tenth."""
+        all_used = self.sent == self.used and not self.empty
+        in_time = max(self.delay, self.error) <= self.limit
+        return all_used and in_time and abs(self.rate - 1) <= 0.1
+
+
+def measure(
+    device: SampleDevice, clock: Clock, skin: Skin, schedule: Schedule, begun: int
+) -> Outcome:
+    """Read a device from its opening to its last line."""
+    mounted = MountedSkin(skin, load_robot("table"))
+    calibration = Calibration.uniform(skin.count, 1, 1.0)
+    joints = FixedJoints(np.zeros(0))
+    arrived = begun / NS_PER_S + schedule.arrived
+    numbers, ages, errors, empty = [], [], [], 0
+    end = arrived[-1] - 0.5 * SLACK
+    with SampledSource(device, mounted, calibration, joints, clock, "csv:pad") as read:
+        opened = clock.now() / NS_PER_S
+        last = int(np.searchsorted(arrived, end - 1e-3, "right")) - 1
+        while not numbers or numbers[-1] < last:
+            scan = read.read(1.0)
+            if scan is None or not scan.received.any():
+                empty += 1
+                if clock.now() / NS_PER_S > end + 1:
+                    break
+                continue
+            number = int(scan.counts[0]) + 1000 * int(scan.counts[1])
+            numbers.append(number)
+            ages.append(clock.now() / NS_PER_S - arrived[number])
+            made = begun / NS_PER_S + schedule.made[number]
+            errors.append(abs(scan.stamp / NS_PER_S - made))
+        rate = read.info.rate
+    first = int(np.searchsorted(arrived, opened + 1e-6, "right"))
+    used = {number for number in numbers if first <= number <= last}
+    return Outcome(
+        last - first + 1,
+        len(used),
+        empty,
+        rate / schedule.rate,
+        percentile(ages),
+        percentile(errors),
+        1 / schedule.rate + SLACK,
+    )
+
+
+def percentile(values: list[float]) -> float:
+    """Return the 95th percentile; infinite without values."""
+    return float(np.percentile(values, 95)) if values else math.inf
+
+
+def measure_simulated(rate: float, way: str, seed: int) -> Outcome:
+    """Read a schedule in simulated time."""
+    skin, clock, schedule = build_pad(), ManualClock(), Schedule(rate, way, seed)
+    begun = clock.now()
+    device = ScheduledMatrix(clock, skin, schedule)
+    return measure(device, clock, skin, schedule, begun)
+
+
+def measure_real(rate: float, way: str, seed: int) -> Outcome:
+    """Read a schedule over a pseudo-terminal."""
+    skin, clock = build_pad(), HostClock()
+    schedule = Schedule(rate, way, seed)
+    with ExitStack() as stack:
+        host, device = os.openpty()
+        stack.callback(os.close, host)
+        stack.callback(os.close, device)
+        tty.setraw(host)
+        tty.setraw(device)
+        matrix = CsvMatrix(clock, [os.ttyname(device)], skin, 115_200)
+        begun = clock.now() + NS_PER_S // 5
+
+        def send() -> None:
+            for number, at in enumerate(schedule.arrived):
+                clock.sleep(at + (begun - clock.now()) / NS_PER_S)
+                os.write(host, schedule.line(number))
+
+        thread = threading.Thread(target=send, daemon=True)
+        thread.start()
+        found = measure(matrix, clock, skin, schedule, begun)
+        thread.join()
+    return found
+
+
+@dataclass(frozen=True)
+class CsvRatesCommand:
+    """Read matrices at many rates."""
+
+    rates: tuple[int, ...] = RATES
+    """Rates of scans [1/s]."""
+    seeds: int = 5
+    """Number of draws of each; the worst is printed."""
+    real: bool = False
+    """Send over pseudo-terminals in real time."""
+
+
+def run(command: CsvRatesCommand) -> dict[str, object]:
+    """Print the table."""
+    print("   1/s  way      lines used  empty  rate told  delay p95  stamp p95  limit")
+    wrong = 0
+    for rate in command.rates:
+        for way in WAYS:
+            one = measure_real if command.real else measure_simulated
+            draws = [one(rate, way, seed) for seed in range(command.seeds)]
+            worst = max(draws, key=lambda found: abs(found.rate - 1))
+            sent, used = sum(d.sent for d in draws), sum(d.used for d in draws)
+            right = sum(found.is_right for found in draws)
+            wrong += len(draws) - right
+            print(
+                f"{rate:6d}  {way:8s} {used:6d}/{sent:<6d} "
+                f"{sum(d.empty for d in draws):4d}  {worst.rate:8.3f} "
+                f"{1e3 * max(d.delay for d in draws):8.1f} ms "
+                f"{1e3 * max(d.error for d in draws):7.1f} ms "
+                f"{1e3 * draws[0].limit:6.0f} ms  {right}/{len(draws)}",
+                flush=True,
+            )
+    return {"wrong": wrong}
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(run))

@@ -1,0 +1,273 @@
+"""Tests of lines of numbers: what may mean two things is asked for, never guessed."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.drivers.csv_lines import END, LineDeframer, LineForm
+from eskin.drivers.csv_matrix import MatrixLine
+from eskin.drivers.sampled_source import estimate_rate
+from eskin.errors import DeviceError
+from test_drivers_devices import COLUMNS, ROWS, format_line, matrix_skin
+from test_firmware import COMPILER, FIRMWARE, STRICT, run_program
+
+MS, SECOND = 1_000_000, 1_000_000_000
+COUNTS = [300 + 7 * n for n in range(ROWS * COLUMNS)]
+
+
+def open_line(options="", missing=()):
+    """Open the line of a matrix that lacks the taxels of some cells."""
+    skin = matrix_skin()
+    keep = np.delete(np.arange(skin.count), missing)
+    fields = ("patch_index", "rows", "columns", "positions", "normals", "areas")
+    parts = {name: getattr(skin, name)[keep] for name in (*fields, "tangents")}
+    form, skin = LineForm.parse(f"pad{options}"), replace(skin, **parts)
+    return MatrixLine(form, skin, 0)
+
+
+def read_lines(line, lines, period=20 * MS):
+    """Return the samples of lines that arrive one a period."""
+    line.deframer.push(b"\n")
+    samples, now = [], 0
+    for each in lines:
+        now += period
+        line.empty_at = now - MS
+        samples += line.push(line.deframer.push(each), now)
+    return samples
+
+
+def join(values, separator=","):
+    return separator.join(map(str, values)).encode()
+
+
+ROWS_OF = [COUNTS[n : n + COLUMNS] for n in range(0, len(COUNTS), COLUMNS)]
+READABLE = {
+    "plain": join(COUNTS) + b"\n",
+    "carriage returns": join(COUNTS) + b"\r",
+    "both, turned": join(COUNTS) + b"\n\r",
+    "byte order mark": b"\xef\xbb\xbf" + join(COUNTS) + b"\n",
+    "brackets": b"[" + join(COUNTS, ", ") + b"]\n",
+    "tabs": join(COUNTS, "\t") + b"\n",
+    "last separator": join(COUNTS, ";") + b";\n",
+    "decimals": join([f"{v}.00" for v in COUNTS]) + b"\n",
+    "rows": b"".join(join(row) + b"\n" for row in ROWS_OF) + b"\n",
+    "rows that end in CRLF": b"".join(join(row) + b"\r\n" for row in ROWS_OF) + b"\r\n",
+    "printed array": b"["
+    + b"\n ".join(b"[" + join(row, " ") + b"]" for row in ROWS_OF)
+    + b"]\n",
+}
+
+
+@pytest.mark.parametrize("text", READABLE.values(), ids=READABLE)
+def test_every_clear_form_gives_the_same_counts(text):
+    samples = read_lines(open_line(), [text] * 40)
+    assert [sample.counts.tolist() for sample in samples[1:]] == [COUNTS] * (
+        len(samples) - 1
+    )
+    assert len(samples) >= 39
+
+
+@pytest.mark.parametrize("word", ["nan", "NaN", "", "-nan"])
+def test_cell_that_is_no_number_is_missing(word):
+    text = join([word if n == 4 else v for n, v in enumerate(COUNTS)]) + b"\n"
+    (sample,) = read_lines(open_line(), [text])
+    assert np.flatnonzero(~sample.received).tolist() == [4]
+    assert np.delete(sample.counts, 4).tolist() == COUNTS[:4] + COUNTS[5:]
+
+
+def timed(values, per_second, mark=""):
+    """Return a function of the time [ns] that gives a line with it."""
+    return lambda now: (
+        mark.encode() + join([5000 + now * per_second // SECOND, *values]) + b"\n"
+    )
+
+
+UNCLEAR = {
+    "time and all cells": ((), timed(COUNTS, 1000)),
+    "time in us and all cells": ((), timed(COUNTS, 10**6)),
+    "time and all but one cell": ((), timed(COUNTS[1:], 1000)),
+    "time and the taxels": ((29,), timed(COUNTS[:-1], 1000)),
+    "all cells": ((29,), lambda now: join(COUNTS) + b"\n"),
+    "marked time in ms": ((), timed(COUNTS, 1000, "@")),
+    "marked time in ns": ((), timed(COUNTS, 10**9, "@")),
+    "marked time that stands": ((), timed(COUNTS, 0, "@")),
+    "decimal commas": (
+        (),
+        lambda now: join([f"{v},5" for v in COUNTS], ";") + b"\n",
+    ),
+    "pairs": ((), lambda now: join([f"{v},5" for v in COUNTS[:15]], ";") + b"\n"),
+    "label": ((), lambda now: b"S1: " + join(COUNTS) + b"\n"),
+    "volts": ((), lambda now: join([v / 1000 for v in COUNTS]) + b"\n"),
+    "below zero": ((), lambda now: join([v - 310 for v in COUNTS]) + b"\n"),
+    "beyond the range": ((), lambda now: join([300 * v for v in COUNTS]) + b"\n"),
+}
+
+
+@pytest.mark.parametrize(("missing", "line_at"), UNCLEAR.values(), ids=UNCLEAR)
+def test_unclear_lines_are_refused_and_the_remedy_reads_them(missing, line_at):
+    lines = [line_at(n * 20 * MS) for n in range(1, 100)]
+    unclear = open_line(missing=missing)
+    refused = 99 - len(read_lines(unclear, lines))
+    # It takes half a second to tell a time from a count.
+    assert refused > 60 and lines[-1][:40].decode().strip() in unclear.why
+    remedies = re.findall(r"csv:pad(\S*?)(?=[ ;]|$)", unclear.why)
+    assert remedies
+    if line_at is UNCLEAR["time and all but one cell"][1]:
+        # Two forms are possible: a skin that lacks the cell, or a count that rises.
+        missing, remedies = (0,), [one for one in remedies if "ms" in one]
+    counts = [len(read_lines(open_line(one, missing), lines)) for one in remedies]
+    assert max(counts) > 90, dict(zip(remedies, counts, strict=True))
+
+
+@pytest.mark.parametrize("size", range(ROWS * COLUMNS * 2 + 3))
+def test_line_of_another_size_is_never_read(size):
+    line = open_line(missing=(3, 9))
+    samples = read_lines(line, [join(range(400, 400 + size)) + b"\n"] * 9)
+    assert bool(samples) == (size in (ROWS * COLUMNS - 2, ROWS * COLUMNS))
+    assert samples or size == 0 or line.refused
+
+
+def test_line_that_lost_a_separator_is_not_taken_for_the_other_form():
+    line = open_line(missing=(3, 9))
+    good, short = (join([400 + n for n in range(size)]) + b"\n" for size in (30, 28))
+    assert len(read_lines(line, [good, good, short, good, good])) == 4
+
+
+@pytest.mark.parametrize(
+    "text", ["x,tim=ms", "x,time=h", "x,scale=nan", "x,label=a,scale=b"]
+)
+def test_option_that_does_not_exist_is_refused_with_those_that_do(text):
+    with pytest.raises(DeviceError, match=r"allowed are time=ns.* decimal=comma.*"):
+        LineForm.parse(text)
+
+
+@given(st.lists(st.floats(0.5, 1.5), min_size=16, max_size=60), st.floats(-0.3, 3.3))
+@settings(max_examples=50)
+def test_rate_is_that_of_the_typical_interval(steps, power):
+    period = SECOND / 10**power
+    even = np.cumsum(np.full(len(steps), period))
+    jitter = 0.3 * period * (np.array(steps) - 1)
+    assert estimate_rate((even + jitter).astype(int).tolist()) == pytest.approx(
+        10**power, rel=0.1
+    )
+
+
+def test_lines_that_lay_unread_are_not_used():
+    line = open_line()
+    read_lines(line, [])
+    line.empty_at = 0
+    lines = [join(COUNTS)] * 20
+    assert line.push(lines, SECOND) == [] and "not known" in line.why
+    assert [sample.stamp for sample in line.push(lines[:1], SECOND + MS)] == [
+        SECOND + MS
+    ]
+
+
+@pytest.mark.parametrize("rate", [20, 50, 200])
+@pytest.mark.parametrize("in_pieces", [False, True])
+def test_lines_of_a_burst_are_stamped_when_they_were_made(rate, in_pieces):
+    line, errors = open_line(), []
+    made = np.arange(1, 5 * rate) * SECOND // rate
+    arrived = -(-made // (160 * MS)) * 160 * MS
+    for at in np.unique(arrived).tolist():
+        due = made[arrived == at].tolist()
+        for k, part in enumerate([[one] for one in due] if in_pieces else [due]):
+            samples = line.push([join(COUNTS)] * len(part), at + k * MS // 10)
+            errors += [abs(s.stamp - m) for s, m in zip(samples, part, strict=True)]
+    # After a second the interval is known.
+    assert max(errors[rate:]) <= SECOND // rate + 20 * MS
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.text("0123,;", max_size=30).map(str.encode),
+            st.sampled_from((b"\n", b"\r\n", b"\n\r", b"\r")),
+        ),
+        max_size=8,
+    ),
+    st.integers(1, 7),
+)
+def test_lines_are_found_however_bytes_are_cut(parts, size):
+    data = b"".join(part + end for part, end in parts)
+    whole, cut = LineDeframer(), LineDeframer()
+    found = [
+        line
+        for at in range(0, len(data), size)
+        for line in cut.push(data[at : at + size])
+    ]
+    assert whole.push(data) == found == END.split(data)[1:-1]
+
+
+@pytest.fixture
+def line():
+    """The line of a matrix at a port that sends nothing."""
+    return open_line()
+
+
+def test_line_with_checksum_is_refused_when_any_byte_is_changed(line):
+    counts = list(range(0, 3000, 100))
+    good = format_line(counts, 1_020_000, True).strip()
+    time, found, _ = line.parse(good)
+    assert (time, found.tolist()) == (1_020_000, counts)
+    for at in range(len(good)):
+        for flipped in (1, 2, 16, 128):
+            bad = bytearray(good)
+            bad[at] ^= flipped
+            result = line.parse(bytes(bad))
+            assert result is None or result[1].tolist() == counts, bytes(bad)
+
+
+def test_line_without_checksum_is_refused_after_one_with(line):
+    counts = list(range(40, 70))
+    plain = format_line(counts).strip()
+    assert line.parse(plain) is not None
+    assert line.parse(format_line(counts, 5, True).strip()) is not None
+    assert line.parse(plain) is None
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        b"1,2,3",
+        b"1," * 29 + b"x",
+        b"1," * 29 + b"70000",
+        b"-1," * 30,
+        b"1e999," * 30,
+        b"@1",
+    ],
+)
+def test_line_that_is_no_scan_is_refused_and_counted(line, bad):
+    assert line.parse(bad) is None and line.counts["damaged"] == 1
+
+
+def test_line_holds_all_cells_or_the_taxels_alone():
+    counts = np.arange(40, 40 + ROWS * COLUMNS)
+    keep = np.delete(counts, [4, 9])
+    for text in (format_line(counts), format_line(keep)):
+        found = open_line(missing=(4, 9)).parse(text.strip())
+        assert found.counts.tolist() == keep.tolist()
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler: cc, gcc, clang")
+@pytest.mark.parametrize("words", [(), ("bare",)], ids=["timed", "bare"])
+def test_firmware_sends_the_scans_of_a_simulated_matrix(tmp_path, line, words):
+    sources = [FIRMWARE / "eskin_matrix.c", FIRMWARE / "matrix_main.c"]
+    program = tmp_path / "matrix"
+    run_program(COMPILER, *STRICT, f"-I{FIRMWARE}", *sources, "-o", program)
+    rng = np.random.default_rng(0)
+    counts = rng.integers(0, 65_536, (20, ROWS * COLUMNS))
+    times = rng.integers(0, 2**32, 20)
+    given = "\n".join(
+        f"{t} {' '.join(map(str, c))}" for t, c in zip(times, counts, strict=True)
+    )
+    size = (str(ROWS), str(COLUMNS))
+    out = run_program(program, *size, *words, given=given.encode())
+    parsed = [line.parse(text) for text in out.splitlines()]
+    assert [one.counts.tolist() for one in parsed] == counts.tolist()
+    assert [one.time for one in parsed] == ([None] * 20 if words else times.tolist())
+    assert line.has_checksum == (not words)
