@@ -11,7 +11,7 @@ import pytest
 
 from eskin.live import Recognizer, load_model
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
-from lab.public_sets import SETS, Group, read_trials
+from lab.public_sets import SETS, Group, read_socialtouch
 from lab.recogniser import Command, evaluate_clips
 from lab.simulated_sets import made_set
 from lab.transfer import (
@@ -75,6 +75,12 @@ def test_pokes_in_the_page():
     assert np.mean(sure) >= 0.85
 
 
+@pytest.fixture(scope="module")
+def touches(socialtouch_folder):
+    """Return all touches of SocialTouch."""
+    return list(read_socialtouch(socialtouch_folder))
+
+
 @pytest.mark.parametrize(
     ("name", "chosen", "floor"),
     [
@@ -83,13 +89,12 @@ def test_pokes_in_the_page():
         ("ur5-groups", "socialtouch-groups", 0.55),
     ],
 )
-def test_real_touches(socialtouch_folder, name, chosen, floor):
+def test_real_touches(touches, name, chosen, floor):
     public = SETS[chosen]
     groups = [group for group in public.groups if group.truth and not group.longer]
-    model, trials = load_model(name), read_trials(public, socialtouch_folder)
     count = TOUCHES // len(groups)
-    chosen = [t for group in groups for t in draw_trials(trials, group, count)]
-    answers = answer_trials(chosen, public, model)
+    drawn = [t for group in groups for t in draw_trials(touches, group, count)]
+    answers = answer_trials(drawn, public, load_model(name))
     right = [compute_accuracy(select_answers(answers, g), g) for g in groups]
     assert np.mean(right) >= floor
 
