@@ -72,7 +72,7 @@ class PatchMoves(NamedTuple):
 
     received: np.ndarray
     known: np.ndarray
-    """Of known rest."""
+    """Taxels of known rest."""
     positive: np.ndarray
     """Above zero."""
     up: np.ndarray
