@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from eskin.design.surface import LinkSurface, PointLocator
 from eskin.registry import find_package
 from eskin.robot import Joint, Kinematics, Robot
-from eskin.robot.surface import compute_triangle_normals
+from eskin.robot.triangles import compute_triangle_normals
 from eskin.transforms import apply, invert
 
 igl = find_package("igl", "libigl", "design", "skin design")

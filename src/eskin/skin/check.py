@@ -75,6 +75,8 @@ def check_skin(
     return problems
 
 
+TAXELS_AT_ONCE = 1000
+"""Number of taxels between two updates of the progress."""
 MAX_COINCIDENT = 64
 """Largest number of taxels in one point."""
 MAX_CLOSE, FREE_CLOSE = 10, 100_000
@@ -215,28 +217,49 @@ def find_surface_problems(
     skin: Skin, robot: Robot, config: CheckConfig
 ) -> Iterator[SkinProblem]:
     """Find taxels off their link's surface, and normals that do not point outward."""
+    distances, cosines = compute_clearances(skin, robot)
+    limit = config.max_surface_distance
+    off = ~(np.abs(distances) <= limit)
     for number, patch in enumerate(skin.patches):
-        finite = np.isfinite(skin.positions).all(axis=1)
-        taxels = np.flatnonzero((skin.patch_index == number) & finite)
-        if patch.link not in robot.link_names or len(taxels) == 0:
-            continue
-        link = robot.links[robot.link_index(patch.link)]
-        if not link.geoms:
-            continue
-        distances, outward = compute_surface_distance(link, skin.positions[taxels])
-        cosines = np.sum(outward * skin.normals[taxels], axis=1)
-        off = ~(np.abs(distances) <= config.max_surface_distance)
-        for taxel, distance in zip(taxels[off], distances[off], strict=True):
-            side = "off" if distance > 0 else "below"
-            limit = f"{1e3 * config.max_surface_distance:g} mm"
+        own = skin.patch_index == number
+        for taxel in np.flatnonzero(own & off).tolist():
+            side = "off" if distances[taxel] > 0 else "below"
             text = (
-                f"lies {1e3 * abs(distance):.3g} mm {side} the surface of link "
-                f"'{patch.link}', allowed up to {limit}"
+                f"lies {1e3 * abs(distances[taxel]):.3g} mm {side} the surface of link "
+                f"'{patch.link}', allowed up to {1e3 * limit:g} mm"
             )
-            yield SkinProblem(text, patch.id, int(taxel))
-        for taxel in taxels[~off & ~(cosines >= config.min_cosine)]:
+            yield SkinProblem(text, patch.id, taxel)
+        for taxel in np.flatnonzero(own & ~off & ~(cosines >= config.min_cosine)):
             text = f"its normal does not point out of link '{patch.link}'"
             yield SkinProblem(text, patch.id, int(taxel))
+
+
+def compute_clearances(
+    skin: Skin, robot: Robot
+) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel"]]:
+    """Compute distances from links [m], and cosines between normals and theirs.
+
+    The distance is 0 and the cosine 1 where a link has no shape or a position is not
+    finite.
+    """
+    from eskin.progress import track_progress
+
+    distances, cosines = np.zeros(skin.count), np.ones(skin.count)
+    finite = np.isfinite(skin.positions).all(axis=1)
+    names = np.array(skin.link_names)[skin.patch_index]
+    parts = [
+        (link, part)
+        for link in robot.links
+        if link.geoms
+        for own in [np.flatnonzero(finite & (names == link.name))]
+        for part in np.array_split(own, len(own) // TAXELS_AT_ONCE + 1)
+        if len(part)
+    ]
+    for link, part in track_progress(parts, "Checking", len(parts)):
+        found, outward = compute_surface_distance(link, skin.positions[part])
+        distances[part] = found
+        cosines[part] = np.sum(outward * skin.normals[part], axis=1)
+    return distances, cosines
 
 
 def get_patch_id(skin: Skin, taxel: int) -> str:
