@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from eskin.errors import SkinError
@@ -75,6 +75,8 @@ def check_skin(
     return problems
 
 
+FARTHEST = 1e6
+"""Largest coordinate of a taxel in its link's frame [m]."""
 TAXELS_AT_ONCE = 1000
 """Number of taxels between two updates of the progress."""
 MAX_COINCIDENT = 64
@@ -151,18 +153,23 @@ def find_cell_problems(skin: Skin) -> Iterator[SkinProblem]:
 
 
 def find_position_problems(skin: Skin) -> Iterator[SkinProblem]:
-    """Find positions that are not finite."""
-    bad = ~np.isfinite(skin.positions).all(axis=1)
+    """Find positions that are not finite, or nowhere near a robot."""
+    bad = ~are_near(skin)
     for taxel in np.flatnonzero(bad).tolist():
         position = skin.positions[taxel].tolist()
-        text = f"its position is {position}, allowed finite numbers"
+        text = f"its position is {position}, allowed finite numbers up to {FARTHEST:g} m"
         yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
+
+
+def are_near(skin: Skin) -> Bool[np.ndarray, "taxel"]:
+    """Return which positions are finite and not too large to compute with."""
+    return (np.abs(skin.positions) <= FARTHEST).all(axis=1)
 
 
 def find_coincident_problems(skin: Skin, config: CheckConfig) -> Iterator[SkinProblem]:
     """Find taxels of one link that coincide."""
     links = np.array(skin.link_names)[skin.patch_index]
-    finite = np.flatnonzero(np.isfinite(skin.positions).all(axis=1))
+    finite = np.flatnonzero(are_near(skin))
     near = KDTree(skin.positions[finite]).query_pairs(
         config.min_taxel_distance, output_type="ndarray"
     )
@@ -245,7 +252,7 @@ def compute_clearances(
     from eskin.progress import track_progress
 
     distances, cosines = np.zeros(skin.count), np.ones(skin.count)
-    finite = np.isfinite(skin.positions).all(axis=1)
+    finite = are_near(skin)
     names = np.array(skin.link_names)[skin.patch_index]
     parts = [
         (link, part)
@@ -267,6 +274,7 @@ def get_patch_id(skin: Skin, taxel: int) -> str:
     return skin.patches[skin.patch_index[taxel]].id
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def compare_neighbours(
     skin: Skin,
 ) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel 3"]]:
