@@ -1,5 +1,6 @@
 """Tests of URDF files: usual ones are read, others refused in one line with a place."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from eskin.robot import (
     load_robot,
     load_urdf,
 )
+from eskin.robot.urdf import parse_urdf, warn_once
 
 TOY = """<?xml version="1.0"?>
 <robot name="toy">
@@ -73,10 +75,15 @@ def write(tmp_path):
     return write
 
 
+def read_shapes(robot):
+    """Return all shapes of a robot, which are read when they are needed."""
+    return [geom.shape for link in robot.links for geom in link.geoms]
+
+
 def check_refusal(path, *texts):
     """Check that a URDF is refused in one line with its path and some texts."""
     with pytest.raises(RobotError) as error:
-        load_robot(path)
+        read_shapes(load_robot(path))
     message = str(error.value)
     assert "\n" not in message and str(path) in message
     assert all(text in message for text in texts), message
@@ -128,7 +135,16 @@ def test_robot_without_a_name_has_that_of_its_file(write):
         ('<link name="tip"/>', "", ["'weld'", "child link 'tip'", "arm, base"]),
         ('<parent link="slider"/>', '<parent link="tip"/>', ["links tip", "cycle"]),
         ("<link name=", '<link name="stray"/><link name=', ["roots (stray, base)"]),
-        ('"revolute"', '"floating"', ["'lift'", "'floating'", "revolute, continuous"]),
+        ('"revolute"', '"screw"', ["'lift'", "'screw'", "revolute, continuous"]),
+        ('"prismatic"', '"floating"', ["'slide'", "'floating'", "root", "make it"]),
+        (
+            'rpy="0 0 1.57',
+            'quat="0 0 1.57',
+            ["'base'", "<origin>", "quat", "quat_xyzw"],
+        ),
+        ('xyz="1 2 3"', 'quat_xyzw="0 0 0 1"', ["'base'", "rpy or quat_xyzw"]),
+        ('xyz="0 0 1"/><a', 'quat_xyzw="0 0 0 0"/><a', ["'lift'", "no length"]),
+        ('lower="-1"', 'lower="${-pi}"', ["'lift'", "'${-pi}'", "run xacro"]),
         (' type="revolute"', "", ["'lift'", "'type'"]),
         (LIMIT, "", ["'lift'", "revolute", "<limit>", "continuous"]),
         (' velocity="3"', "", ["'lift'", "<limit>", "'velocity'"]),
@@ -236,7 +252,7 @@ def test_mesh_without_trimesh_names_the_extra(write, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     write_stl(tmp_path / "box.stl")
     path = write(MESH.format("box.stl", "1 1 1"))
-    check_refusal(path, "'base'", "box.stl", ".[models]", "meshes=False")
+    check_refusal(path, "'base'", "box.stl", ".[models]")
 
 
 def test_urdf_is_read_without_its_meshes(write):
@@ -245,11 +261,106 @@ def test_urdf_is_read_without_its_meshes(write):
     assert Kinematics(robot).poses(np.zeros(0)).shape == (1, 4, 4)
 
 
+FIND = "file://$(find arm)/meshes/box.stl"
+
+
+@pytest.mark.parametrize(
+    ("shape", "texts"),
+    [
+        ('<mesh filename="gone.stl"/>', ["gone.stl"]),
+        ('<mesh filename="pointer.stl"/>', ["pointer.stl", "git lfs pull"]),
+        (f'<mesh filename="{FIND}"/>', [FIND, "run xacro", "> out.urdf"]),
+        ('<mesh filename="../../elsewhere.stl"/>', ["elsewhere.stl"]),
+        ('<mesh filename="a.glb"/>', ["a.glb", "convert it"]),
+        ('<sphere radius="0"/>', ["radius is 0"]),
+        ("<ellipsoid/>", ["ellipsoid", "allowed"]),
+    ],
+)
+def test_kinematics_need_no_shape_and_what_does_names_the_remedy(
+    write, tmp_path, shape, texts
+):
+    """The other links, and the link's other shapes, can be used too."""
+    (tmp_path / "pointer.stl").write_text(POINTER)
+    (tmp_path / "a.glb").touch()
+    text = TOY.replace('<sphere radius="0.5"/>', shape)
+    robot, path = load_robot(write(text)), tmp_path / "toy.urdf"
+    expected = Kinematics(load_robot(write(TOY))).poses(np.zeros(2))
+    np.testing.assert_array_equal(Kinematics(robot).poses(np.zeros(2)), expected)
+    assert robot.links[0].geoms[0].shape == Box((1.0, 2.0, 3.0))
+    check_refusal(write(text), f"{path}: link 'base'", *texts)
+
+
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 684\n"
+
+
+def test_urdf_that_is_a_pointer_of_git_lfs_is_told(write):
+    check_refusal(write(POINTER), "Git LFS", "git lfs pull")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: f"<!-- for {LATE} -->\n{text}",
+        lambda text: f"\ufeff\n <!-- first -->{text}",
+        lambda text: text.replace("<robot", '<robot xmlns="http://a.org/b"'),
+        lambda text: text.replace("<limit", '<limit drake:acceleration="2"', 1),
+        lambda text: text.replace("</robot>", f"<a>{LATE}<x:b/></a></robot>"),
+        lambda text: text.replace("<safety", '<calibration rising="0"/><safety'),
+        lambda text: text.replace("0 2 0", "0, 2, 0"),
+        lambda text: text.replace("0 0 1.5707963267948966", "0,  0 1.5707963267948966"),
+    ],
+)
+def test_what_does_not_change_a_urdf_is_accepted(write, change):
+    """Comments before the declaration, namespaces, prefixes, commas, other tags."""
+    before, after = load_urdf(write(TOY)), load_urdf(write(change(TOY)))
+    assert after.joint_names == before.joint_names
+    assert read_shapes(after) == read_shapes(before)
+    q = np.array([0.3, -0.4])
+    poses = (Kinematics(robot).poses(q) for robot in (before, after))
+    np.testing.assert_array_equal(*poses)
+    assert parse_urdf(after.urdf, Path("again")).joint_names == before.joint_names
+
+
+LATE = "xml version"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+def test_urdf_in_another_encoding_is_read(tmp_path, encoding):
+    declared = TOY.replace('"1.0"', f'"1.0" encoding="{encoding.split("-sig")[0]}"')
+    path = tmp_path / "toy.urdf"
+    path.write_bytes(declared.replace('"tip"', '"h\u00fclse"').encode(encoding))
+    assert load_urdf(path).link_names[-1] == "h\u00fclse"
+
+
+@pytest.mark.parametrize("turn", [1e-160, 1.0, 1e160])
+def test_quaternion_of_an_origin_is_its_rotation(write, turn):
+    quaternion = f'quat_xyzw="0 0 {0.5**0.5 * turn} {0.5**0.5 * turn}"'
+    changed = TOY.replace('rpy="0 0 1.5707963267948966"', quaternion)
+    pose = load_urdf(write(changed)).links[0].geoms[0].T_link_shape
+    expected = load_urdf(write(TOY)).links[0].geoms[0].T_link_shape
+    np.testing.assert_allclose(pose, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_free_base_is_fixed_with_a_warning_once(write, kind, caplog):
+    warn_once.cache_clear()
+    path = write(TOY.replace('"revolute"', f'"{kind}"'))
+    robots = [load_urdf(path) for _ in range(2)]
+    assert robots[0].joint_names == ("roll",)
+    (record,) = caplog.records
+    assert kind in record.message and "'lift'" in record.message
+    expected = Kinematics(load_urdf(write(TOY))).poses(np.array([0.0, 0.5]))
+    got = Kinematics(robots[1]).poses(np.array([0.5]))
+    np.testing.assert_allclose(got, expected, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("address", "stored"),
     [
         ("../box.stl", "box.stl"),
-        ("../meshes/box.stl", "meshes/box.stl"),
+        ("../other/meshes/box.stl", "other/meshes/box.stl"),
+        ("../meshes/../other/box.stl", "other/box.stl"),
+        ("../mesh/box.stl", "box.stl"),
         ("{tmp}/box.stl", "box.stl"),
         ("file://{tmp}/box.stl", "box.stl"),
         ("package://../box.stl", "box.stl"),
@@ -262,13 +373,19 @@ def test_urdf_is_read_without_its_meshes(write):
 def test_mesh_outside_folder_and_packages_is_refused(tmp_path, address, stored):
     """By a path that leads out, an absolute one, or a symbolic link."""
     folder = tmp_path / "robot"
-    folder.mkdir()
+    (folder / "toy").mkdir(parents=True)
     write_stl(tmp_path / stored)
     (folder / "link.stl").symlink_to(tmp_path / stored)
     (folder / "linked").symlink_to(tmp_path)
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "mesh").symlink_to(tmp_path)
     path = folder / "toy.urdf"
     path.write_text(MESH.format(address.format(tmp=tmp_path), "1 1 1"))
-    check_refusal(path, "'base'", "outside", "packages")
+    pytest.importorskip("trimesh")
+    remedy = f"an empty package.xml into {tmp_path},"
+    check_refusal(path, "'base'", "outside", "packages", remedy)
+    (tmp_path / "package.xml").touch()
+    assert read_shapes(load_urdf(path))
 
 
 def test_mesh_of_a_package_beside_is_read(tmp_path):
@@ -281,7 +398,7 @@ def test_mesh_of_a_package_beside_is_read(tmp_path):
     path = tmp_path / "robot" / "toy.urdf"
     for name in ("other", "linked"):
         path.write_text(MESH.format(f"package://{name}/meshes/box.stl", "1 1 1"))
-        assert load_urdf(path).links[0].geoms
+        assert read_shapes(load_urdf(path))
 
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(
@@ -317,9 +434,10 @@ def test_mesh_that_is_repeated_too_often_is_refused(write, tmp_path, monkeypatch
     monkeypatch.setattr("eskin.robot.meshes.MAX_TRIANGLES", 100)
     write_stl(tmp_path / "box.stl")
     start, middle, end = MESH.format("box.stl", "1 1 1").partition("<collision>")
-    once, _, after = end.partition("</link>")
-    assert load_urdf(write(start + (middle + once) * 8 + "</link></robot>"))
-    text = start + (middle + once) * 9 + "</link></robot>"
+    once, *rest = end.partition("</link>")
+    end_of_link = "".join(rest)
+    assert read_shapes(load_urdf(write(start + (middle + once) * 8 + end_of_link)))
+    text = start + (middle + once) * 9 + end_of_link
     check_refusal(write(text), "'base'", "108 triangles")
 
 
@@ -332,11 +450,46 @@ def test_mesh_that_is_repeated_too_often_is_refused(write, tmp_path, monkeypatch
     ],
 )
 def test_wrong_mimic_rule_names_its_line_and_can_be_ignored(write, old, new, texts):
+    """Every command accepts the remedy: a URDF without the rule."""
     path = write(TOY.replace(old, new, 1))
     line = 1 + path.read_text().split("<mimic")[0].count("\n")
-    check_refusal(path, f"toy.urdf line {line}: joint 'slide'", "--no-mimics", *texts)
-    robot = load_urdf(path, mimics=False)
-    assert robot.joint_names == ("lift", "roll", "slide")
+    remedy = "take the <mimic> out"
+    check_refusal(path, f"toy.urdf line {line}: joint 'slide'", remedy, *texts)
+    without = write(re.sub("<mimic.*?/>", "", TOY))
+    for robot in (load_urdf(path, mimics=False), load_urdf(without)):
+        assert robot.joint_names == ("lift", "roll", "slide")
+
+
+def build_chain(*followed):
+    """Build a URDF of three joints in a row, each of which may follow another."""
+    rule = '<mimic joint="{}" multiplier="-2" offset="0.5"/>'
+    joints = "".join(
+        f'<joint name="j{i}" type="prismatic"><parent link="l{i}"/>'
+        f'<child link="l{i + 1}"/><limit lower="-9" upper="9" velocity="1"/>'
+        f"{other and rule.format(other)}</joint>"
+        for i, other in enumerate(followed)
+    )
+    links = "".join(f'<link name="l{i}"/>' for i in range(len(followed) + 1))
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("followed", "values"),
+    [(("", "j0", "j1"), [1, -1.5, 3.5]), (("j1", "j2", ""), [3.5, -1.5, 1])],
+)
+def test_joint_that_follows_a_follower_has_the_value_of_both_rules(
+    write, followed, values
+):
+    robot = load_urdf(write(build_chain(*followed)))
+    poses = Kinematics(robot).poses(np.ones(1))
+    np.testing.assert_allclose(np.diff(poses[:, 0, 3]), values)
+
+
+@pytest.mark.parametrize(
+    "followed", [("j0", ""), ("j1", "j0", ""), ("j1", "j2", "j1"), ("j2", "j0", "j1")]
+)
+def test_joints_that_follow_each_other_are_refused(write, followed):
+    check_refusal(write(build_chain(*followed)), "'j", "no value of its own", "<mimic>")
 
 
 def test_collada_mesh_is_read_in_metres(write, tmp_path):

@@ -9,7 +9,7 @@ import yaml
 
 from eskin.command import load_commands, parse_commands
 from eskin.errors import CommandError, RobotError
-from eskin.robot import Kinematics, load_urdf
+from eskin.robot import Kinematics, Robot, load_urdf
 from eskin.robot.presets import read_preset_urdf
 from eskin.skin import load_skin
 from lab.fuzz.mutation import mutate
@@ -61,6 +61,18 @@ class CommandsTarget(Target):
         return True
 
 
+def load_robot_whole(path: Path) -> Robot:
+    """Load a robot, and read all its shapes.
+
+    Raises:
+        RobotError: the robot or a shape cannot be used.
+    """
+    robot = load_urdf(path)
+    for link in robot.links:
+        assert all(geom.shape is not None for geom in link.geoms)
+    return robot
+
+
 URDF_WORDS = (
     *(b"<link name='a'/>", b"<a>", b"<!DOCTYPE a>", b"&amp;", b"&#0;", b"<!--"),
     *(b"nan", b"inf", b"1e999", b"-0", b"9" * 5000, b"<mesh filename='../a.stl'/>"),
@@ -83,10 +95,10 @@ class RobotTarget(Target):
         return mutate(self.whole, rng, URDF_WORDS)
 
     def feed(self, data: bytes) -> bool:
-        """Load the robot, and compute its poses."""
+        """Load the robot and its shapes, and compute its poses."""
         self.path.write_bytes(data)
         try:
-            robot = load_urdf(self.path)
+            robot = load_robot_whole(self.path)
         except RobotError as error:
             check_refusal(error)
             return False

@@ -20,7 +20,7 @@ from eskin.live import check_weights, load_model
 from eskin.page.editing import load_replayed
 from eskin.recording import load_ranges, read_recording
 from eskin.recording.reader import parse_shared_skin
-from eskin.robot import load_robot, load_urdf
+from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import TouchPipeline
 from lab.attacks.files import FILES, NAMES
@@ -31,6 +31,7 @@ from lab.attacks.hostile_texts import (
     stack_taxels,
     write_card,
 )
+from lab.fuzz.robots import load_robot_whole
 
 
 def view(path):
@@ -54,7 +55,7 @@ READERS = {
     ),
     "key": (read_key, DeviceError),
     "skin": (load_skin, SkinError),
-    "robot": (load_urdf, RobotError),
+    "robot": (load_robot_whole, RobotError),
     "recording": (view, (RecordingError, SkinError)),
     "matrix": (view, SkinError),
     "set": (lambda path: convert_sleeve(path, path / "out"), ImportSourceError),

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.command import FRAME_TASK, Arm, MotionConfig, Task, UrArm
+from eskin.command.arm import ArmJoints
 from eskin.command.ur import UrLink
 from eskin.drivers import (
     CalledJoints,
@@ -317,8 +318,15 @@ def parse_udp_address(uri: str) -> tuple[str, int]:
 
 
 def choose_joints(config: SourceConfig, mounted: MountedSkin) -> JointSource:
-    """Return the source of joint positions that a configuration asks for."""
+    """Return the source of joint positions that a configuration asks for.
+
+    Raises:
+        DeviceError: there is not one position for each joint.
+        ArmError: the joints of an arm are not found in the robot.
+    """
     joints = config.joints or FixedJoints(fixed_positions(config, mounted))
+    if isinstance(joints, Arm):
+        return ArmJoints(joints, mounted.robot)
     if isinstance(joints, JointSource):
         return joints
     return CalledJoints(joints, mounted.robot)

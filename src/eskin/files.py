@@ -25,10 +25,12 @@ KINDS = {
     stat.S_IFSOCK: "a socket",
 }
 """Kinds of files that are refused, beside folders."""
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""Beginning of the text that stands for a file of Git LFS until it is fetched."""
 
 
 class UnfitFileError(OSError):
-    """A file is no regular file, or larger than allowed; `strerror` says which."""
+    """A file is no regular one, too large, or not fetched; `strerror` says which."""
 
 
 def open_file(path: Path, max_bytes: int) -> BinaryIO:
@@ -39,8 +41,8 @@ def open_file(path: Path, max_bytes: int) -> BinaryIO:
         max_bytes: largest size that is allowed [bytes].
 
     Raises:
-        OSError: it cannot be opened, is no regular file, or is too large; `strerror`
-            says why.
+        OSError: it cannot be opened, is no regular file, is too large, or is a pointer
+            of Git LFS; `strerror` says why.
     """
     # A device is not even opened: that alone may reset it.
     check_status(os.stat(path), max_bytes)
@@ -48,6 +50,12 @@ def open_file(path: Path, max_bytes: int) -> BinaryIO:
     try:
         # Another file may have taken its place in between.
         check_status(os.fstat(descriptor), max_bytes)
+        if os.pread(descriptor, len(LFS_POINTER), 0) == LFS_POINTER:
+            raise UnfitFileError(
+                errno.EINVAL,
+                "it is a pointer of Git LFS, not the file itself; run 'git lfs pull' "
+                "in its folder",
+            )
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, final
-from xml.etree import ElementTree
 
 from eskin.bus.messages import ROBOT_DESCRIPTION
 from eskin.bus.publisher import Bus
@@ -13,6 +12,7 @@ from eskin.recording.cdr import Topic
 from eskin.registry import find_package
 from eskin.robot import Robot
 from eskin.robot.meshes import MAX_MESH_BYTES, MeshReader
+from eskin.robot.urdf import parse_xml
 
 foxglove = find_package("foxglove", "foxglove-sdk", "foxglove", "--foxglove")
 websocket = find_package("foxglove.websocket", "foxglove-sdk", "foxglove", "--foxglove")
@@ -131,7 +131,7 @@ def build_asset_finder(robot: Robot, folder: Path) -> Callable[[str], bytes | No
         robot: the robot.
         folder: folder of its URDF.
     """
-    root = ElementTree.fromstring(robot.urdf)
+    root = parse_xml(robot.urdf, folder / robot.name)
     allowed = {mesh.get("filename") for mesh in root.iter("mesh")}
     reader = MeshReader(folder)
 

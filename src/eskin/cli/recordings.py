@@ -292,21 +292,24 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
     from eskin.live import Recognizer, load_model
     from eskin.page.process import format_link, free_port, make_token
-    from eskin.recording import read_recording
+    from eskin.recording import Overrides, read_recording
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
     port = free_port(command.port)
-    recording = read_recording(command.recording)
-    urdf = command.robot_urdf
-    robot = recording.load_robot() if urdf is None else load_robot(urdf)
+    recording = played = read_recording(command.recording)
+    if command.robot_urdf is None:
+        robot = recording.load_robot()
+    else:
+        robot = load_robot(command.robot_urdf)
+        played = read_recording(command.recording, Overrides(urdf=robot.urdf))
     mounted = MountedSkin(recording.skin, robot)
     detections, config = recording.detections, None
     if command.model is not None:
         model = load_model(command.model)
         config = model.card.pipeline
         recognizer = Recognizer(model, mounted, recording.calibration)
-        found = [found for scan in recording.scans() for found in recognizer.push(scan)]
+        found = [found for scan in played.scans() for found in recognizer.push(scan)]
         found += recognizer.finish()
         detections = tuple(detection.record() for detection in found)
     # Only now: the page takes a while to import.
@@ -314,7 +317,7 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     from eskin.page.server import open_server
     from eskin.page.timeline import Timeline
 
-    replayed = load_replayed(recording, mounted, config)
+    replayed = load_replayed(played, mounted, config)
     editor = LabelEditor(recording)
     token = make_token()
     server = open_server(port, token)

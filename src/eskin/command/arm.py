@@ -1,15 +1,19 @@
 """This module defines the abstract arm, which runs a task and takes commands."""
 
+import logging
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.drivers import JointSource
+from eskin.errors import ArmError, JointsError
 from eskin.progress import Closing
+from eskin.robot import Robot
 
+logger = logging.getLogger(__name__)
 Grip = Literal["open", "closed"]
 
 
@@ -151,3 +155,59 @@ class Arm(JointSource, Closing):
         Raises:
             ValueError: the share is not between 0 and 1.
         """
+
+
+@final
+class ArmJoints(JointSource):
+    """Provides the joint positions of a robot that holds an arm, matched by name.
+
+    The names in the robot may all have one prefix. Its other joints, such as those of a
+    gripper, stand at 0 or at the limit that is nearest, of which a warning tells.
+    """
+
+    def __init__(self, arm: Arm, robot: Robot) -> None:
+        """Match the joints of an arm with those of a robot.
+
+        Raises:
+            ArmError: The names do not tell which joints are those of the arm.
+        """
+        self.arm = arm
+        names, own = robot.joint_names, arm.joint_names
+        prefixes = [n.removesuffix(own[0]) for n in names if n.endswith(own[0])]
+        found = [p for p in prefixes if {p + name for name in own} <= set(names)]
+        prefix = found[0] if len(found) == 1 else ""
+        others = [n for n in names if n.removeprefix(prefix) not in own]
+        if others and prefix not in found:
+            raise ArmError(
+                f"robot '{robot.name}' has joints {', '.join(names)}, and its arm has "
+                f"{', '.join(own)}; allowed are joints of these names, once, and only "
+                "beside all of them others; rename them in the URDF"
+            )
+        if others:
+            logger.warning(
+                "joints of '%s' that the arm does not know stand at 0 or their limit: "
+                "%s",
+                robot.name,
+                ", ".join(others),
+            )
+        self.rest = np.clip(np.zeros(len(names)), robot.lower, robot.upper)
+        matched = [name for name in names if name not in others]
+        self.places = [names.index(name) for name in matched]
+        self.sources = [own.index(name.removeprefix(prefix)) for name in matched]
+
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Return the joint positions of the robot at a time [rad].
+
+        Raises:
+            JointsError: those of the arm are not known at that time.
+        """
+        try:
+            return self.place(self.arm.q_at(stamp))
+        except JointsError as error:
+            raise JointsError(str(error), self.place(error.q)) from error
+
+    def place(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "joint"]:
+        """Return the positions of the robot's joints by those of the arm [rad]."""
+        placed = self.rest.copy()
+        placed[self.places] = q[self.sources]
+        return placed

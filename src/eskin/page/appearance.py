@@ -1,15 +1,19 @@
 """This module builds the meshes that show a robot."""
 
+import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from eskin.errors import RobotError
 from eskin.page.messages import LinkMesh, SceneDescription
 from eskin.robot import (
     ROBOT_PRESETS,
     Cylinder,
     Geom,
+    Robot,
     TriangleMesh,
     build_geom_mesh,
     compute_surface_distance,
@@ -35,6 +39,7 @@ LID_HEIGHT = 0.005
 """Height of a lid [m]."""
 BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
 """Colours of aluminium, of its tubes, and of lids in the blue-grey of a UR."""
+logger = logging.getLogger(__name__)
 
 
 def describe_scene(mounted: MountedSkin, gestures: tuple[str, ...]) -> SceneDescription:
@@ -86,6 +91,7 @@ def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
     Cylinders get rounded edges, and a lid on each bare end. Other shapes stay
     unchanged.
     """
+    mounted = MountedSkin(mounted.skin, leave_out_unreadable(mounted.robot))
     robot = mounted.robot
     T_world_link = mounted.kinematics.poses(np.zeros(len(robot.joint_names)))
     solids = []
@@ -107,6 +113,26 @@ def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
                 for mesh, colour in parts
             ]
     return tuple(solids)
+
+
+def leave_out_unreadable(robot: Robot) -> Robot:
+    """Return a robot without the shapes that cannot be read, of which a warning tells.
+
+    A page shows touches without the robot under them too.
+    """
+    links, problems = [], []
+    for link in robot.links:
+        kept = []
+        for geom in link.geoms:
+            try:
+                _ = geom.shape
+                kept.append(geom)
+            except RobotError as error:
+                problems.append(error)
+        links.append(replace(link, geoms=tuple(kept)))
+    if problems:
+        logger.warning("%d shapes are not drawn: %s", len(problems), problems[0])
+    return replace(robot, links=tuple(links))
 
 
 def build_rounded_cylinder(body: Geom) -> TriangleMesh:

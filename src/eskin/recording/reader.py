@@ -258,7 +258,9 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.
-        SkinMismatchError: the calibration is not of the recorded skin.
+        RobotError: the URDF cannot be used.
+        SkinMismatchError: the calibration is not of the recorded skin, or positions of
+            joints of the URDF were not recorded.
     """
     path = Path(path)
     if not path.exists():
@@ -270,6 +272,14 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
     recording = parser.build_recording(stream.truncated)
     if overrides.urdf is not None:
         recording = replace(recording, urdf=overrides.urdf)
+        joints = recording.load_robot().joint_names
+        if missing := set(joints) - set(recording.joint_names):
+            raise SkinMismatchError(
+                f"{path} has joints {', '.join(recording.joint_names) or 'none'}, and "
+                f"the robot that is given also {', '.join(sorted(missing))}; allowed "
+                "are those that were recorded; give the robot of the recording"
+            )
+        recording = replace(recording, joint_names=joints)
     calibration = overrides.calibration
     if calibration is None:
         return recording

@@ -1,6 +1,7 @@
 """This module reads the mesh files of a URDF, within its packages and within limits."""
 
 import importlib
+import os
 from io import BytesIO
 from pathlib import Path
 from typing import Any, final
@@ -25,21 +26,24 @@ PACKAGE_FILE = "package.xml"
 """File in the folder of every ROS package."""
 URDF_FOLDERS = ("urdf", "robots")
 """Names of folders for the URDFs of a package; the package is the folder around."""
+MESH_FOLDERS = ("meshes", "mesh", "assets")
+"""Names of folders beside that of the URDF in which meshes may lie."""
 
 
 @final
 class MeshReader:
     """Reads the meshes of one URDF with trimesh (extra `models`).
 
-    A mesh lies in the folder of the URDF, in the package of the URDF, or in a package
-    that a `package://` address names. A package is a folder with `package.xml`, the
-    folder around one named `urdf`, or a folder above that has the package's name.
+    A mesh lies in the folder of the URDF, in one named `meshes` beside it, in a package
+    around the URDF, or in a package that a `package://` address names. A package is a
+    folder with `package.xml`, the folder around one named `urdf`, or a folder above
+    that has the package's name.
     """
 
     def __init__(self, folder: Path) -> None:
         """Start without meshes, for a URDF in a folder."""
         self.folder = folder
-        self.package = find_package(folder)
+        self.packages = find_packages(folder)
         self.files: dict[Path, TriangleMesh] = {}
         self.bytes = self.triangles = 0
 
@@ -61,7 +65,7 @@ class MeshReader:
         except ImportError:
             raise RobotError(
                 f"{place} has mesh {address}, which needs trimesh: "
-                "pip install '.[models]', or load the URDF with meshes=False"
+                "pip install '.[models]'"
             ) from None
         if data is not None:
             self.files[path] = parse_mesh(trimesh, data, path, place)
@@ -95,15 +99,16 @@ class MeshReader:
 
     def find(self, address: str, place: str) -> Path:
         """Return the file of an address, with symbolic links followed."""
-        roots = [self.folder, *([self.package] if self.package else [])]
+        roots = [self.folder, *self.packages]
+        candidates = [self.folder / address.removeprefix("file://")]
         if address.startswith("package://"):
             name, _, inside = address.removeprefix("package://").partition("/")
             above = (self.folder, *self.folder.parents)
             named = [base / name for base in above]
+            candidates = [base / inside for base in (*named, *roots)]
             roots += [base for base in named if is_package(base) or base in above]
-            candidates = [base / inside for base in (*named, *roots[:2])]
-        else:
-            candidates = [self.folder / address.removeprefix("file://")]
+        beside = (self.folder.parent / name for name in MESH_FOLDERS)
+        roots += [base for base in beside if not base.is_symlink()]
         try:
             found = [path.resolve() for path in candidates if path.exists()]
         except (OSError, RuntimeError, ValueError):  # A loop of links, a zero byte.
@@ -120,20 +125,22 @@ class MeshReader:
             if any(path.is_relative_to(root.resolve()) for root in roots)
         ]
         if not inside_roots:
+            around = Path(os.path.commonpath([found[0], self.folder.resolve()]))
+            allow = (
+                f", or an empty {PACKAGE_FILE} into {around}, which allows its meshes"
+            )
             raise RobotError(
                 f"{place}: mesh {address} is {found[0]}, outside {self.folder} and its "
-                "packages; put it there"
+                f"packages; put it there{allow if around.name else ''}"
             )
         return inside_roots[0]
 
 
-def find_package(folder: Path) -> Path | None:
-    """Return the package that a URDF's folder belongs to, if any."""
+def find_packages(folder: Path) -> list[Path]:
+    """Return the packages that a URDF's folder belongs to, the innermost first."""
     above = (folder, *folder.parents)
-    package = next((base for base in above if is_package(base)), None)
-    if package is None and folder.name in URDF_FOLDERS:
-        return folder.parent
-    return package
+    packages = [base for base in above if is_package(base)]
+    return packages or [folder.parent] * (folder.name in URDF_FOLDERS)
 
 
 def is_package(folder: Path) -> bool:

@@ -1,5 +1,6 @@
 """This module defines the collision shapes of links and builds their meshes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -58,9 +59,19 @@ Shape = Cylinder | Sphere | Box | TriangleMesh
 class Geom:
     """A geom places one collision shape on a link."""
 
-    shape: Shape
+    source: Shape | Callable[[], Shape]
+    """The shape, or a function that reads it when it is first needed."""
     T_link_shape: Float[np.ndarray, "4 4"]
     """Pose of the shape's own frame in the link's frame [m]."""
+
+    @cached_property
+    def shape(self) -> Shape:
+        """Return the shape.
+
+        Raises:
+            RobotError: It cannot be read, such as a mesh whose file is missing.
+        """
+        return self.source() if callable(self.source) else self.source
 
 
 def build_geom_mesh(geom: Geom, segments: int = 48) -> TriangleMesh:

@@ -2,10 +2,15 @@
 
 It reads links with their collision geoms, and joints with their limits and mimic rules.
 Everything else (visuals, inertials, transmissions, sensors, simulator tags) is ignored.
+Shapes are read when they are needed: kinematics need none.
 """
 
-from collections.abc import Sequence
+import codecs
+import logging
+from collections.abc import Sequence, Set
+from dataclasses import replace
 from difflib import get_close_matches
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import cast, final, get_args
 from xml.etree import ElementTree
@@ -20,9 +25,11 @@ from eskin.files import read_file
 from eskin.robot.meshes import MeshReader
 from eskin.robot.robot import Joint, JointKind, Link, Mimic, Robot
 from eskin.robot.shapes import Box, Cylinder, Geom, Shape, Sphere
-from eskin.transforms import make_transform, rpy_to_matrix
+from eskin.transforms import make_transform, quaternion_to_matrix, rpy_to_matrix
 
 KINDS = get_args(JointKind)
+BASE_KINDS = ("floating", "planar")
+"""Kinds of joints by which a robot may stand in the world; they are taken as fixed."""
 MAX_URDF_BYTES = 8 << 20
 """Largest size of a URDF [bytes]."""
 MAX_ELEMENTS, MAX_DEPTH = 100_000, 50
@@ -30,9 +37,12 @@ MAX_ELEMENTS, MAX_DEPTH = 100_000, 50
 MAX_LINKS = MAX_JOINTS = 1000
 MAX_GEOMS = 2000
 """Largest numbers of links, joints, and collision shapes of all links."""
-REMEDY = ", or go on without mimic rules by --no-mimics or load_urdf(mimics=False)"
 MAX_TEXT = 1000
 """Largest length of an attribute that is used, such as a name."""
+POSE = {"xyz", "rpy", "quat_xyzw"}
+"""Attributes of an <origin>."""
+RUN_XACRO = "run xacro first, as in 'xacro FILE > out.urdf'"
+logger = logging.getLogger(__name__)
 
 
 def load_urdf(path: str | Path, *, meshes: bool = True, mimics: bool = True) -> Robot:
@@ -40,9 +50,9 @@ def load_urdf(path: str | Path, *, meshes: bool = True, mimics: bool = True) -> 
 
     Args:
         path: the file. Its meshes lie in its folder or in its packages, see
-            `MeshReader`.
-        meshes: whether to read `<mesh>` geoms, which needs the extra `models`. Links
-            without them have no surface; kinematics do not need one.
+            `MeshReader`. They need the extra `models`, and are read when they are
+            needed.
+        meshes: whether links have their `<mesh>` geoms.
         mimics: whether to read mimic rules; without them every joint has a value.
 
     Raises:
@@ -71,12 +81,14 @@ def parse_urdf(
     Raises:
         RobotError: It is no URDF that can be used.
     """
+    data = move_declaration(data)
     root = parse_xml(data, path)
     try:
         check_counts(root)
-        links = tuple(read_link(element, reader) for element in root.findall("link"))
-        joints = tuple(read_joint(element, mimics) for element in root.findall("joint"))
-        check_mimics(root, joints)
+        links = tuple(read_link(each, reader, path) for each in root.findall("link"))
+        moved = {child.get("link") for child in root.findall("joint/child")}
+        joints = [read_joint(each, mimics, moved) for each in root.findall("joint")]
+        joints = compose_mimics(root, joints)
         return Robot(root.get("name") or path.stem, links, joints, data)
     except ElementError as error:
         line = find_line(data, list(root.iter()).index(error.element))
@@ -85,18 +97,33 @@ def parse_urdf(
         raise RobotError(f"{path}: {error}") from None
 
 
-def check_mimics(root: Element, joints: Sequence[Joint]) -> None:
-    """Raise where a joint follows one that is missing, fixed, or follows another."""
+def compose_mimics(root: Element, joints: Sequence[Joint]) -> tuple[Joint, ...]:
+    """Return the joints, each of which follows only one with a value of its own.
+
+    Raises:
+        ElementError: A joint follows one that is missing or fixed, or itself.
+    """
     moving = [j.name for j in joints if j.kind != "fixed" and j.mimic is None]
+    rules = {joint.name: joint.mimic for joint in joints}
+    composed = []
     for joint, element in zip(joints, root.findall("joint"), strict=True):
-        if joint.mimic is not None and joint.mimic.joint not in moving:
-            near = get_close_matches(joint.mimic.joint, moving, 3) or moving[:3]
+        rule, seen = joint.mimic, {joint.name}
+        while rule and rule.joint not in seen and (other := rules.get(rule.joint)):
+            seen.add(rule.joint)
+            factor, offset = rule.multiplier, rule.offset
+            rule = Mimic(
+                other.joint, factor * other.multiplier, factor * other.offset + offset
+            )
+        if rule and rule.joint not in moving:
+            near = get_close_matches(rule.joint, moving, 3) or moving[:3] or ["none"]
             raise ElementError(
-                f"joint '{joint.name}' follows '{joint.mimic.joint}', which has no "
-                f"value of its own; allowed: a joint such as {', '.join(near)}; name "
-                f"one{REMEDY}",
+                f"joint '{joint.name}' follows '{rule.joint}', which has no value of "
+                f"its own; allowed: a joint such as {', '.join(near)}; name one, or "
+                "take the <mimic> out",
                 find_child(element, "mimic", joint.name),
             )
+        composed.append(replace(joint, mimic=rule))
+    return tuple(composed)
 
 
 class ElementError(RobotError):
@@ -117,20 +144,39 @@ def find_line(data: bytes, index: int) -> int:
     return lines[index]
 
 
+def move_declaration(data: bytes) -> bytes:
+    """Return a URDF whose XML declaration comes before the comments in front of it."""
+    before, start, rest = data.partition(b"<?xml ")
+    declaration, end, rest = rest.partition(b"?>")
+    if not end or b"<robot" in before:
+        return data
+    before = before.removeprefix(codecs.BOM_UTF8)
+    return start + declaration + end + before + rest
+
+
 def parse_xml(data: bytes, path: Path) -> Element:
-    """Return the <robot> element of a URDF; the path is for messages."""
-    parser = ElementTree.XMLParser(target=LimitedTreeBuilder(path))
+    """Return the <robot> element of a URDF; the path is for messages.
+
+    A prefix is part of a name, declared or not, and a namespace without one is ignored.
+    """
+    parser, tree = expat.ParserCreate(), LimitedTreeBuilder(path)
+    parser.buffer_text = True
+    parser.StartDoctypeDeclHandler = tree.refuse_doctype
+    parser.StartElementHandler, parser.EndElementHandler = tree.start, tree.end
+    parser.CharacterDataHandler = tree.data
     try:
-        parser.feed(data)
-        root = parser.close()
+        parser.Parse(move_declaration(data), True)
+        root = tree.close()
     except RobotError:
         raise
-    except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise RobotError(f"{path} is not XML ({error}); a URDF is wanted") from None
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise RobotError(
+            f"{path} is not XML ({error}); a URDF in UTF-8 is wanted"
+        ) from None
     if root.tag != "robot":
         raise RobotError(f"{path} holds <{root.tag}>; a URDF with <robot> is wanted")
     if any("xacro" in element.tag for element in root.iter()):
-        raise RobotError(f"{path} still holds xacro macros; run xacro on it first")
+        raise RobotError(f"{path} still holds xacro macros; {RUN_XACRO}")
     return root
 
 
@@ -143,7 +189,7 @@ class LimitedTreeBuilder(ElementTree.TreeBuilder):
         super().__init__()
         self.path, self.count, self.depth = path, 0, 0
 
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+    def refuse_doctype(self, *_: object) -> None:
         """Refuse a document type: it can define entities that expand without end."""
         raise RobotError(
             f"{self.path} has a <!DOCTYPE>; a URDF needs none, take it out"
@@ -176,8 +222,8 @@ def check_counts(root: Element) -> None:
             raise RobotError(f"it has {len(found)} <{tag}>; allowed: {most}")
 
 
-def read_link(element: Element, reader: MeshReader | None) -> Link:
-    """Read a link with its collision geoms."""
+def read_link(element: Element, reader: MeshReader | None, path: Path) -> Link:
+    """Read a link with its collision geoms, whose shapes are read when needed."""
     name = read_text(element, "name", "robot")
     place = f"link '{name}'"
     geoms = []
@@ -185,7 +231,7 @@ def read_link(element: Element, reader: MeshReader | None) -> Link:
         geometry = find_child(collision, "geometry", place)
         if reader is None and geometry.find("mesh") is not None:
             continue
-        shape = read_shape(geometry, reader, place)
+        shape = partial(read_shape, geometry, reader, f"{path}: {place}")
         geoms.append(Geom(shape, read_origin(collision, place)))
     return Link(name, tuple(geoms))
 
@@ -216,20 +262,37 @@ def read_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shap
             )
 
 
-def read_joint(element: Element, mimics: bool) -> Joint:
-    """Read a joint with its axis, limits and mimic rule."""
+def read_joint(element: Element, mimics: bool, moved: Set[str | None]) -> Joint:
+    """Read a joint with its axis, limits and mimic rule.
+
+    Args:
+        element: the joint.
+        mimics: whether to read its mimic rule.
+        moved: names of the links that are the child of a joint.
+    """
     name = read_text(element, "name", "robot")
     place = f"joint '{name}'"
     kind = read_text(element, "type", place)
+    parent = read_text(find_child(element, "parent", place), "link", place)
+    child = read_text(find_child(element, "child", place), "link", place)
+    if kind in BASE_KINDS and parent not in moved:
+        warn_once(
+            f"{place} is {kind}, and nothing says where it is: '{child}' is taken as "
+            f"fixed to '{parent}'"
+        )
+        kind = "fixed"
     if kind not in KINDS:
-        raise RobotError(f"{place} is of type '{kind}'; allowed: {', '.join(KINDS)}")
+        raise RobotError(
+            f"{place} is of type '{kind}'; allowed: {', '.join(KINDS)}, and "
+            f"{' or '.join(BASE_KINDS)} of the root link alone; make it fixed"
+        )
     kind = cast(JointKind, kind)
     lower, upper, velocity = read_limits(element, kind, place)
     return Joint(
         name=name,
         kind=kind,
-        parent=read_text(find_child(element, "parent", place), "link", place),
-        child=read_text(find_child(element, "child", place), "link", place),
+        parent=parent,
+        child=child,
         T_parent_joint=read_origin(element, place),
         axis=read_axis(element, place),
         lower=lower,
@@ -237,6 +300,12 @@ def read_joint(element: Element, mimics: bool) -> Joint:
         velocity=velocity,
         mimic=read_mimic(element, kind, place) if mimics else None,
     )
+
+
+@lru_cache
+def warn_once(text: str) -> None:
+    """Log a warning, unless it was logged before."""
+    logger.warning("%s", text)
 
 
 def read_axis(element: Element, place: str) -> np.ndarray:
@@ -286,7 +355,9 @@ def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
     if found is None or kind == "fixed":
         return None
     if not found.get("joint", "").strip():
-        raise ElementError(f"{place}: <mimic> has no 'joint'; add it{REMEDY}", found)
+        raise ElementError(
+            f"{place}: <mimic> has no 'joint'; add it, or take the <mimic> out", found
+        )
     multiplier = read_number(found, "multiplier", place, 1.0)
     offset = read_number(found, "offset", place, 0.0)
     return Mimic(read_text(found, "joint", place), multiplier, offset)
@@ -310,6 +381,11 @@ def read_text(element: Element, attribute: str, place: str) -> str:
             f"{place:.100}: <{element.tag}> has a '{attribute}' of {len(value)} "
             f"characters; allowed: {MAX_TEXT}"
         )
+    if "$(" in value or "${" in value:
+        raise RobotError(
+            f"{place}: <{element.tag}> {attribute} is '{value}', which is xacro; "
+            f"{RUN_XACRO}"
+        )
     return value
 
 
@@ -325,7 +401,7 @@ def read_numbers(
         return tuple(default)
     given = read_text(element, attribute, place)
     try:
-        values = tuple(float(word) for word in given.split())
+        values = tuple(float(word) for word in given.replace(", ", " ").split())
     except ValueError:
         values = ()
     if len(values) != count or not np.all(np.isfinite(values)):
@@ -359,6 +435,18 @@ def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
     found = element.find("origin")
     if found is None:
         return np.eye(4)
-    rpy = np.array(read_numbers(found, "rpy", place, 3, (0.0, 0.0, 0.0)))
+    given = {name for name in found.attrib if ":" not in name}
+    if given - POSE or POSE - {"xyz"} <= given:
+        raise RobotError(
+            f"{place}: <origin> has {', '.join(sorted(given))}; allowed: xyz, and rpy "
+            "or quat_xyzw"
+        )
     xyz = np.array(read_numbers(found, "xyz", place, 3, (0.0, 0.0, 0.0)))
-    return make_transform(rpy_to_matrix(rpy), xyz)
+    if "quat_xyzw" not in given:
+        rpy = np.array(read_numbers(found, "rpy", place, 3, (0.0, 0.0, 0.0)))
+        return make_transform(rpy_to_matrix(rpy), xyz)
+    quaternion = np.array(read_numbers(found, "quat_xyzw", place, 4))
+    if not quaternion.any():
+        raise RobotError(f"{place}: <origin> quat_xyzw has no length; give a rotation")
+    quaternion = np.roll(quaternion / np.abs(quaternion).max(), 1)
+    return make_transform(quaternion_to_matrix(quaternion), xyz)
