@@ -19,6 +19,10 @@ igl = find_package("igl", "libigl", "design", "skin design")
 
 SAGITTA = 5e-5
 """Largest distance of a circle from the sides of its polygon [m]."""
+MANY_TRIANGLES = 100_000
+"""Number of triangles above which a surface is simplified, to within `SAGITTA`."""
+MAX_TRIANGLES = 2_000_000
+"""Largest number of small triangles of a link."""
 SEGMENTS = (24, 192)
 """Smallest and largest number of corners of a circle."""
 MIN_BODY_VOLUME = 1e-9
@@ -54,6 +58,18 @@ class LinkSurface:
         """Return outward normals of triangles, as long as twice their areas [m2]."""
         a, b, c = np.moveaxis(self.corners, 1, 0)
         return np.cross(b - a, c - a)
+
+    @property
+    def area(self) -> float:
+        """Return the area [m2]."""
+        return float(np.linalg.norm(self.doubled_normals, axis=1).sum() / 2)
+
+    def count_refined(self, max_edge: float) -> float:
+        """Estimate the number of triangles whose edges have at most a length [m]."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        around = sum(np.linalg.norm(e, axis=1).sum() for e in (b - a, c - b, a - c))
+        equilateral = np.sqrt(3) / 4 * max_edge**2
+        return len(self.faces) + around / max_edge + self.area / equilateral
 
     def sum_at_vertices(
         self, values: Float[np.ndarray, "face *more"]
@@ -145,9 +161,20 @@ def build_two_surfaces(
             f"link '{link.name}' has no body of {1e9 * MIN_BODY_VOLUME:g} mm3 or more; "
             "choose another link, or correct its mesh"
         )
+    if joined.num_tri() > MANY_TRIANGLES:
+        joined = joined.simplify(SAGITTA)
     coarse = to_surface(joined, link.name, warnings)
     if max_edge is None:
         return coarse, None
+    count = coarse.count_refined(max_edge)
+    if count > MAX_TRIANGLES:
+        size = np.ptp(coarse.vertices, axis=0)
+        raise RobotError(
+            f"link '{link.name}' is {' x '.join(f'{side:.3g}' for side in size)} m "
+            f"large: its {coarse.area:.3g} m2 are {count:.3g} triangles of "
+            f"{1e3 * max_edge:.3g} mm; allowed: {MAX_TRIANGLES:,}; scale its shape if "
+            "its lengths are no metres, or lower the density"
+        )
     return coarse, to_surface(joined.refine_to_length(max_edge), link.name, warnings)
 
 

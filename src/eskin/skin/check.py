@@ -157,7 +157,9 @@ def find_position_problems(skin: Skin) -> Iterator[SkinProblem]:
     bad = ~are_near(skin)
     for taxel in np.flatnonzero(bad).tolist():
         position = skin.positions[taxel].tolist()
-        text = f"its position is {position}, allowed finite numbers up to {FARTHEST:g} m"
+        text = (
+            f"its position is {position}, allowed finite numbers up to {FARTHEST:g} m"
+        )
         yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
 
 
