@@ -32,6 +32,8 @@ MARGIN = 0.98
 """Size of the square of a cell that lies in its region, over the cell's."""
 MAX_DENSITY_ERROR = 0.09
 """Largest relative error of the area of a patch, and so of its density."""
+CELLS_AT_ONCE = 50_000
+"""Number of cells that are compared with a region at once."""
 CELL_POINTS = 4
 """Number of points along a side of a cell that must lie in its region."""
 
@@ -203,16 +205,19 @@ def find_cells(
     columns, rows = counts.tolist()
     centres = compute_centres(rows, columns, task.pitch)
     offsets = MARGIN * task.pitch * build_cell_points()
-    points = origins[:, None, None] + centres[None, :, None] + offsets
-    flat = points.reshape(-1, 2)
-    inside = region.contains(flat)
     zones = [zone for zone in task.keep_outs if zone.link == task.surface.link]
-    if zones and inside.any():
-        places = region.surface.wrap(flat[inside]).positions
-        blocked = np.any([zone.contains(places) for zone in zones], axis=0)
-        inside[np.flatnonzero(inside)[blocked]] = False
-    whole = inside.reshape(points.shape[:3]).all(axis=2)
-    return whole.reshape(len(origins), rows, columns)
+    found = np.zeros((len(origins), rows * columns), dtype=bool)
+    for row, origin in zip(found, origins, strict=True):
+        for start in range(0, len(centres), CELLS_AT_ONCE):
+            part = slice(start, start + CELLS_AT_ONCE)
+            flat = (origin + centres[part, None] + offsets).reshape(-1, 2)
+            inside = region.contains(flat)
+            if zones and inside.any():
+                places = region.surface.wrap(flat[inside]).positions
+                blocked = np.any([zone.contains(places) for zone in zones], axis=0)
+                inside[np.flatnonzero(inside)[blocked]] = False
+            row[part] = inside.reshape(-1, len(offsets)).all(axis=1)
+    return found.reshape(-1, rows, columns)
 
 
 def build_cell_points() -> Float[np.ndarray, "point 2"]:

@@ -24,6 +24,8 @@ Vector = tuple[float, float, float]
 
 DIRECTIONS = 96
 """Number of directions from which a point is looked at."""
+FACES_AT_ONCE = 20_000
+"""Number of triangles that are looked at once, which bounds the memory."""
 MIN_COSINE = 0.1
 """Smallest cosine of such a direction with the normal."""
 LIFT = 2e-4
@@ -125,12 +127,15 @@ def compute_exposure(
     normals = surface.doubled_normals / np.maximum(areas, 1e-30)[:, None]
     origins = surface.corners.mean(axis=1) + LIFT * normals
     directions = build_directions(DIRECTIONS)
-    face, direction = np.nonzero(normals @ directions.T > MIN_COSINE)
     mesh = trimesh.Trimesh(obstacle.vertices, obstacle.faces, process=False)
-    blocked = mesh.ray.intersects_any(origins[face], directions[direction])
-    count = len(areas)
-    tried = np.bincount(face, minlength=count)
-    free = np.bincount(face[~blocked], minlength=count) / np.maximum(tried, 1)
+    free = np.zeros(len(areas))
+    for start in range(0, len(areas), FACES_AT_ONCE):
+        part = slice(start, start + FACES_AT_ONCE)
+        seen = normals[part] @ directions.T > MIN_COSINE
+        face, direction = np.nonzero(seen)
+        blocked = mesh.ray.intersects_any(origins[part][face], directions[direction])
+        count = np.bincount(face[~blocked], minlength=len(seen))
+        free[part] = count / np.maximum(seen.sum(axis=1), 1)
     total = surface.sum_at_vertices(areas)
     return surface.sum_at_vertices(areas * free) / np.maximum(total, 1e-30)
 
