@@ -28,6 +28,7 @@ from eskin.design.zones import (
     iterate_relative_poses,
 )
 from eskin.errors import RobotError, SkinError
+from eskin.progress import track_progress
 from eskin.robot import Robot
 from eskin.skin import Patch, Skin, build_skin
 from eskin.skin.files import MAX_PATCHES
@@ -183,7 +184,7 @@ def build_surfaces(
     for region in spec.regions:
         pitch = compute_pitch(region)
         pitches[region.zone.link] = min(pitch, pitches.get(region.zone.link, np.inf))
-    for link in robot.links:
+    for link in track_progress(robot.links, "links read", len(robot.links)):
         if not link.geoms and link.name not in pitches:
             continue
         edge = None

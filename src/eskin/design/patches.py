@@ -15,6 +15,7 @@ from eskin.design.spec import DesignLimits
 from eskin.design.surface import LinkSurface
 from eskin.design.unroll import FlatRegion, turn_region, unroll_region
 from eskin.design.zones import Zone
+from eskin.progress import show_progress
 from eskin.registry import find_package
 from eskin.skin import Surface, TaxelGrid, Tube
 
@@ -94,19 +95,21 @@ def lay_patches(
     """
     least = task.limits.min_taxels * task.pitch**2
     waiting = split_connected(task, faces)
-    while waiting:
-        piece = waiting.pop(0)
-        if compute_area(task.surface, piece) < least:
-            continue
-        layouts = lay_piece(task, piece)
-        if layouts is None:
-            waiting = [
-                part
-                for half in bisect(task, piece)
-                for part in split_connected(task, half)
-            ] + waiting
-        else:
-            yield from layouts
+    with show_progress("triangles covered", len(faces)) as update:
+        while waiting:
+            update(len(faces) - sum(map(len, waiting)))
+            piece = waiting.pop(0)
+            if compute_area(task.surface, piece) < least:
+                continue
+            layouts = lay_piece(task, piece)
+            if layouts is None:
+                waiting = [
+                    part
+                    for half in bisect(task, piece)
+                    for part in split_connected(task, half)
+                ] + waiting
+            else:
+                yield from layouts
 
 
 def split_connected(

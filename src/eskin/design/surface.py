@@ -185,7 +185,8 @@ def build_two_surfaces(
             f"link '{link.name}' is {coarse.describe_size()} large: its surface is "
             f"{count:.3g} triangles of {1e3 * max_edge:.3g} mm, as the density needs "
             f"them; allowed: {room:,} of {MAX_TRIANGLES:,} on all links; scale its "
-            "shape if that is no metres, lower the density, or choose fewer links"
+            "shape if its lengths are not metres, lower the density, or choose "
+            "fewer links"
         )
     return coarse, to_surface(joined.refine_to_length(max_edge), link.name, warnings)
 

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.stats import qmc
 
 from eskin.design.surface import LinkSurface, PointLocator
+from eskin.progress import track_progress
 from eskin.registry import find_package
 from eskin.robot import Joint, Kinematics, Robot
 from eskin.robot.triangles import compute_triangle_normals
@@ -259,7 +260,9 @@ def iterate_relative_poses(
     for first, second in combinations(links, 2):
         yield first, second, invert(T[index[second]]) @ T[index[first]]
     groups = group_rigid_links(robot)
-    for number, joint in enumerate(robot.actuated_joints):
+    joints = robot.actuated_joints
+    moving = enumerate(joints)
+    for number, joint in track_progress(moving, "joints moved", len(joints)):
         sweep = sample_joint(joint)
         values = np.tile(rest, (len(sweep), 1))
         values[:, number] = sweep
@@ -290,7 +293,8 @@ def iterate_combined_poses(
     ]
     if not pairs or count == 0:
         return
-    for T in Kinematics(robot).poses(sample_positions(robot, count)):
+    poses = Kinematics(robot).poses(sample_positions(robot, count))
+    for T in track_progress(poses, "poses", len(poses)):
         for first, second in pairs:
             yield first, second, invert(T[index[second]]) @ T[index[first]]
 
