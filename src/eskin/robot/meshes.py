@@ -82,7 +82,7 @@ class MeshReader:
         with np.errstate(over="ignore"):
             vertices = found.vertices * np.array(scale)
         # A mirroring scale turns triangles inside out.
-        mirrored = np.prod(scale) < 0
+        mirrored = np.prod(np.sign(scale)) < 0
         return TriangleMesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)
 
     def read_bytes(self, path: Path, place: str) -> bytes:
