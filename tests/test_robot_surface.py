@@ -228,6 +228,29 @@ def shift_faces(parts):
     return [part.faces + s for (part, _), s in zip(parts[1:], starts, strict=False)]
 
 
+def test_distances_that_need_not_be_exact_are_little_too_long(monkeypatch):
+    """Also near the middle of a ball, to which all triangles are nearly as near."""
+    compared = []
+
+    def count(corners, points):
+        compared.append(len(points))
+        return find_nearest_points(corners, points)
+
+    monkeypatch.setattr("eskin.robot.triangles.find_nearest_points", count)
+    mesh = build_shape_mesh(SPHERE, 200)
+    link = build_link(mesh)
+    points = np.concatenate([sample_around(link, 100), sample_mesh(mesh, 50) * 0.01])
+    exact, _ = compute_surface_distance(link, points)
+    compared.clear()
+    found, _ = compute_surface_distance(link, points, exact_to=0.02)
+    assert sum(compared) < 0.1 * len(points) * len(mesh.faces)
+    near = np.abs(exact) <= 0.02
+    assert near.any()
+    np.testing.assert_allclose(found[near], exact[near], atol=1e-15)
+    ratio = found / exact
+    assert ratio.min() > 1 - 1e-12 and ratio.max() < 1.0501
+
+
 def test_distances_do_not_depend_on_how_many_pairs_are_compared_at_once(monkeypatch):
     link = build_link(SPHERE_MESH)
     points = sample_around(link, 200)

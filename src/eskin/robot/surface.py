@@ -20,12 +20,20 @@ ON_SURFACE = 1e-7
 """Distance below which the normal is that of the nearest triangle [m]."""
 
 
-def compute_surface_distance(link: Link, p_link: Points) -> Distances:
+def compute_surface_distance(
+    link: Link, p_link: Points, exact_to: float = np.inf
+) -> Distances:
     """Compute signed distances [m] and unit normals of the union of a link's geoms.
 
     Points and normals are in the link's frame. The distance is exact outside and on the
     surface. Inside overlapping geoms it is that of the geom in which the point is
     deepest, a lower bound of the depth.
+
+    Args:
+        link: the link.
+        p_link: the points [m].
+        exact_to: distance beyond which those from meshes may be 5 % too long [m], which
+            is faster.
 
     Raises:
         RobotError: The link has no geoms.
@@ -36,14 +44,15 @@ def compute_surface_distance(link: Link, p_link: Points) -> Distances:
             "add one, or choose another link"
         )
     distances, normals = zip(
-        *(compute_geom_distance(geom, p_link) for geom in link.geoms), strict=True
+        *(compute_geom_distance(geom, p_link, exact_to) for geom in link.geoms),
+        strict=True,
     )
     nearest = np.argmin(distances, axis=0)
     points = np.arange(len(p_link))
     return np.array(distances)[nearest, points], np.array(normals)[nearest, points]
 
 
-def compute_geom_distance(geom: Geom, p_link: Points) -> Distances:
+def compute_geom_distance(geom: Geom, p_link: Points, exact_to: float) -> Distances:
     """Compute distance [m] and normal from points in the link's frame to one geom."""
     points = apply(invert(geom.T_link_shape), p_link)
     match geom.shape:
@@ -55,7 +64,7 @@ def compute_geom_distance(geom: Geom, p_link: Points) -> Distances:
         case Cylinder() as cylinder:
             distance, normal = compute_cylinder_distance(cylinder, points)
         case mesh:
-            distance, normal = compute_mesh_distance(mesh, points)
+            distance, normal = compute_mesh_distance(mesh, points, exact_to)
     return distance, rotate(geom.T_link_shape, normal)
 
 
@@ -101,9 +110,11 @@ def compute_corner_distance(
     return distance, np.where(is_outside[:, None], slope, nearest_side)
 
 
-def compute_mesh_distance(mesh: TriangleMesh, points: Points) -> Distances:
+def compute_mesh_distance(
+    mesh: TriangleMesh, points: Points, exact_to: float
+) -> Distances:
     """Compute distance and normal of a closed mesh."""
-    corners, nearest = mesh.tree.find_nearest(points)
+    corners, nearest = mesh.tree.find_nearest(points, exact_to)
     inside = np.abs(mesh.tree.compute_winding_numbers(points)) > 0.5
     offset = points - nearest
     distance = np.linalg.norm(offset, axis=-1) * np.where(inside, -1.0, 1.0)

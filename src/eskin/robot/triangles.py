@@ -15,6 +15,8 @@ PAIRS_AT_ONCE = 200_000
 """Largest number of pairs of points and triangles that are processed at once."""
 CHILDREN = 4
 """Number of nodes of a tree that are joined to one."""
+SLACK = 0.05
+"""Largest relative error of distances that need not be exact."""
 FAR = 2.0
 """Distance from triangles over their radius from which they count as one."""
 TINY = np.finfo(float).tiny
@@ -140,18 +142,28 @@ class TriangleTree:
                 real = below < len(self.levels[level - 1].low)
                 waiting.append((level - 1, own[real], below[real]))
 
-    def find_nearest(self, points: Points) -> tuple[Triangles, Points]:
-        """Return the nearest triangle of each point, and the nearest point on it."""
+    def find_nearest(
+        self, points: Points, exact_to: float = np.inf
+    ) -> tuple[Triangles, Points]:
+        """Return the nearest triangle of each point, and the nearest point on it.
+
+        Args:
+            points: the points [m].
+            exact_to: distance beyond which one is taken that is not further than the
+                nearest by more than `SLACK` [m]. To the middle of a ball all triangles
+                are nearly as near.
+        """
         face = np.zeros(len(points), dtype=np.int64)
         nearest = np.zeros_like(points)
         best = np.full(len(points), np.inf)
+        wanted = best.copy()
 
         def visit(level: int, point: np.ndarray, node: np.ndarray) -> np.ndarray:
             own = self.levels[level]
             beyond = np.maximum(own.low[node] - points[point], 0.0)
             beyond += np.maximum(points[point] - own.high[node], 0.0)
             least = dot(beyond, beyond)
-            near = np.flatnonzero(least < best[point])
+            near = np.flatnonzero(least < wanted[point])
             # The largest triangle of a node bounds the distance from above.
             tried, triangle = point[near], own.largest[node[near]]
             found = find_nearest_points(self.corners[triangle], points[tried])
@@ -159,7 +171,9 @@ class TriangleTree:
             np.minimum.at(best, tried, square)
             won = square == best[tried]
             face[tried[won]], nearest[tried[won]] = triangle[won], found[won]
-            return least < best[point]
+            loose = best > exact_to**2
+            wanted[:] = np.where(loose, best / (1 + SLACK) ** 2, best)
+            return least < wanted[point]
 
         self.descend(len(points), visit)
         return self.corners[face], nearest

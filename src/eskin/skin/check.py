@@ -77,6 +77,8 @@ def check_skin(
 
 FARTHEST = 1e6
 """Largest coordinate of a taxel in its link's frame [m]."""
+EXACT = 4.0
+"""Distance from a link up to which it is computed exactly, over the allowed one."""
 TAXELS_AT_ONCE = 1000
 """Number of taxels between two updates of the progress."""
 MAX_COINCIDENT = 64
@@ -165,7 +167,7 @@ def find_position_problems(skin: Skin) -> Iterator[SkinProblem]:
 
 def are_near(skin: Skin) -> Bool[np.ndarray, "taxel"]:
     """Return which positions are finite and not too large to compute with."""
-    return (np.abs(skin.positions) <= FARTHEST).all(axis=1)
+    return np.all(np.abs(skin.positions) <= FARTHEST, axis=1)
 
 
 def find_coincident_problems(skin: Skin, config: CheckConfig) -> Iterator[SkinProblem]:
@@ -226,15 +228,17 @@ def find_surface_problems(
     skin: Skin, robot: Robot, config: CheckConfig
 ) -> Iterator[SkinProblem]:
     """Find taxels off their link's surface, and normals that do not point outward."""
-    distances, cosines = compute_clearances(skin, robot)
     limit = config.max_surface_distance
+    distances, cosines = compute_clearances(skin, robot, EXACT * limit)
     off = ~(np.abs(distances) <= limit)
     for number, patch in enumerate(skin.patches):
         own = skin.patch_index == number
         for taxel in np.flatnonzero(own & off).tolist():
-            side = "off" if distances[taxel] > 0 else "below"
+            distance = float(distances[taxel])
+            side = "off" if distance > 0 else "below"
+            about = "about " if abs(distance) > EXACT * limit else ""
             text = (
-                f"lies {1e3 * abs(distances[taxel]):.3g} mm {side} the surface of link "
+                f"lies {about}{1e3 * abs(distance):.3g} mm {side} the surface of link "
                 f"'{patch.link}', allowed up to {1e3 * limit:g} mm"
             )
             yield SkinProblem(text, patch.id, taxel)
@@ -244,7 +248,7 @@ def find_surface_problems(
 
 
 def compute_clearances(
-    skin: Skin, robot: Robot
+    skin: Skin, robot: Robot, exact_to: float
 ) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel"]]:
     """Compute distances from links [m], and cosines between normals and theirs.
 
@@ -265,7 +269,7 @@ def compute_clearances(
         if len(part)
     ]
     for link, part in track_progress(parts, "Checking", len(parts)):
-        found, outward = compute_surface_distance(link, skin.positions[part])
+        found, outward = compute_surface_distance(link, skin.positions[part], exact_to)
         distances[part] = found
         cosines[part] = np.sum(outward * skin.normals[part], axis=1)
     return distances, cosines
