@@ -183,10 +183,9 @@ def build_two_surfaces(
     if count > room:
         raise RobotError(
             f"link '{link.name}' is {coarse.describe_size()} large: its surface is "
-            f"{count:.3g} triangles of {1e3 * max_edge:.3g} mm, as the density needs "
-            f"them; allowed: {room:,} of {MAX_TRIANGLES:,} on all links; scale its "
-            "shape if its lengths are not metres, lower the density, or choose "
-            "fewer links"
+            f"{count:.3g} triangles of {1e3 * max_edge:.3g} mm; allowed: {room:,} of "
+            f"{MAX_TRIANGLES:,} on all links; scale its shape if its lengths are not "
+            "metres, choose fewer links, or a lower density"
         )
     return coarse, to_surface(joined.refine_to_length(max_edge), link.name, warnings)
 
