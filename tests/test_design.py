@@ -559,6 +559,13 @@ def test_more_than_a_skin_can_hold_is_refused_before_it_is_laid(
         design_skin(robot, make_spec(density, min_spacing=1e-6))
 
 
+def test_region_of_too_many_triangles_is_cut_before_it_is_unrolled(robots, monkeypatch):
+    monkeypatch.setattr("eskin.design.unroll.MAX_FLATTENED", 500)
+    design = design_skin(robots["ball"], make_spec())
+    sizes = [len(layout.surface.faces) for layout in design.layouts]
+    assert max(sizes) <= 500 and sum(sizes) > 1000
+
+
 def test_links_share_the_triangles_that_are_allowed(tmp_path, monkeypatch):
     monkeypatch.setattr("eskin.design.design.MAX_TRIANGLES", 40_000)
     link = write_urdf(tmp_path, SHAPES["ball"]).read_text()
