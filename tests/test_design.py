@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from itertools import combinations
 
 import numpy as np
@@ -497,6 +498,95 @@ def test_mesh_without_a_volume_is_refused(tmp_path):
     flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     with pytest.raises(RobotError, match="no body of 1 mm3 .* choose another link"):
         make_surface(tmp_path, flat)
+
+
+def test_mesh_of_separate_triangles_is_wrapped(tmp_path, monkeypatch):
+    """Without a body for each of them."""
+    monkeypatch.setattr("eskin.design.surface.MAX_BODIES", 100)
+    soup = trimesh.creation.icosphere(3, 0.05).triangles
+    soup = soup + np.random.default_rng(0).normal(0.0, 1e-5, soup.shape)
+    loose = trimesh.Trimesh(
+        soup.reshape(-1, 3), np.arange(soup.size // 3).reshape(-1, 3)
+    )
+    surface = make_surface(tmp_path, loose)
+    (warning,) = surface.warnings
+    assert "1 of 1 bodies are broken; wrapped" in warning
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.05**3, rel=0.03)
+
+
+def test_surface_of_many_triangles_is_simplified_and_stays_where_it_is(
+    robots, monkeypatch
+):
+    link = robots["torus"].links[0]
+    every = build_link_surface(link)
+    monkeypatch.setattr("eskin.design.surface.MANY_TRIANGLES", 100)
+    monkeypatch.setattr("eskin.design.surface.SAGITTA", 5e-4)
+    fewer = build_link_surface(link)
+    assert len(fewer.faces) < 0.9 * len(every.faces)
+    points = np.concatenate([fewer.vertices, fewer.corners.mean(axis=1)])
+    away, _ = compute_surface_distance(link, points)
+    assert np.abs(away).max() < 1e-3
+
+
+def test_design_does_not_depend_on_how_much_is_computed_at_once(
+    robots, designs, monkeypatch
+):
+    """Such parts bound the memory."""
+    monkeypatch.setattr("eskin.design.zones.FACES_AT_ONCE", 100)
+    monkeypatch.setattr("eskin.design.patches.CELLS_AT_ONCE", 7)
+    found = design_skin(robots["box"], make_spec()).skin
+    np.testing.assert_array_equal(found.positions, designs["box"].skin.positions)
+
+
+@pytest.mark.parametrize(
+    ("shape", "density", "part"),
+    [
+        ('<box size="200 100 300"/>', 1e4, "200 x 100 x 300 m large: its surface"),
+        ('<box size="200 100 300"/>', 1e-3, "triangles of 10 mm"),
+        ('<box size="1000 0.002 0.002"/>', 1e4, "1e+03 x 0.002 x 0.002 m large"),
+        ('<sphere radius="1000"/>', 1e4, "2e+03 x 2e+03 x 2e+03 m large"),
+        ('<sphere radius="0.1"/>', 1e8, "room for 1.26e+07 taxels; allowed: 200,000"),
+    ],
+)
+def test_more_than_a_skin_can_hold_is_refused_before_it_is_laid(
+    tmp_path, monkeypatch, shape, density, part
+):
+    monkeypatch.setattr("eskin.design.design.lay_patches", None)
+    robot = load_urdf(write_urdf(tmp_path, shape))
+    with pytest.raises((RobotError, SkinError), match=re.escape(part)):
+        design_skin(robot, make_spec(density, min_spacing=1e-6))
+
+
+def test_region_of_too_many_triangles_is_cut_before_it_is_unrolled(robots, monkeypatch):
+    monkeypatch.setattr("eskin.design.unroll.MAX_FLATTENED", 500)
+    design = design_skin(robots["ball"], make_spec())
+    sizes = [len(layout.surface.faces) for layout in design.layouts]
+    assert max(sizes) <= 500 and sum(sizes) > 1000
+
+
+def test_links_share_the_triangles_that_are_allowed(tmp_path, monkeypatch):
+    monkeypatch.setattr("eskin.design.design.MAX_TRIANGLES", 40_000)
+    link = write_urdf(tmp_path, SHAPES["ball"]).read_text()
+    link = link[link.index("<link") : link.index("</robot>")]
+    others = "".join(
+        f'{link.replace("body", name)}<joint name="{name}" type="fixed">'
+        f'<parent link="body"/><child link="{name}"/></joint>'
+        for name in ("second", "third")
+    )
+    path = tmp_path / "three.urdf"
+    path.write_text(f'<robot name="three">{link}{others}</robot>')
+    names = ("body", "second", "third")
+    regions = tuple(RegionSpec(LinkZone(name), DENSITY) for name in names)
+    with pytest.raises(RobotError, match="link .(second|third). is 0.0999 x"):
+        design_skin(load_urdf(path), DesignSpec("three", regions))
+
+
+def test_patches_that_no_skin_may_have_are_refused(robots, monkeypatch):
+    monkeypatch.setattr("eskin.design.design.MAX_PATCHES", 3)
+    with pytest.raises(SkinError, match="more than 3 patches.* lower the density"):
+        design_skin(robots["ball"], make_spec())
 
 
 @pytest.mark.parametrize("name", ["ball", "tube"])

@@ -18,7 +18,7 @@ PRODUCT = {
     "compiled": (),
     "registry": ("errors",),
     "robot": ("transforms", "registry", "files", "compiled"),
-    "skin": ("robot",),
+    "skin": ("robot", "progress"),
     "touch": ("skin", "units"),
     "recording": ("touch",),
     "live": ("recording",),

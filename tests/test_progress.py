@@ -19,6 +19,14 @@ def test_line_is_printed_every_ten_seconds_with_the_time_that_is_left(capsys):
     assert capsys.readouterr() == ("", "")
 
 
+def test_time_that_is_left_is_not_guessed_before_anything_is_done(capsys):
+    seconds = [0.0]
+    update = print_progress("clips", 100, 20, lambda: seconds[0])
+    seconds[0] = 11.0
+    update(20)
+    assert capsys.readouterr().err == "clips: 20 of 100\n"
+
+
 @pytest.mark.parametrize("quiet", [True, False])
 def test_short_and_quiet_commands_print_nothing(quiet, capsys):
     with show_progress("clips", 3, quiet=quiet) as update:

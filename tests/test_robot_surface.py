@@ -18,6 +18,7 @@ from eskin.robot import (
     compute_surface_distance,
     load_robot,
 )
+from eskin.robot.triangles import compute_solid_angles, find_nearest_points
 from eskin.transforms import apply, make_transform, random_rotation
 
 CYLINDER, SPHERE, BOX = SHAPES = [
@@ -184,3 +185,76 @@ def test_triangles_without_area_change_nothing():
     )
     np.testing.assert_allclose(got[0], expected[0], atol=1e-12)
     np.testing.assert_allclose(got[1], expected[1], atol=1e-9)
+
+
+def test_few_triangles_are_compared_with_a_point_and_distances_are_those_of_all(
+    monkeypatch,
+):
+    """Also with triangles of very different sizes, and parts that overlap."""
+    compared = []
+
+    def count(corners, points):
+        compared.append(len(points))
+        return find_nearest_points(corners, points)
+
+    monkeypatch.setattr("eskin.robot.triangles.find_nearest_points", count)
+    rng = np.random.default_rng(4)
+    parts = [
+        (build_shape_mesh(Sphere(0.1), 100), [0.0, 0, 0]),
+        (build_shape_mesh(Sphere(0.1), 60), [0.1, 0, 0]),
+        (build_shape_mesh(Box((100.0, 100.0, 0.01))), [0.0, 0, -0.2]),
+    ]
+    mesh = TriangleMesh(
+        np.concatenate([part.vertices + place for part, place in parts]),
+        np.concatenate([parts[0][0].faces, *shift_faces(parts)]),
+    )
+    points = rng.uniform(-0.3, 0.3, (100, 3))
+    corners = mesh.vertices[mesh.faces]
+    every = np.repeat(np.arange(len(points)), len(corners))
+    pairs = np.tile(corners, (len(points), 1, 1)), points[every]
+    away = np.linalg.norm(find_nearest_points(*pairs) - pairs[1], axis=1)
+    solid = compute_solid_angles(*pairs).reshape(len(points), -1).sum(axis=1)
+    distance, _ = compute_surface_distance(build_union((mesh, [0.0, 0, 0])), points)
+    np.testing.assert_allclose(
+        np.abs(distance), away.reshape(len(points), -1).min(axis=1), atol=1e-15
+    )
+    assert ((distance < 0) == (solid > 2 * np.pi)).all()
+    assert sum(compared) < 0.02 * len(points) * len(corners)
+
+
+def shift_faces(parts):
+    """Return the triangles of the later parts of a mesh, behind the first's."""
+    starts = np.cumsum([len(part.vertices) for part, _ in parts])
+    return [part.faces + s for (part, _), s in zip(parts[1:], starts, strict=False)]
+
+
+def test_distances_that_need_not_be_exact_are_little_too_long(monkeypatch):
+    """Also near the middle of a ball, to which all triangles are nearly as near."""
+    compared = []
+
+    def count(corners, points):
+        compared.append(len(points))
+        return find_nearest_points(corners, points)
+
+    monkeypatch.setattr("eskin.robot.triangles.find_nearest_points", count)
+    mesh = build_shape_mesh(SPHERE, 200)
+    link = build_link(mesh)
+    points = np.concatenate([sample_around(link, 100), sample_mesh(mesh, 50) * 0.01])
+    exact, _ = compute_surface_distance(link, points)
+    compared.clear()
+    found, _ = compute_surface_distance(link, points, exact_to=0.02)
+    assert sum(compared) < 0.1 * len(points) * len(mesh.faces)
+    near = np.abs(exact) <= 0.02
+    assert near.any()
+    np.testing.assert_allclose(found[near], exact[near], atol=1e-15)
+    ratio = found / exact
+    assert ratio.min() > 1 - 1e-12 and ratio.max() < 1.0501
+
+
+def test_distances_do_not_depend_on_how_many_pairs_are_compared_at_once(monkeypatch):
+    link = build_link(SPHERE_MESH)
+    points = sample_around(link, 200)
+    expected = compute_surface_distance(link, points)
+    monkeypatch.setattr("eskin.robot.triangles.PAIRS_AT_ONCE", 10)
+    found = compute_surface_distance(link, points)
+    np.testing.assert_allclose(found[0], expected[0], atol=1e-15)

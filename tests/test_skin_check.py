@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.robot import load_robot
+from eskin.robot import Box, Geom, Link, Robot, load_robot
 from eskin.skin import check_skin, load_skin, save_skin
+from eskin.skin.picture import build_robot_triangles
 from eskin.skin.wiring import PressResponse, check_wiring, choose_press_targets
 
 SKIN = load_skin("ur5")
@@ -53,6 +54,7 @@ def change_last_patch(**changes):
         ("positions", PLACE - 0.008 * NORMAL, ["8 mm below the surface"], 0),
         ("positions", SKIN.positions[TAXEL - 1], ["0 mm from", f"{TAXEL - 1}"], 3),
         ("positions", np.nan, ["position", "nan"], 3),
+        ("positions", 1e200, ["position", "1e+200", "up to 1e+06 m"], 9),
     ],
 )
 def test_problem_of_a_taxel_is_named(field, value, texts, others):
@@ -222,3 +224,10 @@ def test_response_at_or_beside_the_target_is_right():
 def test_wrong_wiring_of_a_patch_is_named(move, text):
     for patch, line in zip(SKIN.patches, check_responses(move), strict=True):
         assert f"'{patch.id}'" in line and text in line
+
+
+def test_picture_of_a_large_robot_is_made_of_a_bounded_number_of_pieces():
+    """Such as one in millimetres, taken as metres."""
+    large = Link("link", (Geom(Box((200.0, 100.0, 300.0)), np.eye(4)),))
+    robot = Robot("large", (large,), ())
+    assert len(build_robot_triangles(robot, np.zeros(0), 0.02)) < 500_000

@@ -65,7 +65,8 @@ def print_progress(
             return
         last = time
         left = (time - start) * (total - done) / max(done - begun, 1)
-        line = f"{what}: {done} of {total}, about {left:.0f} s left"
+        line = f"{what}: {done} of {total}"
+        line += f", about {left:.0f} s left" if done > begun else ""
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
 

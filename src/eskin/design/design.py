@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 from jaxtyping import Bool
@@ -16,6 +16,7 @@ from eskin.design.patches import (
 )
 from eskin.design.spec import PER_CM2, DesignLimits, DesignSpec, RegionSpec
 from eskin.design.surface import (
+    MAX_TRIANGLES,
     LinkSurface,
     build_two_surfaces,
     find_invented_vertices,
@@ -27,8 +28,11 @@ from eskin.design.zones import (
     iterate_relative_poses,
 )
 from eskin.errors import RobotError, SkinError
+from eskin.progress import track_progress
 from eskin.robot import Robot
 from eskin.skin import Patch, Skin, build_skin
+from eskin.skin.files import MAX_PATCHES
+from eskin.skin.taxel_table import MAX_TAXELS
 
 EDGE = 0.45
 """Length of the triangles' edges over the spacing of the taxels."""
@@ -104,9 +108,16 @@ def design_skin(robot: Robot, spec: DesignSpec, seed: int = 0) -> SkinDesign:
             spec.keep_outs,
             np.random.default_rng([seed, number]),
         )
-        found = list(lay_patches(task, np.flatnonzero(usable)))
         first = len(layouts)
+        laid = lay_patches(task, np.flatnonzero(usable))
+        found = list(islice(laid, MAX_PATCHES + 1))
         layouts += found
+        if len(layouts) > MAX_PATCHES:
+            raise SkinError(
+                f"{len(spec.regions)} regions need more than {MAX_PATCHES} patches, "
+                "which are allowed; lower the density, choose fewer links, or boards "
+                "of more rows and columns"
+            )
         patches += name_patches(found, region, first, patches)
         results.append(
             RegionResult(
@@ -168,19 +179,19 @@ def build_surfaces(
         Surfaces of small triangles of the links with regions, those of all links with
         a shape, and what was repaired.
     """
-    fine, coarse, warnings = {}, {}, []
+    fine, coarse, warnings, room = {}, {}, [], MAX_TRIANGLES
     pitches: dict[str, float] = {}
     for region in spec.regions:
         pitch = compute_pitch(region)
         pitches[region.zone.link] = min(pitch, pitches.get(region.zone.link, np.inf))
-    for link in robot.links:
+    for link in track_progress(robot.links, "links read", len(robot.links)):
         if not link.geoms and link.name not in pitches:
             continue
         edge = None
         if link.name in pitches:
             edge = float(np.clip(EDGE * pitches[link.name], LEAST_EDGE, MOST_EDGE))
         try:
-            coarse[link.name], small = build_two_surfaces(link, edge)
+            coarse[link.name], small = build_two_surfaces(link, edge, room)
         except RobotError as error:
             if link.name in pitches:
                 raise
@@ -189,7 +200,26 @@ def build_surfaces(
         warnings += coarse[link.name].warnings
         if small is not None:
             fine[link.name] = small
+            room -= len(small.faces)
+    check_taxels(spec, fine)
     return fine, coarse, warnings
+
+
+def check_taxels(spec: DesignSpec, fine: dict[str, LinkSurface]) -> None:
+    """Raise where the regions have room for more taxels than a skin may have."""
+    total = 0.0
+    for region in spec.regions:
+        surface = fine[region.zone.link]
+        inside = region.zone.contains(surface.vertices)[surface.faces].all(axis=1)
+        area = compute_area(surface, np.flatnonzero(inside))
+        total += area * region.density
+        if total > MAX_TAXELS:
+            raise SkinError(
+                f"link '{surface.link}' is {surface.describe_size()} large: its region "
+                f"of {area:.3g} m2 has room for {area * region.density:.3g} taxels; "
+                f"allowed: {MAX_TAXELS:,} on all links; lower the density, choose "
+                "fewer links, or scale its shape if its lengths are not metres"
+            )
 
 
 def find_allowed_vertices(

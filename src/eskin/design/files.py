@@ -21,6 +21,7 @@ from eskin.design.maps import save_map
 from eskin.design.spec import PER_CM2
 from eskin.drivers.packet import CRC, DATA_BODY, HEADER, MAX_COUNTS
 from eskin.files import atomic_path
+from eskin.progress import track_progress
 from eskin.skin import save_skin
 
 COLUMNS = (
@@ -40,7 +41,8 @@ def save_design(design: SkinDesign, folder: Path) -> dict[str, object]:
     drawings = draw_design(design)
     report = build_report(design, drawings)
     patches = folder / "patches"
-    for number, drawing in enumerate(drawings):
+    named = enumerate(drawings)
+    for number, drawing in track_progress(named, "patches drawn", len(drawings)):
         save_dxf(patches / f"{drawing.name}.dxf", [drawing])
         save_svg(patches / f"{drawing.name}.svg", [drawing])
         with atomic_path(patches / f"{drawing.name}.csv") as part:

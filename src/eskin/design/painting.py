@@ -46,14 +46,17 @@ def sample_surfaces(robot: Robot, links: Sequence[str] = ()) -> Skin:
         RobotError: The robot lacks a link, or no link has a shape.
     """
     names = links or [link.name for link in robot.links if link.geoms]
-    surfaces = []
+    surfaces, problems = [], []
     for name in names:
         link = robot.links[robot.link_index(name)]
         try:
             surfaces.append(build_link_surface(link, SPACING))
-        except RobotError:
+        except RobotError as error:
             if links:
                 raise
+            problems.append(error)
+    if not surfaces and problems:
+        raise problems[0]
     if not surfaces:
         raise RobotError(
             f"robot '{robot.name}' has no link with a shape to paint on; load it with "

@@ -15,6 +15,7 @@ from eskin.design.spec import DesignLimits
 from eskin.design.surface import LinkSurface
 from eskin.design.unroll import FlatRegion, turn_region, unroll_region
 from eskin.design.zones import Zone
+from eskin.progress import show_progress
 from eskin.registry import find_package
 from eskin.skin import Surface, TaxelGrid, Tube
 
@@ -32,6 +33,8 @@ MARGIN = 0.98
 """Size of the square of a cell that lies in its region, over the cell's."""
 MAX_DENSITY_ERROR = 0.09
 """Largest relative error of the area of a patch, and so of its density."""
+CELLS_AT_ONCE = 50_000
+"""Number of cells that are compared with a region at once."""
 CELL_POINTS = 4
 """Number of points along a side of a cell that must lie in its region."""
 
@@ -92,19 +95,21 @@ def lay_patches(
     """
     least = task.limits.min_taxels * task.pitch**2
     waiting = split_connected(task, faces)
-    while waiting:
-        piece = waiting.pop(0)
-        if compute_area(task.surface, piece) < least:
-            continue
-        layouts = lay_piece(task, piece)
-        if layouts is None:
-            waiting = [
-                part
-                for half in bisect(task, piece)
-                for part in split_connected(task, half)
-            ] + waiting
-        else:
-            yield from layouts
+    with show_progress("triangles covered", len(faces)) as update:
+        while waiting:
+            update(len(faces) - sum(map(len, waiting)))
+            piece = waiting.pop(0)
+            if compute_area(task.surface, piece) < least:
+                continue
+            layouts = lay_piece(task, piece)
+            if layouts is None:
+                waiting = [
+                    part
+                    for half in bisect(task, piece)
+                    for part in split_connected(task, half)
+                ] + waiting
+            else:
+                yield from layouts
 
 
 def split_connected(
@@ -203,16 +208,19 @@ def find_cells(
     columns, rows = counts.tolist()
     centres = compute_centres(rows, columns, task.pitch)
     offsets = MARGIN * task.pitch * build_cell_points()
-    points = origins[:, None, None] + centres[None, :, None] + offsets
-    flat = points.reshape(-1, 2)
-    inside = region.contains(flat)
     zones = [zone for zone in task.keep_outs if zone.link == task.surface.link]
-    if zones and inside.any():
-        places = region.surface.wrap(flat[inside]).positions
-        blocked = np.any([zone.contains(places) for zone in zones], axis=0)
-        inside[np.flatnonzero(inside)[blocked]] = False
-    whole = inside.reshape(points.shape[:3]).all(axis=2)
-    return whole.reshape(len(origins), rows, columns)
+    found = np.zeros((len(origins), rows * columns), dtype=bool)
+    for row, origin in zip(found, origins, strict=True):
+        for start in range(0, len(centres), CELLS_AT_ONCE):
+            part = slice(start, start + CELLS_AT_ONCE)
+            flat = (origin + centres[part, None] + offsets).reshape(-1, 2)
+            inside = region.contains(flat)
+            if zones and inside.any():
+                places = region.surface.wrap(flat[inside]).positions
+                blocked = np.any([zone.contains(places) for zone in zones], axis=0)
+                inside[np.flatnonzero(inside)[blocked]] = False
+            row[part] = inside.reshape(-1, len(offsets)).all(axis=1)
+    return found.reshape(-1, rows, columns)
 
 
 def build_cell_points() -> Float[np.ndarray, "point 2"]:

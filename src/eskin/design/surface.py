@@ -19,8 +19,14 @@ igl = find_package("igl", "libigl", "design", "skin design")
 
 SAGITTA = 5e-5
 """Largest distance of a circle from the sides of its polygon [m]."""
+MANY_TRIANGLES = 100_000
+"""Number of triangles above which a surface is simplified, to within `SAGITTA`."""
+MAX_TRIANGLES = 2_000_000
+"""Largest number of small triangles of all links."""
 SEGMENTS = (24, 192)
 """Smallest and largest number of corners of a circle."""
+MAX_BODIES = 1000
+"""Number of bodies of a mesh from which it is taken as a single broken one."""
 MIN_BODY_VOLUME = 1e-9
 """Volume below which a body of a mesh is left out [m3]."""
 MIN_OPEN_AREA = 1e-4
@@ -54,6 +60,23 @@ class LinkSurface:
         """Return outward normals of triangles, as long as twice their areas [m2]."""
         a, b, c = np.moveaxis(self.corners, 1, 0)
         return np.cross(b - a, c - a)
+
+    @property
+    def area(self) -> float:
+        """Return the area [m2]."""
+        return float(np.linalg.norm(self.doubled_normals, axis=1).sum() / 2)
+
+    def describe_size(self) -> str:
+        """Return the lengths along x, y and z [m]."""
+        size = np.ptp(self.vertices, axis=0)
+        return f"{' x '.join(f'{side:.3g}' for side in size)} m"
+
+    def count_refined(self, max_edge: float) -> float:
+        """Estimate the number of triangles whose edges have at most a length [m]."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        around = sum(np.linalg.norm(e, axis=1).sum() for e in (b - a, c - b, a - c))
+        equilateral = np.sqrt(3) / 4 * max_edge**2
+        return len(self.faces) + around / max_edge + self.area / equilateral
 
     def sum_at_vertices(
         self, values: Float[np.ndarray, "face *more"]
@@ -115,18 +138,24 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
         max_edge: approximate length of the edges [m]; None for those of the shapes.
 
     Raises:
-        RobotError: The link has no shape, or none that encloses a volume.
+        RobotError: The link has no shape, none that encloses a volume, or one that is
+            too large.
     """
     coarse, fine = build_two_surfaces(link, max_edge)
     return coarse if fine is None else fine
 
 
 def build_two_surfaces(
-    link: Link, max_edge: float | None
+    link: Link, max_edge: float | None, room: int = MAX_TRIANGLES
 ) -> tuple[LinkSurface, LinkSurface | None]:
     """Build the surface of a link, and the same one of small triangles.
 
-    Arguments and errors are those of `build_link_surface`.
+    Other arguments and errors are those of `build_link_surface`.
+
+    Args:
+        link: the link.
+        max_edge: approximate length of the edges [m].
+        room: largest number of small triangles.
     """
     if not link.geoms:
         raise RobotError(
@@ -145,9 +174,19 @@ def build_two_surfaces(
             f"link '{link.name}' has no body of {1e9 * MIN_BODY_VOLUME:g} mm3 or more; "
             "choose another link, or correct its mesh"
         )
+    if joined.num_tri() > MANY_TRIANGLES:
+        joined = joined.simplify(SAGITTA)
     coarse = to_surface(joined, link.name, warnings)
     if max_edge is None:
         return coarse, None
+    count = coarse.count_refined(max_edge)
+    if count > room:
+        raise RobotError(
+            f"link '{link.name}' is {coarse.describe_size()} large: its surface is "
+            f"{count:.3g} triangles of {1e3 * max_edge:.3g} mm; allowed: {room:,} of "
+            f"{MAX_TRIANGLES:,} on all links; scale its shape if its lengths are not "
+            "metres, choose fewer links, or a lower density"
+        )
     return coarse, to_surface(joined.refine_to_length(max_edge), link.name, warnings)
 
 
@@ -178,9 +217,14 @@ def close_bodies(
     mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=True)
     mesh.merge_vertices(merge_norm=True, merge_tex=True)
     mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
-    parts = mesh.split(only_watertight=False)
-    closed, capped, broken = [], [], []
-    for part in parts:
+    labels = trimesh.graph.connected_component_labels(
+        mesh.face_adjacency, node_count=len(mesh.faces)
+    )
+    # So many are triangles without common edges rather than bodies.
+    soup = labels.max(initial=0) >= MAX_BODIES
+    parts = [mesh] if soup else mesh.split(only_watertight=False)
+    closed, capped, broken = [], [], [mesh] if soup else []
+    for part in () if soup else parts:
         if (body := to_manifold(part)) is not None:
             closed.append(body)
         elif (body := to_manifold(cap_holes(part))) is not None:
@@ -206,12 +250,15 @@ def cap_holes(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)
     if not igl.is_edge_manifold(faces)[0]:
         return mesh
-    for loop in igl.boundary_loop_all(faces):
-        middle = len(vertices)
-        vertices = np.vstack([vertices, vertices[loop].mean(axis=0)])
-        fan = [[b, a, middle] for a, b in zip(loop, np.roll(loop, -1), strict=True)]
-        faces = np.vstack([faces, fan])
-    return trimesh.Trimesh(vertices, faces, process=False)
+    loops = igl.boundary_loop_all(faces)
+    middles = [vertices[loop].mean(axis=0) for loop in loops]
+    fans = [
+        np.column_stack([np.roll(loop, -1), loop, np.full(len(loop), number)])
+        for number, loop in enumerate(loops, len(vertices))
+    ]
+    return trimesh.Trimesh(
+        np.vstack([vertices, *middles]), np.vstack([faces, *fans]), process=False
+    )
 
 
 def find_invented_vertices(

@@ -27,6 +27,8 @@ FIT_ANGLE = 0.2
 """Largest angle of its normal [rad]."""
 MIN_MEAN_NORMAL = 0.3
 """Smallest length of the mean normal of a curved region that is unrolled in one."""
+MAX_FLATTENED = 50_000
+"""Largest number of triangles that are unrolled together: time grows faster."""
 ITERATIONS = 40
 """Number of iterations of the unrolling."""
 MAX_FLIPPED, MAX_OVERLAP = 1e-4, 2e-3
@@ -142,7 +144,8 @@ def unroll_region(
     """Unroll the triangles of a region, which are connected.
 
     Returns:
-        The unrolled region; None where it cannot be unrolled without an overlap.
+        The unrolled region; None where it cannot be unrolled without an overlap, or has
+        so many triangles that it is cut first.
     """
     # Where only corners of triangles meet, the region is cut.
     faces, used = igl.split_nonmanifold(surface.faces[region])
@@ -157,7 +160,7 @@ def unroll_region(
         width = np.ptp(flat[faces][..., 0], axis=1)
         seam = np.pi * found.radius if isinstance(found, Tube) else np.inf
         return FlatRegion(found, flat, faces[width < seam], area)
-    flat = flatten(vertices, faces)
+    flat = flatten(vertices, faces) if len(faces) <= MAX_FLATTENED else None
     if flat is None:
         return None
     mesh = UnrolledMesh(vertices, normals, faces, flat)

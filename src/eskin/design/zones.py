@@ -12,9 +12,10 @@ from jaxtyping import Bool, Float
 from scipy.stats import qmc
 
 from eskin.design.surface import LinkSurface, PointLocator
+from eskin.progress import track_progress
 from eskin.registry import find_package
 from eskin.robot import Joint, Kinematics, Robot
-from eskin.robot.surface import compute_triangle_normals
+from eskin.robot.triangles import compute_triangle_normals
 from eskin.transforms import apply, invert
 
 igl = find_package("igl", "libigl", "design", "skin design")
@@ -24,6 +25,8 @@ Vector = tuple[float, float, float]
 
 DIRECTIONS = 96
 """Number of directions from which a point is looked at."""
+FACES_AT_ONCE = 20_000
+"""Number of triangles that are looked at once, which bounds the memory."""
 MIN_COSINE = 0.1
 """Smallest cosine of such a direction with the normal."""
 LIFT = 2e-4
@@ -125,12 +128,15 @@ def compute_exposure(
     normals = surface.doubled_normals / np.maximum(areas, 1e-30)[:, None]
     origins = surface.corners.mean(axis=1) + LIFT * normals
     directions = build_directions(DIRECTIONS)
-    face, direction = np.nonzero(normals @ directions.T > MIN_COSINE)
     mesh = trimesh.Trimesh(obstacle.vertices, obstacle.faces, process=False)
-    blocked = mesh.ray.intersects_any(origins[face], directions[direction])
-    count = len(areas)
-    tried = np.bincount(face, minlength=count)
-    free = np.bincount(face[~blocked], minlength=count) / np.maximum(tried, 1)
+    free = np.zeros(len(areas))
+    for start in range(0, len(areas), FACES_AT_ONCE):
+        part = slice(start, start + FACES_AT_ONCE)
+        seen = normals[part] @ directions.T > MIN_COSINE
+        face, direction = np.nonzero(seen)
+        blocked = mesh.ray.intersects_any(origins[part][face], directions[direction])
+        count = np.bincount(face[~blocked], minlength=len(seen))
+        free[part] = count / np.maximum(seen.sum(axis=1), 1)
     total = surface.sum_at_vertices(areas)
     return surface.sum_at_vertices(areas * free) / np.maximum(total, 1e-30)
 
@@ -254,7 +260,9 @@ def iterate_relative_poses(
     for first, second in combinations(links, 2):
         yield first, second, invert(T[index[second]]) @ T[index[first]]
     groups = group_rigid_links(robot)
-    for number, joint in enumerate(robot.actuated_joints):
+    joints = robot.actuated_joints
+    moving = enumerate(joints)
+    for number, joint in track_progress(moving, "joints moved", len(joints)):
         sweep = sample_joint(joint)
         values = np.tile(rest, (len(sweep), 1))
         values[:, number] = sweep
@@ -285,7 +293,8 @@ def iterate_combined_poses(
     ]
     if not pairs or count == 0:
         return
-    for T in Kinematics(robot).poses(sample_positions(robot, count)):
+    poses = Kinematics(robot).poses(sample_positions(robot, count))
+    for T in track_progress(poses, "poses", len(poses)):
         for first, second in pairs:
             yield first, second, invert(T[index[second]]) @ T[index[first]]
 

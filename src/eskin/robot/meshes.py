@@ -2,9 +2,11 @@
 
 import importlib
 import os
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, final
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -72,9 +74,15 @@ class MeshReader:
         found = self.files[path]
         self.triangles += len(found.faces)
         check_triangles(self.triangles, path, place)
-        vertices = found.vertices * np.array(scale)
+        if not np.all(scale):
+            raise RobotError(
+                f"{place}: <mesh> scale is '{' '.join(f'{s:g}' for s in scale)}'; "
+                "wanted: three numbers other than 0"
+            )
+        with np.errstate(over="ignore"):
+            vertices = found.vertices * np.array(scale)
         # A mirroring scale turns triangles inside out.
-        mirrored = np.prod(scale) < 0
+        mirrored = np.prod(np.sign(scale)) < 0
         return TriangleMesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)
 
     def read_bytes(self, path: Path, place: str) -> bytes:
@@ -149,16 +157,22 @@ def is_package(folder: Path) -> bool:
 
 
 def parse_mesh(trimesh: Any, data: bytes, path: Path, place: str) -> TriangleMesh:  # noqa: ANN401
-    """Parse a mesh file, whose triangles are joined, in its own unit of length."""
-    suffix = path.suffix.lower()
+    """Parse a mesh file, whose triangles are joined.
+
+    Lengths are those of the file; a COLLADA file tells its unit. Its `<up_axis>` is
+    ignored, as RViz, MoveIt and Pinocchio do: coordinates are those of the link.
+    """
+    suffix, unit = path.suffix.lower(), 1.0
     if suffix == ".dae":
         check_collada(data, path, place)
     try:
+        if suffix == ".dae":
+            unit = read_collada_unit(data, path, place)
         # Without a resolver, no further file that this one names is opened.
         loaded = trimesh.load(BytesIO(data), file_type=suffix[1:], resolver=None)
         check_triangles(count_triangles(loaded), path, place)
         mesh = loaded.to_mesh() if hasattr(loaded, "geometry") else loaded
-        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        vertices = unit * np.asarray(mesh.vertices, dtype=np.float64)
         faces = np.asarray(mesh.faces, dtype=np.int64)
     except RobotError:
         raise
@@ -203,3 +217,18 @@ def check_collada(data: bytes, path: Path, place: str) -> None:
         raise RobotError(
             f"{place}: mesh {path} repeats more than {MAX_INSTANCES} parts; join them"
         )
+
+
+def read_collada_unit(data: bytes, path: Path, place: str) -> float:
+    """Return the unit of length of a COLLADA file [m]."""
+    for _, element in ElementTree.iterparse(BytesIO(data), ("start",)):
+        if element.tag.rpartition("}")[2] == "unit":
+            text = element.get("meter", "1")
+            with suppress(ValueError):
+                if 0 < float(text) < np.inf:
+                    return float(text)
+            raise RobotError(
+                f"{place}: mesh {path} has <unit meter='{text:.40}'>; wanted: its "
+                "length in metres, above 0"
+            )
+    return 1.0

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from eskin.robot.triangles import TriangleTree
 from eskin.transforms import apply
 
 
@@ -44,6 +45,11 @@ class TriangleMesh:
     """Positions of the vertices [m]."""
     faces: Int[np.ndarray, "face 3"]
     """Indices into `vertices`."""
+
+    @cached_property
+    def tree(self) -> TriangleTree:
+        """Return a tree of the triangles."""
+        return TriangleTree(self.vertices[self.faces])
 
 
 Shape = Cylinder | Sphere | Box | TriangleMesh

@@ -24,7 +24,15 @@ from eskin.errors import RobotError
 from eskin.files import read_file
 from eskin.robot.meshes import MeshReader
 from eskin.robot.robot import Joint, JointKind, Link, Mimic, Robot
-from eskin.robot.shapes import Box, Cylinder, Geom, Shape, Sphere
+from eskin.robot.shapes import (
+    Box,
+    Cylinder,
+    Geom,
+    Shape,
+    Sphere,
+    TriangleMesh,
+    build_shape_mesh,
+)
 from eskin.transforms import make_transform, quaternion_to_matrix, rpy_to_matrix
 
 KINDS = get_args(JointKind)
@@ -41,6 +49,9 @@ MAX_TEXT = 1000
 """Largest length of an attribute that is used, such as a name."""
 POSE = {"xyz", "rpy", "quat_xyzw"}
 """Attributes of an <origin>."""
+LARGE, MAX_SIZE = 5.0, 1e6
+"""Length from which a unit is doubted, and the largest [m]."""
+METRES = "divide by 1000: lengths of a URDF are in metres"
 RUN_XACRO = "run xacro first, as in 'xacro FILE > out.urdf'"
 logger = logging.getLogger(__name__)
 
@@ -231,9 +242,24 @@ def read_link(element: Element, reader: MeshReader | None, path: Path) -> Link:
         geometry = find_child(collision, "geometry", place)
         if reader is None and geometry.find("mesh") is not None:
             continue
-        shape = partial(read_shape, geometry, reader, f"{path}: {place}")
+        shape = partial(read_sized_shape, geometry, reader, f"{path}: {place}")
         geoms.append(Geom(shape, read_origin(collision, place)))
     return Link(name, tuple(geoms))
+
+
+def read_sized_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shape:
+    """Read a shape; warn where it is larger than parts of robots are."""
+    shape = read_shape(geometry, reader, place)
+    vertices = build_shape_mesh(shape).vertices
+    size = vertices.max(axis=0) - vertices.min(axis=0)
+    large = f"{place} is {' x '.join(f'{side:.3g}' for side in size)} m large"
+    if not size.max() <= MAX_SIZE:
+        raise RobotError(f"{large}; allowed: {MAX_SIZE:g} m; scale it")
+    if size.max() > LARGE:
+        is_mesh = isinstance(shape, TriangleMesh)
+        remedy = 'add scale="0.001 0.001 0.001" to its <mesh>' if is_mesh else METRES
+        warn_once(f"{large}; if that should be millimetres, {remedy}")
+    return shape
 
 
 def read_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shape:
@@ -442,6 +468,11 @@ def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
             "or quat_xyzw"
         )
     xyz = np.array(read_numbers(found, "xyz", place, 3, (0.0, 0.0, 0.0)))
+    if (away := np.linalg.norm(xyz)) > LARGE:
+        warn_once(
+            f"{place} lies {away:.3g} m from the frame that it is given in; if that "
+            f"should be millimetres, {METRES}"
+        )
     if "quat_xyzw" not in given:
         rpy = np.array(read_numbers(found, "rpy", place, 3, (0.0, 0.0, 0.0)))
         return make_transform(rpy_to_matrix(rpy), xyz)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from eskin.errors import SkinError
@@ -75,6 +75,12 @@ def check_skin(
     return problems
 
 
+FARTHEST = 1e6
+"""Largest coordinate of a taxel in its link's frame [m]."""
+EXACT = 4.0
+"""Distance from a link up to which it is computed exactly, over the allowed one."""
+TAXELS_AT_ONCE = 1000
+"""Number of taxels between two updates of the progress."""
 MAX_COINCIDENT = 64
 """Largest number of taxels in one point."""
 MAX_CLOSE, FREE_CLOSE = 10, 100_000
@@ -149,18 +155,25 @@ def find_cell_problems(skin: Skin) -> Iterator[SkinProblem]:
 
 
 def find_position_problems(skin: Skin) -> Iterator[SkinProblem]:
-    """Find positions that are not finite."""
-    bad = ~np.isfinite(skin.positions).all(axis=1)
+    """Find positions that are not finite, or nowhere near a robot."""
+    bad = ~are_near(skin)
     for taxel in np.flatnonzero(bad).tolist():
         position = skin.positions[taxel].tolist()
-        text = f"its position is {position}, allowed finite numbers"
+        text = (
+            f"its position is {position}, allowed finite numbers up to {FARTHEST:g} m"
+        )
         yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
+
+
+def are_near(skin: Skin) -> Bool[np.ndarray, "taxel"]:
+    """Return which positions are finite and not too large to compute with."""
+    return np.all(np.abs(skin.positions) <= FARTHEST, axis=1)
 
 
 def find_coincident_problems(skin: Skin, config: CheckConfig) -> Iterator[SkinProblem]:
     """Find taxels of one link that coincide."""
     links = np.array(skin.link_names)[skin.patch_index]
-    finite = np.flatnonzero(np.isfinite(skin.positions).all(axis=1))
+    finite = np.flatnonzero(are_near(skin))
     near = KDTree(skin.positions[finite]).query_pairs(
         config.min_taxel_distance, output_type="ndarray"
     )
@@ -215,28 +228,51 @@ def find_surface_problems(
     skin: Skin, robot: Robot, config: CheckConfig
 ) -> Iterator[SkinProblem]:
     """Find taxels off their link's surface, and normals that do not point outward."""
+    limit = config.max_surface_distance
+    distances, cosines = compute_clearances(skin, robot, EXACT * limit)
+    off = ~(np.abs(distances) <= limit)
     for number, patch in enumerate(skin.patches):
-        finite = np.isfinite(skin.positions).all(axis=1)
-        taxels = np.flatnonzero((skin.patch_index == number) & finite)
-        if patch.link not in robot.link_names or len(taxels) == 0:
-            continue
-        link = robot.links[robot.link_index(patch.link)]
-        if not link.geoms:
-            continue
-        distances, outward = compute_surface_distance(link, skin.positions[taxels])
-        cosines = np.sum(outward * skin.normals[taxels], axis=1)
-        off = ~(np.abs(distances) <= config.max_surface_distance)
-        for taxel, distance in zip(taxels[off], distances[off], strict=True):
+        own = skin.patch_index == number
+        for taxel in np.flatnonzero(own & off).tolist():
+            distance = float(distances[taxel])
             side = "off" if distance > 0 else "below"
-            limit = f"{1e3 * config.max_surface_distance:g} mm"
+            about = "about " if abs(distance) > EXACT * limit else ""
             text = (
-                f"lies {1e3 * abs(distance):.3g} mm {side} the surface of link "
-                f"'{patch.link}', allowed up to {limit}"
+                f"lies {about}{1e3 * abs(distance):.3g} mm {side} the surface of link "
+                f"'{patch.link}', allowed up to {1e3 * limit:g} mm"
             )
-            yield SkinProblem(text, patch.id, int(taxel))
-        for taxel in taxels[~off & ~(cosines >= config.min_cosine)]:
+            yield SkinProblem(text, patch.id, taxel)
+        for taxel in np.flatnonzero(own & ~off & ~(cosines >= config.min_cosine)):
             text = f"its normal does not point out of link '{patch.link}'"
             yield SkinProblem(text, patch.id, int(taxel))
+
+
+def compute_clearances(
+    skin: Skin, robot: Robot, exact_to: float
+) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel"]]:
+    """Compute distances from links [m], and cosines between normals and theirs.
+
+    The distance is 0 and the cosine 1 where a link has no shape or a position is not
+    finite.
+    """
+    from eskin.progress import track_progress
+
+    distances, cosines = np.zeros(skin.count), np.ones(skin.count)
+    finite = are_near(skin)
+    names = np.array(skin.link_names)[skin.patch_index]
+    parts = [
+        (link, part)
+        for link in robot.links
+        if link.geoms
+        for own in [np.flatnonzero(finite & (names == link.name))]
+        for part in np.array_split(own, len(own) // TAXELS_AT_ONCE + 1)
+        if len(part)
+    ]
+    for link, part in track_progress(parts, "Checking", len(parts)):
+        found, outward = compute_surface_distance(link, skin.positions[part], exact_to)
+        distances[part] = found
+        cosines[part] = np.sum(outward * skin.normals[part], axis=1)
+    return distances, cosines
 
 
 def get_patch_id(skin: Skin, taxel: int) -> str:
@@ -244,6 +280,7 @@ def get_patch_id(skin: Skin, taxel: int) -> str:
     return skin.patches[skin.patch_index[taxel]].id
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def compare_neighbours(
     skin: Skin,
 ) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel 3"]]:

@@ -38,6 +38,8 @@ MARGIN = 0.25
 """Width of the robot that is drawn around the skin [m]."""
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 """Corners of a square of side 2."""
+MAX_PIECES = 150
+"""Largest number of small triangles along a robot."""
 
 
 def draw_skin(
@@ -207,11 +209,13 @@ def build_robot_triangles(
     """Build small triangles of the surfaces of all geoms, in the world."""
     parts = [np.zeros((0, 3, 3))]
     for T_world_link, link in zip(Kinematics(robot).poses(q), robot.links, strict=True):
-        for geom in link.geoms:
-            mesh = build_geom_mesh(geom)
-            corners = subdivide(mesh.vertices[mesh.faces], max_edge)
-            parts.append(apply(T_world_link, corners.reshape(-1, 3)).reshape(-1, 3, 3))
-    return np.concatenate(parts)
+        for mesh in map(build_geom_mesh, link.geoms):
+            parts.append(apply(T_world_link, mesh.vertices)[mesh.faces])
+    triangles = np.concatenate(parts)
+    if len(triangles):
+        size = np.ptp(triangles.reshape(-1, 3), axis=0).max()
+        max_edge = max(max_edge, float(size) / MAX_PIECES)
+    return subdivide(triangles, max_edge)
 
 
 def subdivide(
