@@ -12,13 +12,13 @@ from threading import RLock, Thread
 from typing import final
 
 from eskin.command.actions import (
-    COMMAND_FUNCTIONS,
     COOL_DOWN,
     FUNCTION,
     HALTING_ACTIONS,
     REDUCING_ACTIONS,
     STARTING_ACTIONS,
     SUSPEND_CONFIDENCE,
+    FunctionCall,
     resolve_action,
 )
 from eskin.command.arm import Arm, ArmState
@@ -81,6 +81,10 @@ class PolicyConfig:
     jog_step: float = 0.05
     """Length of a jog whose rule gives none [m]."""
 
+    function_seconds: float = 0.06
+    """Longest time that a function of the map may take, and that the watch waits for
+    the policy, before the arm is held [s]."""
+
     check_period: float | None = 0.02
     """How often a thread checks whether the skin is stale, though no reading comes [s];
     None starts no thread, and `check_skin` is called by others."""
@@ -133,6 +137,7 @@ class Policy(Listener):
         self.held_for: str | None = None
         self.over: str | None = None
         self.failure: BaseException | None = None
+        self.call: FunctionCall | None = None
         self.closing = Flag()
         self.thread: Thread | None = None
 
@@ -154,7 +159,7 @@ class Policy(Listener):
         self.monitor = SkinMonitor(skin, limits, now)
         self.evidence = EvidenceMonitor(skin, self.config.evidence)
         self.touches = CommandedTouches(
-            skin, self.commands, self.vocabulary, limits, now
+            skin, context.info.calibration, self.commands, self.vocabulary, limits, now
         )
         if self.config.check_period is not None:
             self.thread = Thread(target=self.run, name="eskin watch", daemon=True)
@@ -164,24 +169,25 @@ class Policy(Listener):
         """Handle a detection or a recognition state."""
         if self.failure is not None:
             raise self.failure
-        self.hold_on_error(lambda: self.handle(item))
+        with self.lock:
+            self.hold_on_error(lambda: self.handle(item))
 
     def handle(self, item: Message) -> None:
         """Execute what a detection or a recognition state asks for."""
         if isinstance(item, Detection):
             touch = self.touches.find(item.touch)
             if item.gesture not in NON_GESTURES:
-                touch.recognised = True
                 self.decide(touch, item)
             elif item.gesture == UNKNOWN:
                 self.decide_unknown(touch, item)
             touch.decided, touch.suspends = True, False
+            touch.detected_force = item.peak_force
         elif isinstance(item, RecognitionState):
             self.touches.update(item)
             self.monitor.update(item.state, (one.patch for one in self.touches.felt))
             self.evidence.update(item)
             self.hold_if_unreliable()
-            self.stop_if_unrecognised()
+            self.stop_if_excessive()
             self.pause_if_touched()
             self.suspend_if_stop()
             for request in tuple(self.touches.requests):
@@ -274,9 +280,9 @@ class Policy(Listener):
         fault = self.find_fault(state, stamp)
         if fault is not None or action in HALTING_ACTIONS:
             return fault
-        problem = self.monitor.find_problem(now)
+        problem = self.find_problem(now)
         if problem is not None:
-            return f"{problem}; {REMEDY}"
+            return problem
         if self.monitor.is_out(detection.patch, now):
             return f"patch '{detection.patch}' is out; touch elsewhere"
         rested = self.find_rest(request.rule, now)
@@ -339,18 +345,27 @@ class Policy(Listener):
         least = f"{self.config.min_pause:g} s later"
         return f"to go on: {stops}, then {goes} at least {least}"
 
+    def find_problem(self, now: int) -> str | None:
+        """Return why the arm is held at a time, with what to do; None if it is not."""
+        if self.call is not None and self.call.has_returned():
+            self.call = None
+        if self.call is not None:
+            return self.call.problem
+        problem = self.monitor.find_problem(now)
+        return None if problem is None else f"{problem}; {REMEDY}"
+
     def hold_if_unreliable(self) -> None:
-        """Hold the arm if its skin cannot be relied on; publish when it can again."""
+        """Hold the arm if skin or functions cannot be relied on; publish when again."""
         now, state = self.context.clock.now(), self.arm.state()
         self.note_stops(state, now)
-        problem = self.monitor.find_problem(now)
+        problem = self.find_problem(now)
         if problem is not None:
             requests, self.touches.requests = self.touches.requests, []
             for request in requests:
-                self.complete(request, f"{problem}; {REMEDY}")
+                self.complete(request, problem)
             if state.hold_reason is None:
-                self.hold(problem)
-                self.held_for = problem
+                self.held_for = problem.removesuffix(f"; {REMEDY}")
+                self.hold(self.held_for)
             self.over = None
         elif state.hold_reason is None:
             self.held_for = self.over = None
@@ -359,8 +374,8 @@ class Policy(Listener):
             way = self.describe_way(state)
             self.publish("resume", False, f"{self.over}; {way}")
 
-    def stop_if_unrecognised(self) -> None:
-        """Stop an arm at work under a strong or long touch that was not recognised.
+    def stop_if_excessive(self) -> None:
+        """Stop an arm at work under a touch that is too strong or long, whatever it is.
 
         A strong one holds it, also where it is only suspended for another touch. Under
         a long one it is suspended until the touch has ended, and if that takes too
@@ -370,16 +385,16 @@ class Policy(Listener):
         suspended = state.speed_limit == 0.0 or self.touches.is_suspending
         if state.stopped or not (state.moving or suspended):
             return
-        unrecognised = [one for one in self.touches.felt if not one.recognised]
-        for touch in unrecognised:
-            if touch.force > limits.max_force:
-                self.hold(f"unrecognised touch of {touch.force:.0f} N", touch)
+        for touch in self.touches.felt:
+            excess = touch.find_excess(limits)
+            if excess is not None:
+                self.hold(excess, touch)
                 return
-        counting = (one for one in unrecognised if not one.lasts)
+        counting = (one for one in self.touches.felt if not one.lasts)
         touch = max(counting, key=lambda one: one.duration, default=None)
         if touch is None or touch.duration <= limits.max_seconds:
             return
-        reason = f"unrecognised touch for {touch.duration:.1f} s"
+        reason = f"touch for {touch.duration:.1f} s"
         if touch.duration > limits.pause_seconds:
             self.pause_for(touch, reason)
         elif not touch.suspends:
@@ -554,7 +569,10 @@ class Policy(Listener):
                 arm.hold(f"{detection.gesture} on {detection.patch}")
                 self.held_since = self.context.clock.now()
             case action if action == FUNCTION:
-                COMMAND_FUNCTIONS[rule.function or ""](arm, detection)
+                call = FunctionCall(rule.function or "", arm, detection)
+                if not call.has_returned(self.config.function_seconds):
+                    self.call, self.held_for = call, call.problem
+                    raise ArmError(call.problem)
             case action:
                 getattr(arm, action)()
 
@@ -623,10 +641,15 @@ class Policy(Listener):
         )
 
     def check_skin(self) -> None:
-        """Hold or slow the arm if its skin cannot be relied on."""
-        with self.lock:
+        """Hold or slow the arm if its skin cannot be relied on, or the policy blocks."""
+        if not self.lock.acquire(timeout=self.config.function_seconds):
+            self.arm.hold("the policy does not answer")
+            return
+        try:
             self.hold_if_unreliable()
             self.update_limit()
+        finally:
+            self.lock.release()
 
     def run(self) -> None:
         """Check the skin again and again, though no reading may come."""
@@ -641,8 +664,7 @@ class Policy(Listener):
     def hold_on_error(self, action: Callable[[], None]) -> None:
         """Call a function; hold the arm where it fails."""
         try:
-            with self.lock:
-                action()
+            action()
         except BaseException as error:
             self.arm.hold(f"the policy failed: {type(error).__name__}")
             raise
