@@ -9,8 +9,8 @@ steps of `SHORT`.
 `0.3`: readings come for 0.3 s.
 `say a`: the recogniser detects `a`; a gesture, a confidence, `likely=poke`, `age=0.12`
     [s] and `other` for another patch may follow.
-`a is poke 0.9`, `a is 60N`: it is something else from now on, to the recogniser or the
-    skin.
+`a is poke 0.9`, `a is 60N`, `a is full`: it is something else from now on, to the
+    recogniser or the skin; `full` presses its taxels nearly to full scale.
 `lift a`, `close a`, `merge a b`: the finger leaves; the touch closes; it closes since
     it has become part of `b`. `lose a`: the reading in which it closes was dropped.
 `double_pat a.`: all of a touch of 0.4 s: it begins, is detected, is let go, and closes.
@@ -297,6 +297,21 @@ suspended: less force does not
     none a 39N; 0.5 >; ? at work
 suspended: so does a recognised one
     grab a 20N; 0.4; say a; 0.1 >; a is 41N; 0.02 > hold, !close_gripper
+suspended: touch that grows after its detection holds
+    grab a 14N; 0.4; say a; 0.1; a is 34N; 0.1 >; a is 36N; 0.02 > hold [grew to 36 N],
+    !close_gripper
+suspended: so does one detected while it lands
+    stroke a 1N; 0.1; say a; 0.02 > slow; a is 29N; 0.3 >; a is 31N; 0.02 > hold [grew]
+suspended: so does an unknown one
+    none a 10N; 0.1; say a unknown; a is 31N; 0.02 > hold [grew to 31 N]
+suspended: and one that takes over a detected one
+    grab a 10N; 0.4; say a; none b 10N; merge a b; b is 31N; 0.02 > hold [grew],
+    !close_gripper
+suspended: so does one that fills its taxels
+    grab a 10N; 0.4; say a; 0.1 >; a is full; 0.02 > hold [at full scale],
+    !close_gripper
+suspended: one that has filled them does not
+    grab a 10N; a is full; 0.4; say a; 0.1 >; lift a; 0.2 > close_gripper
 suspended: resting arm is not held
     arm at_work=; none a 80N; 3 >; ? at work
 suspended: strong touch holds a suspended arm
@@ -470,6 +485,8 @@ class Story:
                 touch.gesture = word
             elif word.endswith("N"):
                 touch.force = float(word[:-1])
+            elif word == "full":
+                touch.pressure = 95.0
             elif word == "again":
                 touch.onset, touch.pressed = self.scene.clock.now() + PERIOD, True
             elif word == "nowhere":

@@ -42,6 +42,9 @@ class CommandedTouch:
     detected_force: float = math.inf
     """Greatest force until it was last detected [N]; infinite before."""
 
+    detected_area: float = math.inf
+    """Its area at full scale then [m2]."""
+
     full_area: float = 0.0
     """Area of its taxels that read nearly full scale [m2]."""
 
@@ -100,15 +103,13 @@ class CommandedTouch:
 
     def find_excess(self, config: SkinMonitorConfig) -> str | None:
         """Return in what it exceeds a touch that asks for something, if it does."""
+        force, full_area = config.least_force, config.least_full_area
         if self.force > config.max_force:
             return f"touch of {self.force:.0f} N"
-        grown = config.max_growth * max(self.detected_force, config.least_grown)
-        if self.force > grown:
-            return (
-                f"touch that grew from {self.detected_force:.0f} to {self.force:.0f} N"
-            )
-        if self.full_area > config.max_full_area:
-            return f"touch that presses {1e4 * self.full_area:.0f} cm2 to full scale"
+        if self.force > config.max_growth * max(self.detected_force, force):
+            return f"touch that grew to {self.force:.0f} N after it was detected"
+        if self.full_area > config.max_growth * max(self.detected_area, full_area):
+            return f"touch that grew to {1e4 * self.full_area:.1f} cm2 at full scale"
         return None
 
     def merge(self, heir: "CommandedTouch") -> None:
@@ -116,6 +117,7 @@ class CommandedTouch:
         heir.suspends |= self.suspends and not heir.decided
         heir.decided |= self.decided
         heir.detected_force = min(heir.detected_force, self.detected_force)
+        heir.detected_area = min(heir.detected_area, self.detected_area)
         self.suspends = False
         if self.blocked or self.asked:
             heir.clashes |= self.clashes or heir.blocked or bool(heir.asked)

@@ -181,7 +181,7 @@ class Policy(Listener):
             elif item.gesture == UNKNOWN:
                 self.decide_unknown(touch, item)
             touch.decided, touch.suspends = True, False
-            touch.detected_force = item.peak_force
+            touch.detected_force, touch.detected_area = item.peak_force, touch.full_area
         elif isinstance(item, RecognitionState):
             self.touches.update(item)
             self.monitor.update(item.state, (one.patch for one in self.touches.felt))
@@ -641,7 +641,7 @@ class Policy(Listener):
         )
 
     def check_skin(self) -> None:
-        """Hold or slow the arm if its skin cannot be relied on, or the policy blocks."""
+        """Hold or slow the arm where its skin or its policy cannot be relied on."""
         if not self.lock.acquire(timeout=self.config.function_seconds):
             self.arm.hold("the policy does not answer")
             return

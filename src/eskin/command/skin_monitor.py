@@ -48,15 +48,15 @@ class SkinMonitorConfig:
     """Measured force of a touch above which a moving arm is held [N]."""
 
     max_growth: float = 2.5
-    """Ratio of the force of a touch to that at its detection above which such an arm is
-    held; sensors read a third to three quarters of a force."""
+    """Growth of the measured force of a touch since its detection above which such an
+    arm is held, or of the area that it presses nearly to full scale, where more force
+    is not measured; as a ratio."""
 
-    least_grown: float = 8.0
-    """Force at the detection that the growth is at least related to [N]."""
+    least_force: float = 12.0
+    """Least force that its growth is related to [N]."""
 
-    max_full_area: float = 1.5e-4
-    """Area that a touch presses nearly to full scale above which such an arm is held
-    [m2]: forces read too low there."""
+    least_full_area: float = 0.6e-4
+    """Least area at full scale that its growth is related to [m2]."""
 
     max_seconds: float = 2.0
     """Duration of a touch above which a moving arm is suspended until it ends [s]."""

@@ -18,7 +18,6 @@ from eskin.live import Detection
 from eskin.touch import Scan, TouchState, TouchStatus
 from eskin.units import NS_PER_S
 
-
 MAX_CLOSED = 256
 """Largest number of closed touches that a state tells of, with those of dropped ones;
 in each state the open ones are listed anew."""
@@ -132,7 +131,10 @@ class BoundedQueue:
             if self.drop == "never":
                 self.changed.wait_for(self.has_room)
             if self.ending or not (self.has_room() or self.make_room(item)):
-                self.count_dropped(item, len(self.items))
+                self.dropped += 1
+                if isinstance(item, RecognitionState):
+                    closed = self.closed + item.state.tracking.closed
+                    self.closed = closed[-MAX_CLOSED:]
                 return
             if isinstance(item, RecognitionState) and self.closed:
                 item, self.closed = item.add_closed(self.closed), ()
@@ -154,7 +156,8 @@ class BoundedQueue:
         for place in places:
             if not isinstance(dropped := self.items[place], RARE):
                 del self.items[place]
-                self.count_dropped(dropped, place)
+                self.dropped += 1
+                self.pass_on_closed(dropped, place)
                 return True
         if rare and self.drop == "oldest":
             self.items.popleft()
@@ -162,9 +165,8 @@ class BoundedQueue:
             return True
         return False
 
-    def count_dropped(self, dropped: Message, place: int) -> None:
-        """Count a message dropped from a place; pass on which touches it closed."""
-        self.dropped += 1
+    def pass_on_closed(self, dropped: Message, place: int) -> None:
+        """Let the next state tell which touches closed with one from a place."""
         if not isinstance(dropped, RecognitionState):
             return
         closed = dropped.state.tracking.closed
@@ -173,7 +175,7 @@ class BoundedQueue:
             if isinstance(state, RecognitionState):
                 self.items[later] = state.add_closed(closed)
                 return
-        self.closed = (self.closed + closed)[-MAX_CLOSED:]
+        self.closed = closed + self.closed
 
     def take(self) -> Message | None:
         """Wait for the next message and return it; None when no more will come."""
