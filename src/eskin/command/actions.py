@@ -56,6 +56,9 @@ Those of the default map are chosen from data (`lab/notes/policy.md`); `hold` an
 `previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
 one that is set by hand.
 """
+SUSPEND = "wait"
+"""Action of events that tell that the arm is suspended until a touch is recognised, or
+has ended."""
 SUSPEND_CONFIDENCE = 0.08
 """Probability of a stop from which a moving arm is suspended until the touch is
 recognised, where the stop itself needs more; chosen on the same data."""

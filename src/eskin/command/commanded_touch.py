@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from eskin.command.actions import required_confidence
+from eskin.command.actions import SUSPEND, required_confidence
 from eskin.command.command_map import CommandMap, Rule
 from eskin.command.skin_monitor import SkinMonitorConfig
 from eskin.live import Detection
@@ -101,16 +101,26 @@ class CommandedTouch:
         self.duration = (stamp - row.onset) / NS_PER_S
         self.lasts = stamp - self.light_since > config.light_seconds * NS_PER_S
 
-    def find_excess(self, config: SkinMonitorConfig) -> str | None:
-        """Return in what it exceeds a touch that asks for something, if it does."""
-        force, full_area = config.least_force, config.least_full_area
+    def find_excess(self, config: SkinMonitorConfig) -> tuple[str, str]:
+        """Return what it does to a moving arm, and in what it exceeds its limits.
+
+        These are those of every touch, recognised or not. Both are empty within them.
+        """
+        grown = config.max_growth * max(self.detected_force, config.least_force)
+        filled = config.max_growth * max(self.detected_area, config.least_full_area)
+        reason = f"touch for {self.duration:.1f} s"
         if self.force > config.max_force:
-            return f"touch of {self.force:.0f} N"
-        if self.force > config.max_growth * max(self.detected_force, force):
-            return f"touch that grew to {self.force:.0f} N after it was detected"
-        if self.full_area > config.max_growth * max(self.detected_area, full_area):
-            return f"touch that grew to {1e4 * self.full_area:.1f} cm2 at full scale"
-        return None
+            return "hold", f"touch of {self.force:.0f} N"
+        if self.force > grown:
+            return "hold", f"touch that grew to {self.force:.0f} N after its detection"
+        if self.full_area > filled:
+            area = f"{1e4 * self.full_area:.1f} cm2"
+            return "hold", f"touch that grew to {area} at full scale"
+        if self.lasts or self.duration <= config.max_seconds:
+            return "", ""
+        if self.duration > config.pause_seconds:
+            return "pause", reason
+        return SUSPEND, f"{reason}; the arm stands until it has ended"
 
     def merge(self, heir: "CommandedTouch") -> None:
         """Let the touch that it merges into inherit what is known of it."""
@@ -271,10 +281,11 @@ class CommandedTouches:
         for touch in self.by_id.values():
             touch.suspends = False
 
-    def find_lasting(self) -> CommandedTouch | None:
-        """Return the touch that has been light for longest, of those that last."""
-        lasting = (one for one in self.by_id.values() if one.lasts)
-        return min(lasting, key=lambda one: one.light_since, default=None)
+    def find_lasting(self) -> str | None:
+        """Return where a touch has been light for too long; None if there is none."""
+        patches = [one.patch for one in self.by_id.values() if one.lasts]
+        longer = f"lasts for more than {self.config.light_seconds:g} s"
+        return f"a light touch on patch '{patches[0]}' {longer}" if patches else None
 
     def list_other_onsets(self, touch: CommandedTouch) -> list[int]:
         """Return the onsets of the other open touches [ns since the epoch]."""

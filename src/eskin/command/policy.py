@@ -17,6 +17,7 @@ from eskin.command.actions import (
     HALTING_ACTIONS,
     REDUCING_ACTIONS,
     STARTING_ACTIONS,
+    SUSPEND,
     SUSPEND_CONFIDENCE,
     FunctionCall,
     resolve_action,
@@ -44,8 +45,6 @@ IMPLAUSIBLE = (
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
 GOES_ON = "touching went on for too long; let go, then ask again"
 TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
-SUSPEND = "wait"
-"""Action of events that tell that the arm is suspended until a touch is recognised."""
 logger = logging.getLogger(__name__)
 
 
@@ -377,28 +376,20 @@ class Policy(Listener):
     def stop_if_excessive(self) -> None:
         """Stop an arm at work under a touch that is too strong or long, whatever it is.
 
-        A strong one holds it, also where it is only suspended for another touch. Under
-        a long one it is suspended until the touch has ended, and if that takes too
-        long, it is paused.
+        An arm that is only suspended for another touch is stopped too.
         """
-        limits, state = self.config.monitor, self.arm.state()
+        state = self.arm.state()
         suspended = state.speed_limit == 0.0 or self.touches.is_suspending
         if state.stopped or not (state.moving or suspended):
             return
         for touch in self.touches.felt:
-            excess = touch.find_excess(limits)
-            if excess is not None:
-                self.hold(excess, touch)
-                return
-        counting = (one for one in self.touches.felt if not one.lasts)
-        touch = max(counting, key=lambda one: one.duration, default=None)
-        if touch is None or touch.duration <= limits.max_seconds:
-            return
-        reason = f"touch for {touch.duration:.1f} s"
-        if touch.duration > limits.pause_seconds:
-            self.pause_for(touch, reason)
-        elif not touch.suspends:
-            self.suspend_for(touch, f"{reason}; the arm stands until it has ended")
+            action, reason = touch.find_excess(self.config.monitor)
+            if action == SUSPEND and not touch.suspends:
+                self.suspend_for(touch, reason)
+            elif action == "hold":
+                return self.hold(reason, touch)
+            elif action == "pause":
+                return self.pause_for(touch, reason)
 
     def pause_if_touched(self) -> None:
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
@@ -442,19 +433,13 @@ class Policy(Listener):
 
     def update_slowing(self, now: int) -> None:
         """Slow the arm where the skin asks for it, and no longer once that is over."""
-        limits = self.config.monitor
-        reason, lasting = self.monitor.find_outage(now), self.touches.find_lasting()
-        if reason is None and lasting is not None:
-            reason = (
-                f"a light touch on patch '{lasting.patch}' lasts for more than "
-                f"{limits.light_seconds:g} s"
-            )
+        reason = self.monitor.find_outage(now) or self.touches.find_lasting()
         if reason is not None:
             if self.slowed is None:
                 self.publish("slow", True, f"{reason}; {REMEDY}")
             self.slowed, self.slowed_at = reason, now
         elif self.slowed is not None:
-            if now - self.slowed_at > limits.clear_seconds * NS_PER_S:
+            if now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S:
                 self.publish("normal", True, f"no longer {self.slowed}")
                 self.slowed = None
 
