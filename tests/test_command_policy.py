@@ -106,7 +106,7 @@ def test_late_error_of_function_stops_stream(blocked):
 
 
 def test_watch_holds_arm_whatever_blocks_the_policy():
-    scene, taken, over = Scene(function_seconds=0.0), Event(), Event()
+    scene, taken, over = Scene(), Event(), Event()
 
     def block():
         with scene.policy.lock:

@@ -81,8 +81,7 @@ class PolicyConfig:
     """Length of a jog whose rule gives none [m]."""
 
     function_seconds: float = 0.06
-    """Longest time that a function of the map may take, and that the watch waits for
-    the policy, before the arm is held [s]."""
+    """Longest time that a function of the map may take before the arm is held [s]."""
 
     check_period: float | None = 0.02
     """How often a thread checks whether the skin is stale, though no reading comes [s];
@@ -576,7 +575,7 @@ class Policy(Listener):
     def pause(self) -> None:
         """Pause the arm from now on."""
         self.arm.pause()
-        self.note_pause(self.arm.state(), self.context.clock.now())
+        self.note_stops(self.arm.state(), self.context.clock.now())
 
     def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
@@ -584,14 +583,10 @@ class Policy(Listener):
         self.held_since = self.context.clock.now()
         self.publish("hold", True, reason, touch=touch)
 
-    def note_pause(self, state: ArmState, now: int) -> None:
-        """Note that the arm was paused just now, paused already or not."""
-        self.paused_since, self.pause_count = now, state.pause_count
-
     def note_stops(self, state: ArmState, now: int) -> None:
         """Note since when the arm is paused and held, whoever told it to."""
         if self.paused_since is None or state.pause_count != self.pause_count:
-            self.note_pause(state, now)
+            self.paused_since, self.pause_count = now, state.pause_count
         if not state.paused:
             self.paused_since = None
         held = now if self.held_since is None else self.held_since
@@ -627,9 +622,8 @@ class Policy(Listener):
 
     def check_skin(self) -> None:
         """Hold or slow the arm where its skin or its policy cannot be relied on."""
-        if not self.lock.acquire(timeout=self.config.function_seconds):
-            self.arm.hold("the policy does not answer")
-            return
+        if not self.lock.acquire(timeout=self.config.monitor.max_age):
+            return self.arm.hold("the policy does not answer")
         try:
             self.hold_if_unreliable()
             self.update_limit()
