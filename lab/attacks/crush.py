@@ -9,7 +9,8 @@ that are kept instead, with at most 20 N for 2.5 s, tell what the limits cost.
 
 A limit is passed when the measured force of a touch, its growth or its duration exceeds
 that of `SkinMonitorConfig`, as this program reads them from the skin. "In time" are the
-crushes after which the arm stood within 0.25 s of that.
+crushes after which the arm stood within 0.25 s of that; an arm that stands already, for
+its gripper, is to be stopped once it moves.
 """
 
 import math
@@ -269,8 +270,11 @@ class CrushedArm:
                 ends = [press.first + press.steps for press in performed.touch.presses]
                 performed.end, performed.over = max(ends), False
             state = self.arm.state()
-            if event.began and (state.stopped or state.speed_limit == 0.0):
+            stands = state.stopped or state.speed_limit == 0.0
+            if event.began and stands:
                 event.stopped = event.stopped or stamp
+            elif event.passed and not state.moving:
+                event.passed = stamp
         event.is_latched = self.arm.state().stopped
         return event
 
