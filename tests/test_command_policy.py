@@ -1,6 +1,7 @@
 """Tests of the policy: which touches command an arm, and what holds it."""
 
 from dataclasses import replace
+from threading import Event, Thread
 
 import pytest
 from hypothesis import given, settings
@@ -12,10 +13,14 @@ from eskin.command import (
     Rule,
     command_function,
 )
-from eskin.command.actions import SUSPEND_CONFIDENCE
+from eskin.command.actions import (
+    COMMAND_FUNCTIONS,
+    SUSPEND_CONFIDENCE,
+)
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
+from eskin.stream.listener import BoundedQueue
 from helpers.commands import (
     DEFAULT,
     INFO,
@@ -43,6 +48,99 @@ def test_registered_function_is_called_like_any_action():
     assert calls == []
     scene.touch("stroke")
     assert calls == [(scene.arm, "stroke")] and scene.accepted == ["function"]
+
+
+@pytest.fixture
+def blocked():
+    """A scene in which a stroke calls a function that blocks, and what ends that."""
+    over, errors = Event(), []
+
+    def block(arm, detection):
+        over.wait()
+        if errors:
+            raise errors[0]
+
+    COMMAND_FUNCTIONS["block_in_test"] = block
+    rules = [*DEFAULT.commands[:3], Rule(gesture="stroke", function="block_in_test")]
+    scene = Scene(CommandMap(commands=rules), function_seconds=0.0)
+    scene.touch("stroke")
+    yield scene, over, errors
+    over.set()
+    del COMMAND_FUNCTIONS["block_in_test"]
+
+
+def test_function_that_blocks_holds_arm_until_it_returns(blocked):
+    scene, over, _ = blocked
+    assert [event.action for event in scene.events] == ["hold", "function"]
+    assert "does not return" in scene.arm.hold_reason and scene.accepted == ["hold"]
+    (pause,) = scene.touch("poke")
+    assert pause.accepted and scene.arm.paused
+    scene.wait(1.0)
+    assert "does not return" in scene.touch("double_pat")[-1].why
+    over.set()
+    scene.policy.call.thread.join()
+    scene.step()
+    assert "no longer function" in scene.last_reason
+    assert scene.touch("double_pat")[-1].action == "resume" and not scene.arm.paused
+
+
+def test_skin_is_watched_while_function_blocks(blocked):
+    scene, _, _ = blocked
+    scene.arm.hold_reason = None
+    scene.clock.sleep(0.2)
+    scene.policy.check_skin()
+    assert scene.arm.hold_reason
+
+
+def test_late_error_of_function_stops_stream(blocked):
+    scene, over, errors = blocked
+    errors.append(RuntimeError("bug"))
+    over.set()
+    scene.policy.call.thread.join()
+    with pytest.raises(RuntimeError, match="bug"):
+        scene.step()
+
+
+def test_watch_holds_arm_whatever_blocks_the_policy():
+    scene, taken, over = Scene(), Event(), Event()
+
+    def block():
+        with scene.policy.lock:
+            taken.set()
+            over.wait()
+
+    thread = Thread(target=block)
+    thread.start()
+    taken.wait()
+    scene.policy.check_skin()
+    over.set()
+    thread.join()
+    assert "does not answer" in scene.arm.hold_reason
+
+
+@pytest.mark.parametrize("gesture", ["none", "poke", "double_pat", "grab"])
+def test_after_its_queue_has_overflowed_policy_is_as_before(gesture):
+    scene = Scene()
+    queue, on_message = BoundedQueue(2, Policy.drop), scene.policy.on_message
+    scene.policy.on_message = queue.put
+    scene.touch(gesture)
+    other, heir = scene.begin(gesture), scene.begin()
+    scene.wait(0.1)
+    scene.lift(other)
+    scene.close(other, heir)
+    scene.lift(heir)
+    scene.close(heir)
+    scene.wait(1.0)
+    scene.policy.on_message = on_message
+    queue.end()
+    while (item := queue.take()) is not None:
+        on_message(item)
+    assert queue.count().dropped > 50
+    scene.arm.limit_speed(1.0)
+    scene.touch("poke")
+    scene.wait(1.0)
+    assert scene.touch("double_pat")[-1].accepted and not scene.arm.paused
+    assert scene.arm.speed_limit == 1.0
 
 
 def test_thread_holds_arm_without_readings():

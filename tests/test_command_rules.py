@@ -9,8 +9,8 @@ steps of `SHORT`.
 `0.3`: readings come for 0.3 s.
 `say a`: the recogniser detects `a`; a gesture, a confidence, `likely=poke`, `age=0.12`
     [s] and `other` for another patch may follow.
-`a is poke 0.9`, `a is 60N`: it is something else from now on, to the recogniser or the
-    skin.
+`a is poke 0.9`, `a is 60N`, `a is full`: it is something else from now on, to the
+    recogniser or the skin; `full` presses its taxels nearly to full scale.
 `lift a`, `close a`, `merge a b`: the finger leaves; the touch closes; it closes since
     it has become part of `b`. `lose a`: the reading in which it closes was dropped.
 `double_pat a.`: all of a touch of 0.4 s: it begins, is detected, is let go, and closes.
@@ -248,11 +248,13 @@ several: heir asks instead
 several: patch that sends nothing is not let go
     {asked} lift a; 0.46; patch silent; 0.02; close a >; ? paused; patch well; 0.02 >
     resume
-several: touch whose end was dropped never ends
-    {asked} lift a; 0.2; lose a; 2.5 > !resume [went on]; ? paused
-several: nor does one elsewhere
+several: touch whose end was dropped has ended
+    {asked} lift a; 0.46; lose a >; 0.1 > resume
+several: so has one elsewhere
     poke p. > pause; 1; none b; 0.1; lose b; double_pat a; 0.4; say a; lift a; 0.5;
-    close a >; 2.1 > !resume [went on]; ? paused
+    close a > resume
+several: and nobody waits for it
+    poke a 0.4; 0.02; ? speed_limit=0; lose a; 0.02 > pause [may have been a stop]
 several: orders of two
     grab a; stroke b; 0.4; say a; say b; 0.02 > slow; lift a; lift b; 0.2 >
     close_gripper
@@ -280,19 +282,36 @@ suspended: stopped arm waits for none
     {paused} poke a 0.4; 0.02; ? speed_limit=1; lift a; close a >
 suspended: long touch suspends
     none a; 1.9; ? speed_limit=1; 0.2; ? speed_limit=0; 2.8 >; 0.2 > pause
-    [unrecognised touch for 5.0 s]; ? paused
+    [touch for 5.0 s]; ? paused
 suspended: so does an unknown one
     none a; 0.02; say a unknown; 2.1; ? speed_limit=0; 3 > pause
-suspended: recognised one does not
-    grab a; 0.02; say a; 3; ? speed_limit=1 > !close_gripper [went on]
+suspended: so does a recognised one
+    grab a; 0.02; say a; 2.1; ? speed_limit=0 > !close_gripper [went on]; 3 > pause
+suspended: one that lets go in time is obeyed
+    grab a; 0.6; say a; 1.7; ? speed_limit=0; lift a; 0.2 > close_gripper
 suspended: long touch that was nothing
     none a; 3; lift a; 0.5; ? speed_limit=0; say a; close a >; ? speed_limit=1
 suspended: strong touch holds
-    none a 41N; 0.02 > hold [unrecognised touch of 41 N]; ? held
+    none a 41N; 0.02 > hold [touch of 41 N]; ? held
 suspended: less force does not
     none a 39N; 0.5 >; ? at work
-suspended: recognised force does not
-    grab a 60N; say a; 1 >; ? at work
+suspended: so does a recognised one
+    grab a 20N; 0.4; say a; 0.1 >; a is 41N; 0.02 > hold, !close_gripper
+suspended: touch that grows after its detection holds
+    grab a 14N; 0.4; say a; 0.1; a is 34N; 0.1 >; a is 36N; 0.02 > hold [grew to 36 N],
+    !close_gripper
+suspended: so does one detected while it lands
+    stroke a 1N; 0.1; say a; 0.02 > slow; a is 29N; 0.3 >; a is 31N; 0.02 > hold [grew]
+suspended: so does an unknown one
+    none a 10N; 0.1; say a unknown; a is 31N; 0.02 > hold [grew to 31 N]
+suspended: and one that takes over a detected one
+    grab a 10N; 0.4; say a; none b 10N; merge a b; b is 31N; 0.02 > hold [grew],
+    !close_gripper
+suspended: so does one that fills its taxels
+    grab a 10N; 0.4; say a; 0.1 >; a is full; 0.02 > hold [at full scale],
+    !close_gripper
+suspended: one that has filled them does not
+    grab a 10N; a is full; 0.4; say a; 0.1 >; lift a; 0.2 > close_gripper
 suspended: resting arm is not held
     arm at_work=; none a 80N; 3 >; ? at work
 suspended: strong touch holds a suspended arm
@@ -303,15 +322,14 @@ suspended: tap recognises no press beside it
     none a 15N; double_pat b; 0.2; say b; merge b a; a is 60N; 0.02 > hold,
     !next_waypoint
 suspended: light touch that lasts slows
-    none a 1.1N; 6 > pause [5.0 s]; 4.1 >; double_pat b. > resume, slow [a light touch
-    on patch 'forearm_back' lasts for more than 10 s]; 3; ? at work; ?
-    speed_limit=0.3; lift a; close a; 1.8 >; 0.2 > normal [no longer a light touch]; ?
-    speed_limit=1
-suspended: and is touching meanwhile
-    none a 1.1N; 6 > pause; double_pat b. >; 1.6 > !resume [went on]
+    none a 1.1N; 6 > pause [5.0 s]; 4.1 >; arm resume; 3 > slow [a light touch on
+    patch 'forearm_back' lasts for more than 10 s]; ? at work; ? speed_limit=0.3; lift
+    a; close a; 1.8 >; 0.2 > normal [no longer a light touch]; ? speed_limit=1
+suspended: but no touch starts the arm under it
+    none a 1.1N; 11 > pause; double_pat b. >; 1.6 > !resume [went on]; lift a; close
+    a; double_pat c. > resume
 suspended: until it is strong
-    none a 1.1N; 11 > pause; double_pat b. > resume, slow; a is 5N; 0.02 > pause
-    [unrecognised]
+    none a 1.1N; 11 > pause; arm resume; 0.02 > slow; a is 5N; 0.02 > pause [touch for]
 suspended: touch ends a jog
     map jog; {paused} stroke a. > jog; 0.6; none b; 0.02 > pause [touched while it
     jogs]; ? paused
@@ -467,6 +485,8 @@ class Story:
                 touch.gesture = word
             elif word.endswith("N"):
                 touch.force = float(word[:-1])
+            elif word == "full":
+                touch.pressure = 95.0
             elif word == "again":
                 touch.onset, touch.pressed = self.scene.clock.now() + PERIOD, True
             elif word == "nowhere":

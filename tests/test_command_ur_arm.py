@@ -123,6 +123,45 @@ def test_robot_that_does_not_follow_is_held():
     assert arm.state().hold_reason == "the robot does not follow"
 
 
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        {"scaling": np.nan},
+        {"scaling": -np.inf},
+        {"q": (np.nan, *WELL.q[1:])},
+        {"q": (*WELL.q[:-1], np.inf)},
+    ],
+)
+def test_number_that_is_not_finite_holds_arm(numbers):
+    arm, link = make_ur_arm()
+    before, link.follows = link.status, False
+    link.status = replace(before, **numbers)
+    pass_ur_time(arm, PERIOD)
+    assert arm.state().hold_reason == "lost connection"
+    assert np.isfinite(pass_ur_time(arm, 1.0)).all() and not arm.state().moving
+    link.status, link.follows = before, True
+    assert (pass_ur_time(arm, 1.0) == before.q).all()
+    with pytest.raises(ArmError, match="not reached"):
+        UrArm(StubLink(replace(WELL, **numbers)), clock=ManualClock(), threaded=False)
+
+
+@pytest.mark.parametrize("distance", [0.3, -1.0, 3.0])
+def test_arm_that_was_pushed_away_stays_there(distance):
+    arm, link = make_ur_arm()
+    arm.pause()
+    pass_ur_time(arm, 0.5)
+    pushed = np.array(link.status.q) + distance
+    link.status, link.follows = replace(link.status, q=tuple(pushed)), False
+    pass_ur_time(arm, PERIOD)
+    link.follows = True
+    assert np.allclose(pass_ur_time(arm, 1.0), pushed)
+    assert arm.state().hold_reason == "the robot does not follow"
+    arm.release()
+    arm.resume()
+    steps = np.abs(np.diff(pass_ur_time(arm, 1.0), axis=0))
+    assert 0 < steps.max() <= LIMIT * PERIOD * 1.001
+
+
 def test_stale_skin_holds_arm_within_150_ms():
     arm, _ = make_ur_arm()
     policy = start_policy(arm, check_period=None)

@@ -2,15 +2,37 @@
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from eskin.compiled import pack
 from eskin.drivers import Event
-from eskin.stream import BoundedQueue, DurationHistogram
+from eskin.stream import BoundedQueue, DurationHistogram, RecognitionState
+from eskin.touch import (
+    NO_TOUCHES,
+    Reading,
+    TouchState,
+    TouchStatus,
+    TrackingResult,
+)
+from helpers.commands import MOUNTED
 from helpers.streams import START, make_scans, same_scans
 
 SCANS = make_scans(200)
+READING = Reading(START, np.zeros(1, np.float32), np.ones(1, bool), np.zeros(0))
+STATE = RecognitionState(
+    TouchState(
+        READING,
+        (),
+        np.zeros(1, bool),
+        TrackingResult(pack(NO_TOUCHES), (), ()),
+        MOUNTED,
+    ),
+    {},
+    (),
+)
 EVENT = Event(START, "appeared", "patch 'a' is there")
 
 
@@ -38,6 +60,28 @@ def test_full_queue_drops_scans_before_events(drop):
     assert fill_queue(drop, [a, b, c, SCANS[0]]) == [a, b, c]
     kept = [b, c, d] if drop == "oldest" else [a, b, c]
     assert fill_queue(drop, [a, b, c, d]) == kept
+
+
+@pytest.mark.parametrize("size", [1, 3, 7])
+@pytest.mark.parametrize("drop", ["oldest", "newest"])
+def test_every_closing_is_told_once_and_in_order_whatever_is_dropped(drop, size):
+    queue, taken = BoundedQueue(size, drop), []
+    for number in range(1, 100):
+        status = TouchStatus(number, START, START, 0, 1)
+        closed = (status,) if number % 3 else ()
+        tracking = TrackingResult(pack(NO_TOUCHES), (), closed)
+        state = replace(STATE, state=replace(STATE.state, tracking=tracking))
+        for item in (state, *[EVENT] * (number % 4 == 1)):
+            queue.put(item)
+        if number % 20 == 0:
+            taken += [queue.take() for _ in range(queue.count().waiting)]
+    taken += [queue.take() for _ in range(queue.count().waiting)]
+    queue.put(STATE)
+    taken.append(queue.take())
+    states = [item for item in taken if isinstance(item, RecognitionState)]
+    told = [status.id for one in states for status in one.state.tracking.closed]
+    assert told == [number for number in range(1, 100) if number % 3]
+    assert queue.count().dropped > 20 and adds_up(queue.count())
 
 
 def test_queue_that_never_drops_waits_for_room_until_it_is_closed():

@@ -84,7 +84,7 @@ def test_lids_close_bare_ends_and_leave_room_for_taxels():
 
 
 STALE, BROKEN = "stale skin: no reading", "broken skin: patch 'a' is out"
-TOUCHED = "unrecognised touch of 41 N"
+TOUCHED = "touch of 41 N"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import pytest
 
+from lab.attacks.crush import Plan, is_in_time, run_events
 from lab.attacks.delay import LIMIT, attack_timing
 from lab.attacks.hold import hold_played
 
@@ -42,3 +43,12 @@ def test_arm_is_slowed_within_150_ms_of_last_packet_of_a_patch_and_then_held(rat
     # loss of 0.2 % every minute. Slowed, its tool goes 0.15 m until it is held.
     slowed, held = hold_played(rate, one=True, seed=0)
     assert slowed < 0.15 and held < 0.55
+
+
+def test_grab_that_crushes_stops_the_arm_and_one_that_is_kept_does_not():
+    (crushed,), (kept,) = (
+        run_events(Plan("fresh", "grab", crushes, 1, 58000))
+        for crushes in (True, False)
+    )
+    assert crushed.passed and is_in_time(crushed) and crushed.is_latched
+    assert not kept.is_latched

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         HALTING_ACTIONS,
         REDUCING_ACTIONS,
         STARTING_ACTIONS,
+        SUSPEND,
         command_function,
         resolve_action,
     )
@@ -23,18 +24,18 @@ if TYPE_CHECKING:
         load_commands,
         parse_commands,
     )
-    from eskin.command.policy import SUSPEND, Policy, PolicyConfig
+    from eskin.command.policy import Policy, PolicyConfig
     from eskin.command.skin_monitor import SkinMonitorConfig
     from eskin.command.task import FRAME_TASK, Task, TaskExecutor, Waypoint
     from eskin.command.trajectory import MotionConfig, Trajectory
     from eskin.command.ur_arm import UrArm
 
 EXPORTS = {
-    "actions": "HALTING_ACTIONS REDUCING_ACTIONS STARTING_ACTIONS "
+    "actions": "HALTING_ACTIONS REDUCING_ACTIONS STARTING_ACTIONS SUSPEND "
     "command_function resolve_action",
     "arm": "Arm ArmState",
     "command_map": "NON_GESTURES CommandMap Rule load_commands parse_commands",
-    "policy": "SUSPEND Policy PolicyConfig",
+    "policy": "Policy PolicyConfig",
     "skin_monitor": "SkinMonitorConfig",
     "task": "FRAME_TASK Task TaskExecutor Waypoint",
     "trajectory": "MotionConfig Trajectory",

@@ -8,8 +8,9 @@ import importlib.util
 import re
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 from types import ModuleType
-from typing import Literal, cast, get_args
+from typing import Literal, cast, final, get_args
 
 from eskin.command.arm import Arm, ArmState
 from eskin.errors import CommandError
@@ -55,6 +56,9 @@ Those of the default map are chosen from data (`lab/notes/policy.md`); `hold` an
 `previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
 one that is set by hand.
 """
+SUSPEND = "wait"
+"""Action of events that tell that the arm is suspended until a touch is recognised, or
+has ended."""
 SUSPEND_CONFIDENCE = 0.08
 """Probability of a stop from which a moving arm is suspended until the touch is
 recognised, where the stop itself needs more; chosen on the same data."""
@@ -80,6 +84,45 @@ REDUCING_ACTIONS = ("pause", "hold", "slow")
 CommandFunction = Callable[[Arm, Detection], None]
 COMMAND_FUNCTIONS: dict[str, CommandFunction] = {}
 """Functions that Python code has registered, by name: a file can only name them."""
+
+
+@final
+class FunctionCall:
+    """A function call runs a command function on a thread of its own.
+
+    Attributes:
+        problem: why the arm is held until it returns.
+    """
+
+    def __init__(self, name: str, arm: Arm, detection: Detection) -> None:
+        """Start to run the function."""
+        self.problem = (
+            f"function '{name}' does not return; let it start a thread for what takes "
+            "long"
+        )
+        self.function, self.arguments = COMMAND_FUNCTIONS[name], (arm, detection)
+        self.error: BaseException | None = None
+        self.thread = Thread(target=self.run, name=f"eskin {name}", daemon=True)
+        self.thread.start()
+
+    def run(self) -> None:
+        """Run the function, and keep what it raises."""
+        try:
+            self.function(*self.arguments)
+        except BaseException as error:
+            self.error = error
+
+    def has_returned(self, timeout: float = 0.0) -> bool:
+        """Wait for the function for a time [s], return whether it is over.
+
+        What it has raised is raised.
+        """
+        self.thread.join(timeout)
+        if self.error is not None:
+            raise self.error
+        return not self.thread.is_alive()
+
+
 FUNCTION_NAME = re.compile(r"([A-Za-z_]\w*):([A-Za-z_]\w*)", re.ASCII)
 """A function of a module beside the map: `module:function`."""
 

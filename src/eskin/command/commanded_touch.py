@@ -1,16 +1,23 @@
 """This module keeps what commands depend on for each touch, until it has closed."""
 
+import math
 from dataclasses import dataclass, field
 from typing import final
 
-from eskin.command.actions import required_confidence
+import numpy as np
+
+from eskin.command.actions import SUSPEND, required_confidence
 from eskin.command.command_map import CommandMap, Rule
 from eskin.command.skin_monitor import SkinMonitorConfig
 from eskin.live import Detection
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
-from eskin.touch import TouchRecord, TouchStatus
+from eskin.touch import Calibration, TouchRecord
 from eskin.units import NS_PER_S
+
+FULL_SHARE = 0.8
+"""Share of full scale above rest from which a taxel reads nearly full scale; rest lies
+at up to a fifth of it."""
 
 
 @dataclass(eq=False)
@@ -32,20 +39,26 @@ class CommandedTouch:
     force: float = 0.0
     """Its latest force [N]."""
 
+    detected_force: float = math.inf
+    """Greatest force until it was last detected [N]; infinite before."""
+
+    detected_area: float = math.inf
+    """Its area at full scale then [m2]."""
+
+    full_area: float = 0.0
+    """Area of its taxels that read nearly full scale [m2]."""
+
     light_since: int = 0
     """Stamp since which it is light [ns since the epoch]."""
 
     lasts: bool = False
-    """Whether it has been light for so long that it no longer counts as a touch."""
+    """Whether it has been light for so long that its duration does not count."""
 
     stop_chance: float = 0.0
     """Probability that it is a gesture that stops a working arm, where it is."""
 
     stop_required: float = 1.0
     """Probability of these from which the arm pauses."""
-
-    recognised: bool = False
-    """Whether it was recognised as a gesture."""
 
     decided: bool = False
     """Whether the recogniser has said what it is, be it nothing or unknown."""
@@ -88,10 +101,33 @@ class CommandedTouch:
         self.duration = (stamp - row.onset) / NS_PER_S
         self.lasts = stamp - self.light_since > config.light_seconds * NS_PER_S
 
+    def find_excess(self, config: SkinMonitorConfig) -> tuple[str, str]:
+        """Return what it does to a moving arm, and in what it exceeds its limits.
+
+        These are those of every touch, recognised or not. Both are empty within them.
+        """
+        grown = config.max_growth * max(self.detected_force, config.least_force)
+        filled = config.max_growth * max(self.detected_area, config.least_full_area)
+        reason = f"touch for {self.duration:.1f} s"
+        if self.force > config.max_force:
+            return "hold", f"touch of {self.force:.0f} N"
+        if self.force > grown:
+            return "hold", f"touch that grew to {self.force:.0f} N after its detection"
+        if self.full_area > filled:
+            area = f"{1e4 * self.full_area:.1f} cm2"
+            return "hold", f"touch that grew to {area} at full scale"
+        if self.lasts or self.duration <= config.max_seconds:
+            return "", ""
+        if self.duration > config.pause_seconds:
+            return "pause", reason
+        return SUSPEND, f"{reason}; the arm stands until it has ended"
+
     def merge(self, heir: "CommandedTouch") -> None:
         """Let the touch that it merges into inherit what is known of it."""
         heir.suspends |= self.suspends and not heir.decided
         heir.decided |= self.decided
+        heir.detected_force = min(heir.detected_force, self.detected_force)
+        heir.detected_area = min(heir.detected_area, self.detected_area)
         self.suspends = False
         if self.blocked or self.asked:
             heir.clashes |= self.clashes or heir.blocked or bool(heir.asked)
@@ -146,8 +182,7 @@ class CommandedTouches:
         felt: confirmed touches that are in contact in the latest reading.
         ended: touches that closed with the latest reading and merged into no other.
         latest: stamp of the latest reading [ns since the epoch].
-        last_contact: stamp of the latest contact anywhere, but for those of touches
-            that last [ns since the epoch].
+        last_contact: stamp of the latest contact anywhere [ns since the epoch].
         stops: gestures that stop a working arm on each patch, by their indices in the
             vocabulary, with the probability from which it is paused.
     """
@@ -155,6 +190,7 @@ class CommandedTouches:
     def __init__(
         self,
         skin: Skin,
+        calibration: Calibration,
         commands: CommandMap,
         vocabulary: tuple[str, ...],
         config: SkinMonitorConfig,
@@ -162,6 +198,9 @@ class CommandedTouches:
     ) -> None:
         """Start without touches at a time [ns since the epoch]."""
         self.config, self.vocabulary = config, vocabulary
+        self.areas = np.asarray(skin.areas)
+        full = np.full(skin.count, FULL_SHARE * calibration.full_scale)
+        self.full_pressure = calibration.compute_pressure(full)
         self.stops = {
             patch.id: commands.find_stops(vocabulary, patch) for patch in skin.patches
         }
@@ -182,8 +221,10 @@ class CommandedTouches:
         self.latest = state.reading.stamp
         self.by_id = {i: one for i, one in self.by_id.items() if not one.closed}
         self.ended, self.felt = [], []
-        for status in state.closed:
-            self.close(status)
+        merged = {status.id: status.merged_into for status in state.closed}
+        gone = self.by_id.keys() - merged - {one.id for one in state.tracking.open}
+        for number in (*merged, *sorted(gone)):
+            self.close(number, merged.get(number, 0))
         if state.open:
             contacts = state.records.contacts
             for row in state.rows:
@@ -199,12 +240,12 @@ class CommandedTouches:
                 index = self.vocabulary.index(request.detection.gesture)
                 request.confidence = float(probabilities[index])
 
-    def close(self, status: TouchStatus) -> None:
-        """Note that a touch has closed, and what it has merged into."""
-        touch = self.find(status.id)
+    def close(self, number: int, merged_into: int) -> None:
+        """Note that a touch has closed, and what it has merged into; 0 is nothing."""
+        touch = self.find(number)
         touch.closed, touch.lasts = True, False
-        if status.merged_into:
-            heir = self.find(status.merged_into)
+        if merged_into:
+            heir = self.find(merged_into)
             touch.merge(heir)
             for request in self.requests:
                 if request.touch is touch:
@@ -223,9 +264,12 @@ class CommandedTouches:
             touch.stop_required = min(stops.values(), default=1.0)
         if row.last == self.latest:
             touch.feel(row, patch, self.latest, self.config)
+            taxels = recognition.state.records.loads["taxel"][slice(*row.loads)]
+            pressure = recognition.state.reading.pressure[taxels]
+            is_full = pressure >= self.full_pressure[taxels]
+            touch.full_area = float(self.areas[taxels[is_full]].sum())
             self.felt.append(touch)
-            if not touch.lasts:
-                self.last_contact = self.latest
+            self.last_contact = self.latest
 
     @property
     def is_suspending(self) -> bool:
@@ -237,17 +281,18 @@ class CommandedTouches:
         for touch in self.by_id.values():
             touch.suspends = False
 
-    def find_lasting(self) -> CommandedTouch | None:
-        """Return the touch that has been light for longest, of those that last."""
-        lasting = (one for one in self.by_id.values() if one.lasts)
-        return min(lasting, key=lambda one: one.light_since, default=None)
+    def find_lasting(self) -> str | None:
+        """Return where a touch has been light for too long; None if there is none."""
+        patches = [one.patch for one in self.by_id.values() if one.lasts]
+        longer = f"lasts for more than {self.config.light_seconds:g} s"
+        return f"a light touch on patch '{patches[0]}' {longer}" if patches else None
 
     def list_other_onsets(self, touch: CommandedTouch) -> list[int]:
-        """Return the onsets of the other open touches, but for those that last [ns]."""
+        """Return the onsets of the other open touches [ns since the epoch]."""
         return [
             one.onset
             for one in self.by_id.values()
-            if one is not touch and one.onset and not (one.closed or one.lasts)
+            if one is not touch and one.onset and not one.closed
         ]
 
     def find_stop_chance(self, detection: Detection) -> float | None:

@@ -12,13 +12,14 @@ from threading import RLock, Thread
 from typing import final
 
 from eskin.command.actions import (
-    COMMAND_FUNCTIONS,
     COOL_DOWN,
     FUNCTION,
     HALTING_ACTIONS,
     REDUCING_ACTIONS,
     STARTING_ACTIONS,
+    SUSPEND,
     SUSPEND_CONFIDENCE,
+    FunctionCall,
     resolve_action,
 )
 from eskin.command.arm import Arm, ArmState
@@ -44,8 +45,6 @@ IMPLAUSIBLE = (
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
 GOES_ON = "touching went on for too long; let go, then ask again"
 TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
-SUSPEND = "wait"
-"""Action of events that tell that the arm is suspended until a touch is recognised."""
 logger = logging.getLogger(__name__)
 
 
@@ -80,6 +79,9 @@ class PolicyConfig:
 
     jog_step: float = 0.05
     """Length of a jog whose rule gives none [m]."""
+
+    function_seconds: float = 0.06
+    """Longest time that a function of the map may take before the arm is held [s]."""
 
     check_period: float | None = 0.02
     """How often a thread checks whether the skin is stale, though no reading comes [s];
@@ -133,6 +135,7 @@ class Policy(Listener):
         self.held_for: str | None = None
         self.over: str | None = None
         self.failure: BaseException | None = None
+        self.call: FunctionCall | None = None
         self.closing = Flag()
         self.thread: Thread | None = None
 
@@ -154,7 +157,7 @@ class Policy(Listener):
         self.monitor = SkinMonitor(skin, limits, now)
         self.evidence = EvidenceMonitor(skin, self.config.evidence)
         self.touches = CommandedTouches(
-            skin, self.commands, self.vocabulary, limits, now
+            skin, context.info.calibration, self.commands, self.vocabulary, limits, now
         )
         if self.config.check_period is not None:
             self.thread = Thread(target=self.run, name="eskin watch", daemon=True)
@@ -164,24 +167,25 @@ class Policy(Listener):
         """Handle a detection or a recognition state."""
         if self.failure is not None:
             raise self.failure
-        self.hold_on_error(lambda: self.handle(item))
+        with self.lock:
+            self.hold_on_error(lambda: self.handle(item))
 
     def handle(self, item: Message) -> None:
         """Execute what a detection or a recognition state asks for."""
         if isinstance(item, Detection):
             touch = self.touches.find(item.touch)
             if item.gesture not in NON_GESTURES:
-                touch.recognised = True
                 self.decide(touch, item)
             elif item.gesture == UNKNOWN:
                 self.decide_unknown(touch, item)
             touch.decided, touch.suspends = True, False
+            touch.detected_force, touch.detected_area = item.peak_force, touch.full_area
         elif isinstance(item, RecognitionState):
             self.touches.update(item)
             self.monitor.update(item.state, (one.patch for one in self.touches.felt))
             self.evidence.update(item)
             self.hold_if_unreliable()
-            self.stop_if_unrecognised()
+            self.stop_if_excessive()
             self.pause_if_touched()
             self.suspend_if_stop()
             for request in tuple(self.touches.requests):
@@ -274,9 +278,9 @@ class Policy(Listener):
         fault = self.find_fault(state, stamp)
         if fault is not None or action in HALTING_ACTIONS:
             return fault
-        problem = self.monitor.find_problem(now)
+        problem = self.find_problem(now)
         if problem is not None:
-            return f"{problem}; {REMEDY}"
+            return problem
         if self.monitor.is_out(detection.patch, now):
             return f"patch '{detection.patch}' is out; touch elsewhere"
         rested = self.find_rest(request.rule, now)
@@ -339,18 +343,27 @@ class Policy(Listener):
         least = f"{self.config.min_pause:g} s later"
         return f"to go on: {stops}, then {goes} at least {least}"
 
+    def find_problem(self, now: int) -> str | None:
+        """Return why the arm is held at a time, with what to do; None if it is not."""
+        if self.call is not None and self.call.has_returned():
+            self.call = None
+        if self.call is not None:
+            return self.call.problem
+        problem = self.monitor.find_problem(now)
+        return None if problem is None else f"{problem}; {REMEDY}"
+
     def hold_if_unreliable(self) -> None:
-        """Hold the arm if its skin cannot be relied on; publish when it can again."""
+        """Hold the arm if skin or functions cannot be relied on; publish when again."""
         now, state = self.context.clock.now(), self.arm.state()
         self.note_stops(state, now)
-        problem = self.monitor.find_problem(now)
+        problem = self.find_problem(now)
         if problem is not None:
             requests, self.touches.requests = self.touches.requests, []
             for request in requests:
-                self.complete(request, f"{problem}; {REMEDY}")
+                self.complete(request, problem)
             if state.hold_reason is None:
-                self.hold(problem)
-                self.held_for = problem
+                self.held_for = problem.removesuffix(f"; {REMEDY}")
+                self.hold(self.held_for)
             self.over = None
         elif state.hold_reason is None:
             self.held_for = self.over = None
@@ -359,31 +372,23 @@ class Policy(Listener):
             way = self.describe_way(state)
             self.publish("resume", False, f"{self.over}; {way}")
 
-    def stop_if_unrecognised(self) -> None:
-        """Stop an arm at work under a strong or long touch that was not recognised.
+    def stop_if_excessive(self) -> None:
+        """Stop an arm at work under a touch that is too strong or long, whatever it is.
 
-        A strong one holds it, also where it is only suspended for another touch. Under
-        a long one it is suspended until the touch has ended, and if that takes too
-        long, it is paused.
+        An arm that is only suspended for another touch is stopped too.
         """
-        limits, state = self.config.monitor, self.arm.state()
+        state = self.arm.state()
         suspended = state.speed_limit == 0.0 or self.touches.is_suspending
         if state.stopped or not (state.moving or suspended):
             return
-        unrecognised = [one for one in self.touches.felt if not one.recognised]
-        for touch in unrecognised:
-            if touch.force > limits.max_force:
-                self.hold(f"unrecognised touch of {touch.force:.0f} N", touch)
-                return
-        counting = (one for one in unrecognised if not one.lasts)
-        touch = max(counting, key=lambda one: one.duration, default=None)
-        if touch is None or touch.duration <= limits.max_seconds:
-            return
-        reason = f"unrecognised touch for {touch.duration:.1f} s"
-        if touch.duration > limits.pause_seconds:
-            self.pause_for(touch, reason)
-        elif not touch.suspends:
-            self.suspend_for(touch, f"{reason}; the arm stands until it has ended")
+        for touch in self.touches.felt:
+            action, reason = touch.find_excess(self.config.monitor)
+            if action == SUSPEND and not touch.suspends:
+                self.suspend_for(touch, reason)
+            elif action == "hold":
+                return self.hold(reason, touch)
+            elif action == "pause":
+                return self.pause_for(touch, reason)
 
     def pause_if_touched(self) -> None:
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
@@ -427,19 +432,13 @@ class Policy(Listener):
 
     def update_slowing(self, now: int) -> None:
         """Slow the arm where the skin asks for it, and no longer once that is over."""
-        limits = self.config.monitor
-        reason, lasting = self.monitor.find_outage(now), self.touches.find_lasting()
-        if reason is None and lasting is not None:
-            reason = (
-                f"a light touch on patch '{lasting.patch}' lasts for more than "
-                f"{limits.light_seconds:g} s"
-            )
+        reason = self.monitor.find_outage(now) or self.touches.find_lasting()
         if reason is not None:
             if self.slowed is None:
                 self.publish("slow", True, f"{reason}; {REMEDY}")
             self.slowed, self.slowed_at = reason, now
         elif self.slowed is not None:
-            if now - self.slowed_at > limits.clear_seconds * NS_PER_S:
+            if now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S:
                 self.publish("normal", True, f"no longer {self.slowed}")
                 self.slowed = None
 
@@ -554,7 +553,10 @@ class Policy(Listener):
                 arm.hold(f"{detection.gesture} on {detection.patch}")
                 self.held_since = self.context.clock.now()
             case action if action == FUNCTION:
-                COMMAND_FUNCTIONS[rule.function or ""](arm, detection)
+                call = FunctionCall(rule.function or "", arm, detection)
+                if not call.has_returned(self.config.function_seconds):
+                    self.call, self.held_for = call, call.problem
+                    raise ArmError(call.problem)
             case action:
                 getattr(arm, action)()
 
@@ -573,7 +575,7 @@ class Policy(Listener):
     def pause(self) -> None:
         """Pause the arm from now on."""
         self.arm.pause()
-        self.note_pause(self.arm.state(), self.context.clock.now())
+        self.note_stops(self.arm.state(), self.context.clock.now())
 
     def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
@@ -581,14 +583,10 @@ class Policy(Listener):
         self.held_since = self.context.clock.now()
         self.publish("hold", True, reason, touch=touch)
 
-    def note_pause(self, state: ArmState, now: int) -> None:
-        """Note that the arm was paused just now, paused already or not."""
-        self.paused_since, self.pause_count = now, state.pause_count
-
     def note_stops(self, state: ArmState, now: int) -> None:
         """Note since when the arm is paused and held, whoever told it to."""
         if self.paused_since is None or state.pause_count != self.pause_count:
-            self.note_pause(state, now)
+            self.paused_since, self.pause_count = now, state.pause_count
         if not state.paused:
             self.paused_since = None
         held = now if self.held_since is None else self.held_since
@@ -623,10 +621,14 @@ class Policy(Listener):
         )
 
     def check_skin(self) -> None:
-        """Hold or slow the arm if its skin cannot be relied on."""
-        with self.lock:
+        """Hold or slow the arm where its skin or its policy cannot be relied on."""
+        if not self.lock.acquire(timeout=self.config.monitor.max_age):
+            return self.arm.hold("the policy does not answer")
+        try:
             self.hold_if_unreliable()
             self.update_limit()
+        finally:
+            self.lock.release()
 
     def run(self) -> None:
         """Check the skin again and again, though no reading may come."""
@@ -641,8 +643,7 @@ class Policy(Listener):
     def hold_on_error(self, action: Callable[[], None]) -> None:
         """Call a function; hold the arm where it fails."""
         try:
-            with self.lock:
-                action()
+            action()
         except BaseException as error:
             self.arm.hold(f"the policy failed: {type(error).__name__}")
             raise

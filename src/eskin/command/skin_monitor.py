@@ -45,21 +45,31 @@ class SkinMonitorConfig:
     """Time without a reason after which the arm is no longer slowed [s]."""
 
     max_force: float = 40.0
-    """Force of an unrecognised touch above which a moving arm is held [N]."""
+    """Measured force of a touch above which a moving arm is held [N]."""
+
+    max_growth: float = 2.5
+    """Growth of the measured force of a touch since its detection above which such an
+    arm is held, or of the area that it presses nearly to full scale, where more force
+    is not measured; as a ratio."""
+
+    least_force: float = 12.0
+    """Least force that its growth is related to [N]."""
+
+    least_full_area: float = 0.6e-4
+    """Least area at full scale that its growth is related to [m2]."""
 
     max_seconds: float = 2.0
-    """Duration of an unrecognised touch above which a moving arm is suspended until the
-    touch is recognised or has ended [s]."""
+    """Duration of a touch above which a moving arm is suspended until it ends [s]."""
 
     pause_seconds: float = 5.0
-    """Duration of an unrecognised touch above which such an arm is paused [s]."""
+    """Duration of a touch above which such an arm is paused [s]."""
 
     light_force: float = 2.0
-    """Force up to which a touch is light [N]."""
+    """Measured force up to which a touch is light [N]."""
 
     light_seconds: float = 10.0
-    """Time for which a touch is light without interruption after which it lasts: it
-    slows the arm, but neither pauses it nor keeps it from being resumed [s]."""
+    """Time for which a touch is light without interruption after which it slows the
+    arm instead of suspending and pausing it [s]."""
 
 
 @final

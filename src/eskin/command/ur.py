@@ -6,6 +6,7 @@ process that monitors the skin. The module imports little, so that the client's 
 starts quickly.
 """
 
+import math
 import os
 import signal
 import sys
@@ -62,6 +63,11 @@ class UrStatus:
     """Fraction of the speed that slider and controller allow, 0 to 1."""
     gripper_closed: bool
     """Whether the digital output of the gripper is on."""
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all its numbers are finite."""
+        return all(map(math.isfinite, (*self.q, self.scaling)))
 
 
 class ControllerLink(ABC):

@@ -83,7 +83,7 @@ class UrArm(TaskArm):
         end = self.clock.now() + round(CONNECT_TIMEOUT * NS_PER_S)
         while self.clock.now() < end:
             status = self.link.exchange(UrCommand(None, None))
-            if status is not None:
+            if status is not None and status.is_finite:
                 return status
             if self.link.problem:
                 break
@@ -116,6 +116,8 @@ class UrArm(TaskArm):
         with self.lock:
             command, ready = self.build_command(), self.is_ready()
         status = self.link.exchange(command)
+        if status is not None and not status.is_finite:
+            status = None
         with self.lock:
             now = self.clock.now()
             passed = min((now - self.time) / NS_PER_S, 2 * PERIOD)
@@ -127,7 +129,7 @@ class UrArm(TaskArm):
                 self.executor.hold(problem)
             if status is not None:
                 self.history.add(now, np.array(status.q))
-            if ready and self.is_ready() and self.scaling > 0:
+            if ready and problem is None:
                 self.executor.advance(max(passed, 0.0), self.scaling)
             else:
                 self.executor.trajectory.restart_from(np.array(self.status.q))

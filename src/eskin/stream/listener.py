@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Condition
 from typing import Literal, final
 
@@ -15,8 +15,12 @@ from jaxtyping import Float
 
 from eskin.drivers import Clock, Event, SourceInfo
 from eskin.live import Detection
-from eskin.touch import Scan, TouchState
+from eskin.touch import Scan, TouchState, TouchStatus
 from eskin.units import NS_PER_S
+
+MAX_CLOSED = 256
+"""Largest number of closed touches that a state tells of, with those of dropped ones;
+in each state the open ones are listed anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,12 @@ class RecognitionState:
     """Calibrated probabilities of the model's vocabulary, for each open touch by id."""
     detections: tuple[Detection, ...]
     """Detections of this scan; each has been published by itself before."""
+
+    def add_closed(self, closed: tuple[TouchStatus, ...]) -> "RecognitionState":
+        """Return a state that also tells which touches closed before it."""
+        tracking = self.state.tracking
+        tracking = tracking._replace(closed=(closed + tracking.closed)[-MAX_CLOSED:])
+        return replace(self, state=replace(self.state, tracking=tracking))
 
 
 @dataclass(frozen=True)
@@ -98,7 +108,8 @@ class BoundedQueue:
 
     When it is full, it drops its oldest scan or state (`oldest`) or the new one
     (`newest`), or blocks until there is room (`never`). Rare messages are dropped only
-    where it holds no others.
+    where it holds no others. The touches that closed with a dropped state are told by
+    the next one.
     """
 
     def __init__(self, size: int, drop: Drop) -> None:
@@ -108,6 +119,7 @@ class BoundedQueue:
         self.size = size
         self.drop = drop
         self.items: deque[Message] = deque()
+        self.closed: tuple[TouchStatus, ...] = ()
         self.changed = Condition()
         self.ending = False
         self.given = self.taken = self.dropped = self.longest = 0
@@ -120,7 +132,12 @@ class BoundedQueue:
                 self.changed.wait_for(self.has_room)
             if self.ending or not (self.has_room() or self.make_room(item)):
                 self.dropped += 1
+                if isinstance(item, RecognitionState):
+                    closed = self.closed + item.state.tracking.closed
+                    self.closed = closed[-MAX_CLOSED:]
                 return
+            if isinstance(item, RecognitionState) and self.closed:
+                item, self.closed = item.add_closed(self.closed), ()
             self.items.append(item)
             self.longest = max(self.longest, len(self.items))
             self.changed.notify_all()
@@ -137,15 +154,28 @@ class BoundedQueue:
         else:
             places = range(self.size)
         for place in places:
-            if not isinstance(self.items[place], RARE):
+            if not isinstance(dropped := self.items[place], RARE):
                 del self.items[place]
                 self.dropped += 1
+                self.pass_on_closed(dropped, place)
                 return True
         if rare and self.drop == "oldest":
             self.items.popleft()
             self.dropped += 1
             return True
         return False
+
+    def pass_on_closed(self, dropped: Message, place: int) -> None:
+        """Let the next state tell which touches closed with one from a place."""
+        if not isinstance(dropped, RecognitionState):
+            return
+        closed = dropped.state.tracking.closed
+        for later in range(place, len(self.items) if closed else 0):
+            state = self.items[later]
+            if isinstance(state, RecognitionState):
+                self.items[later] = state.add_closed(closed)
+                return
+        self.closed = closed + self.closed
 
     def take(self) -> Message | None:
         """Wait for the next message and return it; None when no more will come."""
