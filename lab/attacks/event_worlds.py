@@ -98,9 +98,7 @@ class EventDraw:
         """Begin a touch by the person."""
         constants = self.skin.env.constants
         regime = "paper" if self.rng.random() < 0.7 else "cost"
-        return GestureSample(
-            kind, self.person, site, constants, self.rng, 1.5, regime
-        )
+        return GestureSample(kind, self.person, site, constants, self.rng, 1.5, regime)
 
 
 World = Callable[[EventDraw], Event]
@@ -145,9 +143,7 @@ def press_thing(
     places = draw.rng.uniform(-shift, shift, (int(landed[-1]) + 1, 2))
     centre = np.asarray(site.centre) + places[landed]
     turn = draw.rng.uniform(-np.pi, np.pi) if angle is None else angle
-    return Press(
-        site.chart, 0, force, centre, np.full(len(force), turn), pads, tissue
-    )
+    return Press(site.chart, 0, force, centre, np.full(len(force), turn), pads, tissue)
 
 
 def draw_object(draw: EventDraw) -> ContactPads:
@@ -360,9 +356,7 @@ def gripper(draw: EventDraw) -> Event:
     for side in (0.0, half):
         place = (site.centre[0] + side, site.centre[1])
         there = replace(site, centre=place)
-        presses.append(
-            press_thing(draw, there, pads, build_hold(hits), 0.0, angle=0.0)
-        )
+        presses.append(press_thing(draw, there, pads, build_hold(hits), 0.0, angle=0.0))
     return Event(site, tuple(presses))
 
 
@@ -398,10 +392,14 @@ def strap(draw: EventDraw) -> Event:
     )
     force = build_hold(repeat(draw, draw.count(1, 2), (0.5, 3), (0.3, 2.5), (5, 80)))
     tissue = replace(THING, conformity=1.0)
-    return Event(site, (press_thing(draw, site, pads, force, tissue=tissue, angle=0.0),))
+    return Event(
+        site, (press_thing(draw, site, pads, force, tissue=tissue, angle=0.0),)
+    )
 
 
-def make(gesture: str, kind: str | None = None, **requested: tuple[float, float]):
+def make(
+    gesture: str, kind: str | None = None, **requested: tuple[float, float]
+) -> World:
     """Return the world in which a person does what `perform` draws."""
 
     def world(draw: EventDraw) -> Event:

@@ -30,15 +30,15 @@ from jaxtyping import Float, Int
 
 from eskin.command import (
     FRAME_TASK,
-    REDUCING_ACTIONS,
-    Arm,
-    ArmState,
+    SUSPEND,
     Policy,
     PolicyConfig,
     load_commands,
 )
+from eskin.command.evidence import EvidenceMonitor
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.live import Detection, Recognizer, load_model
+from eskin.sim.arm import SimulatedArm
 from eskin.sim.contact.press import TrueTouch
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.interactive.skin import draw_demo_person
@@ -49,9 +49,9 @@ from eskin.sim.scene.scene import (
 )
 from eskin.sim.sensor.build import BuildKind
 from eskin.stream import CommandEvent, Context, RecognitionState
-from eskin.touch import Scan, TouchState
+from eskin.touch import Scan, TouchRecord, TouchState
 from eskin.units import NS_PER_S
-from lab.attacks.event_worlds import PEOPLE, THINGS, WORLDS, Event, EventDraw
+from lab.attacks.event_worlds import THINGS, WORLDS, Event, EventDraw
 from lab.attacks.skin_faults import build_target
 from lab.tables import format_head, format_row
 
@@ -59,7 +59,7 @@ MIN_RATE = 20.0
 """Least number of readings a second for an arm to be commanded."""
 SLOTS, APART = 3, 0.3
 """Number of events at once, and the least distance between them [m]."""
-LEAD, TAIL, WARM_UP = 0.1, 0.75, 2.0
+LEAD, TAIL, WARM_UP = 0.1, 0.7, 1.0
 """Time before the first and after the last contact, and before the first event [s]."""
 PAUSED_FOR = 10.0
 """Time for which the paused arm has been paused before an event [s]."""
@@ -92,88 +92,6 @@ class Command:
     """Such files, on which rules are tried; nothing is simulated."""
     seed: int = 40000
     """Seed of the first build, its events and people."""
-
-
-@final
-class ToldArm(Arm):
-    """A told arm does what it is told at once, and lists it."""
-
-    name = FRAME_TASK.robot_name
-    joint_names = FRAME_TASK.joint_names
-
-    def __init__(self, what: str, q: Float[np.ndarray, "joint"]) -> None:
-        """Be one of `ARMS`."""
-        paused = what == "paused"
-        self.now = ArmState(
-            0, q, not paused, paused, None, 0.3 if what == "slow" else 1.0, "open",
-            "", False, True,
-        )  # fmt: skip
-        self.told: list[str] = []
-
-    def change(self, action: str, **changes: Any) -> None:
-        """Note an action and what it changes."""
-        self.told.append(action)
-        state = replace(self.now, **changes)
-        moving = not state.stopped and state.speed_limit > 0
-        self.now = replace(state, moving=moving)
-
-    def state(self) -> ArmState:
-        """Return the present state."""
-        return self.now
-
-    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Return the joint positions [rad]."""
-        return self.now.q
-
-    def pause(self) -> None:
-        """Stop."""
-        self.change("pause", paused=True, pause_count=self.now.pause_count + 1)
-
-    def resume(self) -> None:
-        """Go on."""
-        self.change("resume", paused=False)
-
-    def hold(self, reason: str) -> None:
-        """Stop."""
-        self.change("hold", hold_reason=self.now.hold_reason or reason)
-
-    def release(self) -> None:
-        """End a hold."""
-        self.now = replace(self.now, hold_reason=None)
-
-    def next_waypoint(self) -> None:
-        """Note it."""
-        self.change("next_waypoint")
-
-    def previous_waypoint(self) -> None:
-        """Note it."""
-        self.change("previous_waypoint")
-
-    def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
-        """Note it."""
-        self.change("jog")
-
-    def open_gripper(self) -> None:
-        """Note it."""
-        self.change("open_gripper", gripper="open")
-
-    def close_gripper(self) -> None:
-        """Note it."""
-        self.change("close_gripper", gripper="closed")
-
-    def set_speed(self, share: float) -> None:
-        """Note a change for more or less."""
-        action = "normal" if share > self.now.speed else "slow"
-        self.change(action, speed=share)
-
-    def limit_speed(self, share: float) -> None:
-        """Note that it is suspended."""
-        self.now = replace(self.now, speed_limit=share)
-        if share == 0.0:
-            self.told.append("suspend")
-
-    def close(self) -> None:
-        """Do nothing."""
 
 
 @dataclass
@@ -226,6 +144,22 @@ class TouchFeatures:
 
 
 @final
+class SharedEvidence:
+    """Shared evidence is that of another policy, which is told the same first."""
+
+    def __init__(self, other: EvidenceMonitor) -> None:
+        """Share the evidence of another one."""
+        self.other = other
+
+    def update(self, recognition: RecognitionState) -> None:
+        """Do nothing."""
+
+    def is_plausible(self, touch: int) -> bool:
+        """Return whether a touch is no fault."""
+        return self.other.is_plausible(touch)
+
+
+@final
 class Slot:
     """A slot is one event, with its arms and the touches that are nearest to it."""
 
@@ -234,14 +168,12 @@ class Slot:
         event: Event,
         world: str,
         info: SourceInfo,
-        policies: dict[str, Callable[[ToldArm], Policy]],
+        policies: dict[str, Callable[[SimulatedArm], Policy]],
         now: int,
-        q: Float[np.ndarray, "joint"],
     ) -> None:
         """Begin before the event, at a time [ns since the epoch]."""
         self.event, self.start = event, now
         self.touches: dict[int, TouchFeatures] = {}
-        self.arms = {name: ToldArm(name, q) for name in policies}
         self.decisions: dict[str, list[CommandEvent]] = {name: [] for name in policies}
         self.policies: list[Policy] = []
         self.clock = ManualClock(now)
@@ -251,9 +183,16 @@ class Slot:
         self.clock.time = now - round(before * NS_PER_S)
         for name, build in policies.items():
             publish = self.decisions[name].append
-            policy = build(self.arms[name])
+            arm = SimulatedArm(clock=self.clock)
+            if name == "paused":
+                arm.pause()
+            elif name == "slow":
+                arm.set_speed(0.3)
+            policy = build(arm)
             policy.start(Context(info, self.clock, publish))  # type: ignore[arg-type]
             policy.check_skin()
+            if self.policies:
+                policy.evidence = SharedEvidence(self.policies[0].evidence)
             self.policies.append(policy)
         self.clock.time = now
 
@@ -295,7 +234,9 @@ class Slot:
                 evidence = self.policies[0].evidence
                 known.plausible = evidence.is_plausible(number)
 
-    def note_contact(self, known: TouchFeatures, row: Any, state: TouchState) -> None:
+    def note_contact(
+        self, known: TouchFeatures, row: TouchRecord, state: TouchState
+    ) -> None:
         """Note the features of a touch in contact."""
         stamp = state.reading.stamp
         loads = state.records.loads[slice(*row.loads)]
@@ -326,21 +267,15 @@ class Slot:
             "row": row,
             "kind": kind,
             "seed": seed,
-            "told": {name: arm.told for name, arm in self.arms.items()},
-            "why": {
-                name: [
-                    (one.action, one.gesture, one.accepted, one.why)
-                    for one in decisions
-                ]
-                for name, decisions in self.decisions.items()
+            "decided": {
+                name: [(one.action, one.gesture, one.accepted, one.why) for one in some]
+                for name, some in self.decisions.items()
             },
             "touches": [one.summarise(self.start) for one in self.touches.values()],
         }
 
 
-def select_touches(
-    recognition: RecognitionState, ids: set[int]
-) -> RecognitionState:
+def select_touches(recognition: RecognitionState, ids: set[int]) -> RecognitionState:
     """Return what is told of some touches alone."""
     state = recognition.state
     tracking = state.tracking
@@ -378,9 +313,7 @@ class Stage:
         self.period = round(self.skin.period * NS_PER_S)
         self.now = NS_PER_S
         self.people = 0
-        self.target = build_target(
-            self.skin.mounted.skin, self.skin.calibration, seed
-        )
+        self.target = build_target(self.skin.mounted.skin, self.skin.calibration, seed)
         self.model = load_model(command.model)
         mounted = self.skin.mounted
         self.info = SourceInfo(
@@ -420,7 +353,7 @@ class Stage:
             place = self.find_place(event)
             if all(np.linalg.norm(place - one) >= APART for one in places):
                 self.people += 1
-                slot = Slot(event, row, self.info, self.policies, self.now, self.q)
+                slot = Slot(event, row, self.info, self.policies, self.now)
                 slot.period = self.period
                 slots.append(slot)
         return slots
@@ -450,8 +383,11 @@ class Stage:
         lead = round(LEAD / step)
         touches = tuple(
             TrueTouch(
-                "none", "", "",
-                tuple(replace(p, first=p.first + lead) for p in slot.event.presses), {},
+                "none",
+                "",
+                "",
+                tuple(replace(p, first=p.first + lead) for p in slot.event.presses),
+                {},
             )  # fmt: skip
             for slot in slots
         )
@@ -546,14 +482,17 @@ class Stage:
 
 
 MORE = ("resume", "jog", "next_waypoint", "previous_waypoint", "normal")
-STOPS = ("pause", "hold", "suspend")
+STOPS = ("pause", "hold", SUSPEND)
 
 
 def count_told(lines: list[dict[str, Any]]) -> list[int]:
     """Count the events that started, sped up, moved on and stopped an arm."""
     wanted = (("paused", MORE), ("slow", MORE), ("working", MORE), ("working", STOPS))
     return [
-        sum(bool({*line["told"][arm]} & {*actions}) for line in lines)
+        sum(
+            any(accepted and action in actions for action, _, accepted, _ in decided)
+            for decided in (line["decided"][arm] for line in lines)
+        )
         for arm, actions in wanted
     ]
 
@@ -573,7 +512,7 @@ Rule = Callable[[dict[str, Any]], bool]
 
 
 def require(gesture: str, least: float, **limits: float) -> Rule:
-    """Return a rule: a gesture detected, sure at its end, features at least as given."""
+    """Return a rule: a gesture, its probability at the end, and least features."""
 
     def rule(touch: dict[str, Any]) -> bool:
         said = any(one[0] == gesture for one in touch["detections"])
