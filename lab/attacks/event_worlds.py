@@ -37,6 +37,8 @@ THING = SoftTissue(
 )
 """How a thing gives way that is no person."""
 Series = Float[np.ndarray, "time"]
+Law = tuple[float, float]
+"""Ends of a log-uniform law."""
 Hits = list[tuple[float, float, float]]
 """Start [s], duration [s] and largest force [N] of each contact."""
 UNMEANT = ("resting_hand", "lean", "single_pat", "press", "squeeze_hold") + (
@@ -163,9 +165,9 @@ def draw_object(draw: EventDraw) -> ContactPads:
 def repeat(
     draw: EventDraw,
     count: int,
-    interval: tuple[float, float],
-    contact: tuple[float, float],
-    force: tuple[float, float],
+    interval: Law,
+    contact: Law,
+    force: Law,
 ) -> Hits:
     """Draw contacts of one thing, that vary by a fifth around its own law."""
     usual = [draw.between(*law) for law in (interval, contact, force)]
@@ -225,14 +227,6 @@ def bump(draw: EventDraw) -> Event:
     return Event(site, (press_thing(draw, site, pads, build_hits(hits), 0.01),))
 
 
-def rebound(draw: EventDraw) -> Event:
-    """A body part bumps in and rebounds."""
-    site = draw.site("none", "bump")
-    hits = repeat(draw, 2, (0.1, 0.5), (0.02, 0.15), (5, 60))
-    pads = build_body("forearm", draw.skin.env.constants)
-    return Event(site, (press_thing(draw, site, pads, build_hits(hits), 0.01),))
-
-
 def vibration(draw: EventDraw) -> Event:
     """A thing that lies on the skin vibrates, seen at 0.5 to 5 Hz by the scans."""
     site, rate = draw.site("poke"), draw.between(0.5, 5.0)
@@ -248,15 +242,6 @@ def build_cable(draw: EventDraw) -> ContactPads:
     if draw.rng.random() < 0.5:
         return build_body("cable", draw.skin.env.constants)
     return build_pad(draw.between(8, 30), 120, draw.between(150, 900), 3000)
-
-
-def cable(draw: EventDraw) -> Event:
-    """A dress pack or cable hits two to five times."""
-    site = draw.site("poke")
-    hits = repeat(draw, draw.count(2, 5), (0.15, 1.0), (0.03, 0.3), (1, 25))
-    return Event(
-        site, (press_thing(draw, site, build_cable(draw), build_hits(hits), 0.015),)
-    )
 
 
 def swing(draw: EventDraw) -> Event:
@@ -281,68 +266,79 @@ def swing(draw: EventDraw) -> Event:
     )
 
 
-def ribbon(draw: EventDraw) -> Event:
-    """A pinched ribbon presses, or disturbs a row, in pulses."""
-    site = draw.site("poke")
-    count = draw.count(2, 6)
-    if draw.rng.random() < 0.5:
-        hits = repeat(draw, count, (0.15, 1.0), (0.04, 0.4), (1, 15))
-        pads = build_pad(2, draw.between(15, 60), draw.between(30, 200), 600)
-        return Event(site, (press_thing(draw, site, pads, build_hits(hits)),))
-    hits = repeat(draw, count, (0.15, 1.0), (0.04, 0.4), (2, 40))
-    reach = draw.between(0.015, 0.06)
-    return Event(site, pulses=Pulses(hits, reach, True, draw.rng.uniform(0, 0.3)))
+def hit(
+    count: tuple[int, int],
+    laws: tuple[Law, Law, Law],
+    build: Callable[[EventDraw], ContactPads],
+    shift: float,
+) -> World:
+    """Return the world in which a thing hits several times, each time nearby.
+
+    Args:
+        count: least and largest number of contacts.
+        laws: ranges of interval [s], duration [s] and largest force [N].
+        build: draws the thing.
+        shift: how far from the site it lands [m].
+    """
+
+    def world(draw: EventDraw) -> Event:
+        site, pads = draw.site("poke"), build(draw)
+        force = build_hits(repeat(draw, draw.count(*count), *laws))
+        return Event(site, (press_thing(draw, site, pads, force, shift),))
+
+    return world
 
 
-def flap(draw: EventDraw) -> Event:
-    """Tape or a sleeve flaps lightly."""
-    site = draw.site("poke")
-    hits = repeat(draw, draw.count(2, 10), (0.12, 0.7), (0.03, 0.3), (0.3, 6))
+def flow(count: tuple[int, int], laws: tuple[Law, Law, Law], shift: float) -> World:
+    """Return the world of jets or splashes, whose laws give a pressure [kPa]."""
+
+    def world(draw: EventDraw) -> Event:
+        site, area = draw.site("stroke"), draw.between(60, 1500)
+        force = build_hits(repeat(draw, draw.count(*count), *laws))
+        pads = build_pad(1e3, 1e3, area, area)
+        newtons = force * area * MM**2 * 1e3
+        return Event(site, (press_thing(draw, site, pads, newtons, shift),))
+
+    return world
+
+
+def pulse(count: tuple[int, int], laws: tuple[Law, Law, Law], along_row: bool) -> World:
+    """Return the world of disturbed counts, whose laws give a size in contacts."""
+
+    def world(draw: EventDraw) -> Event:
+        hits = repeat(draw, draw.count(*count), *laws)
+        noise = float(draw.rng.choice([0.0, 0.2, 0.6]))
+        reach = draw.between(0.012, 0.06)
+        return Event(draw.site("poke"), pulses=Pulses(hits, reach, along_row, noise))
+
+    return world
+
+
+def either(first: World, second: World) -> World:
+    """Return the world of one of two, with equal chances."""
+    return lambda draw: (first if draw.rng.random() < 0.5 else second)(draw)
+
+
+def build_ribbon(draw: EventDraw) -> ContactPads:
+    """Build a pinched ribbon."""
+    return build_pad(2, draw.between(15, 60), draw.between(30, 200), 600)
+
+
+def build_flap(draw: EventDraw) -> ContactPads:
+    """Build tape or a sleeve."""
     area = draw.between(100, 2500)
-    pads = build_pad(draw.between(5, 60), draw.between(20, 150), area, 2 * area)
-    return Event(site, (press_thing(draw, site, pads, build_hits(hits), 0.015),))
+    return build_pad(draw.between(5, 60), draw.between(20, 150), area, 2 * area)
 
 
-def burst(draw: EventDraw) -> Event:
-    """Interference raises the counts of a few neighbours, in bursts."""
-    hits = repeat(draw, draw.count(1, 5), (0.12, 1.0), (0.04, 0.5), (1.5, 60))
-    reach = draw.between(0.012, 0.06)
-    noise = float(draw.rng.choice([0.0, 0.2, 0.6]))
-    return Event(draw.site("poke"), pulses=Pulses(hits, reach, False, noise))
-
-
-def press_fluid(draw: EventDraw, site: ContactSite, hits: Hits, drift: float) -> Press:
-    """Press with a jet or a splash: its area is its own, whatever its force."""
-    area = draw.between(60, 1500)
-    pads = build_pad(1e3, 1e3, area, area)
-    peak = max(force for _, _, force in hits)
-    # Forces were drawn as pressures [kPa].
-    press = press_thing(draw, site, pads, build_hits(hits), drift)
-    kpa = press.force * area * MM**2 * 1e3
-    return replace(press, force=np.minimum(kpa, peak * area * MM**2 * 1e3))
-
-
-def air(draw: EventDraw) -> Event:
-    """A jet of compressed air passes or is pulsed."""
-    site = draw.site("stroke")
-    hits = repeat(draw, draw.count(1, 5), (0.2, 1.2), (0.08, 0.9), (1, 25))
-    return Event(site, (press_fluid(draw, site, hits, 0.02),))
-
-
-def water(draw: EventDraw) -> Event:
-    """Water splashes, drips or runs."""
-    site = draw.site("stroke")
-    hits = repeat(draw, draw.count(2, 8), (0.08, 0.9), (0.02, 0.4), (0.5, 12))
-    return Event(site, (press_fluid(draw, site, hits, 0.025),))
-
-
-def screwdriver(draw: EventDraw) -> Event:
-    """A tool's tip or shaft touches once to four times."""
-    site = draw.site("poke")
-    hits = repeat(draw, draw.count(1, 4), (0.15, 1.2), (0.03, 1.2), (1, 40))
+def build_tool(draw: EventDraw) -> ContactPads:
+    """Build the tip or the shaft of a screwdriver."""
     tip = draw.rng.random() < 0.5
-    pads = build_pad(3, 3, 15, 60) if tip else build_pad(4, 80, 60, 500)
-    return Event(site, (press_thing(draw, site, pads, build_hits(hits), 0.006),))
+    return build_pad(3, 3, 15, 60) if tip else build_pad(4, 80, 60, 500)
+
+
+def build_forearm(draw: EventDraw) -> ContactPads:
+    """Build a forearm."""
+    return build_body("forearm", draw.skin.env.constants)
 
 
 def gripper(draw: EventDraw) -> Event:
@@ -483,15 +479,20 @@ THINGS: dict[str, World] = {
     "single contact": single,
     "bounce": bounce,
     "cart or box, 2 to 3 hits": bump,
-    "rebound": rebound,
+    "rebound": hit((2, 2), ((0.1, 0.5), (0.02, 0.15), (5, 60)), build_forearm, 0.01),
     "vibration at 0.5 to 5 Hz": vibration,
-    "cable, 2 to 5 hits": cable,
-    "ribbon's pulses": ribbon,
-    "flapping": flap,
-    "local bursts": burst,
-    "compressed air": air,
-    "water": water,
-    "screwdriver": screwdriver,
+    "cable, 2 to 5 hits": hit(
+        (2, 5), ((0.15, 1.0), (0.03, 0.3), (1, 25)), build_cable, 0.015
+    ),
+    "ribbon's pulses": either(
+        hit((2, 6), ((0.15, 1.0), (0.04, 0.4), (1, 15)), build_ribbon, 0.0),
+        pulse((2, 6), ((0.15, 1.0), (0.04, 0.4), (2, 40)), True),
+    ),
+    "flapping": hit((2, 10), ((0.12, 0.7), (0.03, 0.3), (0.3, 6)), build_flap, 0.015),
+    "local bursts": pulse((1, 5), ((0.12, 1.0), (0.04, 0.5), (1.5, 60)), False),
+    "compressed air": flow((1, 5), ((0.2, 1.2), (0.08, 0.9), (1, 25)), 0.02),
+    "water": flow((2, 8), ((0.08, 0.9), (0.02, 0.4), (0.5, 12)), 0.025),
+    "screwdriver": hit((1, 4), ((0.15, 1.2), (0.03, 1.2), (1, 40)), build_tool, 0.006),
     "gripper's fingers": gripper,
     "strap pulled tight": strap,
     "swings on after a pause": swing,

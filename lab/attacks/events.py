@@ -127,7 +127,7 @@ class TouchFeatures:
             "last_run": lengths[-1] if lengths else 0.0,
             "taxels": max(self.taxels, default=0),
             "taxels_median": float(np.median(self.taxels)) if self.taxels else 0,
-            "area": self.area,
+            "area": 1e4 * self.area,
             "force": max(self.force, default=0.0),
             "sway": float(middle.std() / max(middle.mean(), 1e-9)) if self.force else 0,
             "peak": self.peak,
@@ -511,15 +511,18 @@ def describe_detections(lines: list[dict[str, Any]]) -> str:
 Rule = Callable[[dict[str, Any]], bool]
 
 
-def require(gesture: str, least: float, **limits: float) -> Rule:
-    """Return a rule: a gesture, its probability at the end, and least features."""
+def require(gesture: str, least: float, said: float = 0.0, **limits: float) -> Rule:
+    """Return a rule: a gesture, its probability at the end, and least features.
+
+    `said` is the least confidence with which it was detected.
+    """
 
     def rule(touch: dict[str, Any]) -> bool:
-        said = any(one[0] == gesture for one in touch["detections"])
+        detected = [c for name, c, _ in touch["detections"] if name == gesture]
         sure = touch["chances"].get(gesture, 0.0) >= least
         enough = all(touch[name] >= value for name, value in limits.items())
         usual = touch["plausible"] and touch["seconds"] >= 0.3 and not touch["merged"]
-        return said and sure and enough and usual
+        return max(detected, default=-1.0) >= said and sure and enough and usual
 
     return rule
 
@@ -527,16 +530,18 @@ def require(gesture: str, least: float, **limits: float) -> Rule:
 RULES: dict[str, Rule] = {
     "double_pat .88": require("double_pat", 0.88),
     "poke .88": require("poke", 0.88),
-    "stroke .88": require("stroke", 0.88),
+    "stroke .95": require("stroke", 0.95),
     "stroke .98": require("stroke", 0.98),
     "grab .90": require("grab", 0.9),
     "grab .95": require("grab", 0.95),
     "grab .98": require("grab", 0.98),
-    "grab .95, .6 s": require("grab", 0.95, longest=0.6),
-    "grab .95, 90 deg": require("grab", 0.95, spread=90.0),
-    "grab .90, .6 s, 90 deg": require("grab", 0.9, longest=0.6, spread=90.0),
+    "grab .95, 10 cm2": require("grab", 0.95, area=10.0),
+    "grab .90, 10 cm2, 75 deg": require("grab", 0.9, area=10.0, spread=75.0),
+    "grab said .95, end .80, 10 cm2, .5 s": require(
+        "grab", 0.8, 0.95, area=10.0, longest=0.5
+    ),
 }
-"""Candidates for what starts an arm, by their names."""
+"""Candidates for what starts an arm, by their names; areas are in cm2."""
 
 
 def print_rules(lines: list[dict[str, Any]]) -> None:

@@ -15,6 +15,7 @@ def test_rule_needs_gesture_probability_and_features():
     assert require("grab", 0.95, longest=0.6)(TOUCH)
     assert not require("grab", 0.97)(TOUCH)
     assert not require("grab", 0.95, longest=0.8)(TOUCH)
+    assert not require("grab", 0.95, said=0.95)(TOUCH)
     assert not require("poke", 0.0)(TOUCH)
 
 
