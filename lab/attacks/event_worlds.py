@@ -64,8 +64,8 @@ class Pulses:
 
 
 @dataclass(frozen=True)
-class Event:
-    """An event is what happens to a skin once."""
+class Happening:
+    """A happening is what happens to a skin once: an event of the catalogue."""
 
     site: ContactSite
     """Where."""
@@ -103,7 +103,7 @@ class EventDraw:
         return GestureSample(kind, self.person, site, constants, self.rng, 1.5, regime)
 
 
-World = Callable[[EventDraw], Event]
+World = Callable[[EventDraw], Happening]
 
 
 def build_pad(across: float, along: float, area: float, most: float) -> ContactPads:
@@ -179,14 +179,16 @@ def repeat(
     return hits
 
 
-def single(draw: EventDraw) -> Event:
+def single(draw: EventDraw) -> Happening:
     """One hit, press or scrape by a thing."""
     site = draw.site("poke")
     hits = [(0.02, draw.between(0.01, 3.0), draw.between(0.5, 60))]
-    return Event(site, (press_thing(draw, site, draw_object(draw), build_hits(hits)),))
+    return Happening(
+        site, (press_thing(draw, site, draw_object(draw), build_hits(hits)),)
+    )
 
 
-def bounce(draw: EventDraw) -> Event:
+def bounce(draw: EventDraw) -> Happening:
     """A thing drops, bounces, and in one of three cases stays there."""
     site, mass, k = (
         draw.site("poke"),
@@ -204,10 +206,10 @@ def bounce(draw: EventDraw) -> Event:
     if draw.rng.random() < 1 / 3:
         lying = np.full(round(draw.between(0.5, 2.5) / STEP), mass * GRAVITY)
         force = np.concatenate([force[: round(at / STEP)], lying, np.zeros(2)])
-    return Event(site, (press_thing(draw, site, draw_object(draw), force, 0.012),))
+    return Happening(site, (press_thing(draw, site, draw_object(draw), force, 0.012),))
 
 
-def bump(draw: EventDraw) -> Event:
+def bump(draw: EventDraw) -> Happening:
     """A cart or a box hits two or three times, and may stay."""
     site, mass, k = (
         draw.site("poke"),
@@ -224,17 +226,17 @@ def bump(draw: EventDraw) -> Event:
         hits.append((at, draw.between(0.4, 2.5), draw.between(3, 40)))
     body = draw.rng.choice(["edge", "torso", "forearm"])
     pads = build_body(str(body), draw.skin.env.constants)
-    return Event(site, (press_thing(draw, site, pads, build_hits(hits), 0.01),))
+    return Happening(site, (press_thing(draw, site, pads, build_hits(hits), 0.01),))
 
 
-def vibration(draw: EventDraw) -> Event:
+def vibration(draw: EventDraw) -> Happening:
     """A thing that lies on the skin vibrates, seen at 0.5 to 5 Hz by the scans."""
     site, rate = draw.site("poke"), draw.between(0.5, 5.0)
     times = np.arange(0.0, draw.between(0.8, 4.0), STEP)
     load, swing = draw.between(0.5, 15), draw.rng.uniform(0.3, 2.0)
     wave = np.sin(2 * np.pi * (rate * times + draw.rng.random()))
     force = np.append(np.maximum(load * (1 + swing * wave), 0.0), 0.0)
-    return Event(site, (press_thing(draw, site, draw_object(draw), force, 0.0),))
+    return Happening(site, (press_thing(draw, site, draw_object(draw), force, 0.0),))
 
 
 def build_cable(draw: EventDraw) -> ContactPads:
@@ -244,7 +246,7 @@ def build_cable(draw: EventDraw) -> ContactPads:
     return build_pad(draw.between(8, 30), 120, draw.between(150, 900), 3000)
 
 
-def swing(draw: EventDraw) -> Event:
+def swing(draw: EventDraw) -> Happening:
     """A dress pack goes on swinging against the skin after the arm was paused."""
     site = draw.site("poke")
     period = 2 * np.pi * np.sqrt(draw.between(0.05, 0.6) / GRAVITY)
@@ -261,7 +263,7 @@ def swing(draw: EventDraw) -> Event:
         )
         for i in range(count)
     ]
-    return Event(
+    return Happening(
         site, (press_thing(draw, site, build_cable(draw), build_hits(hits), 0.015),)
     )
 
@@ -281,10 +283,10 @@ def hit(
         shift: how far from the site it lands [m].
     """
 
-    def world(draw: EventDraw) -> Event:
+    def world(draw: EventDraw) -> Happening:
         site, pads = draw.site("poke"), build(draw)
         force = build_hits(repeat(draw, draw.count(*count), *laws))
-        return Event(site, (press_thing(draw, site, pads, force, shift),))
+        return Happening(site, (press_thing(draw, site, pads, force, shift),))
 
     return world
 
@@ -292,12 +294,12 @@ def hit(
 def flow(count: tuple[int, int], laws: tuple[Law, Law, Law], shift: float) -> World:
     """Return the world of jets or splashes, whose laws give a pressure [kPa]."""
 
-    def world(draw: EventDraw) -> Event:
+    def world(draw: EventDraw) -> Happening:
         site, area = draw.site("stroke"), draw.between(60, 1500)
         force = build_hits(repeat(draw, draw.count(*count), *laws))
         pads = build_pad(1e3, 1e3, area, area)
         newtons = force * area * MM**2 * 1e3
-        return Event(site, (press_thing(draw, site, pads, newtons, shift),))
+        return Happening(site, (press_thing(draw, site, pads, newtons, shift),))
 
     return world
 
@@ -305,11 +307,13 @@ def flow(count: tuple[int, int], laws: tuple[Law, Law, Law], shift: float) -> Wo
 def pulse(count: tuple[int, int], laws: tuple[Law, Law, Law], along_row: bool) -> World:
     """Return the world of disturbed counts, whose laws give a size in contacts."""
 
-    def world(draw: EventDraw) -> Event:
+    def world(draw: EventDraw) -> Happening:
         hits = repeat(draw, draw.count(*count), *laws)
         noise = float(draw.rng.choice([0.0, 0.2, 0.6]))
         reach = draw.between(0.012, 0.06)
-        return Event(draw.site("poke"), pulses=Pulses(hits, reach, along_row, noise))
+        return Happening(
+            draw.site("poke"), pulses=Pulses(hits, reach, along_row, noise)
+        )
 
     return world
 
@@ -341,7 +345,7 @@ def build_forearm(draw: EventDraw) -> ContactPads:
     return build_body("forearm", draw.skin.env.constants)
 
 
-def gripper(draw: EventDraw) -> Event:
+def gripper(draw: EventDraw) -> Happening:
     """The two fingers of a gripper close on a link, once or twice, or hold it."""
     site = draw.site("grab")
     hits = repeat(draw, draw.count(1, 2), (0.4, 2.5), (0.2, 2.2), (5, 80))
@@ -353,7 +357,7 @@ def gripper(draw: EventDraw) -> Event:
         place = (site.centre[0] + side, site.centre[1])
         there = replace(site, centre=place)
         presses.append(press_thing(draw, there, pads, build_hold(hits), 0.0, angle=0.0))
-    return Event(site, tuple(presses))
+    return Happening(site, tuple(presses))
 
 
 def build_hold(hits: Hits) -> Series:
@@ -370,7 +374,7 @@ def build_hold(hits: Hits) -> Series:
     return force
 
 
-def strap(draw: EventDraw) -> Event:
+def strap(draw: EventDraw) -> Happening:
     """A strap or a loop of hose is pulled tight round a link."""
     site = draw.site("grab")
     radius = site.radius if np.isfinite(site.radius) else 0.04
@@ -388,7 +392,7 @@ def strap(draw: EventDraw) -> Event:
     )
     force = build_hold(repeat(draw, draw.count(1, 2), (0.5, 3), (0.3, 2.5), (5, 80)))
     tissue = replace(THING, conformity=1.0)
-    return Event(
+    return Happening(
         site, (press_thing(draw, site, pads, force, tissue=tissue, angle=0.0),)
     )
 
@@ -398,23 +402,23 @@ def make(
 ) -> World:
     """Return the world in which a person does what `perform` draws."""
 
-    def world(draw: EventDraw) -> Event:
+    def world(draw: EventDraw) -> Happening:
         site, constants = draw.site(gesture, kind), draw.skin.env.constants
         fixed = {name: draw.between(*law) for name, law in requested.items()}
         touch = perform(
             gesture, kind, draw.person, site, constants, draw.rng, 1.5, None, fixed
         )
-        return Event(site, tuple(p for p in touch.presses if isinstance(p, Press)))
+        return Happening(site, tuple(p for p in touch.presses if isinstance(p, Press)))
 
     return world
 
 
-def others(draw: EventDraw) -> Event:
+def others(draw: EventDraw) -> Happening:
     """Another person's hand or body rests, leans, pats once, presses or guides."""
     return make("none", str(draw.rng.choice(UNMEANT)))(draw)
 
 
-def wipe(draw: EventDraw) -> Event:
+def wipe(draw: EventDraw) -> Happening:
     """A hand with a cloth wipes to and fro, or one way again and again."""
     site = draw.site("stroke")
     sample = draw.sample("flat_hand", site)
@@ -437,10 +441,10 @@ def wipe(draw: EventDraw) -> Event:
     force *= draw.between(2, 25) * sample.draw_held_noise(len(force))
     turn = draw.rng.choice([0.0, np.pi / 2])
     along = np.concatenate(path)[:, None] * [np.sin(turn), np.cos(turn)]
-    return Event(site, (sample.build_press(sample.draw_pads(group), force, along),))
+    return Happening(site, (sample.build_press(sample.draw_pads(group), force, along),))
 
 
-def dab(draw: EventDraw) -> Event:
+def dab(draw: EventDraw) -> Happening:
     """A hand with a cloth dabs two to six times."""
     site = draw.site("double_pat")
     sample = draw.sample("tips", site)
@@ -452,10 +456,10 @@ def dab(draw: EventDraw) -> Event:
     along = path[np.clip(landed - 1, 0, len(path) - 1)]
     wide = replace(sample.draw_tissue(), area_scale=1.4 * draw.person.tissue.area_scale)
     pads = sample.draw_pads(group)
-    return Event(site, (sample.build_press(pads, force, along, wide),))
+    return Happening(site, (sample.build_press(pads, force, along, wide),))
 
 
-def hold_pat(draw: EventDraw, first_pat: bool) -> Event:
+def hold_pat(draw: EventDraw, first_pat: bool) -> Happening:
     """A hand pats and stays, perhaps after a pat before."""
     site = draw.site("double_pat")
     sample = draw.sample("tips", site)
@@ -464,7 +468,7 @@ def hold_pat(draw: EventDraw, first_pat: bool) -> Event:
     steps = sample.count_steps(draw.between(0.9, 2.0))
     press = draw_single_push(sample, style, force, steps)
     if not first_pat:
-        return Event(site, (press,))
+        return Happening(site, (press,))
     contact = draw_duration(sample, "pat", "double_pat")
     gap = max(draw.person.pat_interval - contact, 0.1)
     pat = force * sample.draw_push(sample.count_steps(contact))
@@ -472,7 +476,7 @@ def hold_pat(draw: EventDraw, first_pat: bool) -> Event:
     centre = np.concatenate([np.tile(press.centre[0], (len(lead), 1)), press.centre])
     angle = np.full(len(centre), press.angle[0])
     both = np.append(lead, press.force)
-    return Event(site, (replace(press, force=both, centre=centre, angle=angle),))
+    return Happening(site, (replace(press, force=both, centre=centre, angle=angle),))
 
 
 THINGS: dict[str, World] = {

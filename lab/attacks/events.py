@@ -51,7 +51,7 @@ from eskin.sim.sensor.build import BuildKind
 from eskin.stream import CommandEvent, Context, RecognitionState
 from eskin.touch import Scan, TouchRecord, TouchState
 from eskin.units import NS_PER_S
-from lab.attacks.event_worlds import THINGS, WORLDS, Event, EventDraw
+from lab.attacks.event_worlds import THINGS, WORLDS, EventDraw, Happening
 from lab.attacks.skin_faults import build_target
 from lab.tables import format_head, format_row
 
@@ -165,7 +165,7 @@ class Slot:
 
     def __init__(
         self,
-        event: Event,
+        event: Happening,
         world: str,
         info: SourceInfo,
         policies: dict[str, Callable[[SimulatedArm], Policy]],
@@ -358,7 +358,7 @@ class Stage:
                 slots.append(slot)
         return slots
 
-    def find_place(self, event: Event) -> Float[np.ndarray, "3"]:
+    def find_place(self, event: Happening) -> Float[np.ndarray, "3"]:
         """Return where an event takes place in the world [m]."""
         env, site = self.skin.env, event.site
         point = env.charts[site.chart].surface.wrap(np.array([site.centre]))
@@ -417,7 +417,7 @@ class Stage:
                 yield Scan(self.now, counts, received, self.q)
 
     def build_pulses(
-        self, event: Event
+        self, event: Happening
     ) -> Callable[[float], Float[np.ndarray, "taxel"] | float]:
         """Return what an event adds to the counts at a time after its start [s]."""
         pulses, skin = event.pulses, self.skin.mounted.skin
@@ -486,12 +486,18 @@ STOPS = ("pause", "hold", SUSPEND)
 
 
 def count_told(lines: list[dict[str, Any]]) -> list[int]:
-    """Count the events that started, sped up, moved on and stopped an arm."""
+    """Count the events that started, sped up, moved on and stopped an arm.
+
+    What the policy does by itself for the skin's sake counts only if it stops.
+    """
     wanted = (("paused", MORE), ("slow", MORE), ("working", MORE), ("working", STOPS))
     return [
         sum(
-            any(accepted and action in actions for action, _, accepted, _ in decided)
-            for decided in (line["decided"][arm] for line in lines)
+            any(
+                accepted and action in actions and (gesture or actions is STOPS)
+                for action, gesture, accepted, _ in line["decided"][arm]
+            )
+            for line in lines
         )
         for arm, actions in wanted
     ]
