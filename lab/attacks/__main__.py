@@ -2,5 +2,7 @@
 
 from lab.program import run_part
 
+PARTS = ("claims", "crush", "delay", "events", "faults", "files", "forgery", "hold")
+
 if __name__ == "__main__":
-    run_part("lab.attacks", ("crush", "delay", "faults", "files", "forgery", "hold"))
+    run_part("lab.attacks", PARTS)

@@ -1,0 +1,35 @@
+"""Tests of `lab.attacks.events`: what counts as a start, and worlds that command."""
+
+import pytest
+
+from lab.attacks.events import Command, Stage, count_told, require
+
+TOUCH = {"chances": {"grab": 0.96}, "longest": 0.7, "seconds": 0.9} | {
+    "detections": [["grab", 0.9, 0.5]],
+    "plausible": True,
+    "merged": False,
+}
+
+
+def test_rule_needs_gesture_probability_and_features():
+    assert require("grab", 0.95, longest=0.6)(TOUCH)
+    assert not require("grab", 0.97)(TOUCH)
+    assert not require("grab", 0.95, longest=0.8)(TOUCH)
+    assert not require("grab", 0.95, said=0.95)(TOUCH)
+    assert not require("poke", 0.0)(TOUCH)
+
+
+def test_only_accepted_decisions_count():
+    one = ["resume", "grab", True, ""]
+    refused = ["resume", "grab", False, "too soon"]
+    none = {"paused": [refused], "slow": [], "working": [["wait", None, True, ""]]}
+    lines = [{"decided": none}, {"decided": none | {"paused": [one]}}]
+    assert count_told(lines) == [1, 0, 0, 2]
+
+
+@pytest.mark.slow
+def test_pats_command_three_arms_and_single_contacts_none():
+    stage = Stage(Command(), "fresh", 40000)
+    pats = list(stage.run_row("double_pat", 6))
+    assert min(count_told(pats)[:3]) > 0
+    assert count_told(list(stage.run_row("single contact", 6)))[0] == 0
