@@ -3,4 +3,4 @@
 from lab.program import run_part
 
 if __name__ == "__main__":
-    run_part("lab.attacks", ("delay", "faults", "files", "forgery", "hold"))
+    run_part("lab.attacks", ("claims", "delay", "faults", "files", "forgery", "hold"))
