@@ -167,6 +167,9 @@ def poke(
         state = recognizer.state
         assert state is not None
         felt |= seconds > ONSET and any(row.confirmed for row in state.rows)
+        for probabilities in recognizer.probabilities.values():
+            if not np.isfinite(probabilities).all() and arm.held_at is None:
+                return Outcome("not held", "a probability is not finite", early)
         early |= arm.held_at is not None and seconds < ONSET
     if felt:
         return Outcome("felt", held_early=early)

@@ -178,7 +178,7 @@ class Policy(Listener):
             touch.decided, touch.suspends = True, False
         elif isinstance(item, RecognitionState):
             self.touches.update(item)
-            self.monitor.update(item.state, (one.patch for one in self.touches.felt))
+            self.monitor.update(item, (one.patch for one in self.touches.felt))
             self.evidence.update(item)
             self.hold_if_unreliable()
             self.stop_if_unrecognised()
