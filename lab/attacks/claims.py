@@ -261,9 +261,7 @@ def read_weights(
         return calibration, load_model(path)
 
 
-def list_models(
-    kind: BuildKind, build: SensorBuild, model: Model
-) -> Iterator[Claim]:
+def list_models(kind: BuildKind, build: SensorBuild, model: Model) -> Iterator[Claim]:
     """List absurd models, with one setting or parameter changed in each."""
     calibration = build.calibration(MOUNTED.skin)
     card = json.loads(CARD_ADAPTER.dump_json(model.card, by_alias=True))

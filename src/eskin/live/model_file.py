@@ -252,6 +252,6 @@ def check_parameter(model: Model, name: str, shape: tuple[int, ...]) -> None:
         )
     if not (np.abs(weight) <= MAX_WEIGHT).all():
         raise ModelError(
-            f"model's parameter '{name}' holds {np.abs(weight).max():.3g}; allowed are "
-            f"numbers up to {MAX_WEIGHT:g}; train it again, with a lower rate"
+            f"model's parameter '{name}' holds NaN, infinity or a huge number; allowed "
+            f"are numbers up to {MAX_WEIGHT:g}; train it again, with a lower rate"
         )

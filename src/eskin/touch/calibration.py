@@ -23,7 +23,7 @@ PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueErro
 """Exceptions that JSON of another structure raises."""
 Curve = Literal["linear", "divider", "logarithmic"]
 CalibrationSource = Literal["nominal", "rest", "presses", "exact"]
-MAX_FULL_SCALE = 2**16 - 1
+MAX_FULL_SCALE = 2.0**16 - 1.0
 """Largest full scale [counts]: packets and recordings hold 16 bits."""
 MAX_CONTACT = 0.25
 """Largest share of full scale at which contact begins, whatever a file says."""
@@ -132,12 +132,13 @@ class Calibration:
         parse_choice("curve", self.curve, Curve)
         parse_choice("source", self.source, CalibrationSource)
         full = self.full_scale
-        self.check_field("full_scale", 1, MAX_FULL_SCALE)
+        self.check_field("full_scale", 1.0, MAX_FULL_SCALE)
         units = {"gain": 1.0 / full, "noise": full, "rest": full}
         for name, (low, high) in LIMITS.items():
             if name == "span" and self.curve == "logarithmic":
                 low = 0.01
-            self.check_field(name, low * units.get(name, 1), high * units.get(name, 1))
+            unit = units.get(name, 1.0)
+            self.check_field(name, low * unit, high * unit)
         for name in ("noise", "rest"):
             value = getattr(self, name)
             if value is not None and len(value) != len(self.gain):
@@ -188,9 +189,7 @@ class Calibration:
 
         They are at most a quarter of full scale.
         """
-        return np.minimum(
-            self.compute_counts(pressure), MAX_CONTACT * self.full_scale
-        )
+        return np.minimum(self.compute_counts(pressure), MAX_CONTACT * self.full_scale)
 
     def compute_pressure(
         self, above: Float[np.ndarray, "*batch taxel"]

@@ -235,7 +235,7 @@ class TouchPipeline:
         contacts = self.config.contacts.with_floor(calibration.floor)
         usual = ContactConfig().with_floor(calibration.floor)
         self.faults = FaultDetector(mounted.skin, calibration, FaultConfig(), usual.on)
-        self.least = np.nextafter(np.float32(contacts.on), np.float32(np.inf))
+        self.contact = contacts.on
         self.insensitive = find_insensitive(mounted.skin, calibration, contacts.on)
         if calibration.noise is not None:
             self.calibrator.set_noise(self.faults.noise.counts)
@@ -301,7 +301,9 @@ class TouchPipeline:
         if not len(raised):
             return reading
         pressure = reading.pressure.copy()
-        pressure[raised] = np.maximum(pressure[raised], self.least)
+        # Rounded up, so that float32 does not end below the threshold.
+        least = np.nextafter(np.float32(self.contact), np.float32(np.inf))
+        pressure[raised] = np.maximum(pressure[raised], least)
         return replace(reading, pressure=pressure)
 
     def find_latched(self) -> Int[np.ndarray, "latched"]:
@@ -343,8 +345,12 @@ class TouchPipeline:
         self, reading: Reading, faults: tuple[Fault, ...], result: TrackingResult
     ) -> TouchState:
         """Build the state at a reading."""
-        use_kinematics = self.tracker.poses.use_kinematics
-        doubtful = self.faults.doubtful
         return TouchState(
-            reading, faults, doubtful, result, self.mounted, use_kinematics
+            reading,
+            faults,
+            self.faults.doubtful,
+            result,
+            self.mounted,
+            self.tracker.poses.use_kinematics,
+            self.contact,
         )

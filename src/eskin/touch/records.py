@@ -222,11 +222,11 @@ class TouchConfig:
     least_evidence: Annotated[float, Interval(ge=0.0, le=10.0)] = 1.0
     """Such evidence of a track alone from which it may be of one touch with others, and
     be paired with contacts at a distance."""
-    max_taxel_llr: Annotated[float, Interval(ge=2.0, le=1000.0), Field(alias="most")] = (
-        3.0
-    )
+    max_taxel_llr: Annotated[
+        float, Interval(ge=2.0, le=1000.0), Field(alias="most")
+    ] = 3.0
     """Largest evidence of one taxel in one reading."""
-    min_rise: Annotated[float, Interval(ge=0.0, le=0.5), Field(alias="moves")] = 0.12
+    min_rise: Annotated[float, Interval(ge=0.0, le=0.3), Field(alias="moves")] = 0.12
     """Smallest rise of a single pressed taxel, above what it was before, that is
     evidence, in units of its pressure."""
     unconfirmed_timeout: Annotated[
