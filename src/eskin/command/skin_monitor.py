@@ -120,8 +120,9 @@ class SkinMonitor:
     def find_problem(self, now: int) -> str | None:
         """Return why the arm is held at a time, or None where it is not.
 
-        The skin is stale; or a probability is not finite; or patches are out that are a large share of it; or one is
-        out for too long that a hand was on, or on which a hand could be missed.
+        The skin is stale; or a probability is not finite; or patches are out that are a
+        large share of it; or one is out for too long that a hand was on, or on which a
+        hand could be missed.
         """
         age = (now - self.latest) / NS_PER_S
         if age > self.config.max_age:

@@ -15,7 +15,7 @@ from annotated_types import Interval
 from pydantic import Field
 
 from eskin.compiled import Packed
-from eskin.files import Distance, Duration, Factor, Pause, Pressure, Share
+from eskin.files import Distance, Duration, Pause, Pressure, Share
 from eskin.skin import MountedSkin
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.units import NS_PER_S
