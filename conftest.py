@@ -31,6 +31,14 @@ CALLS_KERNELS = re.compile(
     r"from eskin import|helpers\.(devices|graphs|learning|live)|from lab"
 )
 """Imports of test files that need the recogniser, whose code compiles for minutes."""
+LONGEST = (
+    "test_shipped_weights.py",
+    "test_cli_export.py",
+    "test_page_browser.py",
+    "test_examples.py",
+    "test_learn_processes.py",
+)
+"""Test files that a worker begins early: the other would wait for its end."""
 
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces>"
@@ -43,14 +51,20 @@ SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[1] / "shared
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker compile all code while the other runs files that need none."""
+    """Let one worker compile all code while the other runs files that need none.
+
+    Then the longest come first.
+    """
     paths = {item.path for item in items}
-    calls_kernels = {
-        path: bool(CALLS_KERNELS.search(path.read_text())) for path in paths
+    places = {
+        path: (
+            path.name != COMPILES_ALL,
+            bool(CALLS_KERNELS.search(path.read_text())),
+            path.name not in LONGEST,
+        )
+        for path in paths
     }
-    items.sort(
-        key=lambda item: (item.path.name != COMPILES_ALL, calls_kernels[item.path])
-    )
+    items.sort(key=lambda item: places[item.path])
 
 
 def pytest_collection_finish() -> None:

@@ -10,7 +10,7 @@ falls into. The press is a Gaussian of 6 mm, noise is 1.5 counts, rest 200 of 40
 
 A poke is felt if a touch opens while it lasts, and recognised if a detection follows
 that says so. Where it is not felt, the patch has to be reported: an event names it, and
-the policy holds the arm (`eskin.command.SkinMonitor`). The law of `docs/robustness.md`:
+the policy holds the arm (`eskin.command.SkinMonitor`). The law:
 99 % are felt or reported; at most 5 % of draws are reported, for at most 2 s.
 """
 

@@ -1,11 +1,9 @@
 """Tests of `eskin run`, from bytes or files to its last line, with and without arm."""
 
-import json
+import os
 import signal
 import socket
-import subprocess
-import sys
-import time
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from eskin.cli.run import (
     check_options,
     describe_doubts,
 )
+from eskin.cli.terminal import TerminalPrinter
 from eskin.drivers import HostClock, ManualClock, PlayedSource
 from eskin.errors import DeviceError
 from eskin.live import Recognizer
@@ -31,7 +30,6 @@ from eskin.stream import Recognition
 from eskin.touch import Calibration
 from helpers.cli import call, call_json
 from helpers.devices import (
-    PATIENCE,
     RATE,
     StillSimulator,
     playing,
@@ -89,23 +87,17 @@ def test_patches_are_received_over_udp(capsys, tmp_path):
     assert result["source"]["datagrams"] > RATE and result["source"]["used"] > 0
 
 
-def test_interrupt_finishes_recording(recording, tmp_path):
-    path, count = recording
-    kept = tmp_path / "kept.mcap"
-    words = ["run", "--source", f"replay:{path}", "--pace", "0.5", "--json"]
-    with subprocess.Popen(
-        [sys.executable, "-m", "eskin.cli.main", *words, "--record", str(kept)],
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
-        while "where" not in process.stdout.readline():
-            assert process.poll() is None
-        time.sleep(1.0)
-        process.send_signal(signal.SIGINT)
-        *_, last = process.stdout.read().splitlines()
-        assert process.wait(PATIENCE) == 0
-    result = json.loads(last)
+def test_interrupt_finishes_recording(recording, tmp_path, capsys, monkeypatch):
+    (path, count), kept = recording, tmp_path / "kept.mcap"
+    start = TerminalPrinter.start
+
+    def start_and_interrupt(printer, context):
+        start(printer, context)
+        threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    monkeypatch.setattr(TerminalPrinter, "start", start_and_interrupt)
+    words = ("--source", f"replay:{path}", "--pace", 0.5, "--record", kept)
+    result, _ = call_json(capsys, "run", *words)
     assert 0 < result["readings"] < count
     finished = read_recording(kept)
     assert finished.count == result["readings"] and not finished.truncated

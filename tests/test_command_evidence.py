@@ -117,6 +117,13 @@ def test_fingertips_apart_are_no_fault_if_they_land_together(steps, enough):
     assert not is_no_fault(*steps, pressure=1.0)
 
 
+def doubt(scene, taxels):
+    """Doubt taxels for a reading; return whether the first touch is no fault still."""
+    scene.doubtful = np.isin(np.arange(SKIN.count), taxels)
+    scene.step()
+    return scene.policy.evidence.is_plausible(1)
+
+
 def test_reading_without_data_does_not_let_fingertips_land_together():
     scene = Scene()
     steps = [(ROOT, 0.02), (FINGERS[0], 0.16), (FINGERS, 0.04)]
@@ -132,9 +139,7 @@ def test_reading_without_data_does_not_let_fingertips_land_together():
 def test_fingertips_apart_do_not_both_lie_in_lines_of_doubtful_taxels(doubted, enough):
     scene, bad = Scene(), BLOCK[doubted, 7]
     assert is_no_fault((ROOT, 0.02), (np.append(bad, FINGERS), 0.3), scene=scene)
-    scene.doubtful = np.isin(np.arange(SKIN.count), bad)
-    scene.step()
-    assert scene.policy.evidence.is_plausible(scene.count) == enough
+    assert doubt(scene, bad) == enough
 
 
 @pytest.mark.parametrize("others", [BLOCK[3, [5]], BLOCK[2, [5]], BLOCK[3, [4, 6]]])
@@ -161,12 +166,7 @@ def test_path_along_a_row_of_which_more_is_pressed_is_a_fault():
 )
 def test_fingertip_that_slides_over_single_taxels_is_no_fault(path, suffices):
     """Two taxels with bad contacts, or ones far apart, can be pressed by no finger."""
-    scene = Scene()
-    number = scene.begin("stroke")
-    for taxel in [*path, *path]:
-        scene.touches[number].taxels = np.array([taxel])
-        scene.wait(0.1)
-    assert scene.policy.evidence.is_plausible(number) == suffices
+    assert is_no_fault(*((taxel, 0.1) for taxel in [*path, *path])) == suffices
 
 
 @pytest.mark.parametrize(
@@ -180,12 +180,7 @@ def test_fingertip_that_slides_over_single_taxels_is_no_fault(path, suffices):
     ids=["parts of two rows", "a taxel, a row", "a row, a column", "taxels far apart"],
 )
 def test_faults_in_turn_are_no_path(faults):
-    scene = Scene()
-    number = scene.begin("double_pat")
-    for taxels in [*faults, *faults, *faults]:
-        scene.touches[number].taxels = np.asarray(taxels)
-        scene.wait(0.12)
-    assert not scene.policy.evidence.is_plausible(number)
+    assert not is_no_fault(*((taxels, 0.12) for taxels in 3 * faults))
 
 
 def test_doubtful_taxels_are_no_evidence():
@@ -209,107 +204,66 @@ def test_taxels_of_a_faulty_row_are_no_evidence():
 def test_sound_taxels_do_not_both_lie_in_the_lines_of_doubtful_ones(doubted, suffices):
     """A fingertip presses a block: a row of it may be a fault, and so may a column."""
     scene = Scene()
-    number = scene.begin("double_pat")
-    scene.wait(0.3)
-    assert scene.policy.evidence.is_plausible(number)
-    scene.doubtful = np.isin(np.arange(SKIN.count), np.asarray(FINGERTIP)[doubted])
+    assert is_no_fault((FINGERTIP, 0.3), scene=scene)
     for _ in range(4):
-        scene.step()
-        assert scene.policy.evidence.is_plausible(number) == suffices
+        assert doubt(scene, FINGERTIP[doubted]) == suffices
 
 
 def test_doubtful_taxel_that_is_pressed_later_counts_for_the_readings_before():
-    scene, row = Scene(), find_block(PATCH, 1, 8)
-    scene.doubtful = np.isin(np.arange(SKIN.count), row[2])
-    number = scene.begin("double_pat")
-    scene.touches[number].taxels = row[:2]
-    scene.wait(0.2)
-    assert scene.policy.evidence.is_plausible(number)
-    scene.touches[number].taxels = row[:3]
-    scene.step()
-    assert not scene.policy.evidence.is_plausible(number)
+    scene = Scene()
+    scene.doubtful[ROW[2]] = True
+    assert is_no_fault((ROW[:2], 0.2), scene=scene)
+    scene.touches[1].taxels = ROW[:3]
+    assert not doubt(scene, ROW[2])
 
 
 def test_row_that_noise_floors_hide_is_a_row_all_the_same():
     """All of a row is pressed, while only two taxels of it are in contact."""
-    scene, row = Scene(), find_block(PATCH, 1, 8)
-    number = scene.begin("double_pat")
-    scene.touches[number].taxels = row[:2]
-    scene.hidden[row[2:]] = 1.0
-    scene.wait(0.3)
-    assert not scene.policy.evidence.is_plausible(number)
+    scene = Scene()
+    scene.hidden[ROW[2:]] = 1.0
+    assert not is_no_fault((ROW[:2], 0.3), scene=scene)
 
 
 def test_taxel_that_becomes_doubtful_takes_no_more_than_its_row_and_column():
     scene, wide = Scene(), find_block(PATCH, 4, 4)
-    number = scene.begin("double_pat")
-    scene.touches[number].taxels = wide
-    scene.wait(0.3)
-    for doubted, suffices in ((wide[:1], True), (wide, False)):
-        scene.doubtful = np.isin(np.arange(SKIN.count), doubted)
-        scene.step()
-        assert scene.policy.evidence.is_plausible(number) == suffices
+    assert is_no_fault((wide, 0.3), scene=scene)
+    assert doubt(scene, wide[:1]) and not doubt(scene, wide)
 
 
 def test_touch_that_has_pressed_a_taxel_loses_the_line_in_which_it_becomes_doubtful():
-    scene, row = Scene(), find_block(PATCH, 1, 8)
-    number = scene.begin("double_pat")
-    for taxels in (row[6:7], row[:2]):
-        scene.touches[number].taxels = taxels
-        scene.wait(0.2)
-    assert scene.policy.evidence.is_plausible(number)
-    scene.doubtful = np.isin(np.arange(SKIN.count), row[6])
-    scene.step()
-    assert not scene.policy.evidence.is_plausible(number)
+    scene = Scene()
+    assert is_no_fault((ROW[6], 0.2), (ROW[:2], 0.2), scene=scene)
+    assert not doubt(scene, ROW[6])
 
 
 def test_taxel_that_is_first_pressed_as_it_becomes_doubtful_counts_as_pressed():
-    scene, row = Scene(), find_block(PATCH, 1, 8)
-    number = scene.begin("double_pat")
-    scene.touches[number].taxels = row[:2]
-    scene.wait(0.3)
-    scene.touches[number].taxels = row[:3]
-    scene.doubtful = np.isin(np.arange(SKIN.count), row[2])
-    scene.step()
-    assert not scene.policy.evidence.is_plausible(number)
+    scene = Scene()
+    assert is_no_fault((ROW[:2], 0.3), scene=scene)
+    scene.touches[1].taxels = ROW[:3]
+    assert not doubt(scene, ROW[2])
 
 
 @pytest.mark.parametrize("active", [True, False])
 def test_line_counts_no_more_once_a_fifth_of_it_is_doubtful_and_active(active):
-    scene, row = Scene(), find_block(PATCH, 1, 8)
-    number = scene.begin("double_pat")
-    scene.touches[number].taxels = row[:2]
-    scene.wait(0.3)
+    scene = Scene()
+    assert is_no_fault((ROW[:2], 0.3), scene=scene)
     if active:
         other = scene.begin("none")
-        scene.touches[other].taxels = row[4:]
+        scene.touches[other].taxels = ROW[4:]
         scene.wait(0.1)
-    for count, suffices in ((1, True), (4, not active)):
-        scene.doubtful = np.isin(np.arange(SKIN.count), row[4 : 4 + count])
-        scene.step()
-        assert scene.policy.evidence.is_plausible(number) == suffices
+    assert doubt(scene, ROW[4]) and doubt(scene, ROW[4:]) != active
 
 
 @pytest.mark.parametrize(("more", "suffices"), [(0, True), (1, False)])
 def test_touch_along_a_line_covers_a_third_of_it_at_most(more, suffices):
-    scene = Scene()
-    row = find_block(PATCH, 1, 1)
-    line = np.isin(np.arange(SKIN.count), WHOLE) & (SKIN.rows == SKIN.rows[row[0]])
-    number = scene.begin("double_pat")
-    members = np.flatnonzero(line)[: int(0.34 * line.sum()) + more]
-    scene.touches[number].taxels = members
-    scene.wait(0.3)
-    assert scene.policy.evidence.is_plausible(number) == suffices
+    line = WHOLE[SKIN.rows[WHOLE] == SKIN.rows[ROW[0]]]
+    assert is_no_fault((line[: int(0.34 * len(line)) + more], 0.3)) == suffices
 
 
 def test_doubt_elsewhere_takes_nothing():
     scene = Scene()
-    number = scene.begin("double_pat")
-    scene.touches[number].taxels = FINGERTIP[:2]
-    scene.wait(0.3)
-    scene.doubtful = ~np.isin(np.arange(SKIN.count), WHOLE)
-    scene.step()
-    assert scene.policy.evidence.is_plausible(number)
+    assert is_no_fault((FINGERTIP[:2], 0.3), scene=scene)
+    assert doubt(scene, np.setdiff1d(np.arange(SKIN.count), WHOLE))
 
 
 def test_touch_that_is_felt_too_briefly_commands_no_more_than_a_stop():

@@ -12,7 +12,7 @@ from eskin.command import (
     Rule,
     command_function,
 )
-from eskin.command.actions import MIN_CONFIDENCE, SUSPEND_CONFIDENCE
+from eskin.command.actions import SUSPEND_CONFIDENCE
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
@@ -25,9 +25,6 @@ from helpers.commands import (
     RecordingArm,
     Scene,
 )
-
-MAYBE = MIN_CONFIDENCE["pause"] + 0.05
-"""Confidence of a poke that may be a stop."""
 
 
 def test_registered_function_is_called_like_any_action():
@@ -46,31 +43,6 @@ def test_registered_function_is_called_like_any_action():
     assert calls == []
     scene.touch("stroke")
     assert calls == [(scene.arm, "stroke")] and scene.accepted == ["function"]
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "reason"),
-    [("protective_stop", True, "protective stop"), ("connected", False, "connected")],
-)
-def test_stopped_or_lost_arm_is_commanded_nothing(field, value, reason):
-    scene = Scene()
-    setattr(scene.arm, field, value)
-    for gesture in VOCABULARY[1:]:
-        (event,) = scene.touch(gesture)
-        assert not event.accepted and reason in event.why
-    assert scene.arm.orders == []
-
-
-def test_stale_reading_holds_arm():
-    scene = Scene()
-    scene.step()
-    scene.clock.sleep(0.1)
-    scene.policy.check_skin()
-    assert scene.arm.hold_reason is None
-    scene.clock.sleep(0.02)
-    scene.policy.check_skin()
-    assert "120 ms" in scene.arm.hold_reason
-    assert scene.accepted == ["hold"] and scene.policy.accepted == 0
 
 
 def test_thread_holds_arm_without_readings():
@@ -94,17 +66,6 @@ def test_arm_stands_while_touch_may_be_a_stop(more, waits):
     scene.step()
     assert (scene.arm.speed_limit == 0.0) == waits
     assert scene.waits == [number] * waits and scene.accepted == []
-
-
-def test_possible_stop_that_ends_unrecognised_pauses():
-    scene = Scene()
-    number = scene.begin("poke", confidence=MAYBE)
-    scene.step()
-    scene.lift(number)
-    scene.close(number)
-    (event,) = scene.events
-    assert (event.action, event.touch, event.patch) == ("pause", number, PATCH.id)
-    assert "may have been a stop" in event.why and scene.arm.speed_limit == 1.0
 
 
 def test_command_names_touch_and_patch_that_gave_it():

@@ -15,7 +15,6 @@ from eskin.live import (
 )
 from eskin.live.summary_kernels import AREA, FORCE, RATE, SPEED
 from helpers.graphs import (
-    SCENES,
     assert_same,
     book,
     bump,
@@ -27,12 +26,9 @@ from helpers.graphs import (
     random_graphs,
     rolled,
     shear_summary,
-    shuffle_nodes,
     split_graphs,
     to_float64,
-    turned,
 )
-from helpers.summary_reference import reference_summary
 
 SUMMARIES = (pressure_summary, shear_summary)
 FEATURES = (*SUMMARIES, compute_node_scalars)
@@ -85,15 +81,6 @@ def test_sources_are_the_neighbours_of_active_nodes(graphs):
     assert isolated.sources.shape == (len(batch.targets), 0)
 
 
-@pytest.mark.parametrize("axes", [(), (2, 3)])
-def test_sum_nodes_is_the_sum_of_each_graph(graphs, axes):
-    batch = join_graphs(graphs)
-    values = np.random.default_rng(5).normal(size=(len(batch.taxels), *axes)) - 3.0
-    parts = np.split(values, batch.offsets[1:-1])
-    sums = np.array([part.sum(axis=0) for part in parts])
-    np.testing.assert_allclose(batch.sum_nodes(values), sums, atol=1e-12)
-
-
 @pytest.mark.parametrize("features", FEATURES)
 def test_features_of_a_batch_are_those_of_each_graph(graphs, features):
     alone = np.concatenate([features(graph) for graph in graphs])
@@ -111,16 +98,6 @@ def feature(batch, name, floor=None):
     assert values.shape == (batch.size, len(names))
     column = values[:, names.index(name)]
     return column if floor is None else np.expm1(column) * floor
-
-
-@pytest.mark.parametrize("shear", [False, True])
-@pytest.mark.parametrize("nodes", [0, 1, 2, 3, 50])
-@pytest.mark.parametrize("touched", [True, False])
-def test_compiled_summary_is_that_of_numpy(nodes, shear, touched):
-    batch = random_graph(np.random.default_rng(6), nodes)
-    batch = batch._replace(pressure=batch.pressure * np.float32(touched))
-    found = np.concatenate([summary(batch)[0] for summary in SUMMARIES[: 1 + shear]])
-    np.testing.assert_allclose(found, reference_summary(batch, shear), atol=1e-5)
 
 
 def test_force_area_and_rates_are_in_newton_and_cm2():
@@ -218,23 +195,6 @@ def test_drag_pinch_and_twist_differ_in_shear(name, matrix, least):
     for other in ("agreement of shear", "divergence", "curl"):
         [value] = feature(batch, other)
         assert value > least if other == name else abs(value) < 0.1
-
-
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize(("dtype", "atol"), [(np.float32, 1e-4), (np.float64, 1e-10)])
-def test_features_are_invariant(name, sign, dtype, atol):
-    rng = np.random.default_rng(1)
-    batch = SCENES[name](True).graphs()
-    batch = to_float64(batch) if dtype == np.float64 else batch
-    rotated = turned(batch, orthogonal(rng, sign), (2.0, 3.0, -4.0))
-    for features in FEATURES:
-        want = features(batch)
-        assert want.dtype == dtype
-        np.testing.assert_allclose(features(rotated), want, atol=atol)
-    for features in SUMMARIES:
-        found = features(shuffle_nodes(batch, rng))
-        np.testing.assert_allclose(found, features(batch), atol=atol)
 
 
 def test_compressed_shear_keeps_direction_and_order():

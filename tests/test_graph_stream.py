@@ -113,13 +113,6 @@ def test_skin_without_calibration_finds_touch_by_shear(shear_on, count):
     assert np.count_nonzero(np.linalg.norm(shear, axis=1) > 1.5) == count
 
 
-@pytest.mark.parametrize("calibrated", [True, False])
-def test_untouched_skin_has_no_nodes(calibrated):
-    mounted = flat(calibrated=calibrated)
-    graphs = push_loads(mounted, *np.zeros((3, mounted.skin.count)))
-    assert all(len(graph.taxels) == 0 for found in graphs for graph in found.values())
-
-
 def make_pats(pattern, step=STEP):
     """Press the same place in some readings and not in others."""
     mounted = flat()

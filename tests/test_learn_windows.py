@@ -11,8 +11,8 @@ from eskin.learn.batches import (
     stretch_time,
     subsample_readings,
 )
-from eskin.live import HISTORY, SLOT_NS, compute_node_scalars, join_graphs
-from helpers.graphs import assert_same, pressure_summary, random_graph
+from eskin.live import HISTORY, SLOT_NS, join_graphs
+from helpers.graphs import random_graph
 from helpers.learning import START, bare
 
 SLOTS = 100
@@ -52,14 +52,6 @@ def test_a_window_holds_all_rows_of_its_two_seconds(seed):
         inside = np.arange(first, end + 1)
         np.testing.assert_array_equal(windows.rows[place], inside[slots[inside] >= 0])
         np.testing.assert_array_equal(windows.slot[place], slots[windows.rows[place]])
-
-
-def test_two_seconds_at_ten_hertz_are_twenty_readings():
-    stamps = START + np.arange(50) * 100_000_000
-    dataset = bare(stamps, np.zeros(50, np.int64))
-    windows = cut_windows(dataset, np.array([49, 4]), np.array([0, 0]), SLOTS)
-    assert [len(place) for place in each(windows)] == [20, 5]
-    np.testing.assert_array_equal(windows.slot[:3], [4, 9, 14])
 
 
 @pytest.mark.parametrize("most", [1, 3, 1000])
@@ -144,26 +136,6 @@ def test_stretching_scales_all_times_of_a_window_by_one_factor(seed):
         np.testing.assert_array_equal(getattr(changed, name), getattr(was, name))
 
 
-def test_stretching_divides_rates_of_change_by_its_factor():
-    windows, graphs, slower, changed = stretched(0.4)
-    factor = factors(windows, graphs, slower, changed)[changed.graph_index]
-    was = graphs.select(slower.rows)
-    rate = 2
-
-    def rates(batch):
-        return np.sinh(2 * compute_node_scalars(batch)[:, rate])
-
-    np.testing.assert_allclose(rates(changed) * factor, rates(was), rtol=1e-3)
-    assert not np.allclose(pressure_summary(changed), pressure_summary(was))
-
-
-def test_stretching_by_1_changes_nothing():
-    windows, graphs, slower, changed = stretched(0.0)
-    assert_same(changed, graphs)
-    assert slower.slot.tolist() == windows.slot.tolist()
-    assert slower.rows.tolist() == windows.rows.tolist()
-
-
 def came(share, halved, seed=0):
     *_, windows = random_windows(seed)
     places = drop_readings(windows, share, halved, np.random.default_rng(seed))
@@ -190,12 +162,3 @@ def test_only_halving_the_rate_keeps_every_other_reading_from_the_last():
         assert (
             left.rows[after].tolist() == windows.rows[before][::-1][::2][::-1].tolist()
         )
-
-
-def test_half_of_the_largest_share_is_dropped_on_average():
-    rows = np.arange(400 * 50)
-    windows = Windows(rows, rows // 50, rows % 50, 400)
-    places = drop_readings(windows, 0.6, 0.0, np.random.default_rng(0))
-    counts = np.bincount(windows.window[places]) / 50
-    assert counts.mean() == pytest.approx(0.7, abs=0.02)
-    assert counts.min() < 0.5 and counts.max() > 0.95

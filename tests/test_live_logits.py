@@ -6,7 +6,7 @@ import torch
 
 from eskin.learn.batches import build_network_input, cut_windows
 from eskin.learn.dataset import prepare
-from eskin.live import GraphBuilder, Network, Recognizer, compute_probabilities
+from eskin.live import GraphBuilder, Recognizer, compute_probabilities
 from eskin.live.graph import NO_HISTORY
 from eskin.live.graph_builder import TouchNodes, pack_touch_nodes
 from eskin.live.network import INITIAL_SEQUENCES, LogitStream
@@ -21,7 +21,6 @@ from helpers.live import (
     scans,
     two_hands,
 )
-from helpers.live_parts import SequenceWindow, compute_features
 
 pytestmark = pytest.mark.slow
 
@@ -85,30 +84,6 @@ def choose_nodes(on, keys, rng):
         taxels, earlier = (np.sort(rng.choice(own, n, replace=False)) for n in (6, 5))
         nodes[key] = TouchNodes(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
     return nodes
-
-
-@pytest.mark.parametrize("kind", ["pressure", "shear"])
-def test_step_computes_graph_features_and_window(kind):
-    """To the bit, through touches that need more memory than any before."""
-    on, rng = mounted("ur5"), np.random.default_rng(0)
-    model = model_of(network(kind), temperature=1.7)
-    stream = LogitStream(model, GraphBuilder(on))
-    builder, live = GraphBuilder(on), Network(model)
-    window, earlier = (
-        SequenceWindow(live.parts.heads, live.slots),
-        np.empty(0, np.int64),
-    )
-    for n, count in enumerate((5, 40, 0, 900, 3, 400)):
-        taxels = np.sort(rng.permutation(on.skin.count)[:count])
-        reading = make_reading(on, n, taxels, rng)
-        builder.advance(reading, taxels)
-        nodes = TouchNodes(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
-        stream.push(reading, pack_touch_nodes({7: nodes}))
-        features = compute_features(live, builder.build(*nodes))
-        want = window.push(reading.stamp, features)
-        assert np.array_equal(stream.logits[7], want)
-        assert np.array_equal(stream.probabilities[7], compute_probabilities(want, 1.7))
-        earlier = taxels
 
 
 def test_sequences_do_not_depend_on_others_at_once_or_before():

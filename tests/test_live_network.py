@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from eskin.learn.nn import SlotIndex, build_graph_tensors
 from eskin.live import SLOT_NS, Network
-from eskin.live.encoder_kernels import activate
 from helpers.graphs import LOADS, add_nodes_at_rest, random_graph
 from helpers.live import model_of, network
 from helpers.live_parts import SequenceWindow, compute_features
@@ -122,11 +121,3 @@ def test_slots_before_a_pause_of_one_window_are_not_used_again(slots, gap):
     pause = slots + gap
     numbers = [*range(40), *range(40 + pause, 60 + pause)]
     assert_windows_equal(slots, [n * SLOT_NS for n in numbers])
-
-
-def test_silu_is_that_of_torch_and_does_not_overflow():
-    x = np.concatenate([np.linspace(-100, 100, 20001), [-1e4, 1e4]])
-    found = x.astype(np.float32)[None]
-    want = torch.nn.functional.silu(torch.tensor(found)).numpy()
-    activate(found, np.zeros(len(x), np.float32))
-    np.testing.assert_allclose(found, want, rtol=1e-6, atol=1e-6)

@@ -1,11 +1,8 @@
 """Tests of the network: encoder, temporal heads, and what it learns."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
-from torch.nn.functional import cross_entropy
 
 from eskin.learn.nn import RecogniserNetwork, SlotIndex, TemporalHead
 from eskin.live import NetworkConfig, join_graphs
@@ -16,15 +13,12 @@ from helpers.graphs import (
     logits,
     make_scene,
     network_input,
-    press_on_grid,
-    press_on_seam,
     pressure_summary,
     random_graph,
     random_graphs,
     rolled,
     split_graphs,
     stroke_on_grid,
-    window_input,
 )
 from helpers.live import network
 
@@ -127,24 +121,6 @@ def test_readings_in_one_slot_count_as_their_maximum():
     assert torch.equal(found, want)
 
 
-def test_network_for_pressure_ignores_shear():
-    with_shear, without = (press_on_seam(shear).graphs() for shear in (True, False))
-    pressure, shear = network("pressure"), network("shear")
-    assert np.array_equal(logits(pressure, with_shear), logits(pressure, without))
-    assert np.abs(logits(shear, with_shear) - logits(shear, without)).max() > 1e-2
-
-
-@torch.no_grad()
-def test_logits_are_the_mean_of_two_views():
-    """Readings may be embedded first, and classified later."""
-    net, batch = network(), press_on_grid().graphs()
-    inputs = window_input(net, batch)
-    views = net.classify(net.embed(inputs.graphs), inputs.slot_index)
-    assert views.shape == (2, 1, 4)
-    np.testing.assert_allclose(logits(net, batch), views.mean(dim=0)[0], atol=1e-6)
-    assert (views[0] - views[1]).abs().max() > 0.1
-
-
 def test_standardised_features_have_mean_zero_and_scale_one():
     net = RecogniserNetwork(NetworkConfig(), 3, shear=True)
     summary = torch.randn(500, len(net.summary_mean)) * 7 + 30
@@ -158,30 +134,6 @@ def test_extreme_pressure_has_bounded_logits():
     net, batch = network(), stroke_on_grid().graphs()
     loud = batch._replace(pressure=1e6 * batch.pressure)
     assert np.abs(logits(net, loud)).max() < 100
-
-
-@pytest.mark.parametrize("shear", [False, True])
-def test_network_overfits_eight_windows(shear):
-    """The contact graphs suffice: the summary is set to zero."""
-    rng = np.random.default_rng(4)
-    graphs = random_graphs(rng, rng.integers(4, 12, 24))
-    window, slot = np.repeat(np.arange(8), 3), np.tile([97, 98, 99], 8)
-    inputs = network_input(graphs, window, slot, 8, shear)
-    zeros = torch.zeros_like(inputs.graphs.summary)
-    inputs = replace(inputs, graphs=replace(inputs.graphs, summary=zeros))
-    labels = torch.tensor([0, 1, 2, 3, 3, 2, 1, 0])
-    torch.manual_seed(0)
-    net = RecogniserNetwork(NetworkConfig(dropout=0.0), 4, shear)
-    optimiser = torch.optim.Adam(net.parameters(), lr=2e-2)
-    losses = []
-    for _ in range(20):
-        optimiser.zero_grad()
-        loss = cross_entropy(net(inputs), labels)
-        loss.backward()
-        optimiser.step()
-        losses.append(loss.item())
-    assert losses[0] > 1.0 > 0.1 > losses[-1]
-    assert torch.equal(net(inputs).argmax(dim=1), labels)
 
 
 SLOTS, INPUTS, CHANNELS = 100, 6, 8
@@ -223,11 +175,6 @@ def test_every_slot_matters_and_the_newest_at_every_scale(slots):
     gaps = torch.stack(changed).sub(want).abs().amax(dim=(2, 3))
     assert (gaps[:, 0] > 1e-4).all()
     assert (gaps[-1] > 1e-4).all()
-
-
-def test_window_shorter_than_the_convolutions_is_refused():
-    with pytest.raises(RuntimeError):
-        make_head()(torch.zeros(1, MIN_SLOTS - 1, INPUTS), torch.ones(1, MIN_SLOTS - 1))
 
 
 def test_statistics_of_a_steady_touch_do_not_depend_on_the_rate():

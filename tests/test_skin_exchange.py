@@ -227,6 +227,102 @@ def test_gentact_electrodes_are_in_millimetres(tmp_path):
     assert skin.areas == pytest.approx(64e-6)
 
 
+SENSOR = """<sensor name="{0}"><parent link="palm"/><tactile channel="{1}">{2}
+</tactile></sensor>"""
+TAXEL = """<taxel idx="{0}" xyz="0.0{0} 0 0"><geometry><box size="0.01 0.01 0.001"/>
+</geometry></taxel>"""
+ARRAY = '<array rows="2" cols="3" order="{}" size="0.01 0.02"/>'
+
+
+def write_sensors(path, *sensors):
+    texts = [SENSOR.format(*each) for each in sensors]
+    path.write_text(f'<robot name="r"><link name="palm"/>{"".join(texts)}</robot>')
+    return path
+
+
+def list_urdf_numbers(folder):
+    """Number k lies at row k % 2 and column k // 2; or at x = k cm."""
+    taxels = ["".join(map(TAXEL.format, part)) for part in ((5, 1), (0, 3))]
+    array = ("pad", "c", ARRAY.format("col-major"))
+    skin = read_tactile_urdf(write_sensors(folder / "a.urdf", array), "a")
+    yield np.rint(skin.positions[:, 0] / 0.01 + skin.positions[:, 1] / 0.01), 6
+    assert (skin.rows + 2 * skin.columns).tolist() == list(range(6))
+    shared = [(name, "c", own) for name, own in zip("ab", taxels, strict=True)]
+    skin = read_tactile_urdf(write_sensors(folder / "b.urdf", *shared), "b")
+    yield np.rint(skin.positions[:, 0] / 0.01), [0, 1, 3, 5]
+
+
+def list_gentact_numbers(folder):
+    """Number k lies at z = k cm."""
+    tails = {
+        "Index,X,Y,Z,Radius,Parent": ",0.004,/tube",
+        "Index,X,Y,Z,NormX,NormY,NormZ,Radius,Parent,Object Name in Blender": (
+            ",1,0,0,0.004,/tube,Skin.001"
+        ),
+        "Index,X,Y,Z,Stem X,Stem Y,Stem Z,Radius,Parent": ",0,0,0,0.004,/tube",
+        "Index,X,Y,Z,Object Name": ",Skin.001",
+    }
+    for head, tail in tails.items():
+        lines = [f"{k},0.0375,0,0.0{k}{tail}" for k in (2, 1, 4, 3)]
+        path = folder / "g.csv"
+        path.write_text("\n".join([head, *lines]))
+        skin = read_gentact(path, "g", load_robot("tube"), "tube")
+        yield np.rint(skin.positions[:, 2] / 0.01), [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("read", [list_urdf_numbers, list_gentact_numbers])
+def test_taxels_are_in_the_order_of_the_numbers_of_their_file(read, tmp_path):
+    for found, wanted in read(tmp_path):
+        wanted = list(range(wanted)) if isinstance(wanted, int) else wanted
+        assert found.tolist() == wanted
+
+
+def test_order_of_the_data_survives_every_format(tmp_path):
+    folders = iter(range(9))
+    taxels = ["".join(map(TAXEL.format, part)) for part in ((5, 1), (0, 3))]
+    mixed = [(name, "c", own) for name, own in zip("ab", taxels, strict=True)]
+    array = [("pad", "c", ARRAY.format("col-major"))]
+    for sensors in (array, mixed):
+        path = write_sensors(tmp_path / "in.urdf", *sensors)
+        skin = read_tactile_urdf(path, "r")
+        write_tactile_urdf(tmp_path / "out.urdf", skin)
+        assert_same(read_tactile_urdf(tmp_path / "out.urdf", "r"), skin)
+        folder = tmp_path / str(next(folders))
+        write_icub_positions(folder, skin)
+        again = read_icub_positions(sorted(folder.glob("*.txt")), "r")
+        for patch in skin.patches:
+            own, other = skin.find_taxels(patch.id), again.find_taxels(patch.id)
+            assert np.array_equal(skin.positions[own], again.positions[other])
+
+
+def test_arrays_that_share_a_channel_are_refused(tmp_path):
+    array = ARRAY.format("row-major")
+    path = write_sensors(tmp_path / "a.urdf", ("a", "c", array), ("b", "c", array))
+    with pytest.raises(SkinError, match="number 0 of channel 'c' twice"):
+        read_tactile_urdf(path, "a")
+
+
+def test_what_is_no_taxel_is_left_out_and_counted(leg, tmp_path, caplog):
+    places = leg.read_text().replace(" 3  3  -2  3 ", " 3  -1  -2  -2 ")
+    leg.write_text(places)
+    assert read_icub_positions([leg], "icub").count == 3
+    (told,) = caplog.messages
+    assert "3 of 14 channels" in told
+    assert "2 thermal pads, 9 unused" in told
+    caplog.clear()
+    path = tmp_path / "sensor_config.csv"
+    path.write_text(
+        "Index,X,Y,Z,Stem X,Stem Y,Stem Z,Radius,Parent\n,,,,,,,,\n"
+        "left,,,,,,,,\nCLIP,37.5,0,9,,,,100,/tube\n0,37.5,0,10,0,0,0,4,/tube\n"
+        "right,,,,,,,,\n0,-37.5,0,20,0,0,0,4,/tube\n"
+    )
+    skin = read_gentact(path, "g", load_robot("tube"))
+    assert [patch.id for patch in skin.patches] == ["left", "right"]
+    assert skin.positions[:, 2] == pytest.approx([0.010, 0.020])
+    assert "1 CLIP" in caplog.messages[0]
+    assert "millimetres" in caplog.messages[1]
+
+
 WRONG = {
     "hand.urdf": [
         ("</robot>", "", ["not XML"]),
@@ -236,10 +332,10 @@ WRONG = {
         ('size="0.004 0.005"', "", ["palm_pad", "size"]),
         ('size="0.004 0.005"', 'size="0.004"', ["size is '0.004'", "2 finite"]),
         ('size="0.004 0.005"', 'size="0 0.005"', ["size", "above 0"]),
-        ('order="row-major"', 'order="spiral"', ["spiral", "column-major"]),
+        ('order="row-major"', 'order="spiral"', ["spiral", "col-major"]),
         ('<parent link="palm"/>', "", ["palm_pad", "<parent>"]),
         ('name="palm_pad"', "", ["<sensor>", "name"]),
-        ('idx="2"', 'idx="0"', ["fingertip", "idx twice"]),
+        ('idx="2"', 'idx="0"', ["number 0", "'tip_data' twice", "correct it"]),
         ('idx="2"', 'idx="-2"', ["idx is -2"]),
         ('xyz="-0.004 0 0.002"', 'xyz="nan 0 0"', ["xyz is 'nan 0 0'"]),
         ("<array", "<grid", ["0 <array>"]),
@@ -255,6 +351,8 @@ WRONG = {
         ("0.980000 0.198997", "0.000000 0.100000", ["channel 1", "length 0.1"]),
         ("spatial_sampling\ttaxel", "columns\t0", ["columns is '0'"]),
         ("taxel2Repr", "\xe4", ["byte"]),
+        (" 12  12 )", " 12 )", ["taxel2Repr", "13 numbers for 14 positions"]),
+        (" 12  12 )", " 12  x )", ["taxel2Repr", "'x'"]),
     ],
     "skin.csv": [
         ("Index,X", "Number,X", ["begins with 'Number"]),
@@ -263,6 +361,8 @@ WRONG = {
         ("0.0375,0.0,0.05,0.004,/World", "0.0375,0.05,0.004,/World", ["line 2"]),
         ("/World/arm/tube\n1", "/World/nose\n1", ["'/World/nose'", "no link", "tube"]),
         (GENTACT.partition("\n")[2], "", ["0 taxels"]),
+        ("\n1,", "\n0,", ["number 0", "twice"]),
+        ("\n1,", "\n1.5,", ["line 3"]),
     ],
 }
 """What makes a file wrong, and what is said of it."""

@@ -1,6 +1,5 @@
 """Tests of the recorder: it writes all that it receives, and what it wrote is safe."""
 
-import dataclasses
 import errno
 import io
 import os
@@ -122,22 +121,6 @@ def test_last_correction_of_each_touch_becomes_its_label(path):
     ]
     spans = [(label.start, label.end) for label in labels]
     assert spans == [(found.start, found.end) for found in made[1:]]
-
-
-def test_event_is_message_of_ros(path):
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
-    event = dataclasses.replace(EVENTS[0], taxel=7)
-    play(SCANS[:60], make_publisher(event), make_recorder(path))
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        [(_, channel, _, message)] = reader.iter_decoded_messages(["/eskin/event"])
-    assert channel.topic == "/eskin/event"
-    assert (message.kind, message.text, message.patch) == (event.kind, event.text, "a")
-    assert (message.row, message.column, message.taxel) == (-1, -1, 7)
-    assert message.header.stamp.sec == START // SECOND + 1
-    assert message.header.frame_id == "square"
 
 
 def test_scans_are_synced_every_half_second(path, monkeypatch):

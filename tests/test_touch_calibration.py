@@ -315,7 +315,7 @@ def test_older_files_open_and_nominal_ones_are_written_as_before():
     + [
         ({"curve": "round"}, ""),
         ({"exponent": 0.0}, ""),
-        ({"version": 2}, ""),
+        ({"version": 3}, ""),
         ({"source": "guess"}, "source"),
         ({"noise": [1.0]}, "noise"),
         ({"noise": [-1.0] * SKIN.count}, "noise"),

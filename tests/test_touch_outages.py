@@ -142,3 +142,13 @@ def test_press_on_all_taxels_is_felt_at_once_on_up_to_twelve(columns, scans):
     first = next(t for t, state in states if state.contacts)
     assert first == pytest.approx(4.0 + (scans - 1) / RATE)
     assert all(state.contacts for t, state in states if t >= first)
+
+
+def test_first_press_on_all_taxels_of_a_skin_that_rests_at_zero_is_felt():
+    mounted = build_mounted_grid(rows=4, columns=4)
+
+    def change(t, counts):
+        return (counts - REST) * 0 + 300 * (t >= 12.0)
+
+    states = list(stream(change, 12.5, mounted))
+    assert all(bool(state.contacts) == (t >= 12.02) for t, state in states)

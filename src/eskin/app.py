@@ -69,6 +69,9 @@ class SourceConfig:
     `calibration.json` in the skin's folder, else the nominal calibration of the preset
     skins. A simulation has its own."""
 
+    falling: bool = False
+    """Whether counts fall under pressure, whatever the calibration says."""
+
     q: tuple[float, ...] | None = None
     """Joint positions of a robot that does not move [rad]; all zero where None."""
 
@@ -122,7 +125,15 @@ def open_source(
     """
     config = config or SourceConfig()
     config = config if skin is None else replace(config, skin=skin)
-    clock = clock or HostClock()
+    source = open_kind(uris, config, clock or HostClock())
+    if config.falling:
+        calibration = replace(source.info.calibration, falling=True)
+        source.info = replace(source.info, calibration=calibration)
+    return source
+
+
+def open_kind(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
+    """Open a source of any kind."""
     kinds = {uri.partition(":")[0] for uri in uris}
     if kinds == {"serial"}:
         return open_device(uris, config, clock)

@@ -72,11 +72,12 @@ Press = TypeVar("Press")
 class GuideEvent:
     """An event is what a scan has led to."""
 
-    kind: Literal["touched", "rested", "pressed", "refused"]
+    kind: Literal["touched", "rested", "pressed", "refused", "turned"]
     """`touched`: rest begins again, since the skin is touched; `rested`: rest is
-    measured; `pressed`: a press was measured; `refused`: one was not."""
+    measured; `pressed`: a press was measured; `refused`: one was not; `turned`: counts
+    go the other way under pressure, and all presses so far are forgotten."""
     text: str = ""
-    """Reason for which rest begins again, or a press is refused."""
+    """Reason for which rest begins again, or a press is refused; the way of counts."""
     taxel: int | None = None
     """Taxel of greatest pressure of a press."""
 
@@ -158,6 +159,7 @@ class PressGuide(ABC, Generic[Press]):
 
     Attributes:
         mounted: the skin on its robot.
+        assumed: calibration with which presses are felt; its way is that of the counts.
         phase: what is measured now.
         presses: presses so far.
         rest_seconds: time without touch that is asked for first [s].
@@ -172,10 +174,12 @@ class PressGuide(ABC, Generic[Press]):
         self.mounted, self.rest_seconds = mounted, rest_seconds
         self.phase: Literal["rest", "press", "done"] = "rest"
         self.presses: list[Press] = []
+        self.assumed = calibration
         self.pipeline = TouchPipeline(mounted, calibration)
         self.detector, self.pressing = PressDetector(), PressSummary()
         self.state: TouchState | None = None
         self.began: int | None = None
+        self.is_turned = False
 
     @property
     def skin(self) -> Skin:
@@ -213,8 +217,13 @@ class PressGuide(ABC, Generic[Press]):
     def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan, and return what it has led to."""
         state = self.state = self.pipeline.push(scan)
+        ways = {fault.kind for fault in state.faults} & {"falling", "rising"}
+        if ways and not self.is_turned:
+            self.turn()
+            verb = "fall" if self.assumed.falling else "rise"
+            return GuideEvent("turned", f"counts {verb} under pressure")
         if self.phase == "rest":
-            return self.push_rest(scan, state)
+            return self.push_rest(self.pipeline.turn(scan), state)
         taxel = self.detector.push(state)
         if self.is_pressed:
             self.pressing.add(state)
@@ -228,6 +237,15 @@ class PressGuide(ABC, Generic[Press]):
         self.presses.append(self.build_press(ended, taxel))
         self.phase = "done" if self.request is None else "press"
         return GuideEvent("pressed", taxel=taxel)
+
+    def turn(self) -> None:
+        """Take counts to go the other way, and forget the presses so far."""
+        self.is_turned = True
+        self.assumed = replace(self.assumed, falling=not self.assumed.falling)
+        self.pipeline = TouchPipeline(self.mounted, self.assumed)
+        self.detector, self.pressing = PressDetector(), PressSummary()
+        self.presses.clear()
+        self.phase = self.phase if self.phase == "rest" else "press"
 
     @abstractmethod
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
@@ -319,7 +337,6 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         """
         self.config = config or GuideConfig()
         super().__init__(mounted, calibration, self.config.seconds)
-        self.assumed = calibration
         self.wanted = find_patches(self.skin, self.config.patches)
         self.adjacency = Adjacency.build(self.skin)
         self.on = self.pipeline.config.contacts.with_floor(calibration.floor).on
@@ -390,6 +407,24 @@ class CalibrationGuide(PressGuide[FingertipPress]):
                 patch = self.skin.patches[int(np.argmax(lifted))].id
                 return f"a hand has left patch '{patch}'"
         return ""
+
+    def turn(self) -> None:
+        """Take counts to go the other way; rest that is measured is turned, too."""
+        super().turn()
+        if self.rest is None:
+            self.record, self.began, self.faults = [], None, self.build_fault_detector()
+            return
+        self.rest = replace(self.rest, rest=self.assumed.turn_counts(self.rest.rest))
+        self.pipeline = TouchPipeline(self.mounted, self.build_rested())
+
+    def build_rested(self) -> Calibration:
+        """Return the assumed calibration with the rest and noise that were measured."""
+        assert self.rest is not None
+        rest = np.round(self.rest.rest, 2)
+        if self.assumed.falling:
+            rest = self.assumed.turn_counts(rest)
+        noise = np.round(self.rest.noise, 3)
+        return replace(self.assumed, noise=noise, rest=rest)
 
     def restart_rest(self, text: str, stamp: int) -> GuideEvent | None:
         """Forget the time at rest so far; tell it once for each touch."""
@@ -482,10 +517,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             )
         known = self.assumed.source
         calibration = replace(
-            self.assumed,
-            source="rest" if known == "nominal" else known,
-            noise=np.round(self.rest.noise, 3),
-            rest=np.round(self.rest.rest, 2),
+            self.build_rested(), source="rest" if known == "nominal" else known
         )
         gains = None
         if self.presses:

@@ -145,6 +145,8 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
         places = {"row": fault.row, "column": fault.column}
         text = "".join(f", {k} {v}" for k, v in places.items() if v is not None)
         lines.append(f"  {fault.kind}: patch '{fault.patch}'{text}")
+    if result.calibration.falling:
+        lines.append("counts fall under pressure, which the file says (falling)")
     rows = build_patch_rows(result, skin)
     lines += [
         f"  patch '{row['id']}': gain x {row['gain_ratio']:.2f} +- "
@@ -187,6 +189,7 @@ def summarise(
         "presses": len(result.presses),
         "out": str(command.out),
         "source": calibration.source,
+        "falling": calibration.falling,
         "noise_median": round(float(np.median(noise)), 3) if len(noise) else None,
         "noise_worst": round(float(noise.max()), 3) if len(noise) else None,
         "faults": [

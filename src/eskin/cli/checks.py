@@ -7,11 +7,12 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eskin.errors import EskinError
+from eskin.errors import DeviceError, EskinError
 from eskin.files import read_file
 
 if TYPE_CHECKING:
     from eskin.recording import Overrides
+    from eskin.touch import TouchPipeline
 
 PICTURES = (".png", ".svg", ".pdf")
 MAX_CHECKED = 20
@@ -164,6 +165,18 @@ def check_recording(path: Path) -> None:
     recording = read_recording(path)
     Calibrator(recording.skin, recording.calibration)
     CrosstalkCompensator(recording.skin, recording.calibration)
+
+
+def check_way(pipeline: "TouchPipeline") -> None:
+    """Raise if counts go another way under pressure than they are taken to.
+
+    Raises:
+        DeviceError: they do, so that nothing is felt.
+    """
+    from eskin.stream import describe_way
+
+    if text := describe_way(pipeline.polarity.faults):
+        raise DeviceError(text)
 
 
 def load_overrides(calibration: Path | None, robot_urdf: str | None) -> "Overrides":

@@ -51,6 +51,10 @@ class SourceCommand:
     is that of the recording, or calibration.json in the skin's folder, else a nominal
     calibration."""
 
+    falling: bool = False
+    """Counts fall under pressure, as with a pull-up resistor. The calibration file of
+    eskin calibrate says so itself."""
+
     q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
     """Joint positions [rad] of a robot that does not move; zeros by default."""
 
@@ -89,6 +93,7 @@ class SourceCommand:
             skin=self.skin,
             robot=self.robot_urdf,
             calibration=self.calibration,
+            falling=self.falling,
             q=self.q,
             rate=self.rate,
             pace=pace,
@@ -191,6 +196,8 @@ class Dialogue(ABC, Generic[Guide]):
             return f"{event.text}: hands off, rest begins again"
         if event.kind == "rested":
             return "rest is measured"
+        if event.kind == "turned":
+            return f"{event.text}: they are read so from now on, also those of rest"
         if event.taxel is None:
             return ""
         place = describe_taxel(self.guide.skin, event.taxel)

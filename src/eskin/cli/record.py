@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from eskin.cli.checks import check_writable
+from eskin.cli.checks import check_way, check_writable
 from eskin.cli.guided import GuidedCommand, open_guided_source, say
 from eskin.errors import RecordingError
 from eskin.units import format_count
@@ -132,6 +132,7 @@ def record_attempts(
     for scan in scans:
         writer.write(scan)
         event = guide.push(scan)
+        check_way(guide.pipeline)
         if event is not None:
             if event.attempt is not None and len(guide.attempts) > 1:
                 writer.write_label(guide.attempts[-2].label)

@@ -162,6 +162,9 @@ class ReplayCommand:
     """Calibration file, as eskin calibrate writes it, to use in place of the recorded
     one."""
 
+    falling: bool = False
+    """Counts fall under pressure, whatever the calibration says."""
+
     record: Path | None = None
     """Path of a copy of the recording that holds these detections in place of any
     others."""
@@ -172,10 +175,14 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     from eskin.live import Recognizer, load_model
     from eskin.recording import read_recording, rewrite_recording, select_labels
     from eskin.skin import MountedSkin
+    from eskin.stream import describe_way
 
     check_replay(command)
     overrides = load_overrides(command.calibration, command.robot_urdf)
     recording = read_recording(command.recording, overrides)
+    if command.falling:
+        calibration = replace(recording.calibration, falling=True)
+        recording = replace(recording, calibration=calibration)
     model = load_model(command.model)
     mounted = MountedSkin(recording.skin, recording.load_robot())
     decision = model.card.decision
@@ -192,6 +199,8 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     found += recognizer.finish()
     rows += report(recording, truth, found[len(rows) :])
     print(f"{len(rows)} detection{'s' * (len(rows) != 1)}")
+    if recognizer.state is not None and (text := describe_way(recognizer.state.faults)):
+        print(text)
     if command.record is not None:
         rewrite_recording(
             recording, command.record, detections=[f.record() for f in found]

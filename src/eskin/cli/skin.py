@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import NOT_NEGATIVE, check_folder, check_writable
+from eskin.cli.checks import NOT_NEGATIVE, check_folder, check_way, check_writable
 from eskin.errors import DeviceError, SkinError
 from eskin.robot import Robot, load_robot
 from eskin.skin import (
@@ -191,6 +191,7 @@ def wait_for_press(
     for scan in source:
         start = scan.stamp if start is None else start
         taxel = detector.push(pipeline.push(scan))
+        check_way(pipeline)
         if taxel is not None or scan.stamp - start > wait * NS_PER_S:
             return taxel
     return None
@@ -243,6 +244,9 @@ class CheckCommand:
     calibration: Path | None = None
     """Calibration file of the electronics for --live, as for eskin run."""
 
+    falling: bool = False
+    """Counts fall under pressure, for --live."""
+
     wait: Annotated[float, NOT_NEGATIVE] = 30.0
     """Longest time to wait for each press of --live [s]."""
 
@@ -285,7 +289,9 @@ def check_live_wiring(command: CheckCommand, robot: Robot | None) -> list[str]:
             "--live is given without --robot; allowed is a robot's name or a .urdf "
             "file; say what the skin is on"
         )
-    config = SourceConfig(command.skin, robot, command.calibration)
+    config = SourceConfig(
+        command.skin, robot, command.calibration, falling=command.falling
+    )
     with open_source(*command.source, config=config) as source:
         answers = collect_presses(source, robot, command.wait)
     found = check_wiring(source.info.skin, answers)

@@ -83,7 +83,7 @@ class SkinMonitor:
         self.sizes = np.bincount(self.patch_index, minlength=len(self.patches))
         self.least_valid = np.maximum(1, np.ceil(config.min_valid * self.sizes))
         self.latest = now
-        self.is_finite = True
+        self.is_finite, self.is_turned = True, False
         self.last_valid = np.full(len(self.patches), now, np.int64)
         self.last_touched = np.zeros(len(self.patches), np.int64)
         self.reach: dict[tuple[int, ...], np.ndarray] = {}
@@ -98,6 +98,8 @@ class SkinMonitor:
         )
         has_data = valid >= self.least_valid
         faulty = [fault.patch for fault in state.faults if fault.kind == "patch"]
+        kinds = [fault.kind for fault in state.faults]
+        self.is_turned = "falling" in kinds or "rising" in kinds
         if faulty:
             has_data &= ~np.isin(self.patches, faulty)
         self.last_valid[has_data] = stamp
@@ -120,15 +122,17 @@ class SkinMonitor:
     def find_problem(self, now: int) -> str | None:
         """Return why the arm is held at a time, or None where it is not.
 
-        The skin is stale; or a probability is not finite; or patches are out that are a
-        large share of it; or one is out for too long that a hand was on, or on which a
-        hand could be missed.
+        The skin is stale, or feels nothing; or a probability is not finite; or patches
+        are out that are a large share of it; or one is out for too long that a hand was
+        on, or on which a hand could be missed.
         """
         age = (now - self.latest) / NS_PER_S
         if age > self.config.max_age:
             return f"stale skin: no reading for {1e3 * age:.0f} ms"
         if not self.is_finite:
             return "broken model: a probability is not finite; use another model"
+        if self.is_turned:
+            return "deaf skin: counts go the other way under pressure"
         out = self.find_out(now)
         if not out:
             return None

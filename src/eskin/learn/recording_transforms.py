@@ -112,8 +112,9 @@ class Aging(RecordingTransform):
         skin = draw_aged_skin(recording.skin, self.config, rng)
         noise = self.config.noise * calibration.full_scale * rng.random()
         rest = estimate_rest_counts(recording)
+        way = -1.0 if calibration.falling else 1.0
         for scan in recording.scans():
-            above = skin.convert_counts(scan.counts - rest, calibration)
+            above = way * skin.convert_counts(way * (scan.counts - rest), calibration)
             noisy = rest + above + noise * rng.standard_normal(len(rest))
             yield replace_counts(scan, noisy, calibration.full_scale)
 

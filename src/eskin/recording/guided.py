@@ -137,7 +137,7 @@ class RecordingGuide:
 
     def push(self, scan: Scan) -> AttemptEvent | None:
         """Process the next scan, and return what it has led to."""
-        state = self.pipeline.push(scan)
+        state, scan = self.pipeline.push(scan), self.pipeline.turn(scan)
         if not self.is_ready:
             return self.push_rest(state)
         if self.touch is None:

@@ -1,15 +1,18 @@
 """This module reads and writes the CSV files of GenTact.
 
-They hold positions with a radius and the path of the object they lie on, or positions
-in millimetres alone. Normals are those of the robot's surface.
+They hold numbered positions, most with a radius and the path of the object they lie
+on. Normals are those of the robot's surface.
 """
 
 import csv
+import logging
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from eskin.errors import SkinError
 from eskin.files import atomic_path
@@ -28,15 +31,42 @@ from eskin.skin.taxel_table import (
 )
 
 GENTACT_HEAD = ("Index", "X", "Y", "Z", "Radius", "Parent")
-GENTACT_ELECTRODES = ("Index", "X (mm)", "Y (mm)", "Z (mm)")
+ELECTRODES, VERTICES = "Index,X (mm),Y (mm),Z (mm)", "Index,X,Y,Z,Object Name"
+HEADS = (
+    ",".join(GENTACT_HEAD),
+    "Index,X,Y,Z,NormX,NormY,NormZ,Radius,Parent,Object Name in Blender",
+    "Index,X,Y,Z,Stem X,Stem Y,Stem Z,Radius,Parent",
+    ELECTRODES,
+    VERTICES,
+)
+"""Headers of the files that the versions of GenTact write."""
 MM = 1e-3
+MAX_RADIUS = 0.1
+"""Largest radius of a taxel that is told in metres; larger ones are millimetres."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Electrode:
+    """An electrode is one taxel of a file."""
+
+    index: int
+    skin: str
+    """Name of the skin inside which the index counts; empty where it is the file."""
+    parent: str
+    place: tuple[float, ...]
+    """Position in the unit of the file."""
+    radius: float
+    """Radius in that unit; NaN where the file has none."""
 
 
 def read_gentact(path: Path, name: str, robot: Robot, link: str | None = None) -> Skin:
     """Read a CSV file of GenTact; its normals are those of the robot's surface.
 
     A patch is one parent in the file: the last part of its path that is a link of the
-    robot, and what follows as the name of the patch.
+    robot, and what follows as the name of the patch; or a skin that the file names.
+    Taxels are in the order of their `Index`.
 
     Args:
         path: the file.
@@ -50,47 +80,85 @@ def read_gentact(path: Path, name: str, robot: Robot, link: str | None = None) -
     """
     try:
         text = read_source(path, MAX_TABLE_BYTES).decode("utf-8-sig")
-        rows = [row for row in csv.reader(StringIO(text)) if row]
+        lines = list(csv.reader(StringIO(text)))
     except (UnicodeDecodeError, csv.Error) as error:
         raise SkinError(f"{path} is no CSV text ({error}); correct it") from None
-    head = tuple(cell.strip() for cell in rows[0]) if rows else ()
-    if head not in (GENTACT_HEAD, GENTACT_ELECTRODES):
+    head = ",".join(cell.strip() for cell in lines[0]) if lines else ""
+    if head not in HEADS:
         raise SkinError(
-            f"{path} begins with {','.join(head)!r:.60}; allowed are "
-            f"'{','.join(GENTACT_HEAD)}' and '{','.join(GENTACT_ELECTRODES)}'"
+            f"{path} begins with {head!r:.60}; allowed are {' or '.join(HEADS)}; write "
+            "it as one of them"
         )
-    has_parents = head == GENTACT_HEAD
-    if not has_parents and link is None:
+    if "Parent" not in head and link is None:
         raise SkinError(
             f"{path} does not say which link its electrodes lie on; allowed is a link "
             "of the robot; give it with --link"
         )
-    if len(rows) - 1 > MAX_TAXELS:
-        raise SkinError(f"{path} has {len(rows) - 1} taxels; allowed: {MAX_TAXELS}")
-    found: dict[tuple[str, str], list[list[float]]] = {}
-    for number, row in enumerate(rows[1:], 2):
+    if len(lines) - 1 > MAX_TAXELS:
+        raise SkinError(f"{path} has {len(lines) - 1} taxels; allowed: {MAX_TAXELS}")
+    electrodes = read_electrodes(path, head, lines[1:])
+    scale = MM if head == ELECTRODES else 1.0
+    if np.median([each.radius for each in electrodes] or [0.0]) > MAX_RADIUS:
+        logger.warning("%s is read in millimetres, by the size of its radii", path)
+        scale = MM
+    found: dict[tuple[str, str, str], list[Electrode]] = {}
+    for each in electrodes:
+        on, patch = link or "", link or ""
+        if link is None:
+            on, patch = find_parent(each.parent, robot, f"{path}: Index {each.index}")
+        found.setdefault((on, each.skin or patch, each.skin), []).append(each)
+    parts = [
+        replace(
+            build_gentact_patch(patch, on, own, scale, robot),
+            channel=f"skin '{skin}'" if skin else "the file",
+        )
+        for (on, patch, skin), own in found.items()
+    ]
+    return join_patches(name, parts, path)
+
+
+def read_electrodes(
+    path: Path, head: str, lines: Sequence[Sequence[str]]
+) -> list[Electrode]:
+    """Read the taxels of a file, and tell which lines are none.
+
+    A line with a name alone is the title of the skin that follows. One with another
+    word in place of its index, such as CLIP, is the place of something else.
+    """
+    names, skin, others = head.split(","), "", Counter()
+    electrodes = []
+    for number, line in enumerate(lines, 2):
+        cells = dict(zip(names, line, strict=False))
+        first = line[0].strip() if line else ""
+        if not any(cell.strip() for cell in line):
+            continue
+        if first and not first[0].isdigit() and len(line) == len(names):
+            if any(cell.strip() for cell in line[1:]):
+                others[first] += 1
+            else:
+                skin = first
+            continue
         try:
-            if len(row) != len(head):
+            if len(line) != len(names):
                 raise ValueError
-            values = [float(cell) for cell in row[: 5 if has_parents else 4]]
-            if not np.isfinite(values).all() or (has_parents and values[4] <= 0):
+            place = tuple(float(cell) for cell in line[1:4])
+            radius = float(cells.get("Radius", "nan"))
+            index = int(first)
+            if not np.isfinite(place).all() or ("Radius" in cells and not radius > 0):
                 raise ValueError
         except ValueError:
             raise SkinError(
-                f"{path}: line {number} is {','.join(row)!r:.60}; allowed are "
-                f"{','.join(head)}, with numbers and a radius above 0; correct it"
+                f"{path}: line {number} is {','.join(line)!r:.60}; allowed are {head}, "
+                "with numbers and a radius above 0; correct it"
             ) from None
-        if link is None:
-            key = find_parent(row[5], robot, f"{path}: line {number}")
-        else:
-            key = link, link
-        found.setdefault(key, []).append(values[1:])
-    scale = 1.0 if has_parents else MM
-    parts = [
-        build_gentact_patch(patch, on, np.array(values), scale, robot)
-        for (on, patch), values in found.items()
-    ]
-    return join_patches(name, parts, path)
+        # The index of a vertex counts inside its object.
+        own = cells[names[-1]].strip() if head == VERTICES else skin
+        parent = cells.get("Parent", "")
+        electrodes.append(Electrode(index, own, parent, place, radius))
+    if others:
+        words = ", ".join(f"{count} {word}" for word, count in others.items())
+        logger.warning("%s: left out is what is no taxel: %.200s", path, words)
+    return electrodes
 
 
 def find_parent(path: str, robot: Robot, place: str) -> tuple[str, str]:
@@ -110,16 +178,16 @@ def find_parent(path: str, robot: Robot, place: str) -> tuple[str, str]:
 def build_gentact_patch(
     patch: str,
     link: str,
-    values: Float[np.ndarray, "taxel column"],
+    electrodes: Sequence[Electrode],
     scale: float,
     robot: Robot,
 ) -> PatchTaxels:
-    """Build a patch of one row from x, y, z and perhaps a radius of each taxel."""
-    positions = scale * values[:, :3]
+    """Build a patch of one row, in the order of the indices."""
+    electrodes = sorted(electrodes, key=lambda each: each.index)
+    positions = scale * np.array([each.place for each in electrodes])
+    radii = scale * np.array([each.radius for each in electrodes])
     shape = robot.links[robot.link_index(link)]
     _, normals = compute_surface_distance(shape, positions)
-    radii = values[:, 3] if values.shape[1] > 3 else None
-    areas = estimate_areas(positions) if radii is None else np.pi * radii**2
     count = len(positions)
     return PatchTaxels(
         id=patch,
@@ -129,8 +197,9 @@ def build_gentact_patch(
         extent=(1, count),
         positions=positions,
         normals=normals,
-        areas=areas,
+        areas=(estimate_areas(positions) if np.isnan(radii[0]) else np.pi * radii**2),
         tangents=compute_default_tangents(normals),
+        index=np.array([each.index for each in electrodes]),
     )
 
 

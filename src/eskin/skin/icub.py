@@ -1,14 +1,16 @@
 """This module reads and writes files of positions as in `skinGui` of the iCub.
 
 A file is a patch. It has a line of six numbers for each channel, position and normal,
-all zero where a channel has no taxel.
+all zero where a channel has no taxel. Its `taxel2Repr` has a number for each channel,
+below zero for what is no taxel: -2 for a thermal pad, -1 for nothing.
 """
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from eskin.errors import SkinError
 from eskin.files import atomic_path
@@ -18,6 +20,7 @@ from eskin.skin.patch_taxels import (
     estimate_areas,
     format_numbers,
     join_patches,
+    number_taxels,
     read_source,
 )
 from eskin.skin.skin import Skin
@@ -29,8 +32,12 @@ from eskin.skin.taxel_table import (
 
 ICUB_CHANNELS = 12
 """Number of channels of a triangle of the iCub's skin: a row of its patch."""
+THERMAL = -2
+"""Number of a thermal pad in `taxel2Repr`."""
 MIN_NORMAL = 0.5
 """Smallest length of a normal in a file, which is scaled to 1."""
+
+logger = logging.getLogger(__name__)
 
 
 def read_icub_positions(
@@ -80,9 +87,23 @@ def read_icub_part(file: Path, link: str | None) -> PatchTaxels:
             f"{file}: columns is '{width:.40}'; allowed are 1 to {MAX_SIDE}; correct it"
         )
     table = read_icub_table(file, lines, start)
-    used = np.flatnonzero(np.any(table != 0.0, axis=1))
+    is_placed = np.any(table != 0.0, axis=1)
+    kinds = read_channel_kinds(file, facts.get("taxel2Repr"), len(table))
+    used = np.flatnonzero(is_placed & (kinds >= 0))
     if len(used) == 0:
-        raise SkinError(f"{file} has no taxels, only zeros; allowed is one or more")
+        raise SkinError(
+            f"{file} has no taxels, only zeros and what taxel2Repr says is none; "
+            "allowed is one or more; name a part with taxels"
+        )
+    left_out = {
+        "thermal pads": kinds == THERMAL,
+        "without a position": ~is_placed & (kinds >= 0),
+        "unused": (kinds < 0) & (kinds != THERMAL),
+    }
+    told = [f"{flags.sum()} {what}" for what, flags in left_out.items() if flags.any()]
+    if told:
+        counts = f"{len(used)} of {len(table)} channels are taxels"
+        logger.warning("%s: %s; left out: %s", file, counts, ", ".join(told))
     columns = int(width)
     lengths = np.linalg.norm(table[used, 3:], axis=1)
     short = used[lengths < MIN_NORMAL]
@@ -102,7 +123,27 @@ def read_icub_part(file: Path, link: str | None) -> PatchTaxels:
         normals=normals,
         areas=estimate_areas(table[used, :3]),
         tangents=compute_default_tangents(normals),
+        index=used,
     )
+
+
+def read_channel_kinds(
+    file: Path, text: str | None, count: int
+) -> Int[np.ndarray, "channel"]:
+    """Read the numbers of `taxel2Repr`; all are taxels of a file without it."""
+    if text is None:
+        return np.zeros(count, np.int64)
+    words = text.strip().removeprefix("(").removesuffix(")").split()
+    try:
+        kinds = np.array([int(word) for word in words], np.int64)
+        if len(kinds) != count:
+            raise ValueError(f"{len(kinds)} numbers for {count} positions")
+    except (OverflowError, ValueError) as error:
+        raise SkinError(
+            f"{file}: taxel2Repr has {error}; allowed is one whole number for each "
+            "position, below 0 where it is no taxel; correct it"
+        ) from None
+    return kinds
 
 
 def read_icub_table(
@@ -134,7 +175,7 @@ def write_icub_positions(folder: Path, skin: Skin) -> None:
     """Write a file of positions for each patch of a skin, named by its id."""
     for patch in skin.patches:
         taxels = skin.find_taxels(patch.id)
-        channels = skin.rows[taxels] * patch.columns + skin.columns[taxels]
+        channels = number_taxels(skin, taxels)
         table = np.zeros((patch.rows * patch.columns, 6))
         table[channels, :3] = skin.positions[taxels]
         table[channels, 3:] = skin.normals[taxels]

@@ -39,6 +39,10 @@ class PatchTaxels:
     normals: Vectors
     areas: Float[np.ndarray, "taxel"]
     tangents: Vectors
+    index: Int[np.ndarray, "taxel"]
+    """Number of each taxel in its data, by which taxels are ordered."""
+    channel: str | None = None
+    """Data that the numbers are of, which patches may share; None for its own."""
 
 
 ARRAYS = ("rows", "columns", "positions", "normals", "areas", "tangents")
@@ -46,10 +50,13 @@ ARRAYS = ("rows", "columns", "positions", "normals", "areas", "tangents")
 
 
 def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
-    """Join patches to a skin; its taxels are ordered by patch, row and column.
+    """Join patches to a skin, whose taxels are in the order of their data.
+
+    That is channel by channel, and by their numbers inside.
 
     Raises:
-        SkinError: There are no taxels, too many, or some that no skin may have.
+        SkinError: There are no taxels, too many, or some that no skin may have; or two
+            have one number.
     """
     count = sum(len(part.rows) for part in parts)
     if not 1 <= count <= MAX_TAXELS:
@@ -60,29 +67,50 @@ def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
         raise SkinError(
             f"{file} has patch '{twice}' twice; allowed is once; rename one"
         )
-    orders = [np.lexsort((part.columns, part.rows)) for part in parts]
-
-    def join(field: str) -> np.ndarray:
-        return np.concatenate(
-            [getattr(p, field)[order] for p, order in zip(parts, orders, strict=True)]
+    channels = [part.channel or f"patch '{part.id}'" for part in parts]
+    names = list(dict.fromkeys(channels))
+    counts = [len(part.rows) for part in parts]
+    group = np.repeat([names.index(each) for each in channels], counts)
+    index = np.concatenate([part.index for part in parts])
+    order = np.lexsort((index, group))
+    same = (np.diff(group[order]) == 0) & (np.diff(index[order]) == 0)
+    if same.any():
+        first = order[int(np.argmax(same))]
+        raise SkinError(
+            f"{file} has number {index[first]} of {names[group[first]]} twice; allowed "
+            "is once, as a number tells which value of the data is the taxel's; "
+            "correct it"
         )
-
-    arrays: dict[str, Any] = {name: join(name) for name in ARRAYS}
+    arrays: dict[str, Any] = {
+        field: np.concatenate([getattr(part, field) for part in parts])[order]
+        for field in ARRAYS
+    }
     skin = Skin(
         name=name,
         patches=tuple(
             Patch(part.id, part.link, number, *part.extent)
             for number, part in enumerate(parts, 1)
         ),
-        patch_index=np.repeat(
-            np.arange(len(parts)), [len(part.rows) for part in parts]
-        ),
+        patch_index=np.repeat(np.arange(len(parts)), counts)[order],
         **arrays,
     )
     if problems := find_direction_problems(skin):
         raise SkinError(f"{file}: {problems[0]}")
     check_crowding(skin, str(file))
     return skin
+
+
+def number_taxels(
+    skin: Skin, taxels: Int[np.ndarray, "some"]
+) -> Int[np.ndarray, "some"]:
+    """Return the numbers of some taxels in their data, which rise in their order.
+
+    They are those of the cells of their grid, row by row, where these rise.
+    """
+    widths = np.array([patch.columns for patch in skin.patches])
+    width = widths[skin.patch_index[taxels]]
+    cells = skin.rows[taxels] * width + skin.columns[taxels]
+    return cells if (np.diff(cells) > 0).all() else np.arange(len(taxels))
 
 
 def read_source(file: Path, max_bytes: int) -> bytes:

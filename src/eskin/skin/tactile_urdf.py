@@ -5,6 +5,7 @@ University): an array of equal taxels, or a list of taxels with their poses.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -29,6 +30,7 @@ from eskin.skin.patch_taxels import (
     estimate_areas,
     format_numbers,
     join_patches,
+    number_taxels,
     read_source,
 )
 from eskin.skin.skin import Patch, Skin
@@ -75,15 +77,19 @@ def read_tactile_sensor(sensor: Element, tactile: Element) -> PatchTaxels:
     place = f"sensor '{name}'"
     link = read_text(find_child(sensor, "parent", place), "link", place)
     T_link_sensor = read_origin(sensor, place)
+    channel = tactile.get("channel")
+    channel = None if channel is None else f"channel '{channel:.40}'"
     arrays, taxels = tactile.findall("array"), tactile.findall("taxel")
     if len(arrays) + bool(taxels) != 1:
         raise RobotError(
             f"{place} has {len(arrays)} <array> and {len(taxels)} <taxel>; allowed is "
-            "one array, or some taxels"
+            "one array, or some taxels; give each a <sensor> of its own"
         )
     if arrays:
-        return read_array(arrays[0], name, link, T_link_sensor, place)
-    return read_taxels(taxels, name, link, T_link_sensor, place)
+        part = read_array(arrays[0], name, link, T_link_sensor, place)
+    else:
+        part = read_taxels(taxels, name, link, T_link_sensor, place)
+    return replace(part, channel=channel)
 
 
 def read_array(
@@ -102,7 +108,7 @@ def read_array(
     if order not in ("row-major", "column-major", "col-major"):
         raise RobotError(
             f"{place}: <array> order is '{order:.40}'; allowed are row-major and "
-            "column-major"
+            "col-major"
         )
     size = np.array(read_numbers(array, "size", place, 2))
     if size.min() <= 0:
@@ -117,6 +123,7 @@ def read_array(
     flat = np.column_stack([rows, columns]) * spacing - offset
     points = np.column_stack([flat, np.zeros(len(flat))])
     count = len(rows)
+    by_rows = order == "row-major"
     # Columns follow each other along a taxel's x axis.
     along = T_link_sensor[:3, 1] * np.sign(spacing[1] or 1.0)
     return PatchTaxels(
@@ -129,6 +136,7 @@ def read_array(
         normals=np.tile(T_link_sensor[:3, 2], (count, 1)),
         areas=np.full(count, float(size[0] * size[1])),
         tangents=np.tile(along, (count, 1)),
+        index=np.arange(count) if by_rows else columns * sides[0] + rows,
     )
 
 
@@ -154,8 +162,6 @@ def read_taxels(
         rpy = np.array(read_numbers(taxel, "rpy", place, 3, (0.0, 0.0, 0.0)))
         poses.append(T_link_sensor @ make_transform(rpy_to_matrix(rpy), xyz))
         areas.append(read_taxel_area(taxel, place))
-    if len(set(columns)) < len(columns):
-        raise RobotError(f"{place} has a <taxel> idx twice; allowed is each once")
     T = np.array(poses)
     if None in areas:
         areas = estimate_areas(T[:, :3, 3]).tolist()
@@ -169,6 +175,7 @@ def read_taxels(
         normals=T[:, :3, 2],
         areas=np.array(areas, dtype=np.float64),
         tangents=T[:, :3, 0],
+        index=np.array(columns),
     )
 
 
@@ -192,7 +199,7 @@ def write_tactile_urdf(path: Path, skin: Skin, robot: Robot | None = None) -> No
     """Write the patches of a skin as tactile sensors.
 
     A full, flat grid of equal cells is written as an array, any other patch as a list
-    of taxels, whose index is row times columns plus column.
+    of taxels. A patch is a channel, unless the data of patches are mixed.
 
     Args:
         path: the file.
@@ -221,27 +228,33 @@ def build_sensor(skin: Skin, patch: Patch) -> Element:
     sensor = Element("sensor", name=patch.id)
     ElementTree.SubElement(sensor, "parent", link=patch.link)
     taxels = skin.find_taxels(patch.id)
+    mixed = bool((np.diff(skin.patch_index) < 0).any())
+    channel = skin.name if mixed else patch.id
+    order = None if mixed else find_order(skin.rows[taxels], skin.columns[taxels])
     array = describe_array(skin, patch, taxels)
-    if array is not None:
+    if order is not None and array is not None:
         T, spacing, size = array
         pose = {"xyz": format_numbers(T[:3, 3]), "rpy": format_rpy(T[:3, :3])}
         ElementTree.SubElement(sensor, "origin", pose)
-        tactile = ElementTree.SubElement(sensor, "tactile")
+        tactile = ElementTree.SubElement(sensor, "tactile", channel=channel)
         facts = {
             "rows": str(patch.rows),
             "cols": str(patch.columns),
-            "order": "row-major",
+            "order": order,
             "size": format_numbers(size),
             "spacing": format_numbers(spacing),
         }
         ElementTree.SubElement(tactile, "array", facts)
         return sensor
     ElementTree.SubElement(sensor, "origin", {"xyz": "0 0 0", "rpy": "0 0 0"})
-    tactile = ElementTree.SubElement(sensor, "tactile")
-    for taxel in taxels.tolist():
+    tactile = ElementTree.SubElement(sensor, "tactile", channel=channel)
+    every = np.arange(skin.count)
+    numbers = (
+        number_taxels(skin, every)[taxels] if mixed else (number_taxels(skin, taxels))
+    )
+    for taxel, index in zip(taxels.tolist(), numbers.tolist(), strict=True):
         x, z = skin.tangents[taxel], skin.normals[taxel]
         rotation = np.column_stack([x, np.cross(z, x), z])
-        index = skin.rows[taxel] * patch.columns + skin.columns[taxel]
         pose = {
             "idx": str(index),
             "xyz": format_numbers(skin.positions[taxel]),
@@ -253,6 +266,16 @@ def build_sensor(skin: Skin, patch: Patch) -> Element:
         size = format_numbers([side, side, THICKNESS])
         ElementTree.SubElement(geometry, "box", size=size)
     return sensor
+
+
+def find_order(
+    rows: Int[np.ndarray, "own"], columns: Int[np.ndarray, "own"]
+) -> str | None:
+    """Return the order in which the cells of a grid follow each other, None for no."""
+    for name, keys in (("row-major", (columns, rows)), ("col-major", (rows, columns))):
+        if (np.lexsort(keys) == np.arange(len(rows))).all():
+            return name
+    return None
 
 
 def describe_array(

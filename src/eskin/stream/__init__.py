@@ -12,7 +12,12 @@ from eskin.stream.listener import (
     RecognitionState,
     short_switch_interval,
 )
-from eskin.stream.recognition import FaultReporter, Recognition, found_together
+from eskin.stream.recognition import (
+    FaultReporter,
+    Recognition,
+    describe_way,
+    found_together,
+)
 from eskin.stream.recorder import Recorder, RecorderConfig
 from eskin.stream.stream import Stream, stop_on_signals
 
@@ -31,6 +36,7 @@ __all__ = [
     "Recorder",
     "RecorderConfig",
     "Stream",
+    "describe_way",
     "found_together",
     "short_switch_interval",
     "stop_on_signals",

@@ -27,6 +27,12 @@ FAULT_TEXTS = {
     "column": "is out",
     "patch": "is out or silent",
 }
+WAY_TEXTS = {
+    "falling": "has counts that fall under pressure; use --falling, or run eskin "
+    "calibrate, which finds that by itself: no touch is felt",
+    "rising": "has counts that rise under pressure; leave out --falling, or "
+    "run eskin calibrate, which finds that by itself: no touch is felt",
+}
 
 
 @final
@@ -87,6 +93,16 @@ def covers(fault: Fault, other: Fault) -> bool:
     return fault.kind == "patch"
 
 
+def describe_way(faults: Sequence[Fault]) -> str:
+    """Describe that counts go another way under pressure; empty where they do not."""
+    texts = [
+        f"patch '{fault.patch}' {WAY_TEXTS[fault.kind]}"
+        for fault in faults
+        if fault.kind in WAY_TEXTS
+    ]
+    return "".join(texts[:1])
+
+
 def fault_event(stamp: int, fault: Fault, over: bool) -> Event:
     """Return the event of a fault that has begun, or is over."""
     what = f"patch '{fault.patch}'"
@@ -95,7 +111,10 @@ def fault_event(stamp: int, fault: Fault, over: bool) -> Event:
     elif fault.row is not None or fault.column is not None:
         number = fault.column if fault.row is None else fault.row
         what = f"{fault.kind} {number} of {what}"
-    text = f"{what} {FAULT_TEXTS[fault.kind]} and is left out; check its lines and plug"
+    text = describe_way((fault,))
+    if not text:
+        found = FAULT_TEXTS[fault.kind]
+        text = f"{what} {found} and is left out; check its lines and plug"
     return Event(
         stamp,
         "mended" if over else "fault",

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -16,7 +16,9 @@ from eskin.touch.calibration_kernels import (
     compute_pressures,
 )
 
-VERSION = 1
+VERSIONS = (1, 2)
+"""Versions of the text; that of counts which fall is 2, so that no program that knows
+of rising ones alone reads it."""
 MAX_CALIBRATION_BYTES = 8 << 20
 """Largest size of a calibration as text, with 200,000 gains [bytes]."""
 PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueError)
@@ -44,7 +46,13 @@ LIMITS = {
 """Smallest and largest value of each field, beyond those of any sensor."""
 MEASURED = ("noise", "rest", "gain_deviation")
 """Fields that hold numbers of taxels or patches, or None."""
-DEFAULT_FREE = (*MEASURED, "exponent_deviation", "unfelt_deviation", "source")
+DEFAULT_FREE = (
+    *MEASURED,
+    "exponent_deviation",
+    "unfelt_deviation",
+    "source",
+    "falling",
+)
 """Keys that are left out of the text where they have their defaults, so that a nominal
 calibration is written as it always was."""
 
@@ -55,6 +63,13 @@ def parse_choice(what: str, name: object, choices: object) -> Any:  # noqa: ANN4
         return name
     allowed = ", ".join(get_args(choices))
     raise ValueError(f"{what} is {name!r}; allowed are {allowed}; correct it")
+
+
+def parse_flag(what: str, value: object) -> bool:
+    """Return a truth value; raise `ValueError` for another value."""
+    if value in (True, False):
+        return bool(value)
+    raise ValueError(f"{what} is {value!r}; allowed are true and false; correct it")
 
 
 def parse_numbers(values: object) -> Float[np.ndarray, "number"] | None:
@@ -102,6 +117,9 @@ class Calibration:
     matrix: bool = False
     """Whether taxels are read out by rows and columns, with crosstalk between them that
     `CrosstalkCompensator` estimates and subtracts."""
+    falling: bool = False
+    """Whether counts fall under pressure, as those of a sensor with a pull-up resistor;
+    full scale less the counts is then what the other constants are of."""
     source: CalibrationSource = "nominal"
     """Where the constants come from. `nominal`: a data sheet; `rest`: rest and noise of
     this skin were measured; `presses`: its gains as well, from presses; `exact`: the
@@ -110,7 +128,8 @@ class Calibration:
     """Standard deviation of each taxel at rest, rounding included [counts]; None where
     it was not measured."""
     rest: Float[np.ndarray, "taxel"] | None = None
-    """Counts of each taxel at rest; None where they were not measured."""
+    """Counts of each taxel at rest, as the converter gives them; None where they were
+    not measured."""
     gain_deviation: Float[np.ndarray, "patch"] | None = None
     """Standard deviation of the natural logarithm of the gain of each patch, in the
     skin's order, as presses leave it; None where no press was measured."""
@@ -208,9 +227,25 @@ class Calibration:
         kernel(every.ravel(), gain.ravel(), self.pressure_curve, out)
         return out.reshape(every.shape)
 
+    def turn_counts(self, counts: np.ndarray) -> np.ndarray:
+        """Return full scale less the counts, and counts below zero as they are.
+
+        By those a converter signals invalid data. Twice is the same as not at all.
+        """
+        turned = np.maximum(self.full_scale - counts, 0)
+        return np.where(counts < 0, counts, turned)
+
+    @property
+    def rising(self) -> "Calibration":
+        """The calibration of the same skin for counts that are turned to rise."""
+        if not self.falling:
+            return self
+        rest = None if self.rest is None else self.turn_counts(self.rest)
+        return replace(self, falling=False, rest=rest)
+
     def to_bytes(self) -> bytes:
         """Encode the constants as JSON text."""
-        content = {"version": VERSION, **vars(self)}
+        content = {"version": VERSIONS[self.falling], **vars(self)}
         for name in ("gain", *MEASURED):
             values = content[name]
             content[name] = None if values is None else [float(v) for v in values]
@@ -246,7 +281,8 @@ class Calibration:
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
                 span=float(content.get("span", 0.0)),
-                matrix=bool(content.get("matrix", False)),
+                matrix=parse_flag("matrix", content.get("matrix", False)),
+                falling=parse_flag("falling", content.get("falling", False)),
                 source=parse_choice(
                     "source", content.get("source", "nominal"), CalibrationSource
                 ),
@@ -260,9 +296,9 @@ class Calibration:
                 "allowed is JSON with version, gain, full_scale, shear_gain, "
                 "shear_rest and floor; record again, or use Calibration.to_bytes"
             ) from error
-        if version != VERSION:
+        if version not in VERSIONS:
             raise RecordingError(
-                f"calibration has version {version}; allowed is {VERSION}; "
+                f"calibration has version {version}; allowed are {VERSIONS}; "
                 "read it with a newer eskin"
             )
         return calibration

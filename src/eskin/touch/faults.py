@@ -29,7 +29,16 @@ Values = Float[np.ndarray, "taxel"]
 Counts = Int[np.ndarray, "taxel"]
 
 FaultKind = Literal[
-    "stuck", "dead", "negative", "saturated", "noisy", "row", "column", "patch"
+    "stuck",
+    "dead",
+    "negative",
+    "saturated",
+    "noisy",
+    "row",
+    "column",
+    "patch",
+    "falling",
+    "rising",
 ]
 TAXEL_KINDS: tuple[FaultKind, ...] = ("stuck", "dead", "negative", "saturated", "noisy")
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(len(TAXEL_KINDS))
@@ -68,7 +77,9 @@ class Fault:
     """Kind of the fault. `stuck`: constant above zero; `dead`: constant at zero;
     `negative`: counts below zero, by which a converter signals invalid data;
     `saturated`: at full scale for longer than a touch; `noisy`: jumps up and down more
-    than its neighbours; `row`, `column`, `patch`: faulty as a whole, or silent."""
+    than its neighbours; `row`, `column`, `patch`: faulty as a whole, or silent;
+    `falling`, `rising`: counts of the skin go this way under pressure, and are taken to
+    go the other way."""
     patch: str
     row: int | None
     """Row, unless the fault is of a column or patch."""

@@ -15,6 +15,9 @@ NEARLY_ALL = 0.8
 """Share of the received taxels of a patch that move at once."""
 MAX_PRESSED = 12
 """Number of taxels that a hand may press within one scan."""
+START_SECONDS = 10.0
+"""Time after the first data in which zeros may come from a board that starts [s]; later
+they are rest, and what leaves them is a press."""
 RETURN_FACTOR = 4.0
 """Factor by which a move is smaller that keeps a patch refused."""
 USED, REFUSED, RESTARTED = range(3)
@@ -26,6 +29,8 @@ class PatchState(NamedTuple):
 
     accepted: np.ndarray
     """(taxel) counts of the last scan that was used."""
+    first_seen: np.ndarray
+    """(patch) time of the first data, or of the first after a long silence."""
     last_seen: np.ndarray
     """(patch) time of the last data."""
     refused_since: np.ndarray
@@ -67,7 +72,7 @@ class PatchMoves(NamedTuple):
 
     received: np.ndarray
     known: np.ndarray
-    """Of known rest."""
+    """Taxels of known rest."""
     positive: np.ndarray
     """Above zero."""
     up: np.ndarray
@@ -84,6 +89,7 @@ def build_patch_state(taxels: int, patches: int) -> PatchState:
     """Build the state of a skin before its first scan."""
     return PatchState(
         accepted=np.zeros(taxels),
+        first_seen=np.full(patches, NEVER),
         last_seen=np.full(patches, NEVER),
         refused_since=np.full(patches, np.inf),
         may_press=np.zeros(patches, np.bool_),
@@ -146,13 +152,15 @@ def check_patches(
         is_low = moves.low[p] >= least and 2 * received > sizes[p]
         is_up = is_wide and moves.up[p] >= least
         is_full = is_wide and moves.full[p] >= least
+        is_early = now - state.first_seen[p] <= START_SECONDS
         only_zeros, since = state.only_zeros[p], state.refused_since[p]
         state.only_zeros[p] = only_zeros and moves.positive[p] == 0
         state.refused_since[p] = np.inf
         if now - state.last_seen[p] > limits.silence_seconds:
+            state.first_seen[p] = now
             state.only_zeros[p] = moves.positive[p] == 0
             outcome[p] = REFUSED if is_full else USED
-        elif is_wide and only_zeros and moves.positive[p] >= least:
+        elif is_wide and only_zeros and is_early and moves.positive[p] >= least:
             outcome[p] = REFUSED if is_full else RESTARTED
             state.only_zeros[p] = is_full
         elif is_low or (is_wide and moves.up[p] + moves.low[p] >= least):

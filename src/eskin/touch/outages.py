@@ -38,7 +38,7 @@ class OutageDetector:
     taxels move up, a hand may press them: the second such scan is used.
 
     A patch restarts at such a move before its rest is known, and when it leaves zeros
-    that it has sent from the start.
+    that it has sent from the start, soon after it.
     """
 
     def __init__(self, skin: Skin, limits: CountLimits) -> None:

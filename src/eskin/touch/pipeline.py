@@ -16,6 +16,7 @@ from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.outages import OutageDetector
+from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
     LATCHED,
@@ -218,7 +219,7 @@ class TouchPipeline:
     """A pipeline finds the touches on one skin from its scans; stateful.
 
     Its stages are the detection of outages, calibration, fault detection, crosstalk and
-    tracking.
+    tracking. Counts that fall under pressure are turned before the first of them.
     """
 
     def __init__(
@@ -231,6 +232,7 @@ class TouchPipeline:
         """Start with every stage in its initial state; `poses` may be shared."""
         self.config = config or PipelineConfig()
         self.mounted = mounted
+        self.given, calibration = calibration, calibration.rising
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         contacts = self.config.contacts.with_floor(calibration.floor)
         usual = ContactConfig().with_floor(calibration.floor)
@@ -240,6 +242,12 @@ class TouchPipeline:
         if calibration.noise is not None:
             self.calibrator.set_noise(self.faults.noise.counts)
         self.outages = OutageDetector(mounted.skin, self.faults.limits)
+        self.polarity = PolarityDetector(
+            mounted.skin,
+            "rising" if self.given.falling else "falling",
+            calibration.full_scale,
+            calibration.compute_counts(LEAST_PRESSURE + calibration.floor),
+        )
         self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
         self.tracker = TouchTracker(
             mounted,
@@ -267,6 +275,7 @@ class TouchPipeline:
         """
         self.tracker.poses.check(scan.q)
         check_count(scan, self.calibrator.skin)
+        scan = self.turn(scan)
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
         invalid = self.faults.mask | (scan.counts < 0)
@@ -285,6 +294,7 @@ class TouchPipeline:
         self.calibrator.set_noise(self.faults.noise.counts)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
+        faults += self.polarity.push(scan, self.calibrator.margin, mask)
         reading = self.crosstalk.compensate(reading)
         return self.raise_insensitive(reading, scan.counts - rest), faults
 
@@ -305,6 +315,12 @@ class TouchPipeline:
         least = np.nextafter(np.float32(self.contact), np.float32(np.inf))
         pressure[raised] = np.maximum(pressure[raised], least)
         return replace(reading, pressure=pressure)
+
+    def turn(self, scan: Scan) -> Scan:
+        """Return a scan whose counts rise under pressure."""
+        if not self.given.falling:
+            return scan
+        return replace(scan, counts=self.given.turn_counts(scan.counts))
 
     def find_latched(self) -> Int[np.ndarray, "latched"]:
         """Find the taxels that are in contact, and clearly above their noise."""

@@ -1,0 +1,178 @@
+"""Run the inputs of `../shared/cases` that once failed, each against its right result.
+
+    python -m lab.cases                     # all, about ten minutes
+    python -m lab.cases csv tactile_urdf    # those of some folders
+
+A case is a command that runs in a copy of its folder, and what its output has to show.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from lab.tables import format_head, format_row
+
+CASES = Path(__file__).parents[2] / "shared" / "cases"
+MEMORY = 6_000_000
+"""Memory that a command may use [kB], as the cases ask."""
+LONGEST = 300
+"""Time that it may take [s]."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case is a command and its right result."""
+
+    folder: str
+    command: str
+    """Command for the shell; `python` and `eskin` are those of this environment."""
+    wanted: tuple[str, ...]
+    """Patterns that the output has to contain."""
+    unwanted: tuple[str, ...] = ("Traceback", "Segmentation")
+    """Patterns that it must not contain."""
+    code: int = 0
+    """Its exit code."""
+
+    def run(self, folder: Path) -> str:
+        """Run it in a folder; return what is wrong, empty if nothing is."""
+        binaries = Path(sys.executable).parent
+        path = f"{binaries}{os.pathsep}{os.environ['PATH']}"
+        try:
+            done = subprocess.run(
+                ["bash", "-c", f"ulimit -v {MEMORY}; {self.command}"],
+                cwd=folder,
+                env=os.environ | {"PATH": path, "COLUMNS": "1000"},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                timeout=LONGEST,
+            )
+        except subprocess.TimeoutExpired:
+            return f"not done after {LONGEST} s"
+        wrong = [f"no '{each}'" for each in self.wanted if not has(each, done.stdout)]
+        wrong += [f"'{each}'" for each in self.unwanted if has(each, done.stdout)]
+        if done.returncode != self.code:
+            wrong.append(f"exit code {done.returncode}, not {self.code}")
+        last = (done.stdout.strip().splitlines() or [""])[-1]
+        return f"{'; '.join(wrong)}; it says: {last[:200]}" if wrong else ""
+
+
+def has(pattern: str, text: str) -> bool:
+    """Return whether a pattern is found in a text."""
+    return re.search(pattern, text, re.DOTALL) is not None
+
+
+def load(folder: str, file: str, *wanted: str) -> Case:
+    """Build a case that loads a URDF and reads the shape of its first link."""
+    return Case(folder, f"python ../ext.py {file}", wanted, ("CRASH", "Traceback"))
+
+
+def feed(case: str, *wanted: str, skin: str = "pad", code: int = 0) -> Case:
+    """Build a case that sends one disorder over a pseudo-terminal."""
+    command = f"python mkskin.py; python feed.py {case} 5 {skin}"
+    return Case("csv", command, (f"rc {code}", *wanted))
+
+
+def convert(folder: str, file: str, *wanted: str, code: int = 0) -> Case:
+    """Build a case that converts a file to a skin, and prints its taxels."""
+    arm = " --robot-urdf panda_like.urdf --link base" if "gentact" in folder else ""
+    command = f"eskin skin convert {file} out{arm} && cat out/taxels.csv"
+    return Case(folder, command, wanted, code=code)
+
+
+URDF = "python -c \"import eskin; print(eskin.load_robot('{}.urdf').joint_names)\""
+DESIGN = "eskin skin design r.urdf --out d --density 1"
+ALL_READ = r"wrong values 0.*used twice 0; steps back 0"
+LIST = (
+    Case("glitch_one_scan", "python try.py", (r"with one glitch scan: 1[34] of 14",)),
+    Case(
+        "situations",
+        "python startzero.py",
+        (r"sz_rest120 +pokes (\d+) felt \1 ",),
+        (r"lost \[\d", "Traceback"),
+    ),
+    Case(
+        "situations",
+        "python make.py; python inv.py; for each in inverted press_inverted; do "
+        "eskin run --source replay:out/$each.mcap --pace inf; done; "
+        "eskin calibrate --help",
+        (r"counts fall under pressure.*counts fall under pressure",),
+    ),
+    feed("hz_8", r"8 scans a second", ALL_READ),
+    feed("hz_10", r"10 scans a second", ALL_READ),
+    feed("hz_20", r"20 scans a second", ALL_READ),
+    feed("burst_8", ALL_READ),
+    feed("floats", ALL_READ),
+    feed("row_per_line", ALL_READ),
+    feed("brackets", ALL_READ),
+    feed("lfcr", ALL_READ),
+    feed("cr_only", ALL_READ),
+    feed("nan_cells", r"no recording|wrong values"),
+    feed("time_column_corner", r"may be a time.*time=ms", skin="pad63b", code=2),
+    feed("time_column", r"time=ms", code=2),
+    feed("decimal_comma_half", r"decimal=comma", code=2),
+    feed("t_ms", r"time=ms", code=2),
+    feed("label", r"label=DATA:", code=2),
+    feed("row_more", r"72 numbers; allowed", code=2),
+    load("dae_unit_cm", "r.urdf", r"size \[0\.2 0\.1 0\.3\]"),
+    load("mesh_find_leftover", "r.urdf", "run xacro first"),
+    load("mesh_parent_dir", "robot/r.urdf", r"OK .*size \[0\.2 0\.1 0\.3\]"),
+    load("stl_lfs_pointer", "r.urdf", "git lfs pull"),
+    Case("dae_unit_cm", DESIGN, ()),
+    Case("stl_mm_no_scale", DESIGN, (r"300 m",), code=2),
+    Case(
+        "mesh_600k_triangles",
+        "python make.py 320e3 && eskin skin check skin --robot r.urdf",
+        (),
+        code=0,
+    ),
+    Case("mesh_600k_triangles", f"python make.py 320e3 && {DESIGN}", ()),
+    convert("tactile_urdf", "col_major.urdf", r"\n1,[^,]*,1,0,"),
+    convert("tactile_urdf", "gaps.urdf", r"\n10,.*\n200,"),
+    convert("tactile_urdf", "xmlns.urdf"),
+    convert("tactile_urdf", "xacro.urdf", "xacro", code=2),
+    convert("icub_thermal_pads", "part.txt", r"10 taxels", r"2 .*thermal|thermal.* 2"),
+    convert("gentact_2025", "unordered.csv", r"\n0,.*0\.01.*\n1,.*\n2,.*0\.03"),
+    convert("gentact_2025", "isaac.csv"),
+    Case(
+        "ur_gripper",
+        'python -c "from eskin import load_skin; from eskin.skin import save_skin; '
+        "save_skin(load_skin('ur5'), 'skin')\"; eskin device skin --robot-urdf "
+        "ur5_gripper.urdf --udp 127.0.0.1:9791 --play sim & sleep 5; eskin run "
+        "--source udp://127.0.0.1:9791 --skin skin --robot-urdf ur5_gripper.urdf "
+        "--robot sim:ur5 --allow-unauthenticated --seconds 5; kill %1",
+        ("finger_joint", r"\d{2} readings"),
+    ),
+    Case("urdf_misc", URDF.format("mimic_of_mimic"), ()),
+    Case("urdf_misc", URDF.format("floating"), ("is taken as fixed",)),
+    Case("urdf_misc", URDF.format("declaration_not_first"), ()),
+    Case("urdf_misc", URDF.format("quaternion_origin"), ()),
+)
+
+
+def main() -> int:
+    """Run the cases; return 1 where one is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folders", nargs="*", help="folders of cases; none for all")
+    options = parser.parse_args()
+    chosen = [c for c in LIST if not options.folders or c.folder in options.folders]
+    failed = 0
+    print(format_head(("folder", "command", "right")))
+    with tempfile.TemporaryDirectory() as name:
+        place = shutil.copytree(CASES, Path(name) / "cases")
+        for case in chosen:
+            wrong = case.run(place / case.folder)
+            failed += bool(wrong)
+            print(format_row((case.folder, case.command, wrong or "yes")), flush=True)
+    print(f"\n{len(chosen) - failed} of {len(chosen)} are right")
+    return failed > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

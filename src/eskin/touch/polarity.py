@@ -1,0 +1,209 @@
+"""This module finds out whether counts rise under pressure, as they are taken to."""
+
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.skin import Skin
+from eskin.touch.faults import MIN_LINE, Fault, FaultKind
+from eskin.touch.reading import Scan
+from eskin.units import NS_PER_S
+
+Flags = Bool[np.ndarray, "taxel"]
+Values = Float[np.ndarray, "taxel"]
+
+PERIOD = 0.045
+"""Shortest time between two scans that are looked at [s]."""
+TRACK_SECONDS = 2.0
+"""Time constant of tracking the level of untouched taxels [s]."""
+LONGEST = 10.0
+"""Time after which counts that have moved away are not expected to return [s]."""
+RETURNED = 0.2
+"""Share of the greatest move below which counts have returned."""
+ONE_WAY = 4.0
+"""Least ratio of the counts that move one way to those that move the other way."""
+LEAST_PRESSURE = 3.0
+"""Pressure on some taxel, above the floor, from which a move may be a touch [kPa]."""
+WHOLE, SMALL = 0.9, 12
+"""Share of the taxels of a patch that moves as a whole, which one of up to so many
+taxels may do under a hand."""
+END = 0.01
+"""Distance from either end of the scale, as a share of it, at which a taxel may be one
+whose line is lost."""
+BESIDE = 0.25
+"""Share of the counts from which a taxel may be touched by which another one moves the
+same way under a finger."""
+LEAST_OTHERS = 3
+"""Number of unmoved taxels of a patch whose median tells how it is at rest."""
+ENOUGH = 2
+"""Number of touches under which counts rise, more than under which they fall, from
+which nothing is doubted any more."""
+
+
+@dataclass
+class Move:
+    """A move of the counts of a patch away from their level, until they return."""
+
+    since: int
+    """Stamp at which it was seen first [ns]."""
+    scans: int = 0
+    """Number of scans looked at."""
+    most: Float[np.ndarray, "way"] = field(default_factory=lambda: np.zeros(2))
+    """Greatest sums of the counts that moved down, and up."""
+    taxels: Int[np.ndarray, "some"] = field(default_factory=lambda: np.zeros(0, int))
+    """Taxels that have moved in the greater way when most did."""
+    counts: Float[np.ndarray, "some"] = field(default_factory=lambda: np.zeros(0))
+    """Their counts then."""
+    is_alone: bool = False
+    """Whether no other taxel moved the same way."""
+
+
+@final
+class PolarityDetector:
+    """A detector tells when counts fall under pressure; stateful.
+
+    A touch takes the counts of some taxels away from their level, one way, and back. So
+    do neither a hand that lay on the skin at the start and lifts, nor drift, which do
+    not return; nor the dip after a touch, which is less than the touch; nor a patch or
+    line that is lost, which moves as a whole or to an end of the scale. A hand that
+    lifts and lies down again takes counts to the level of the others, and back. A taxel
+    that moves alone may jump: a second one must move so, too.
+
+    Attributes:
+        faults: the patch where it was seen first; empty while nothing is known.
+    """
+
+    def __init__(
+        self, skin: Skin, way: FaultKind, full_scale: int, least: Values
+    ) -> None:
+        """Start without any touch.
+
+        Args:
+            skin: the skin.
+            way: kind of the fault where counts fall.
+            full_scale: counts at which the converter saturates.
+            least: counts above rest of each taxel at `LEAST_PRESSURE`.
+        """
+        self.skin = skin
+        self.way: FaultKind = way
+        self.full_scale, self.least = full_scale, least
+        index = np.asarray(skin.patch_index)
+        self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
+        self.level = np.full(skin.count, np.nan)
+        self.moves: dict[int, Move] = {}
+        self.alone: tuple[set[int], set[int]] = (set(), set())
+        self.risen = 0
+        self.last: int | None = None
+        self.faults: tuple[Fault, ...] = ()
+
+    def push(self, scan: Scan, margin: Values, mask: Flags) -> tuple[Fault, ...]:
+        """Check the next scan.
+
+        Args:
+            scan: the scan.
+            margin: counts from which a taxel may be touched.
+            mask: taxels that are faulty.
+        """
+        elapsed = np.inf if self.last is None else (scan.stamp - self.last) / NS_PER_S
+        if self.risen >= ENOUGH or elapsed < PERIOD:
+            return self.faults
+        self.last = scan.stamp
+        use = scan.received & ~mask & (scan.counts >= 0)
+        new = use & np.isnan(self.level)
+        self.level[new] = scan.counts[new]
+        away = scan.counts - self.level
+        moved = use & (np.abs(away) > margin)
+        step = 1.0 - np.exp(-elapsed / TRACK_SECONDS)
+        self.level += np.where(use & ~moved, step * away, 0.0)
+        if self.moves or moved.any():
+            for patch, members in enumerate(self.members):
+                own = members[use[members]]
+                if len(own) and (patch in self.moves or moved[own].any()):
+                    self.follow(patch, own, scan, away, margin)
+        return self.faults
+
+    def follow(
+        self,
+        patch: int,
+        own: Int[np.ndarray, "own"],
+        scan: Scan,
+        away: Values,
+        margin: Values,
+    ) -> None:
+        """Follow the move of a patch, and judge it when it ends.
+
+        Args:
+            patch: index of the patch.
+            own: its taxels with data.
+            scan: the scan.
+            away: counts of all taxels from their level.
+            margin: counts from which a taxel may be touched.
+        """
+        move = self.moves.setdefault(patch, Move(scan.stamp))
+        far, least = away[own], margin[own]
+        sums = np.array([-far[far < -least].sum(), far[far > least].sum()])
+        if sums.max() > move.most.max():
+            far = -far if sums[0] > sums[1] else far
+            move.taxels = own[far > least]
+            move.counts = scan.counts[move.taxels].astype(np.float64)
+            move.is_alone = bool(np.count_nonzero(far > BESIDE * least) == 1 < len(own))
+        move.scans += bool(sums.any())
+        move.most = np.maximum(move.most, sums)
+        if not np.isin(move.taxels, own).all():
+            # Nobody knows where a taxel without data is.
+            del self.moves[patch]
+        elif sums.sum() <= RETURNED * move.most.max():
+            del self.moves[patch]
+            if self.is_touch(move, own):
+                self.count(patch, move)
+        elif scan.stamp - move.since > LONGEST * NS_PER_S:
+            del self.moves[patch]
+            self.level[own] = scan.counts[own]
+
+    def is_touch(self, move: Move, own: Int[np.ndarray, "own"]) -> bool:
+        """Tell whether a touch alone explains a move that has returned."""
+        taxels, counts = move.taxels, move.counts
+        before = self.level[taxels]
+        is_whole = len(taxels) >= WHOLE * len(own)
+        for numbers in (self.skin.rows, self.skin.columns):
+            line = own[numbers[own] == numbers[taxels[0]]]
+            is_line = len(own) > len(line) >= MIN_LINE
+            if (
+                is_line
+                and len(taxels) >= WHOLE * len(line)
+                and np.isin(taxels, line).all()
+            ):
+                return False
+        if (
+            move.scans < 2
+            or move.most.max() < ONE_WAY * move.most.min()
+            or (np.abs(counts - before) < self.least[taxels]).all()
+            or (is_whole and len(own) > SMALL)
+        ):
+            return False
+        end = END * self.full_scale
+        if ((counts <= end) | (counts >= self.full_scale - end)).all():
+            return False
+        others = np.setdiff1d(own, taxels)
+        if len(others) < LEAST_OTHERS:
+            return True
+        usual = np.median(self.level[others])
+        return bool(abs(counts.mean() - usual) > abs(before.mean() - usual))
+
+    def count(self, patch: int, move: Move) -> None:
+        """Count a touch, and update the fault."""
+        falls = bool(move.most[0] > move.most[1])
+        if move.is_alone:
+            seen, taxel = self.alone[falls], int(move.taxels[0])
+            is_new = taxel not in seen
+            seen.add(taxel)
+            if not is_new or len(seen) < 2:
+                return
+        self.risen += -1 if falls else 1
+        if self.risen >= 0:
+            self.faults = ()
+        elif not self.faults:
+            name = self.skin.patches[patch].id
+            self.faults = (Fault(self.way, name, None, None, None, move.since),)
