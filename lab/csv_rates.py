@@ -151,7 +151,7 @@ def measure(
 ) -> Outcome:
     """Read a device from its opening to its last line."""
     mounted = MountedSkin(skin, load_robot("table"))
-    calibration = Calibration.uniform(skin.count, 1, 1.0)
+    calibration = Calibration.uniform(skin.count, 4095, 100.0)
     joints = FixedJoints(np.zeros(0))
     arrived = begun / NS_PER_S + schedule.arrived
     numbers, ages, errors, empty = [], [], [], 0

@@ -62,6 +62,18 @@ def test_fingertip_commands(taxels):
     assert command(Scene(), "double_pat", taxels=taxels) == ["next_waypoint"]
 
 
+@pytest.mark.parametrize(
+    ("contact", "pressure", "enough"),
+    [(0.1, 1.0, False), (0.1, 3.0, True), (0.7, 3.0, True), (5.0, 3.0, False)]
+    + [(5.0, 9.0, False), (5.0, 11.0, True)],
+)
+def test_fingertip_needs_twice_the_pressure_of_contact(contact, pressure, enough):
+    scene = Scene()
+    scene.contact = contact
+    commanded = command(scene, "double_pat", pressure=pressure)
+    assert commanded == ["next_waypoint"] * enough
+
+
 BLOCK = find_block(PATCH, 4, 8).reshape(4, 8)
 FINGERS = BLOCK[[0, 3], [1, 5]]
 """Taxels of two fingertips, in two rows and columns."""

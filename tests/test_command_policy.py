@@ -255,3 +255,13 @@ def test_slow_skin_is_refused():
     info = replace(INFO, rate=10.0)
     with pytest.raises(ArmError, match="10 readings a second.* 20 "):
         scene.policy.start(Context(info, scene.clock, scene.events.append))
+
+
+def test_probability_that_is_not_finite_holds_the_arm_and_says_why():
+    scene = Scene()
+    scene.wait(0.2)
+    scene.begin(confidence=float("nan"))
+    scene.step()
+    assert scene.accepted == ["hold"]
+    assert "a probability is not finite" in scene.last_reason
+    assert "a probability is not finite" in scene.arm.state().hold_reason

@@ -339,7 +339,7 @@ def test_invalid_bytes_of_a_calibration_are_refused_in_one_line(data, text):
         ({"gain": np.array([0.1, np.nan])}, "gain"),
         ({"exponent": np.inf}, "exponent"),
         ({"full_scale": 0}, "full_scale"),
-        ({"curve": "logarithmic"}, "span is 0.0 .*data sheet"),
+        ({"curve": "logarithmic"}, r"span is 0\.0; .*data sheet"),
     ],
 )
 def test_impossible_constants_are_refused(changes, text):

@@ -11,7 +11,7 @@ from eskin.calibration import CalibrationGuide, GuideConfig
 from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.recording import Metadata, RecordingWriter, write_all
 from eskin.skin import MountedSkin
-from eskin.stream import FaultReporter
+from eskin.stream import FaultReporter, RecognitionState
 from eskin.touch import Calibration, Scan, TouchPipeline
 from helpers.cli import call, call_json
 from helpers.guided import (
@@ -221,7 +221,7 @@ def test_arm_is_held_while_no_touch_can_be_felt():
     scans = fall(make_scans(TOUCH))
     monitor = SkinMonitor(SKIN, SkinMonitorConfig(), scans[0].stamp)
     for state in play(scans):
-        monitor.update(state, ())
+        monitor.update(RecognitionState(state, {}, ()), ())
     assert "the other way" in (monitor.find_problem(scans[-1].stamp) or "")
 
 

@@ -204,6 +204,7 @@ class Scene:
         silent_patches: ids of patches without valid taxels.
         doubtful: which taxels show signs of a fault.
         valid_share: share of the taxels of each patch that are valid.
+        contact: pressure from which contact begins [kPa].
     """
 
     def __init__(self, commands=DEFAULT, **config):
@@ -218,7 +219,7 @@ class Scene:
         self.faulty_patches = self.silent_patches = ()
         self.doubtful = np.zeros(SKIN.count, bool)
         self.hidden = np.zeros(SKIN.count, np.float32)  # [kPa] of no contact
-        self.valid_share = 1.0
+        self.valid_share, self.contact = 1.0, 0.7
 
     def note(self, event):
         """Keep an event of the policy."""
@@ -275,7 +276,9 @@ class Scene:
             loads=np.array(loads, NO_TOUCHES.loads.dtype),
         )
         tracking = TrackingResult(pack(records), going, closed)
-        state = TouchState(reading, faults, self.doubtful, tracking, MOUNTED)
+        state = TouchState(
+            *(reading, faults, self.doubtful, tracking, MOUNTED), contact=self.contact
+        )
         probabilities = {n: touch.probabilities() for n, touch in self.touches.items()}
         self.policy.on_message(RecognitionState(state, probabilities, ()))
 

@@ -19,7 +19,7 @@ class EvidenceConfig:
 
     strong: float = 1.4
     """Pressure on one taxel that a touch needs [kPa]; twice the pressure at which
-    contact begins."""
+    contact begins. Where contact begins at more than `weak`, both rise with it."""
 
     weak: float = 0.7
     """Pressure on a taxel beside it that supports it [kPa]."""
@@ -148,7 +148,7 @@ class EvidenceMonitor:
         self.patch_count = len(skin.patches)
         self.doubtful = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
-        self.stamp = 0
+        self.stamp, self.factor = 0, 1.0
         self.touches: dict[int, Evidence] = {}
 
     def update(self, recognition: RecognitionState) -> None:
@@ -158,7 +158,8 @@ class EvidenceMonitor:
         before = self.stamp or stamp
         self.stamp = stamp
         pressure = state.reading.pressure
-        active = pressure >= self.config.weak
+        self.factor = max(1.0, state.contact / self.config.weak)
+        active = pressure >= self.factor * self.config.weak
         self.active_at[active] = stamp
         is_idle = not state.open and not self.touches
         rows = [] if is_idle else state.rows
@@ -283,7 +284,8 @@ class EvidenceMonitor:
         taxels = state.records.loads["taxel"][slice(*row.loads)]
         pressed = taxels[sound[taxels] & active[taxels]]
         path = self.update_path(evidence, pressed)
-        strong = pressed[state.reading.pressure[pressed] >= self.config.strong]
+        least = self.factor * self.config.strong
+        strong = pressed[state.reading.pressure[pressed] >= least]
         self.update_strong(evidence, strong, state.reading.valid)
         since = np.array([evidence.strong[i] for i in strong.tolist()], dtype=np.int64)
         full = self.find_full_lines(pressed, active)

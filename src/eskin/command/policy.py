@@ -182,7 +182,7 @@ class Policy(Listener):
             touch.detected_force, touch.detected_area = item.peak_force, touch.full_area
         elif isinstance(item, RecognitionState):
             self.touches.update(item)
-            self.monitor.update(item.state, (one.patch for one in self.touches.felt))
+            self.monitor.update(item, (one.patch for one in self.touches.felt))
             self.evidence.update(item)
             self.hold_if_unreliable()
             self.stop_if_excessive()

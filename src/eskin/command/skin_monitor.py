@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.skin import Skin
-from eskin.touch import TouchState
+from eskin.stream import RecognitionState
 from eskin.units import NS_PER_S
 
 IN_CONTACT = 0.2
@@ -78,6 +78,7 @@ class SkinMonitor:
 
     Attributes:
         latest: stamp of the latest reading [ns since the epoch].
+        is_finite: whether all probabilities of that reading are finite.
         last_valid: stamp of the latest reading with data of each patch [ns].
         last_touched: stamp of the latest contact on each patch [ns]; 0 before one.
     """
@@ -92,13 +93,15 @@ class SkinMonitor:
         self.sizes = np.bincount(self.patch_index, minlength=len(self.patches))
         self.least_valid = np.maximum(1, np.ceil(config.min_valid * self.sizes))
         self.latest = now
-        self.is_turned = False
+        self.is_finite, self.is_turned = True, False
         self.last_valid = np.full(len(self.patches), now, np.int64)
         self.last_touched = np.zeros(len(self.patches), np.int64)
         self.reach: dict[tuple[int, ...], np.ndarray] = {}
 
-    def update(self, state: TouchState, touched: Iterable[str]) -> None:
+    def update(self, recognition: RecognitionState, touched: Iterable[str]) -> None:
         """Update from the next reading, and the patches that are touched in it."""
+        state, chances = recognition.state, recognition.probabilities
+        self.is_finite = all(np.isfinite(each).all() for each in chances.values())
         self.latest = stamp = state.reading.stamp
         valid = np.bincount(
             self.patch_index[state.reading.valid], minlength=len(self.patches)
@@ -129,13 +132,15 @@ class SkinMonitor:
     def find_problem(self, now: int) -> str | None:
         """Return why the arm is held at a time, or None where it is not.
 
-        The skin is stale, or feels nothing; or patches are out that are a large share
-        of it; or one is out for too long that a hand was on, or on which a hand could
-        be missed.
+        The skin is stale, or feels nothing; or a probability is not finite; or patches
+        are out that are a large share of it; or one is out for too long that a hand was
+        on, or on which a hand could be missed.
         """
         age = (now - self.latest) / NS_PER_S
         if age > self.config.max_age:
             return f"stale skin: no reading for {1e3 * age:.0f} ms"
+        if not self.is_finite:
+            return "broken model: a probability is not finite; use another model"
         if self.is_turned:
             return "deaf skin: counts go the other way under pressure"
         out = self.find_out(now)

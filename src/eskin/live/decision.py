@@ -72,6 +72,7 @@ class DecisionFilter:
        likeliest for the whole of `hold_seconds`; another touch begins only with contact
        after that. The decision at closing uses the probabilities at its last contact,
        since later readings may belong to the next touch.
+    5. Readings with a probability that is not finite decide nothing.
     """
 
     def __init__(
@@ -116,6 +117,8 @@ class DecisionFilter:
                 evidence = self.evidence[touch.id] = TouchEvidence(touch.onset)
             # A list, since reading single elements of an array is slower.
             by_class: list[float] = probabilities[touch.id].tolist()
+            if not math.isfinite(sum(by_class)):
+                continue
             if self.change_ends and self.has_changed(evidence, stamp, by_class):
                 reset_evidence(evidence, touch, stamp)
             decision = self.update(evidence, touch, stamp, by_class)
@@ -307,7 +310,7 @@ class DirectionTracker:
         """Return the direction of a TOUCH in its link's frame, zero if it stayed."""
         travel = row["latest"] - row["start"]
         distance = np.linalg.norm(travel)
-        return np.zeros(3) if distance < self.min_travel else travel / distance
+        return np.zeros(3) if distance <= self.min_travel else travel / distance
 
     def find_heading(self, touch: int, n_world: Float[np.ndarray, "3"]) -> Heading:
         """Return along or across which side of its link a touch has travelled.

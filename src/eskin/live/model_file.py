@@ -31,6 +31,8 @@ MAX_MODEL_BYTES = 64 << 20
 """Largest size of a model file [bytes]."""
 MAX_HEADER_BYTES = 1 << 20
 """Largest size of its card and of the table of its parameters [bytes]."""
+MAX_WEIGHT = 1e6
+"""Largest magnitude of a parameter."""
 HEADER_LENGTH = 8
 """Size of the length of the header, at the start of a file [bytes]."""
 
@@ -234,7 +236,7 @@ def check_weights(model: Model) -> Weights:
 
 
 def check_parameter(model: Model, name: str, shape: tuple[int, ...]) -> None:
-    """Refuse a parameter that is missing, of another shape, or not finite."""
+    """Refuse a parameter that is missing, of another shape, not finite, or huge."""
     weight = model.weights.get(name)
     if weight is None:
         raise ModelError(
@@ -248,8 +250,8 @@ def check_parameter(model: Model, name: str, shape: tuple[int, ...]) -> None:
             f"for its card's network and its {len(model.card.vocabulary)} classes "
             f"({vocabulary}); train it again with this version of eskin"
         )
-    if not np.isfinite(weight).all():
+    if not (np.abs(weight) <= MAX_WEIGHT).all():
         raise ModelError(
-            f"model's parameter '{name}' holds NaN or infinity; allowed are finite "
-            "numbers; train it again, with a lower rate"
+            f"model's parameter '{name}' holds NaN, infinity or a huge number; allowed "
+            f"are numbers up to {MAX_WEIGHT:g}; train it again, with a lower rate"
         )

@@ -107,7 +107,7 @@ class Recognizer:
         self.mounted = mounted
         self.has_calibration = calibration is not None
         # Never used: without a calibration, scans are refused.
-        calibration = calibration or Calibration.uniform(skin.count, 1, 1.0)
+        calibration = calibration or Calibration.uniform(skin.count, 4095, 100.0)
         poses = LinkPoseCache(mounted, card.graph.posed)
         self.touches = TouchPipeline(mounted, calibration, card.pipeline, poses)
         self.graphs = GraphStream(mounted, card.graph_used, poses)

@@ -25,6 +25,25 @@ PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueErro
 """Exceptions that JSON of another structure raises."""
 Curve = Literal["linear", "divider", "logarithmic"]
 CalibrationSource = Literal["nominal", "rest", "presses", "exact"]
+MAX_FULL_SCALE = 2.0**16 - 1.0
+"""Largest full scale [counts]: packets and recordings hold 16 bits."""
+MAX_CONTACT = 0.25
+"""Largest share of full scale at which contact begins, whatever a file says."""
+LIMITS = {
+    "gain": (1e-4, 1e5),  # times full scale
+    "shear_gain": (-1e4, 1e4),
+    "shear_rest": (-MAX_FULL_SCALE, MAX_FULL_SCALE),
+    "floor": (0.0, 1e4),
+    "exponent": (0.2, 5.0),
+    "unfelt": (0.0, 1e4),
+    "span": (0.0, 1e6),
+    "noise": (0.0, 1.0),  # times full scale
+    "rest": (-1.0, 1.0),  # times full scale
+    "gain_deviation": (0.0, 1e3),
+    "exponent_deviation": (0.0, 1e3),
+    "unfelt_deviation": (0.0, 1e3),
+}
+"""Smallest and largest value of each field, beyond those of any sensor."""
 MEASURED = ("noise", "rest", "gain_deviation")
 """Fields that hold numbers of taxels or patches, or None."""
 DEFAULT_FREE = (
@@ -128,55 +147,40 @@ class Calibration:
             )
 
     def __post_init__(self) -> None:
-        """Refuse constants that are not finite or not positive."""
-        gain = np.asarray(self.gain)
-        if gain.ndim != 1 or not (np.isfinite(gain).all() and (gain > 0).all()):
-            raise ValueError(
-                f"gain has shape {gain.shape} and least value {gain.min(initial=0)}; "
-                "allowed is one finite positive number a taxel [kPa/count]; "
-                "calibrate the skin again"
-            )
-        finite = np.isfinite([self.shear_gain, self.floor, self.unfelt]).all()
-        if self.full_scale <= 0 or not finite or min(self.floor, self.unfelt) < 0:
-            raise ValueError(
-                f"full_scale is {self.full_scale}, shear_gain {self.shear_gain}, floor "
-                f"{self.floor} and unfelt {self.unfelt}; allowed are positive counts, "
-                "a finite gain, floor and unfelt of at least 0 kPa; correct them"
-            )
-        if not 0 < self.exponent < np.inf:
-            raise ValueError(
-                f"exponent is {self.exponent}; allowed is a finite positive number; "
-                "correct it"
-            )
+        """Refuse constants that no sensor has."""
         parse_choice("curve", self.curve, Curve)
-        if self.curve == "logarithmic" and not 0 < self.span < np.inf:
-            raise ValueError(
-                f"span is {self.span} with a logarithmic curve; allowed is a finite "
-                "positive number; take it from the data sheet"
-            )
         parse_choice("source", self.source, CalibrationSource)
-        self.check_measured(len(gain))
-
-    def check_measured(self, count: int) -> None:
-        """Refuse measured values that are not finite, negative, or of other taxels."""
-        values = {name: getattr(self, name) for name in MEASURED}
-        for name in ("exponent_deviation", "unfelt_deviation"):
+        full = self.full_scale
+        self.check_field("full_scale", 1.0, MAX_FULL_SCALE)
+        units = {"gain": 1.0 / full, "noise": full, "rest": full}
+        for name, (low, high) in LIMITS.items():
+            if name == "span" and self.curve == "logarithmic":
+                low = 0.01
+            unit = units.get(name, 1.0)
+            self.check_field(name, low * unit, high * unit)
+        for name in ("noise", "rest"):
             value = getattr(self, name)
-            values[name] = None if value is None else [value]
-        for name, value in values.items():
-            numbers = np.zeros(0) if value is None else np.asarray(value, np.float64)
-            low = -np.inf if name == "rest" else 0.0
-            fits = numbers.ndim == 1 and np.isfinite(numbers).all()
-            if not fits or numbers.min(initial=0.0) < low:
+            if value is not None and len(value) != len(self.gain):
                 raise ValueError(
-                    f"{name} of the calibration has values that are not finite or "
-                    "negative, or no list; allowed are numbers; calibrate again"
+                    f"{name} has {len(value)} values, gain has {len(self.gain)}; "
+                    "allowed is one number a taxel; calibrate the skin again"
                 )
-            if name in ("noise", "rest") and value is not None and len(value) != count:
-                raise ValueError(
-                    f"{name} has {len(value)} values, gain has {count}; allowed is one "
-                    "number a taxel; calibrate the skin again"
-                )
+
+    def check_field(self, name: str, low: float, high: float) -> None:
+        """Refuse a field that has a number outside limits, or another shape."""
+        value = getattr(self, name)
+        is_list = name in ("gain", *MEASURED)
+        if value is None and name not in ("gain", "full_scale"):
+            return
+        numbers = np.asarray(value)
+        wrong = numbers[~((numbers >= low) & (numbers <= high))]
+        if numbers.ndim != is_list or len(wrong):
+            got = wrong[0] if len(wrong) else f"of shape {numbers.shape}"
+            raise ValueError(
+                f"{name} is {got!s:.40}; allowed is {low:g} to {high:g}"
+                f"{' each' * is_list}; correct it by the data sheet, or calibrate the "
+                "skin again"
+            )
 
     @classmethod
     def uniform(
@@ -198,6 +202,13 @@ class Calibration:
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Compute the counts above rest at a pressure [kPa], or at one a taxel."""
         return self.convert(compute_counts, pressure)
+
+    def compute_contact(self, pressure: float) -> Float[np.ndarray, "taxel"]:
+        """Compute the counts above rest at which contact begins, from a pressure [kPa].
+
+        They are at most a quarter of full scale.
+        """
+        return np.minimum(self.compute_counts(pressure), MAX_CONTACT * self.full_scale)
 
     def compute_pressure(
         self, above: Float[np.ndarray, "*batch taxel"]

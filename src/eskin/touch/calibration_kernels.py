@@ -82,7 +82,7 @@ class CalibrationConfig:
     """Time constant of tracking counts that do not change."""
     relearn_seconds: Duration = 2.0
     """Time constant of tracking the residual of a released taxel."""
-    silence_seconds: Duration = 10.0
+    silence_seconds: Annotated[float, Interval(ge=1.0, le=86_400.0)] = 10.0
     """Time without data after which a taxel is tared again: its patch may be new."""
 
 

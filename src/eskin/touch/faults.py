@@ -264,7 +264,7 @@ class FaultDetector:
         self.skin = skin
         self.config = config or FaultConfig()
         self.full_scale = calibration.full_scale
-        counts = calibration.compute_counts(contact)
+        counts = calibration.compute_contact(contact)
         self.limits = CountLimits(
             full_scale=calibration.full_scale,
             contact=counts,

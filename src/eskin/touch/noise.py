@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.touch.calibration import Calibration
+from eskin.touch.calibration import MAX_CONTACT, Calibration
 from eskin.touch.fault_kernels import START_SECONDS, CountHistory
 
 Flags = Bool[np.ndarray, "taxel"]
@@ -64,7 +64,10 @@ class NoiseFloor:
         self.history = history
         self.start_floor = start_floor
         if calibration.noise is not None:
-            history.start_noise[:] = SIGMA_DEVIATION * calibration.noise
+            most = MAX_CONTACT * calibration.full_scale / FLOOR_SIGMAS
+            history.start_noise[:] = SIGMA_DEVIATION * np.minimum(
+                calibration.noise, most
+            )
         self.counts = self.measure_noise(history.start_noise)
         self.rest_band = contact / 2.0
         self.floor = np.full(len(contact), start_floor)

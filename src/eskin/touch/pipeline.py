@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import pack
-from eskin.errors import ReadingError
-from eskin.skin import MountedSkin
+from eskin.errors import ReadingError, SkinMismatchError
+from eskin.skin import MountedSkin, Skin
 from eskin.touch.adjacency import Adjacency
-from eskin.touch.calibration import Calibration
+from eskin.touch.calibration import MAX_CONTACT, Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.fault_kernels import CLEAR_FACTOR
@@ -35,6 +35,10 @@ from eskin.touch.records import (
 from eskin.touch.touch_kernels import track_touches
 from eskin.touch.touches import Touch, TouchState
 from eskin.units import NS_PER_S
+
+MAX_MEDIAN_CONTACT = 0.6
+"""Largest share of full scale at which contact begins by the calibration of half of the
+taxels of a patch; the most sensitive device measured has 0.59."""
 
 
 @final
@@ -188,6 +192,28 @@ class PipelineConfig:
     """Limits of what belongs to one touch."""
 
 
+def find_insensitive(
+    skin: Skin, calibration: Calibration, contact: float
+) -> Int[np.ndarray, "some"]:
+    """Find taxels in which contact begins above `MAX_CONTACT` by their calibration.
+
+    Raises:
+        SkinMismatchError: half of the taxels of a patch would hardly feel a contact
+            from that pressure [kPa] on.
+    """
+    share = calibration.compute_counts(contact) / calibration.full_scale
+    for n, patch in enumerate(skin.patches):
+        middle = np.median(share[skin.patch_index == n])
+        if not middle <= MAX_MEDIAN_CONTACT:
+            raise SkinMismatchError(
+                f"contact on patch '{patch.id}' would begin at {middle:.3g} of full "
+                f"scale by calibration and model, at {contact:g} kPa; allowed is at "
+                f"most {MAX_MEDIAN_CONTACT:g}; calibrate the skin again, or train the "
+                "model again"
+            )
+    return np.flatnonzero(share > MAX_CONTACT)
+
+
 @final
 class TouchPipeline:
     """A pipeline finds the touches on one skin from its scans; stateful.
@@ -209,9 +235,10 @@ class TouchPipeline:
         self.given, calibration = calibration, calibration.rising
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         contacts = self.config.contacts.with_floor(calibration.floor)
-        self.faults = FaultDetector(
-            mounted.skin, calibration, FaultConfig(), contacts.on
-        )
+        usual = ContactConfig().with_floor(calibration.floor)
+        self.faults = FaultDetector(mounted.skin, calibration, FaultConfig(), usual.on)
+        self.contact = contacts.on
+        self.insensitive = find_insensitive(mounted.skin, calibration, contacts.on)
         if calibration.noise is not None:
             self.calibrator.set_noise(self.faults.noise.counts)
         self.outages = OutageDetector(mounted.skin, self.faults.limits)
@@ -268,7 +295,26 @@ class TouchPipeline:
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
         faults += self.polarity.push(scan, self.calibrator.margin, mask)
-        return self.crosstalk.compensate(reading), faults
+        reading = self.crosstalk.compensate(reading)
+        return self.raise_insensitive(reading, scan.counts - rest), faults
+
+    def raise_insensitive(
+        self, reading: Reading, above: Float[np.ndarray, "taxel"]
+    ) -> Reading:
+        """Return a reading with contact where counts above rest are high enough.
+
+        Taxels that need more by their calibration have it from a share of full scale.
+        """
+        taxels = self.insensitive
+        high = above[taxels] >= MAX_CONTACT * self.faults.full_scale
+        raised = taxels[high & reading.valid[taxels]]
+        if not len(raised):
+            return reading
+        pressure = reading.pressure.copy()
+        # Rounded up, so that float32 does not end below the threshold.
+        least = np.nextafter(np.float32(self.contact), np.float32(np.inf))
+        pressure[raised] = np.maximum(pressure[raised], least)
+        return replace(reading, pressure=pressure)
 
     def turn(self, scan: Scan) -> Scan:
         """Return a scan whose counts rise under pressure."""
@@ -315,8 +361,12 @@ class TouchPipeline:
         self, reading: Reading, faults: tuple[Fault, ...], result: TrackingResult
     ) -> TouchState:
         """Build the state at a reading."""
-        use_kinematics = self.tracker.poses.use_kinematics
-        doubtful = self.faults.doubtful
         return TouchState(
-            reading, faults, doubtful, result, self.mounted, use_kinematics
+            reading,
+            faults,
+            self.faults.doubtful,
+            result,
+            self.mounted,
+            self.tracker.poses.use_kinematics,
+            self.contact,
         )

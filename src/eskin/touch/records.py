@@ -15,7 +15,7 @@ from annotated_types import Interval
 from pydantic import Field
 
 from eskin.compiled import Packed
-from eskin.files import Distance, Duration, Factor, Pause, Pressure, Share
+from eskin.files import Distance, Duration, Pause, Pressure, Share
 from eskin.skin import MountedSkin
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.units import NS_PER_S
@@ -214,18 +214,24 @@ class TouchConfig:
     far."""
     settle_seconds: Pause = 0.15
     """Time after which a force counts for that [s]."""
-    confirm_llr: Annotated[Factor, Field(alias="enough")] = 5.0
+    confirm_llr: Annotated[float, Interval(ge=0.0, le=10.0), Field(alias="enough")] = (
+        5.0
+    )
     """Evidence from which a touch is confirmed: the sum over readings and taxels of the
     natural logarithm of the pressure in units of what may be noise."""
-    least_evidence: Factor = 1.0
+    least_evidence: Annotated[float, Interval(ge=0.0, le=10.0)] = 1.0
     """Such evidence of a track alone from which it may be of one touch with others, and
     be paired with contacts at a distance."""
-    max_taxel_llr: Annotated[Factor, Field(alias="most")] = 3.0
+    max_taxel_llr: Annotated[
+        float, Interval(ge=2.0, le=1000.0), Field(alias="most")
+    ] = 3.0
     """Largest evidence of one taxel in one reading."""
-    min_rise: Annotated[Share, Field(alias="moves")] = 0.12
+    min_rise: Annotated[float, Interval(ge=0.0, le=0.3), Field(alias="moves")] = 0.12
     """Smallest rise of a single pressed taxel, above what it was before, that is
     evidence, in units of its pressure."""
-    unconfirmed_timeout: Annotated[Pause, Field(alias="doubt_seconds")] = 0.5
+    unconfirmed_timeout: Annotated[
+        float, Interval(ge=0.1, le=60.0), Field(alias="doubt_seconds")
+    ] = 0.5
     """Time without contact after which a touch that is not confirmed closes [s]; one
     without evidence closes as its contact ends."""
 

@@ -14,6 +14,7 @@ from eskin.touch.reading import Reading
 from eskin.touch.records import (
     ENDED,
     PAST,
+    ContactConfig,
     TouchRecord,
     TouchRecords,
     TouchStatus,
@@ -121,6 +122,8 @@ class TouchState:
     use_kinematics: bool = True
     """Whether contacts were found in the robot's pose. Else they were found with every
     joint at 0; the objects built here, but not the records, are moved to its pose."""
+    contact: float = ContactConfig.on
+    """Pressure from which a taxel becomes active [kPa]."""
 
     @cached_property
     def open(self) -> tuple[TouchStatus, ...]:
