@@ -2,8 +2,8 @@
 
     python examples/05_command_function.py
 
-A simulated person touches a simulated UR5 at its task: a poke pauses it, a double pat
-lets it go on, a grab calls the function below. Before `ur://HOST` in place of
+A simulated person touches a simulated UR5 at its task: a poke pauses it, a grab
+lets it go on, a stroke calls the function below. Before `ur://HOST` in place of
 `sim:ur5`, read docs/commands.md: nothing here is a safety function.
 """
 
@@ -21,8 +21,8 @@ from eskin.stream import Recognition, Stream
 COMMANDS = CommandMap(
     commands=[
         Rule(gesture="poke", action="pause"),
-        Rule(gesture="double_pat", action="go_on"),
-        Rule(gesture="grab", function="half_speed", confidence=0.9),
+        Rule(gesture="grab", action="go_on"),
+        Rule(gesture="stroke", function="half_speed", confidence=0.9),
     ]
 )
 """The same can be a file, see docs/commands.md."""
@@ -32,7 +32,7 @@ COMMANDS = CommandMap(
 def half_speed(arm: Arm, detection: eskin.Detection) -> None:
     """Let the arm go at half of its speed."""
     arm.set_speed(0.5)
-    print(f"{arm.name} is at half speed since a grab of {detection.peak_force:.0f} N")
+    print(f"{arm.name} is at half speed since a stroke of {detection.peak_force:.0f} N")
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
     python -m lab.page_clicks --minutes 10
 
 A browser shows `eskin demo`, and the mouse acts on the forearm where it is visible: a
-click pokes the arm at work, which is to pause it, and a double click pats the paused
-arm, which is to resume it. The arm rests between two motions of its task, so that
-clicks meet it in motion and at rest; both are counted. A touch is obeyed where the arm
+click pokes the arm at work, which is to pause it, and a click with shift grabs the
+paused arm, which is to resume it. The arm rests between two motions of its task, so
+that clicks meet it in motion and at rest; both are counted. A touch is obeyed where the arm
 does so within `WAIT` of its end. Reasons that the page logs for others are printed.
 """
 
@@ -71,9 +71,9 @@ def touch_once(visit: Visit, pace: float) -> tuple[tuple[str, str], bool]:
     visit.let_go()
     becomes(lambda: visit.seen()[0].max() > VISIBLE, 60.0)
     paused = demo.state["paused"]
-    name = "double click" if paused else "click"
+    name = "shift-click" if paused else "click"
     key = name, "in motion" if demo.state["moving"] else "at rest"
-    (visit.double_click if paused else visit.click)()
+    (visit.grab if paused else visit.click)()
     done = becomes(lambda: demo.state["paused"] != paused, WAIT / pace)
     demo.wait(REST / pace)
     return key, done

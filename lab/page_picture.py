@@ -134,7 +134,7 @@ def clear(tab: Page) -> None:
 
 
 def play(film: Film) -> str | None:
-    """Pause, resume, slow down and grip; return the name of a step that failed."""
+    """Pause, resume, slow down and go on; return the name of a step that failed."""
     visit = film.visit
     demo = visit.demo
     becomes(lambda: demo.state["target"].startswith("over"), 600.0)
@@ -145,8 +145,8 @@ def play(film: Film) -> str | None:
     film.run(1.5)
     if not demo.state["paused"]:
         return "pause"
-    visit.double_click()
-    film.run(2.0, lambda: not demo.state["paused"])
+    visit.grab()
+    film.run(3.0, lambda: not demo.state["paused"])
     if demo.state["paused"]:
         return "resume"
     film.run(0.3)
@@ -154,18 +154,17 @@ def play(film: Film) -> str | None:
     film.run(1.6)
     if demo.state["speed"] == 1.0:
         return "slow"
-    gripper = demo.state["gripper"]
     visit.grab()
-    film.run(2.2)
-    return "grab" if demo.state["gripper"] == gripper else None
+    film.run(2.6)
+    return "grab" if demo.state["speed"] < 1.0 else None
 
 
 def begin_again(visit: Visit) -> None:
     """Resume the task at full speed."""
     visit.tab.get_by_role("button", name="resume").click()
     if visit.demo.state["speed"] < 1.0:
-        visit.double_click()
-        visit.demo.wait(2.0 / PACE)
+        visit.grab()
+        visit.demo.wait(3.0 / PACE)
 
 
 if __name__ == "__main__":

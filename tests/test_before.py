@@ -19,7 +19,8 @@ from eskin import (
     open_source,
     read_recording,
 )
-from eskin.command import Rule, load_commands
+from eskin.command import Rule, load_commands, parse_commands
+from eskin.errors import CommandError
 
 pytestmark = pytest.mark.slow
 
@@ -27,6 +28,7 @@ BEFORE = Path(__file__).parent / "data" / "before"
 RECORDING = BEFORE / "recording.mcap"
 MODEL = BEFORE / "model.safetensors"
 CALIBRATION = BEFORE / "calibration.json"
+COMMANDS = BEFORE / "commands.yaml"
 ANSWERS = BEFORE / "answers.json"
 
 
@@ -83,9 +85,7 @@ def read_calibration():
 
 def read_rules():
     """Return the rules of the command map."""
-    recording, vocabulary = read_recording(RECORDING), load_model(MODEL).card.vocabulary
-    path = BEFORE / "commands.yaml"
-    commands = load_commands(path, vocabulary, recording.skin, imports=True)
+    commands = parse_commands(COMMANDS.read_text("utf-8"), COMMANDS.name)
     return [rule.model_dump(exclude_none=True) for rule in commands.commands]
 
 
@@ -115,6 +115,12 @@ def test_file_of_before_gives_same_answer(name):
         if isinstance(value, float):
             kept[path] = pytest.approx(value, rel=1e-4, abs=1e-6)
     assert found == kept
+
+
+def test_map_of_before_by_which_things_start_the_arm_is_refused_with_a_remedy():
+    recording, vocabulary = read_recording(RECORDING), load_model(MODEL).card.vocabulary
+    with pytest.raises(CommandError, match=r"commands\[1\].*'gesture: grab'"):
+        load_commands(COMMANDS, vocabulary, recording.skin, imports=True)
 
 
 def test_every_key_of_a_rule_is_in_the_map():

@@ -42,7 +42,7 @@ FAULTY_NAMES = ["one taxel", "one row", "a whole patch", "weak"]
 
 
 @pytest.mark.parametrize("changes", FAULTY, ids=FAULTY_NAMES)
-@pytest.mark.parametrize("gesture", ["double_pat", "grab", "stroke"])
+@pytest.mark.parametrize("gesture", ["grab", "grab", "stroke"])
 def test_touch_that_may_be_a_fault_commands_no_more_than_a_stop(changes, gesture):
     scene = Scene()
     assert command(scene, gesture, **changes) == []
@@ -53,13 +53,13 @@ def test_touch_that_may_be_a_fault_commands_no_more_than_a_stop(changes, gesture
 @pytest.mark.parametrize("changes", FAULTY, ids=FAULTY_NAMES)
 def test_touch_that_may_be_a_fault_does_not_resume(changes):
     scene = make_paused_scene()
-    assert command(scene, "double_pat", **changes) == []
-    assert command(scene, "double_pat") == ["resume"]
+    assert command(scene, "grab", **changes) == []
+    assert command(scene, "grab") == ["resume"]
 
 
 @pytest.mark.parametrize("taxels", [FINGERTIP, FINGERTIP[:2]], ids=["four", "two"])
 def test_fingertip_commands(taxels):
-    assert command(Scene(), "double_pat", taxels=taxels) == ["next_waypoint"]
+    assert command(Scene(), "grab", taxels=taxels) == ["next_waypoint"]
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_fingertip_commands(taxels):
 def test_fingertip_needs_twice_the_pressure_of_contact(contact, pressure, enough):
     scene = Scene()
     scene.contact = contact
-    commanded = command(scene, "double_pat", pressure=pressure)
+    commanded = command(scene, "grab", pressure=pressure)
     assert commanded == ["next_waypoint"] * enough
 
 
@@ -90,7 +90,7 @@ def is_no_fault(*steps, scene=None, **changes):
         changes: attributes of the touch.
     """
     scene = scene or Scene()
-    number = scene.begin("double_pat")
+    number = scene.begin("grab")
     for name, value in changes.items():
         setattr(scene.touches[number], name, value)
     for taxels, seconds in steps:
@@ -186,16 +186,16 @@ def test_faults_in_turn_are_no_path(faults):
 def test_doubtful_taxels_are_no_evidence():
     scene = Scene()
     scene.doubtful = np.isin(np.arange(SKIN.count), FINGERTIP[:3])
-    assert command(scene, "double_pat") == []
+    assert command(scene, "grab") == []
 
 
 def test_taxels_of_a_faulty_row_are_no_evidence():
-    scene = Scene(make_map(double_pat="slow"))
+    scene = Scene(make_map(grab="slow"))
     wide = find_block(PATCH, 1, 2)
     scene.doubtful = (SKIN.rows == SKIN.rows[wide[0]]) & np.isin(
         np.arange(SKIN.count), WHOLE
     )
-    assert command(scene, "double_pat", taxels=wide) == []
+    assert command(scene, "grab", taxels=wide) == []
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_doubt_elsewhere_takes_nothing():
 
 
 def test_touch_that_is_felt_too_briefly_commands_no_more_than_a_stop():
-    for gesture, accepted in (("double_pat", []), ("poke", ["pause"])):
+    for gesture, accepted in (("grab", []), ("poke", ["pause"])):
         scene = Scene()
         number = scene.begin(gesture)
         scene.wait(0.04)

@@ -34,7 +34,7 @@ def refuse(path, text):
 def test_default_map_fits_vocabulary_of_model():
     commands = load_commands(None, VOCABULARY, SKIN)
     rules = {rule.gesture: rule.action for rule in commands.commands}
-    assert rules == {rule.gesture: rule.action for rule in DEFAULT.commands}
+    assert rules == dict(poke="pause", double_pat="pause", grab="go_on", stroke="slow")
     (rule,) = load_commands(None, ("none", "poke", "hug"), SKIN).commands
     assert rule.action_or_function == "pause"
 
@@ -42,15 +42,15 @@ def test_default_map_fits_vocabulary_of_model():
 def test_map_tells_what_each_gesture_commands():
     assert DEFAULT.describe() == (
         "poke: pause",
-        "double pat: resume or normal or next waypoint",
-        "grab: close gripper or open gripper",
+        "grab: resume or normal or next waypoint",
+        "double pat: close gripper or open gripper",
         "stroke: slow",
     )
 
 
 def test_gestures_of_plain_action_are_listed():
     assert DEFAULT.list_gestures("pause") == ("poke",)
-    assert DEFAULT.list_gestures("resume") == ("double_pat",)
+    assert DEFAULT.list_gestures("resume") == ("grab",)
     assert TOGGLE.list_gestures("resume") == ("poke",)
     assert DEFAULT.list_gestures("jog") == ()
 
@@ -117,12 +117,12 @@ def test_rule_of_direction_applies_before_rule_of_any(path):
 
 def test_most_specific_rule_applies(path):
     rules = (
-        f"  - {{gesture: poke, action: next_waypoint, link: {PATCH.link}}}\n"
+        f"  - {{gesture: poke, action: hold, link: {PATCH.link}}}\n"
         f"  - {{gesture: poke, action: slow, patch: {PATCH.id}}}\n"
     )
     commands = load(path, HEAD + rules + POKE)
     assert commands.find_rule("poke", PATCH.link, PATCH.id).action == "slow"
-    assert commands.find_rule("poke", PATCH.link, "else").action == "next_waypoint"
+    assert commands.find_rule("poke", PATCH.link, "else").action == "hold"
     other = commands.find_rule("poke", OTHER_PATCH.link, OTHER_PATCH.id)
     assert other.action == "pause"
     assert commands.find_rule("grab", PATCH.link, PATCH.id) is None
@@ -168,9 +168,18 @@ def test_invalid_file_is_refused(path, text, parts):
         ("gesture: poke, action: pause, sure: 1", "sure", ("confidence",)),
         ("gesture: poke, action: pause, confidence: 1.5", "confidence", ("1.5",)),
         (
-            "gesture: poke, action: resume, confidence: 0.5",
+            "gesture: grab, action: resume, confidence: 0.5",
             "confidence",
             (f"{MIN_CONFIDENCE['resume']:g}",),
+        ),
+        *(
+            (
+                f"gesture: {gesture}, action: {action}",
+                "action",
+                (gesture, "gesture: grab"),
+            )
+            for gesture in ("poke", "double_pat")
+            for action in ("go_on", "resume", "toggle_pause", "toggle_speed", "jog")
         ),
         ("gesture: stroke, action: jog, confidence: 0.9", "confidence", ("0.95",)),
         ("gesture: stroke, action: jog, step: 0.5", "step", ("0.5", "0.1")),
@@ -187,7 +196,7 @@ def test_all_problems_are_listed(path):
     message = refuse(
         path,
         HEAD + "  - {gesture: hug, action: pause, link: tail}\n"
-        "  - {gesture: poke, action: resume, confidence: 0.1}\n",
+        "  - {gesture: grab, action: resume, confidence: 0.1}\n",
     )
     assert message.count("commands[0]") == 2 and message.count("commands[1]") == 1
 

@@ -76,12 +76,12 @@ def test_function_that_blocks_holds_arm_until_it_returns(blocked):
     (pause,) = scene.touch("poke")
     assert pause.accepted and scene.arm.paused
     scene.wait(1.0)
-    assert "does not return" in scene.touch("double_pat")[-1].why
+    assert "does not return" in scene.touch("grab")[-1].why
     over.set()
     scene.policy.call.thread.join()
     scene.step()
     assert "no longer function" in scene.last_reason
-    assert scene.touch("double_pat")[-1].action == "resume" and not scene.arm.paused
+    assert scene.touch("grab")[-1].action == "resume" and not scene.arm.paused
 
 
 def test_skin_is_watched_while_function_blocks(blocked):
@@ -139,7 +139,7 @@ def test_after_its_queue_has_overflowed_policy_is_as_before(gesture):
     scene.arm.limit_speed(1.0)
     scene.touch("poke")
     scene.wait(1.0)
-    assert scene.touch("double_pat")[-1].accepted and not scene.arm.paused
+    assert scene.touch("grab")[-1].accepted and not scene.arm.paused
     assert scene.arm.speed_limit == 1.0
 
 
@@ -168,7 +168,7 @@ def test_arm_stands_while_touch_may_be_a_stop(more, waits):
 
 def test_command_names_touch_and_patch_that_gave_it():
     scene = Scene()
-    number = scene.begin_detected("double_pat", seconds=0.4)
+    number = scene.begin_detected("grab", seconds=0.4)
     scene.lift(number)
     scene.wait(0.2)
     (event,) = scene.events
@@ -209,7 +209,7 @@ def test_single_touch_never_starts_arm_stopped_less_than_second_ago(stop, touch)
 
 @settings(max_examples=8, deadline=None)
 @given(st.lists(touches, max_size=4))
-def test_arm_starts_only_by_double_pat_and_second_after_pause(sequence):
+def test_arm_starts_only_by_grab_and_second_after_pause(sequence):
     scene = Scene()
     for touch in sequence:
         play(scene, touch)
@@ -224,7 +224,7 @@ def test_arm_starts_only_by_double_pat_and_second_after_pause(sequence):
     for event in executed:
         if event.action == "resume":
             assert paused is not None and event.stamp - paused >= SECOND
-            assert event.gesture == "double_pat"
+            assert event.gesture == "grab"
         paused = {"pause": event.stamp, "resume": None}.get(event.action, paused)
 
 

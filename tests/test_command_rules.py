@@ -13,7 +13,7 @@ steps of `SHORT`.
     recogniser or the skin; `full` presses its taxels nearly to full scale.
 `lift a`, `close a`, `merge a b`: the finger leaves; the touch closes; it closes since
     it has become part of `b`. `lose a`: the reading in which it closes was dropped.
-`double_pat a.`: all of a touch of 0.4 s: it begins, is detected, is let go, and closes.
+`grab a.`: all of a touch of 0.4 s: it begins, is detected, is let go, and closes.
 `patch silent`, `patch faulty`, `patch well`, `patch half`: the patch sends nothing, is
     reported as faulty, works, or works in part.
 `gap 0.12`: no reading comes for 0.12 s, then the watch looks.
@@ -57,15 +57,15 @@ MAPS = {
     "poke_hold": make_map(poke="hold"),
     "poke_back": make_map(poke="previous_waypoint"),
     "poke_none": make_map(poke="none"),
-    "stroke_on": make_rule("stroke", "next_waypoint", confidence=0.9, cool_down=3.0),
-    "grab_low": make_rule("grab", "open_gripper", confidence=0.1),
+    "stroke_on": make_rule("stroke", "next_waypoint", confidence=0.97, cool_down=3.0),
+    "grab_low": make_rule("double_pat", "open_gripper", confidence=0.1),
     "resting": CommandMap(
         commands=[
             Rule(gesture="poke", action="toggle_pause", cool_down=60.0),
-            Rule(gesture="grab", action="resume"),
+            Rule(gesture="double_pat", action="resume"),
         ]
     ),
-    "holding": make_map(poke="toggle_pause", grab="hold"),
+    "holding": make_map(poke="toggle_pause", double_pat="hold"),
     "jog": make_map(poke="toggle_pause", stroke="jog"),
 }
 SKINS = {
@@ -86,13 +86,13 @@ with a closed gripper."""
 STORIES = """
 action: poke pauses at once
     poke a; 0.02; say a > pause; ? paused
-action: double pat and stroke
-    double_pat a. > next_waypoint; stroke b. > slow; ? speed=0.3; 0.5; double_pat c. >
+action: grab and stroke
+    grab a. > next_waypoint; stroke b. > slow; ? speed=0.3; 0.5; grab c. >
     normal; ? speed=1
-action: grab works the gripper
-    grab a. > close_gripper; 0.5; grab b. > open_gripper
-action: double pat resumes
-    {paused} double_pat a. > resume; ? at work
+action: double_pat works the gripper
+    double_pat a. > close_gripper; 0.5; double_pat b. > open_gripper
+action: grab resumes
+    {paused} grab a. > resume; ? at work
 action: poke may hold
     map poke_hold; poke a. > hold; ? held
 action: poke may go back
@@ -100,33 +100,33 @@ action: poke may go back
 action: map may say none
     map poke_none; poke a. > !none [the map says none]
 action: map may lack a rule
-    map poke_none; grab a. > !none [no rule for it]
+    map poke_none; double_pat a. > !none [no rule for it]
 action: no gesture commands nothing
     none a. >
 confidence: poke needs 0.34
     poke a 0.35. > pause; poke b 0.33. > !pause [below 0.34]
-confidence: double pat needs 0.74
-    double_pat a 0.73. > !next_waypoint [most likely double pat: confidence 0.73 is
-    below 0.74; do it again]
+confidence: grab needs 0.95
+    grab a 0.94. > !next_waypoint [most likely grab: confidence 0.94 is
+    below 0.95; do it again]
 confidence: closing needs 0.88
-    grab a 0.87. > !close_gripper; grab b 0.89. > close_gripper
+    double_pat a 0.87. > !close_gripper; double_pat b 0.89. > close_gripper
 confidence: rule raises it
-    map stroke_on; stroke a 0.89. > !next_waypoint [below 0.90]
+    map stroke_on; stroke a 0.96. > !next_waypoint [below 0.97]
 confidence: rule cannot lower it for releasing
-    map grab_low; grab a 0.95. > !open_gripper [below 0.96]; grab b 0.97. >
+    map grab_low; double_pat a 0.95. > !open_gripper [below 0.96]; double_pat b 0.97. >
     open_gripper
 confidence: doubtful touch becomes confident
-    map stroke_on; stroke a 0.85; 0.4; say a >; lift a; 0.2; a is 0.92; 0.02 >
+    map stroke_on; stroke a 0.85; 0.4; say a >; lift a; 0.2; a is 0.98; 0.02 >
     next_waypoint
 confidence: but within two seconds
     map stroke_on; stroke a 0.85; 0.4; say a; lift a; 1.98 >; 0.06 > !next_waypoint
-    [0.85]; a is 0.92; 0.5 >
+    [0.85]; a is 0.98; 0.5 >
 confidence: and until it closes
-    {asked} a is 0.85; lift a; 0.5; close a > !resume [0.85 is below 0.88]; ? paused
+    {asked} a is 0.85; lift a; 0.5; close a > !resume [0.85 is below 0.95]; ? paused
 confidence: confidence may fall until it closes
-    {asked} lift a; 0.4 >; a is 0.87; 0.02; close a > !resume [0.87 is below 0.88]
+    {asked} lift a; 0.4 >; a is 0.94; 0.02; close a > !resume [0.94 is below 0.95]
 confidence: confidence may rise until it closes
-    map toggle; {paused} poke a 0.8; 0.4; say a; lift a; 0.4 >; a is 0.89; 0.02; close
+    map toggle; {paused} poke a 0.8; 0.4; say a; lift a; 0.4 >; a is 0.96; 0.02; close
     a > resume
 confidence: doubtful stop may become sure
     poke a 0.3; 0.1; say a >; a is 0.4; 0.02 > pause
@@ -140,14 +140,16 @@ unknown: likely stroke slows
 unknown: unlikely stroke does not
     none a; 0.2; say a unknown 0.48 likely=stroke > !none
 unknown: others do nothing
-    none a; 0.2; say a unknown 0.6 likely=grab > !none [not understood, most likely
-    grab (0.60); do it again, more clearly]
+    none a; 0.2; say a unknown 0.6 likely=double_pat > !none [not understood, most
+    likely
+    double_pat (0.60); do it again, more clearly]
 unknown: not even a sure one
-    none a; 0.2; say a unknown 0.99 likely=double_pat > !none
+    none a; 0.2; say a unknown 0.99 likely=grab > !none
 unknown: likely nothing is nothing
     none a; 0.2; say a unknown likely=none; none b; 0.2; say b unknown >
 unknown: its latest chance counts
-    poke a 0.4; 0.02; say a unknown 0.5 likely=grab > pause [most likely grab (0.50):
+    poke a 0.4; 0.02; say a unknown 0.5 likely=double_pat > pause [most likely
+    double_pat (0.50):
     it may be a stop (0.40)]
 unknown: never resumes
     {paused} poke a; 0.2; lift a; say a unknown 0.9 likely=poke > !none; 1; close a >;
@@ -155,13 +157,13 @@ unknown: never resumes
 unknown: stale one does not halt
     none a; 0.2; say a unknown 0.4 age=0.12 likely=poke > !pause [120 ms]
 once: touch commands once
-    double_pat a; 0.4; say a; lift a; 0.7 > next_waypoint; say a > !next_waypoint
+    grab a; 0.4; say a; lift a; 0.7 > next_waypoint; say a > !next_waypoint
     [commanded already]
 once: its heir commands nothing
-    double_pat a; 0.4; grab b; 0.02; say a; lift a; 0.2 > next_waypoint; merge a b; 1;
+    grab a; 0.4; double_pat b; 0.02; say a; lift a; 0.2 > next_waypoint; merge a b; 1;
     say b > !close_gripper [commanded already]
 once: nor the heir of one that asks
-    double_pat a; grab b; 0.02; say a; merge a b; say b > !close_gripper [commanded
+    grab a; double_pat b; 0.02; say a; merge a b; say b > !close_gripper [commanded
     already]; 0.3; lift b; 0.5; close b > !next_waypoint [not understood]
 once: touch that paused as unknown
     none a; 0.2; say a unknown likely=poke > pause; say a poke > !pause [commanded
@@ -169,38 +171,39 @@ once: touch that paused as unknown
 once: touch that stopped the arm
     none a; 5.1 > pause [5.0 s]; say a poke > !pause [commanded already]
 once: asking touch that inherits a command
-    {closed} grab a 0.8; 0.2; say a; double_pat b; 0.4; say b other; lift b; 0.2 >
+    {closed} double_pat a 0.8; 0.2; say a; grab b; 0.4; say b other; lift b; 0.2 >
     next_waypoint; merge b a > !open_gripper [commanded already]; a is 0.99; lift a;
     0.3 >
 once: asking touch that ends in a commanding one
-    map toggle; {paused} double_pat a; poke b 0.8; 0.4; say a; say b; lift a; 0.2 >
+    map toggle; {paused} grab a; poke b 0.8; 0.4; say a; say b; lift a; 0.2 >
     next_waypoint; a is poke 0.99; merge b a > !resume [commanded already]; ? paused
 once: two that ask and merge are both refused
-    {closed} double_pat a; grab b; 0.4; say a; say b; merge a b > !next_waypoint
+    {closed} grab a; double_pat b; 0.4; say a; say b; merge a b > !next_waypoint
     [commanded already], !open_gripper [commanded already]; lift b; 0.5; close b >
 once: chain that merges in one reading
-    {closed} none c; double_pat b; grab a 0.8; 0.4; say b other; say a; lift b; 0.2 >
-    next_waypoint; merge a b c; > !open_gripper [commanded already]; c is grab 0.99;
+    {closed} none c; grab b; double_pat a 0.8; 0.4; say b other; say a; lift b; 0.2 >
+    next_waypoint; merge a b c; > !open_gripper [commanded already]; c is double_pat
+    0.99;
     lift c; 0.3 >
 once: contact that never ends asks again with a new onset
-    double_pat a; 0.4; say a; lift a; 0.2 > next_waypoint; a begins again; 0.4; a is
-    grab; say a; lift a; 0.2 > close_gripper
+    grab a; 0.4; say a; lift a; 0.2 > next_waypoint; a begins again; 0.4; a is
+    double_pat; say a; lift a; 0.2 > close_gripper
 once: rule rests after a command
     map stroke_on; stroke a. > next_waypoint; stroke b. > !next_waypoint [s ago, it
     rests 3 s]; 2; stroke c. > next_waypoint
 once: a stop needs no rest
-    map resting; poke a. > pause; 1; grab b. > resume; poke c. > pause
+    map resting; poke a. > pause; 1; double_pat b. > resume; poke c. > pause
 time: more is done once the hand has left
-    grab a; 0.5; say a; 0.5; lift a; 0.08 >; 0.04 > close_gripper
+    double_pat a; 0.5; say a; 0.5; lift a; 0.08 >; 0.04 > close_gripper
 time: a start once the touch has closed
     {asked} 0.5; lift a; 0.48 >; close a > resume; ? at work
 time: less is done at once
     stroke a; 0.1; say a; 0.02 > slow
 time: as brief as a bump
-    double_pat a; 0.28; say a; lift a; 0.3 >; close a > !next_waypoint [its touch
+    grab a; 0.28; say a; lift a; 0.3 >; close a > !next_waypoint [its touch
     lasted 0.26 s, as a bump may]
 time: the least duration
-    double_pat a; 0.32; say a; lift a; 0.3 > next_waypoint
+    grab a; 0.32; say a; lift a; 0.3 > next_waypoint
 time: bump does not start it
     map toggle; {paused} poke a; 0.2; say a; lift a; 0.5; close a > !resume [lasted];
     ? paused
@@ -218,7 +221,8 @@ time: pause of a second
     map toggle; poke a; 0.1; say a > pause; lift a; 0.9; poke b; 0.02; say b > !resume
     [paused only 0.9 s ago; ask again after 1 s]; ? paused
 time: touch before the pause
-    map toggle; grab a; 0.1; poke b; 0.02; say b > pause; 1.5; say a poke > !resume
+    map toggle; double_pat a; 0.1; poke b; 0.02; say b > pause; 1.5; say a poke >
+    !resume
     [the touch began before the pause]; ? paused
 time: pause once more counts
     {asked} arm resume; arm pause; 0.2; lift a; 1.2; close a > !resume [the touch
@@ -227,13 +231,15 @@ time: touch before a hold
     {asked} arm hold; 0.2; lift a; 1.2; close a > !resume [the touch began before the
     hold]; ? held
 time: touch before a hold by another
-    map holding; {paused} poke a; 0.4; say a; grab b; 0.2; say b other > hold; close
+    map holding; {paused} poke a; 0.4; say a; double_pat b; 0.2; say b other > hold;
+    close
     b; 0.2; lift a; 1.2; close a > !resume [the touch began before the hold]; ? held
 time: arm that runs
-    double_pat b; 0.4; say b; arm pause; lift b; 0.2 > !next_waypoint [the arm has
+    grab b; 0.4; say b; arm pause; lift b; 0.2 > !next_waypoint [the arm has
     changed: the same would resume now]
 time: toggle that would do the opposite
-    {closed} grab a 0.8; 0.2; say a; arm gripper=open; 0.02 > !open_gripper [the arm
+    {closed} double_pat a 0.8; 0.2; say a; arm gripper=open; 0.02 > !open_gripper [the
+    arm
     has changed: the same would close gripper now]
 several: touch again
     {asked} lift a; 0.2; poke b 0.05; 0.2 > !resume [touched again]; lift b; close a;
@@ -242,7 +248,7 @@ several: earlier touch goes on
     map toggle; {paused} poke b 0.05; 0.1; poke a; 0.4; say a; lift b; lift a; 0.48;
     close a >; ? paused; close b > resume
 several: touch elsewhere lets it do more
-    poke b 0.05; 0.02; grab a; 0.4; say a; lift a; 0.2 > close_gripper
+    poke b 0.05; 0.02; double_pat a; 0.4; say a; lift a; 0.2 > close_gripper
 several: heir asks instead
     {asked} lift a; poke b; lift b; merge a b; 0.2 >; close b > resume
 several: patch that sends nothing is not let go
@@ -251,12 +257,12 @@ several: patch that sends nothing is not let go
 several: touch whose end was dropped has ended
     {asked} lift a; 0.46; lose a >; 0.1 > resume
 several: so has one elsewhere
-    poke p. > pause; 1; none b; 0.1; lose b; double_pat a; 0.4; say a; lift a; 0.5;
+    poke p. > pause; 1; none b; 0.1; lose b; grab a; 0.4; say a; lift a; 0.5;
     close a > resume
 several: and nobody waits for it
     poke a 0.4; 0.02; ? speed_limit=0; lose a; 0.02 > pause [may have been a stop]
 several: orders of two
-    grab a; stroke b; 0.4; say a; say b; 0.02 > slow; lift a; lift b; 0.2 >
+    double_pat a; stroke b; 0.4; say a; say b; 0.02 > slow; lift a; lift b; 0.2 >
     close_gripper
 suspended: chance of a stop suspends
     poke a 0.09; 0.02; ? speed_limit=0 >; lift a; close a; ? speed_limit=1 >; ? at
@@ -264,7 +270,8 @@ suspended: chance of a stop suspends
 suspended: less of a chance does not
     poke a 0.07; 0.02; ? speed_limit=1
 suspended: until it is something else
-    poke a 0.4; 0.02; ? speed_limit=0; a is grab 0.99; say a; 0.02; ? speed_limit=1;
+    poke a 0.4; 0.02; ? speed_limit=0; a is double_pat 0.99; say a; 0.02; ?
+    speed_limit=1;
     0.3; lift a; 0.2 > close_gripper
 suspended: end of a likely stop pauses
     poke a 0.4; 0.02; lift a; close a > pause [not understood: the touch may have been
@@ -286,9 +293,10 @@ suspended: long touch suspends
 suspended: so does an unknown one
     none a; 0.02; say a unknown; 2.1; ? speed_limit=0; 3 > pause
 suspended: so does a recognised one
-    grab a; 0.02; say a; 2.1; ? speed_limit=0 > !close_gripper [went on]; 3 > pause
+    double_pat a; 0.02; say a; 2.1; ? speed_limit=0 > !close_gripper [went on]; 3 >
+    pause
 suspended: one that lets go in time is obeyed
-    grab a; 0.6; say a; 1.7; ? speed_limit=0; lift a; 0.2 > close_gripper
+    double_pat a; 0.6; say a; 1.7; ? speed_limit=0; lift a; 0.2 > close_gripper
 suspended: long touch that was nothing
     none a; 3; lift a; 0.5; ? speed_limit=0; say a; close a >; ? speed_limit=1
 suspended: strong touch holds
@@ -296,22 +304,23 @@ suspended: strong touch holds
 suspended: less force does not
     none a 39N; 0.5 >; ? at work
 suspended: so does a recognised one
-    grab a 20N; 0.4; say a; 0.1 >; a is 41N; 0.02 > hold, !close_gripper
+    double_pat a 20N; 0.4; say a; 0.1 >; a is 41N; 0.02 > hold, !close_gripper
 suspended: touch that grows after its detection holds
-    grab a 14N; 0.4; say a; 0.1; a is 34N; 0.1 >; a is 36N; 0.02 > hold [grew to 36 N],
+    double_pat a 14N; 0.4; say a; 0.1; a is 34N; 0.1 >; a is 36N; 0.02 > hold [grew to
+    36 N],
     !close_gripper
 suspended: so does one detected while it lands
     stroke a 1N; 0.1; say a; 0.02 > slow; a is 29N; 0.3 >; a is 31N; 0.02 > hold [grew]
 suspended: so does an unknown one
     none a 10N; 0.1; say a unknown; a is 31N; 0.02 > hold [grew to 31 N]
 suspended: and one that takes over a detected one
-    grab a 10N; 0.4; say a; none b 10N; merge a b; b is 31N; 0.02 > hold [grew],
+    double_pat a 10N; 0.4; say a; none b 10N; merge a b; b is 31N; 0.02 > hold [grew],
     !close_gripper
 suspended: so does one that fills its taxels
-    grab a 10N; 0.4; say a; 0.1 >; a is full; 0.02 > hold [at full scale],
+    double_pat a 10N; 0.4; say a; 0.1 >; a is full; 0.02 > hold [at full scale],
     !close_gripper
 suspended: one that has filled them does not
-    grab a 10N; a is full; 0.4; say a; 0.1 >; lift a; 0.2 > close_gripper
+    double_pat a 10N; a is full; 0.4; say a; 0.1 >; lift a; 0.2 > close_gripper
 suspended: resting arm is not held
     arm at_work=; none a 80N; 3 >; ? at work
 suspended: strong touch holds a suspended arm
@@ -319,15 +328,15 @@ suspended: strong touch holds a suspended arm
 suspended: though it waits for nothing
     poke a 0.4; 0.02; ? speed_limit=0; none b 80N; say a none; 0.02 > hold [80 N]
 suspended: tap recognises no press beside it
-    none a 15N; double_pat b; 0.2; say b; merge b a; a is 60N; 0.02 > hold,
+    none a 15N; grab b; 0.2; say b; merge b a; a is 60N; 0.02 > hold,
     !next_waypoint
 suspended: light touch that lasts slows
     none a 1.1N; 6 > pause [5.0 s]; 4.1 >; arm resume; 3 > slow [a light touch on
     patch 'forearm_back' lasts for more than 10 s]; ? at work; ? speed_limit=0.3; lift
     a; close a; 1.8 >; 0.2 > normal [no longer a light touch]; ? speed_limit=1
 suspended: but no touch starts the arm under it
-    none a 1.1N; 11 > pause; double_pat b. >; 1.6 > !resume [went on]; lift a; close
-    a; double_pat c. > resume
+    none a 1.1N; 11 > pause; grab b. >; 1.6 > !resume [went on]; lift a; close
+    a; grab c. > resume
 suspended: until it is strong
     none a 1.1N; 11 > pause; arm resume; 0.02 > slow; a is 5N; 0.02 > pause [touch for]
 suspended: touch ends a jog
@@ -352,12 +361,14 @@ skin: skin that feels a hand beside it
 skin: large part of the skin
     skin far; 0.2; patches silent; 0.14 > hold [% of the taxels]
 skin: patch under a hand
-    skin far; grab a; 0.1; say a; lift a; patch silent; 0.14; ? speed_limit=0; 0.5 >
+    skin far; double_pat a; 0.1; say a; lift a; patch silent; 0.14; ? speed_limit=0;
+    0.5 >
     !close_gripper [is out], slow, hold [broken skin]
 skin: watch holds
     skin quiet; 0.2; patch silent; 0.1 >; ? at work; gap 0.02 > hold [broken skin]
 skin: it can stop and nothing else
-    skin far; 0.2; patch faulty; 0.2 > slow; grab a; 0.02; say a > !close_gripper [is
+    skin far; 0.2; patch faulty; 0.2 > slow; double_pat a; 0.02; say a > !close_gripper
+    [is
     out; touch elsewhere]; poke b; 0.02; say b > pause
 skin: speed comes back
     skin far; arm speed=0.5; patch silent; 0.2 > slow; patch well; 1.9 >; ?
@@ -367,29 +378,31 @@ skin: few lost readings
     0.2; patch silent; 0.08; patch well; 0.02; patch silent; 0.08; patch well; 0.02 >;
     ? speed_limit=1
 skin: end of a fault offers
-    patch silent; 1 > slow, hold; grab a; 0.3; say a > !close_gripper [is out; see to
+    patch silent; 1 > slow, hold; double_pat a; 0.3; say a > !close_gripper [is out;
+    see to
     its cable]; close a; patch well; 0.02 > !resume [no longer broken skin: patch
-    'forearm_back' is out; to go on: poke, then double pat at least 1 s later]; grab
-    b. > !close_gripper [the arm is held: no longer]; poke c. > pause; 1; double_pat
+    'forearm_back' is out; to go on: poke, then grab at least 1 s later]; double_pat
+    b. > !close_gripper [the arm is held: no longer]; poke c. > pause; 1; grab
     d. > resume, normal; ? at work
 skin: end of a fault starts nothing
-    {paused} patch silent; 5 > hold; patch well; 5 > !resume [to go on: double pat]; ?
+    {paused} patch silent; 5 > hold; patch well; 5 > !resume [to go on: grab]; ?
     held
 arm: protective stop
-    arm protective_stop=1; poke a. > !pause [protective stop]; grab b. >
+    arm protective_stop=1; poke a. > !pause [protective stop]; double_pat b. >
     !close_gripper [unlock it]
 arm: no connection
     arm connected=; poke a. > !pause [not connected]; stroke b. > !slow [see to its
     cable]
 arm: held arm takes two touches
-    arm hold; double_pat a. > !next_waypoint [the arm is held: test; to go on: poke,
-    then double pat at least 1 s later]; stroke s. > slow; poke b. > pause; ? held; 1;
-    double_pat c. > resume; ? at work; ? speed_limit=1
+    arm hold; grab a. > !next_waypoint [the arm is held: test; to go on: poke,
+    then grab at least 1 s later]; stroke s. > slow; poke b. > pause; ? held; 1;
+    grab c. > resume; ? at work; ? speed_limit=1
 arm: running arm is not resumed
-    map resting; grab a. > !resume [nobody has paused it; to go on: poke, then poke or
-    grab at least 1 s later]
+    map resting; double_pat a. > !resume [nobody has paused it; to go on: poke, then
+    poke or
+    double pat at least 1 s later]
 arm: arm that stays held
-    arm hold; poke a. > pause; 1; arm error=arm; double_pat b. > hold [lost], !resume
+    arm hold; poke a. > pause; 1; arm error=arm; grab b. > hold [lost], !resume
     [lost]; ? held; ? paused=1
 arm: jog
     map jog; {paused} stroke a; 0.4; say a; lift a; 0.48 >; close a > jog; ? paused; ?
@@ -409,7 +422,7 @@ arm: jog that fails
 arm: end of the stream
     poke a 0.4; 0.02; ? speed_limit=0; end; ? held; ? speed_limit=1
 arm: end drops what is pending
-    {closed} grab a; 0.4; say a; end; ? gripper=closed
+    {closed} double_pat a; 0.4; say a; end; ? gripper=closed
 """
 """Names of the rules, each with a story of it."""
 

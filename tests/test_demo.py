@@ -229,7 +229,7 @@ def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
     skin.restore()
     wait(10.0)
     assert [event.action for event in events] == ["slow", "hold", "resume"]
-    assert "poke, then double pat" in events[-1].why and not events[-1].accepted
+    assert "poke or double pat, then grab" in events[-1].why and not events[-1].accepted
     touches = policy.touches
     assert touches.latest - touches.last_contact > SECOND
     assert policy.monitor.find_problem(touches.latest) is None

@@ -386,7 +386,7 @@ def execute(visit, touch, line, condition, shown):
 
 
 @pytest.mark.long
-def test_click_pauses_and_double_click_resumes_arm_of_demonstration(visit):
+def test_click_pauses_and_grab_resumes_arm_of_demonstration(visit):
     q = visit.demo.state["q"]
     assert becomes(lambda: scene_moves(visit), PATIENCE)
     assert not np.allclose(visit.demo.state["q"], q)
@@ -404,17 +404,16 @@ def test_click_pauses_and_double_click_resumes_arm_of_demonstration(visit):
     def is_resumed(before, now):
         return is_paused(now, before)
 
-    resume = "resume: double pat"
-    execute(visit, visit.double_click, resume, is_resumed, lambda state: "running\n")
+    resume = "resume: grab"
+    execute(visit, visit.grab, resume, is_resumed, lambda state: "running\n")
     assert becomes(lambda: scene_moves(visit), PATIENCE)
 
 
 @pytest.mark.long
 def test_every_other_gesture_of_mouse_commands_arm(visit):
     for touch, line, key, shown in (
-        (visit.double_click, "next waypoint: double pat", "target", "to {}"),
+        (visit.grab, "next waypoint: grab", "target", "to {}"),
         (visit.drag, "slow: stroke", "speed", "{:.0%} speed"),
-        (visit.grab, " gripper: grab", "gripper", "gripper {}"),
     ):
         execute(
             visit,

@@ -78,15 +78,15 @@ def make_map(**actions):
 
 
 DEFAULT = make_map(
-    poke="pause", double_pat="go_on", grab="toggle_gripper", stroke="slow"
+    poke="pause", grab="go_on", double_pat="toggle_gripper", stroke="slow"
 )
 TOGGLE = make_map(
     poke="toggle_pause",
-    double_pat="next_waypoint",
-    grab="toggle_gripper",
+    grab="next_waypoint",
+    double_pat="toggle_gripper",
     stroke="toggle_speed",
 )
-"""Map of `examples/toggle.yaml`, in which one gesture stops and goes on."""
+"""Map in which one gesture stops and goes on; no file may say so."""
 
 
 def make_order(name, **changes):

@@ -47,7 +47,7 @@ class RunCommand(SourceCommand):
     robot: Annotated[str | None, Excludes("q"), Excludes("joints")] = None
     """Arm that touches command: sim:ur5 or ur://HOST. It also gives the joint
     positions. A real arm is held until a touch pauses it and another resumes it: with
-    the default map a poke, and a second later a double pat."""
+    the default map a poke, and a second later a grab."""
 
     commands: Annotated[Path | None, Needs("robot")] = None
     """Command map, which tells what each touch commands; by default the one that comes

@@ -45,10 +45,10 @@ MIN_CONFIDENCE = {
     "jog": 0.95,
     "close_gripper": 0.88,
     "open_gripper": 0.96,
-    "next_waypoint": 0.74,
-    "previous_waypoint": 0.74,
-    "normal": 0.82,
-    "resume": 0.88,
+    "next_waypoint": 0.95,
+    "previous_waypoint": 0.95,
+    "normal": 0.95,
+    "resume": 0.95,
 }
 """Default confidence that each action needs, by what errors of it cost.
 
@@ -62,7 +62,14 @@ has ended."""
 SUSPEND_CONFIDENCE = 0.08
 """Probability of a stop from which a moving arm is suspended until the touch is
 recognised, where the stop itself needs more; chosen on the same data."""
-STRICT_ACTIONS = ("open_gripper", "resume", "jog")
+STRICT_ACTIONS = (
+    "open_gripper",
+    "resume",
+    "normal",
+    "next_waypoint",
+    "previous_waypoint",
+    "jog",
+)
 """Actions whose default confidence a rule can only raise."""
 COOL_DOWN = 0.5
 """Default time for which a rule rests after it was executed [s]."""
@@ -73,6 +80,11 @@ TOGGLES = {
     "toggle_speed": ("slow", "normal"),
 }
 """Actions that mean one of several plain ones, by the state of the arm."""
+THING_GESTURES = ("poke", "double_pat")
+"""Gestures that things make too, which bump, bounce, swing, drip or vibrate, from one
+side and briefly: they make no arm do more (`python -m lab.attacks events`)."""
+ADVANCING_ACTIONS = ("resume", "normal", "next_waypoint", "previous_waypoint", "jog")
+"""Actions that make the arm do more."""
 HALTING_ACTIONS = ("pause", "hold")
 """Actions that stop the arm: neither a cool-down nor an unknown touch blocks them."""
 STARTING_ACTIONS = ("resume", "jog")

@@ -9,12 +9,14 @@ from pydantic_core import ErrorDetails
 
 from eskin.command.actions import (
     ACTIONS,
+    ADVANCING_ACTIONS,
     COMMAND_FUNCTIONS,
     FUNCTION,
     FUNCTION_NAME,
     HALTING_ACTIONS,
     MIN_CONFIDENCE,
     STRICT_ACTIONS,
+    THING_GESTURES,
     TOGGLES,
     Action,
     import_functions,
@@ -170,6 +172,13 @@ def find_rule_problems(rule: Rule) -> list[str]:
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
+    actions = TOGGLES.get(rule.action or "", (rule.action or "",))
+    if rule.gesture in THING_GESTURES and set(actions) & set(ADVANCING_ACTIONS):
+        found.append(
+            f".action: got {rule.action} for {rule.gesture}, which things that bump, "
+            "bounce or swing make too; allowed are actions that stop or slow; write "
+            "'gesture: grab'"
+        )
     if rule.action in STRICT_ACTIONS and rule.confidence is not None:
         least = MIN_CONFIDENCE[rule.action]
         if rule.confidence < least:
