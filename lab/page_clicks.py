@@ -5,8 +5,8 @@
 A browser shows `eskin demo`, and the mouse acts on the forearm where it is visible: a
 click pokes the arm at work, which is to pause it, and a click with shift grabs the
 paused arm, which is to resume it. The arm rests between two motions of its task, so
-that clicks meet it in motion and at rest; both are counted. A touch is obeyed where the arm
-does so within `WAIT` of its end. Reasons that the page logs for others are printed.
+that clicks meet it in motion and at rest; both are counted. A touch is obeyed where the
+arm does so within `WAIT` of its end. Reasons that the page logs for others are printed.
 """
 
 import time
