@@ -73,8 +73,8 @@ RUNS = {
         r"made: +circle none knock .*\nrecognised: +\w+ \w+",
     ),
     "05_command_function.py": (
-        lambda _: ("--seconds", 6),
-        r"grab +\d+%(?s:.*)function +(not )?done",  # in real time: busy cores refuse
+        lambda _: ("--seconds", 7),
+        r"stroke +\d+%(?s:.*)function +(not )?done",  # in real time: busy cores refuse
     ),
 }
 """Arguments of each example on a tiny budget, and a pattern in what it prints."""

@@ -28,8 +28,8 @@ def test_only_accepted_decisions_count():
 
 
 @pytest.mark.slow
-def test_pats_command_three_arms_and_single_contacts_none():
+def test_grabs_command_three_arms_and_things_that_bounce_none():
     stage = Stage(Command(), "fresh", 40000)
-    pats = list(stage.run_row("double_pat", 6))
-    assert min(count_told(pats)[:3]) > 0
-    assert count_told(list(stage.run_row("single contact", 6)))[0] == 0
+    grabs = list(stage.run_row("grab", 6))
+    assert min(count_told(grabs)[:3]) > 0
+    assert count_told(list(stage.run_row("bounce", 6)))[:3] == [0, 0, 0]
