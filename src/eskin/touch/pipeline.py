@@ -296,17 +296,20 @@ class TouchPipeline:
             reading = replace(reading, valid=reading.valid & ~mask)
         faults += self.polarity.push(scan, self.calibrator.margin, mask)
         reading = self.crosstalk.compensate(reading)
-        return self.raise_insensitive(reading, scan.counts - rest), faults
+        if len(self.insensitive):
+            reading = self.raise_insensitive(reading, scan.counts)
+        return reading, faults
 
     def raise_insensitive(
-        self, reading: Reading, above: Float[np.ndarray, "taxel"]
+        self, reading: Reading, counts: Int[np.ndarray, "taxel"]
     ) -> Reading:
         """Return a reading with contact where counts above rest are high enough.
 
         Taxels that need more by their calibration have it from a share of full scale.
         """
         taxels = self.insensitive
-        high = above[taxels] >= MAX_CONTACT * self.faults.full_scale
+        above = counts[taxels] - self.calibrator.state.baseline[taxels]
+        high = above >= MAX_CONTACT * self.faults.full_scale
         raised = taxels[high & reading.valid[taxels]]
         if not len(raised):
             return reading
