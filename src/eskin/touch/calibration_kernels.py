@@ -364,7 +364,12 @@ def update_baselines(
             if now - since >= LOW_SECONDS:
                 above = max(above, was_low - baseline[i])
                 step = dt / (parameters.low_seconds + dt)
-        elif last_touched[i] < now and is_residual(i, above, now, margin[i], context):
+        elif (
+            # Most taxels fail at this, before the context is handed over.
+            above > parameters.steady_band * margin[i]
+            and last_touched[i] < now
+            and is_residual(i, above, now, margin[i], context)
+        ):
             step = dt / (parameters.settle_seconds + dt)
         elif touched_since[i] < np.inf:
             if now - touched_since[i] > parameters.longest_seconds:
