@@ -64,11 +64,11 @@ class PolicyConfig:
     double pats. Chosen from data (`lab/notes/policy.md`)."""
 
     min_pause: float = 1.0
-    """Least duration of a pause [s]."""
+    """How long the arm must have been stopped, and nobody have touched the skin, before
+    the touch begins that sets it in motion [s]."""
 
     min_release: float = 0.1
-    """How long a touch must have ended before it makes the arm do more, and nobody may
-    have touched the skin before it sets the arm in motion [s]."""
+    """How long a touch must have ended before it makes the arm do more [s]."""
 
     max_delay: float = 2.0
     """How long after a detection its touch may go on before it makes the arm do more,
@@ -293,28 +293,28 @@ class Policy(Listener):
         if action == "jog" and not detection.direction_world.any():
             return "the touch did not travel; stroke farther"
         if action in STARTING_ACTIONS:
-            return self.find_start_refusal(detection.onset, state, now)
+            return self.find_start_refusal(request.touch, detection.onset, state)
         return None
 
-    def find_start_refusal(self, onset: int, state: ArmState, now: int) -> str | None:
+    def find_start_refusal(
+        self, touch: CommandedTouch, onset: int, state: ArmState
+    ) -> str | None:
         """Return why a touch must not set the arm in motion, or None where it may.
 
         Args:
-            onset: time at which the touch began [ns since the epoch].
+            touch: the touch.
+            onset: time at which it began [ns since the epoch].
             state: state of the arm.
-            now: present time [ns since the epoch].
         """
-        if not state.paused:
+        if not state.paused or self.paused_since is None:
             return f"nobody has paused it; {self.describe_way(state)}"
-        if self.paused_since is None:
-            return "nobody has paused it; pause it first"
-        if onset <= self.paused_since:
-            return "the touch began before the pause; lift the hand, then ask again"
-        if self.held_since is not None and onset <= self.held_since:
-            return "the touch began before the hold; lift the hand, then ask again"
-        passed, least = (now - self.paused_since) / NS_PER_S, self.config.min_pause
-        if passed < least:
-            return f"it was paused only {passed:.1f} s ago; ask again after {least:g} s"
+        since = max(touch.untouched_since, self.paused_since, self.held_since or 0)
+        least = self.config.min_pause
+        if onset - since < least * NS_PER_S:
+            return (
+                "the touch began before the arm had stood, and nobody had touched the "
+                f"skin, for {least:g} s; let go, wait, then ask again"
+            )
         return None
 
     def find_rest(self, rule: Rule, now: int) -> str | None:
@@ -482,10 +482,9 @@ class Policy(Listener):
         release = self.config.min_release * NS_PER_S
         if action not in STARTING_ACTIONS:
             return touches.latest - request.end >= release
-        untouched = touches.latest - touches.last_contact >= release
         alone = not touches.list_other_onsets(request.touch)
         has_data = self.monitor.has_data(request.detection.patch)
-        return request.touch.closed and untouched and alone and has_data
+        return request.touch.closed and alone and has_data
 
     def goes_on(self, request: CommandRequest) -> bool:
         """Return whether touching goes on for too long after a detection."""
