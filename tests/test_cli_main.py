@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import re
 import subprocess
 import sys
@@ -233,6 +234,35 @@ def test_json_is_last_line_where_asked(capsys):
 )
 def test_error_of_parser_is_reduced_to_its_words(text, expected):
     assert rewrite_parse_error(text, "train") == f"eskin train: {expected}"
+
+
+@pytest.mark.parametrize("name", ["stdout", "stderr"])
+def test_closed_output_is_refused_in_one_line(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, name, None)
+    assert run(["--version"]) == 2
+    out, err = capsys.readouterr()
+    assert (out + err).count("\n") == 1 and "is closed" in out + err
+
+
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["skin", "show", "ur5"]])
+def test_full_disk_behind_the_output_is_said_in_one_line(words, monkeypatch, capsys):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert run(words) == 2
+        monkeypatch.undo()
+        with pytest.raises(OSError):
+            full.flush()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), full.fileno())
+    assert re.fullmatch("error: no space left on device.*\n", capsys.readouterr().err)
+
+
+def test_too_little_memory_is_said_in_one_line(monkeypatch, capsys):
+    def exhaust(_):
+        raise MemoryError("cannot allocate 9 GiB")
+
+    monkeypatch.setattr("eskin.cli.main.check_moved", exhaust)
+    assert run(["doctor"]) == 2
+    assert re.fullmatch("error: too little memory .*9 GiB.*\n", capsys.readouterr().err)
 
 
 def test_closed_output_ends_a_command_quietly():

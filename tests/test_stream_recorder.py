@@ -3,6 +3,7 @@
 import errno
 import io
 import os
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -131,9 +132,19 @@ def test_scans_are_synced_every_half_second(path, monkeypatch):
         synced.append(read_recording(path.with_name("a.mcap.part")).count)
 
     monkeypatch.setattr(os, "fsync", note)
+    monkeypatch.setattr("eskin.stream.recorder.perf_counter", lambda: 0.0)
     recorder = make_recorder(path)
     play(SCANS, recorder)
     assert synced == list(range(25, 201, 25)) and recorder.sync.count == 7
+
+
+def test_slow_disk_is_synced_less_often_and_nothing_is_lost(path, monkeypatch):
+    synced, clock = [], count(0, 0.8).__next__  # [s]
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(number))
+    monkeypatch.setattr("eskin.stream.recorder.perf_counter", clock)
+    play(SCANS, recorder := make_recorder(path))
+    assert recorder.sync.count == 3 and len(synced) == 4
+    assert read_recording(path).count == len(SCANS)
 
 
 def test_pieces_together_have_every_scan(path):

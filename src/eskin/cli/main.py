@@ -54,24 +54,22 @@ def main() -> None:
 
 def run(argv: list[str]) -> int:
     """Run one command line and return its exit code."""
-    if not argv or argv[0] in ("-h", "--help"):
-        print(format_overview())
-        return 0
-    if argv == ["--version"]:
-        print(f"eskin {version('eskin')}")
-        return 0
+    if None in (sys.stdout, sys.stderr):
+        return print_error(
+            "stdout or stderr is closed; allowed are a terminal, a file, a pipe or "
+            "/dev/null; redirect it"
+        )
     extra = None
     try:
-        check_moved(argv)
-        name, rest = split_command(argv)
-        extra = COMMANDS[name].extra
-        if name in CHECKED_FIRST:
-            check_files(rest)
-        function, command_type = load_command(name)
-        command, output = parse(command_type, name, rest)
-        result = function(command)
-        if output.json:
-            print(json.dumps(result))
+        if not argv or argv[0] in ("-h", "--help"):
+            print(format_overview())
+        elif argv == ["--version"]:
+            print(f"eskin {version('eskin')}")
+        else:
+            check_moved(argv)
+            name, rest = split_command(argv)
+            extra = COMMANDS[name].extra
+            run_command(name, rest)
         sys.stdout.flush()
     except ModuleNotFoundError as error:
         wanted = f".[{extra}]" if extra else "."
@@ -89,10 +87,26 @@ def run(argv: list[str]) -> int:
         return print_error(describe_os_error(error))
     except (EskinError, ValueError) as error:
         return print_error(str(error))
+    except MemoryError as error:
+        return print_error(
+            f"too little memory ({error or 'none is left'}); end other programs, or "
+            "use a smaller file"
+        )
     except KeyboardInterrupt:
         print_error("stopped")
         return STOPPED
     return 0
+
+
+def run_command(name: str, rest: list[str]) -> None:
+    """Run one command with its arguments, and print its result if that is asked for."""
+    if name in CHECKED_FIRST:
+        check_files(rest)
+    function, command_type = load_command(name)
+    command, output = parse(command_type, name, rest)
+    result = function(command)
+    if output.json:
+        print(json.dumps(result))
 
 
 def describe_os_error(error: OSError) -> str:
