@@ -62,7 +62,8 @@ encode_skin = lru_cache(maxsize=8)(skin_to_bytes)
 class RecordingWriter:
     """Writes `<path>.part` and renames it to `path` when it is closed.
 
-    It replaces a file that was there when it was opened, and none that came since. After an exception inside `with`, the `.part` file stays and can be read up to the
+    It replaces a file that was there when it was opened, and none that came since.
+    After an exception inside `with`, the `.part` file stays and can be read up to the
     last scan that was written.
     """
 
