@@ -398,7 +398,7 @@ def test_click_pauses_and_grab_resumes_arm_of_demonstration(visit):
     assert becomes(lambda: not visit.demo.state["moving"], PATIENCE)
     assert becomes(lambda: not scene_moves(visit), PATIENCE)
     q = visit.demo.state["q"]
-    visit.demo.wait(1.2 / PACE)
+    visit.demo.wait(1.5 / PACE)
     assert visit.demo.state["q"] == q
 
     def is_resumed(before, now):
