@@ -142,7 +142,7 @@ def play(film: Film) -> str | None:
     film.run(1.8)
     film.run(3.0, lambda: visit.is_calm)
     visit.click()
-    film.run(1.5)
+    film.run(1.8)
     if not demo.state["paused"]:
         return "pause"
     visit.grab()
