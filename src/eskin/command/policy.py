@@ -127,9 +127,8 @@ class Policy(Listener):
         self.vocabulary = vocabulary
         self.config = config or PolicyConfig()
         self.lock = RLock()
-        self.accepted = self.pause_count = self.slowed_at = 0
-        self.paused_since: int | None = None
-        self.held_since: int | None = None
+        self.accepted = self.stopped_at = self.slowed_at = 0
+        self.stops: tuple[int, str | None] | None = None
         self.last_used: dict[object, int] = {}
         self.slowed: str | None = None
         self.held_for: str | None = None
@@ -306,11 +305,10 @@ class Policy(Listener):
             onset: time at which it began [ns since the epoch].
             state: state of the arm.
         """
-        if not state.paused or self.paused_since is None:
+        if not state.paused:
             return f"nobody has paused it; {self.describe_way(state)}"
-        since = max(touch.untouched_since, self.paused_since, self.held_since or 0)
         least = self.config.min_pause
-        if onset - since < least * NS_PER_S:
+        if onset - max(touch.untouched_since, self.stopped_at) < least * NS_PER_S:
             return (
                 "the touch began before the arm had stood, and nobody had touched the "
                 f"skin, for {least:g} s; let go, wait, then ask again"
@@ -355,7 +353,9 @@ class Policy(Listener):
     def hold_if_unreliable(self) -> None:
         """Hold the arm if skin or functions cannot be relied on; publish when again."""
         now, state = self.context.clock.now(), self.arm.state()
-        self.note_stops(state, now)
+        stops = state.pause_count, state.hold_reason
+        if stops != self.stops:
+            self.stops, self.stopped_at = stops, now
         problem = self.find_problem(now)
         if problem is not None:
             requests, self.touches.requests = self.touches.requests, []
@@ -394,7 +394,7 @@ class Policy(Listener):
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
         touches = self.touches
         if touches.last_contact == touches.latest and self.arm.state().jogging:
-            self.pause()
+            self.arm.pause()
             self.publish("pause", True, "touched while it jogs")
 
     def suspend_if_stop(self) -> None:
@@ -535,12 +535,9 @@ class Policy(Listener):
         """Make the arm execute what is asked for."""
         arm, detection, rule = self.arm, request.detection, request.rule
         match request.action:
-            case "pause":
-                self.pause()
             case "resume":
                 arm.release()
                 arm.resume()
-                self.paused_since = None
             case "jog":
                 step = self.config.jog_step if rule.step is None else rule.step
                 arm.jog(step * detection.direction_world)
@@ -550,7 +547,7 @@ class Policy(Listener):
                 arm.set_speed(1.0)
             case "hold":
                 arm.hold(f"{detection.gesture} on {detection.patch}")
-                self.held_since = self.context.clock.now()
+                self.stopped_at = self.context.clock.now()
             case action if action == FUNCTION:
                 call = FunctionCall(rule.function or "", arm, detection)
                 if not call.has_returned(self.config.function_seconds):
@@ -566,30 +563,16 @@ class Policy(Listener):
 
     def pause_for(self, touch: CommandedTouch, reason: str) -> None:
         """Pause the arm for a touch that was not recognised, and publish why."""
-        self.pause()
+        self.arm.pause()
         self.accepted += 1
         touch.blocked = True
         self.publish("pause", True, reason, touch=touch)
 
-    def pause(self) -> None:
-        """Pause the arm from now on."""
-        self.arm.pause()
-        self.note_stops(self.arm.state(), self.context.clock.now())
-
     def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
         self.arm.hold(reason)
-        self.held_since = self.context.clock.now()
+        self.stopped_at = self.context.clock.now()
         self.publish("hold", True, reason, touch=touch)
-
-    def note_stops(self, state: ArmState, now: int) -> None:
-        """Note since when the arm is paused and held, whoever told it to."""
-        if self.paused_since is None or state.pause_count != self.pause_count:
-            self.paused_since, self.pause_count = now, state.pause_count
-        if not state.paused:
-            self.paused_since = None
-        held = now if self.held_since is None else self.held_since
-        self.held_since = None if state.hold_reason is None else held
 
     def publish(
         self,
