@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
 
 import tyro
 
-from eskin.cli.checks import POSITIVE_OR_INF
+from eskin.cli.checks import POSITIVE_OR_INF, Range
 from eskin.cli.skin import describe_taxel
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S, format_count
@@ -55,6 +55,10 @@ class SourceCommand:
     """Counts fall under pressure, as with a pull-up resistor. The calibration file of
     eskin calibrate says so itself."""
 
+    bits: Annotated[int | None, Range(8, 16)] = None
+    """Bits of the converter, as 10 of an Arduino Uno; 12 where nothing says so. The
+    calibration file of eskin calibrate says so itself."""
+
     q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
     """Joint positions [rad] of a robot that does not move; zeros by default."""
 
@@ -94,6 +98,7 @@ class SourceCommand:
             robot=self.robot_urdf,
             calibration=self.calibration,
             falling=self.falling,
+            bits=self.bits,
             q=self.q,
             rate=self.rate,
             pace=pace,

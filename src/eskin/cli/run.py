@@ -237,8 +237,9 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
         doubts.append("simulated: touches are not those of a person")
     if kind not in ("replay", "sim") and calibration.source == "nominal":
         doubts.append(
-            "not calibrated: forces are relative, by a nominal curve; measure the "
-            "skin's own with eskin calibrate"
+            "not calibrated: forces are relative, by a nominal curve up to "
+            f"{calibration.full_scale:,} counts; measure the skin's own with eskin "
+            "calibrate, or at least give --bits"
         )
     return tuple(doubts)
 

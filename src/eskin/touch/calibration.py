@@ -235,6 +235,14 @@ class Calibration:
         turned = np.maximum(self.full_scale - counts, 0)
         return np.where(counts < 0, counts, turned)
 
+    def with_full_scale(self, full_scale: int) -> "Calibration":
+        """Return the constants for a converter with another full scale [counts].
+
+        The pressure at full scale stays; rest and noise are counts, and stay too.
+        """
+        gain = self.gain * (self.full_scale / full_scale)
+        return replace(self, gain=gain, full_scale=full_scale)
+
     @property
     def rising(self) -> "Calibration":
         """The calibration of the same skin for counts that are turned to rise."""
