@@ -12,11 +12,12 @@ from eskin.cli.checks import check_writable
 from eskin.cli.guided import (
     Dialogue,
     PressCommand,
+    describe_cell,
+    describe_taxel,
     guide_presses,
     open_guided_source,
     show_result,
 )
-from eskin.cli.skin import describe_taxel
 from eskin.units import format_count
 
 if TYPE_CHECKING:
@@ -78,8 +79,8 @@ def run(command: CalibrateCommand) -> dict[str, object]:
         lines = describe_result(result, mounted.skin)
         if result.calibration.full_scale != guide.assumed.full_scale:
             lines.append(
-                f"full scale is {result.calibration.full_scale:,}, as presses and counts "
-                "say; --bits states another"
+                f"full scale is {result.calibration.full_scale:,}, as presses and "
+                "counts say; --bits states another"
             )
         show_result(page, guide, [*lines, f"written to {command.out}"])
     return summarise(result, mounted.skin, command)
@@ -142,10 +143,11 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
             f"noise at rest: median {np.median(noise):.2f} counts, worst "
             f"{noise.max():.2f}"
         )
+    patches = {patch.id: patch for patch in skin.patches}
     for fault in result.faults:
-        places = {"row": fault.row, "column": fault.column}
-        text = "".join(f", {k} {v}" for k, v in places.items() if v is not None)
-        lines.append(f"  {fault.kind}: patch '{fault.patch}'{text}")
+        cell = describe_cell(patches[fault.patch], fault.row, fault.column)
+        where = f", {cell}" if cell else ""
+        lines.append(f"  {fault.kind}: patch '{fault.patch}'{where}")
     if result.calibration.falling:
         lines.append("counts fall under pressure, which the file says (falling)")
     rows = build_patch_rows(result, skin)
