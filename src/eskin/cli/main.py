@@ -49,6 +49,8 @@ def main() -> None:
     compiling = logging.getLogger("eskin.compiled")
     compiling.addHandler(logging.StreamHandler())
     compiling.setLevel(logging.INFO)
+    # What stops a stream is raised, and printed once.
+    logging.getLogger("eskin.stream.stream").disabled = True
     sys.exit(run(sys.argv[1:]))
 
 
@@ -78,12 +80,11 @@ def run(argv: list[str]) -> int:
         return print_error(
             f"{error.name} is missing; install it: pip install '{wanted}'"
         )
-    except StreamError as error:
-        print_error(str(error))
-        return FAILED
-    except BrokenPipeError:
-        # The reader of the output, such as `head`, has closed it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (BrokenPipeError, StreamError) as error:
+        if not isinstance(error.__cause__ or error, BrokenPipeError):
+            print_error(str(error))
+            return FAILED
+        drop_output()
         return STOPPED
     except OSError as error:
         return print_error(describe_os_error(error))
@@ -93,6 +94,11 @@ def run(argv: list[str]) -> int:
         print_error("stopped")
         return STOPPED
     return 0
+
+
+def drop_output() -> None:
+    """Drop what is still to be printed: its reader, such as `head`, has closed it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def describe_os_error(error: OSError) -> str:

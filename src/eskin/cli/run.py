@@ -257,14 +257,25 @@ def build_policy(
     """Build the policy that commands the arm.
 
     Raises:
-        CommandError: when the command map cannot be used.
+        CommandError: when the command map cannot be used, or no gesture of the model
+            stops the arm.
+        ArmError: when the robot of the skin has not the joints of the arm.
     """
     from eskin.command import Policy, load_commands
+    from eskin.command.arm import ArmJoints
+    from eskin.errors import CommandError
 
-    vocabulary = model.card.vocabulary
+    skin, vocabulary = source.info.skin, model.card.vocabulary
+    ArmJoints(arm, source.info.load_robot(command.robot_urdf))
     commands = load_commands(
-        command.commands, vocabulary, source.info.skin, command.import_functions
+        command.commands, vocabulary, skin, command.import_functions
     )
+    if not any(commands.find_stops(vocabulary, patch) for patch in skin.patches):
+        raise CommandError(
+            f"{command.commands or 'the default map'} has no gesture of the model that "
+            f"pauses or holds the arm; allowed are {', '.join(vocabulary)}; write a "
+            "rule for one of them with action: pause, and give its map by --commands"
+        )
     return Policy(arm, commands, vocabulary)
 
 
