@@ -1,5 +1,6 @@
 """Tests of what all commands share: help, one line of JSON, one line of error."""
 
+import ast
 import errno
 import json
 import re
@@ -11,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+import eskin
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
-from eskin.cli.parse_errors import rewrite_parse_error
+from eskin.cli.parse_errors import list_options, rewrite_parse_error
 
 ARGUMENTS = {
     "convert": "sleeve in out",
@@ -100,6 +102,21 @@ def test_unknown_option_is_refused(name, refuse):
     refuse(words, "--colour is no option", f"see eskin {name} --help")
 
 
+def test_messages_name_options_that_exist():
+    known = {"--json", "--help", "--version", "--head", "--same-touch", "--results"}
+    for name in COMMANDS:
+        known |= set(list_options(load_command(name)[1]))
+    named = {
+        (path.name, option.replace(".no-", "."))
+        for path in Path(eskin.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        for option in re.findall(r"(?<![\w-])--[a-z][\w.-]*\w", node.value)
+    }
+    groups = {one.rpartition(".")[0] for one in known}
+    assert {(path, one) for path, one in named if one not in known | groups} == set()
+
+
 @pytest.mark.parametrize("name", ["convert", "generate", "evaluate", "run", "train"])
 def test_missing_argument_is_refused(name, refuse):
     refuse(name, "is missing: ", "; give it", f"see eskin {name} --help")
@@ -115,13 +132,18 @@ def test_missing_path_is_refused(name, refuse):
     [
         ("dance", ("'dance'", "run, demo, record")),
         ("skin", ("'skin'", "skin show, skin check")),
-        ("skin dye", ("'skin'",)),
+        ("skin dye", ("'skin dye'",)),
         ("--json train", ("'--json'",)),
         ("convert glove in out", ("dataset is 'glove'; allowed are sleeve, s",)),
         ("train a --out m --seed x", ("--seed is 'x'; allowed is a whole number",)),
         ("run --source a --seconds x", ("--seconds is 'x'; allowed is a number;",)),
         ("run --source a --q 1 b", ("--q is '1 b'; allowed is a number for each",)),
         ("run --source a --pace", ("--pace has no value; give one",)),
+        ("calibrat x", ("did you mean calibrate?",)),
+        ("skin chek a", ("no command 'skin chek'", "did you mean skin check?")),
+        ("record x --out y --gesture a b", ("did you mean --gestures?",)),
+        ("train a --out m --epochs 3", ("did you mean --train.epochs?",)),
+        ("calibrate x --out y --robot a", ("did you mean --robot-urdf?",)),
         ("demo --headles", ("--headles is no option", "did you mean --headless?")),
         (
             "train a --out m --train.shares a b",

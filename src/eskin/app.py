@@ -287,7 +287,7 @@ def mount_device_skin(uris: Sequence[str], config: SourceConfig) -> MountedSkin:
     if config.skin is None:
         raise DeviceError(
             f"source {uris[0]} is given without a skin; allowed is a preset's name or "
-            "a skin's folder; say whose patches they are"
+            "a skin's folder; say whose patches they are (--skin)"
         )
     return mount_skin(config.skin, config.robot)
 

@@ -15,13 +15,14 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib.metadata import version
 from typing import Annotated, Any
 
 import tyro
 
 from eskin.cli.checks import check_files, check_options
-from eskin.cli.parse_errors import rewrite_parse_error
+from eskin.cli.parse_errors import list_options, rewrite_parse_error
 from eskin.errors import EskinError, StreamError
 from eskin.registry import COMMANDS, MOVED, load_function
 
@@ -140,8 +141,12 @@ def split_command(argv: list[str]) -> tuple[str, list[str]]:
         if name in COMMANDS:
             return name, argv[words:]
     begun = [name for name in COMMANDS if name.split()[0] == argv[0]]
-    known = ", ".join(begun or COMMANDS)
-    raise ValueError(f"no command '{argv[0]}'; commands: {known}; see eskin --help")
+    given, known = " ".join(argv[: 2 if begun else 1]), ", ".join(begun or COMMANDS)
+    like = get_close_matches(given, COMMANDS, 1)
+    meant = f"; did you mean {like[0]}?" if like else ""
+    raise ValueError(
+        f"no command '{given}'; commands: {known}{meant}; see eskin --help"
+    )
 
 
 def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Output]:
@@ -163,7 +168,9 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
     except SystemExit as stop:
         if stop.code == 0:
             raise
-        raise ValueError(rewrite_parse_error(tyro_error.getvalue(), name)) from None
+        options = list_options(command_type)
+        text = rewrite_parse_error(tyro_error.getvalue(), name, options)
+        raise ValueError(text) from None
     check_options(command)
     return command, output
 

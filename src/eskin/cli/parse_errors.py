@@ -5,7 +5,9 @@ that names the option, what was given, what is allowed and what to do.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 
 BOX = {ord(character): " " for character in "╭╮╰╯│─├┤"}
 KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path"}
@@ -14,14 +16,18 @@ TITLES = "Parsing error|Value error|Unrecognized options|Required options"
 TITLES += "|Missing argument|Invalid choice"
 
 
-def rewrite_parse_error(message: str, name: str) -> str:
+def rewrite_parse_error(message: str, name: str, options: Sequence[str] = ()) -> str:
     """Return an error of tyro as one line.
 
     Args:
         message: what tyro printed.
         name: name of the command, without `eskin`.
+        options: options of the command.
     """
     text = re.sub(rf"^(?:{TITLES}) ", "", flatten(message))
+    unknown = re.search(r"Unrecognized options: ([^\s,]+)", text)
+    if unknown is not None:
+        return f"{describe_unknown(unknown[1], options)}; see eskin {name} --help"
     for pattern, describe in REWRITTEN:
         found = re.search(pattern, text)
         if found is not None:
@@ -38,10 +44,24 @@ def flatten(message: str) -> str:
     return re.split(r" (?:Argument helptext:|For full helptext)", text)[0]
 
 
-def describe_unknown(found: re.Match[str]) -> str:
-    """Describe options that the command does not have."""
-    unknown, meant = found["unknown"].split(", ")[0], found["meant"]
-    remedy = f"did you mean {meant}?" if meant else "take it out, or correct it"
+def list_options(command: type, group: str = "") -> list[str]:
+    """Return the options of a command, those of groups with their group."""
+    found = []
+    for each in fields(command):
+        name = group + each.name.replace("_", "-")
+        inner = each.type
+        is_group = isinstance(inner, type) and is_dataclass(inner)
+        found += list_options(inner, f"{name}.") if is_group else [f"--{name}"]
+    return found
+
+
+def describe_unknown(unknown: str, options: Sequence[str]) -> str:
+    """Describe an option that the command does not have, with the one it is like."""
+    short = {f"--{one.rpartition('.')[2].lstrip('-')}": one for one in options}
+    like = get_close_matches(unknown, [*options, *short], 1)
+    remedy = "take it out, or correct it"
+    if like:
+        remedy = f"did you mean {short.get(like[0], like[0])}?"
     return f"{unknown} is no option or argument of the command; {remedy}"
 
 
@@ -86,11 +106,6 @@ def describe_setting(found: re.Match[str]) -> str:
 
 
 REWRITTEN: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
-    (
-        r"Unrecognized options: (?P<unknown>.*?)"
-        r"(?: Perhaps you meant:? (?P<meant>--\S+).*)?$",
-        describe_unknown,
-    ),
     (r"Missing from [^:]*: (?P<missing>.*)", describe_missing),
     (
         r"Missing value for argument '(?P<option>[^']*)'",

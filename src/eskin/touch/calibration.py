@@ -282,9 +282,9 @@ class Calibration:
             calibration = cls(
                 gain=np.array(content["gain"], dtype=np.float64),
                 full_scale=int(content["full_scale"]),
-                shear_gain=float(content["shear_gain"]),
-                shear_rest=int(content["shear_rest"]),
-                floor=float(content["floor"]),
+                shear_gain=float(content.get("shear_gain", 1.0)),
+                shear_rest=int(content.get("shear_rest", 0)),
+                floor=float(content.get("floor", 0.0)),
                 curve=parse_choice("curve", content.get("curve", "linear"), Curve),
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
@@ -301,8 +301,8 @@ class Calibration:
         except PARSE_ERRORS as error:
             raise RecordingError(
                 f"calibration cannot be read ({type(error).__name__}: {error}); "
-                "allowed is JSON with version, gain, full_scale, shear_gain, "
-                "shear_rest and floor; record again, or use Calibration.to_bytes"
+                "allowed is JSON with version, gain and full_scale; correct it, or "
+                "record again"
             ) from error
         if version not in VERSIONS:
             raise RecordingError(
