@@ -277,6 +277,7 @@ def open_guided_source(
     mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))
     taxels = format_count(info.skin.count, "taxel")
     say(f"{info.uri}: skin '{info.skin.name}', {taxels}")
+    say(info.describe_rate())
     return source, mounted
 
 

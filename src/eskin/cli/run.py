@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from eskin.cli.checks import POSITIVE, POSITIVE_OR_INF, Excludes, Needs
-from eskin.cli.guided import PATIENCE, SourceCommand, check_joints
+from eskin.cli.guided import PATIENCE, SourceCommand, check_joints, say
 from eskin.errors import DeviceError
 from eskin.units import format_count
 
@@ -401,8 +401,8 @@ def print_source(source: "Source", doubts: tuple[str, ...]) -> None:
         f"'{info.robot_name}', {info.rate:g} scans a second; Ctrl-C ends it",
         flush=True,
     )
-    for doubt in doubts:
-        print(doubt, flush=True)
+    for doubt in (*doubts, info.describe_rate()):
+        say(doubt)
 
 
 def summarise(
