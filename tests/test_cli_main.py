@@ -35,6 +35,7 @@ ARGUMENTS = {
     "skin show": "gone",
     "skin check": "gone",
     "skin design": "gone.urdf --out skin",
+    "skin place": "gone.urdf --link a --rows 2 --columns 2 --pitch-mm 5 -o b",
     "skin paint": "gone.urdf --spec spec.yaml",
     "skin convert": "gone out",
     "skin pose": "replay:gone.mcap --points p.csv --out skin",
