@@ -14,7 +14,8 @@ import pytest
 
 import eskin
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
-from eskin.cli.parse_errors import list_options, rewrite_parse_error
+from eskin.cli.options import list_options
+from eskin.cli.parse_errors import rewrite_parse_error
 
 ARGUMENTS = {
     "convert": "sleeve in out",
@@ -79,6 +80,13 @@ def test_overview_lists_commands(words, capsys):
         assert re.search(rf"^  eskin {name} +[a-z].*$", out, re.MULTILINE)
 
 
+def test_help_of_a_group_lists_its_commands(capsys):
+    code, out, err = call(capsys, "skin --help")
+    assert (code, err) == (0, "")
+    listed = re.findall(r"^  eskin (.*?)  ", out, re.MULTILINE)
+    assert [one.strip() for one in listed] == [c for c in COMMANDS if c[:5] == "skin "]
+
+
 def test_version_is_that_of_the_package(capsys):
     assert call(capsys, "--version") == (0, f"eskin {version('eskin')}\n", "")
 
@@ -92,6 +100,7 @@ def test_help_describes_command_and_names_every_option(name, capsys):
     words = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert command_type.__doc__.splitlines()[0] in words
     assert "--json" in words
+    assert not re.search(r"\(default: ?(None|False|True)?\)|\{None|\[\[", words)
     for field in fields(command_type):
         if "Positional" not in str(field.type) and field.name not in NESTED:
             assert "--" + field.name.replace("_", "-") in words

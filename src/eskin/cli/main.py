@@ -22,7 +22,8 @@ from typing import Annotated, Any
 import tyro
 
 from eskin.cli.checks import check_files, check_options
-from eskin.cli.parse_errors import list_options, rewrite_parse_error
+from eskin.cli.options import describe_command, list_options, registry
+from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, StreamError
 from eskin.registry import COMMANDS, MOVED, load_function
 
@@ -57,8 +58,10 @@ def main() -> None:
 
 def run(argv: list[str]) -> int:
     """Run one command line and return its exit code."""
-    if not argv or argv[0] in ("-h", "--help"):
-        print(format_overview())
+    *group, last = argv or ["--help"]
+    begun = [name for name in COMMANDS if name.split()[:-1] == group]
+    if last in ("-h", "--help") and begun:
+        print(format_overview(begun if group else list(COMMANDS)))
         return 0
     if argv == ["--version"]:
         print(f"eskin {version('eskin')}")
@@ -161,9 +164,10 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
             command, output = tyro.cli(
                 both,
                 prog=f"eskin {name}",
-                description=command_type.__doc__,
+                description=describe_command(command_type),
                 args=argv,
                 config=(tyro.conf.FlagCreatePairsOff,),
+                registry=registry,
             )
     except SystemExit as stop:
         if stop.code == 0:
@@ -181,13 +185,11 @@ def print_error(message: str) -> int:
     return BAD_INPUT
 
 
-def format_overview() -> str:
-    """List the commands, one on each line."""
+def format_overview(names: Sequence[str]) -> str:
+    """List some commands, one on each line."""
     rows = ["eskin: touch gestures from a robot's electronic skin", ""]
-    width = max(map(len, COMMANDS))
-    rows += [
-        f"  eskin {name:{width}}  {entry.summary}" for name, entry in COMMANDS.items()
-    ]
+    width = max(map(len, names))
+    rows += [f"  eskin {name:{width}}  {COMMANDS[name].summary}" for name in names]
     return "\n".join([*rows, "", "eskin COMMAND --help explains one."])
 
 

@@ -6,7 +6,6 @@ that names the option, what was given, what is allowed and what to do.
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 
 BOX = {ord(character): " " for character in "╭╮╰╯│─├┤"}
@@ -44,17 +43,6 @@ def flatten(message: str) -> str:
     return re.split(r" (?:Argument helptext:|For full helptext)", text)[0]
 
 
-def list_options(command: type, group: str = "") -> list[str]:
-    """Return the options of a command, those of groups with their group."""
-    found = []
-    for each in fields(command):
-        name = group + each.name.replace("_", "-")
-        inner = each.type
-        is_group = isinstance(inner, type) and is_dataclass(inner)
-        found += list_options(inner, f"{name}.") if is_group else [f"--{name}"]
-    return found
-
-
 def describe_unknown(unknown: str, options: Sequence[str]) -> str:
     """Describe an option that the command does not have, with the one it is like."""
     short = {f"--{one.rpartition('.')[2].lstrip('-')}": one for one in options}
@@ -69,7 +57,7 @@ def describe_missing(found: re.Match[str]) -> str:
     """Describe the first argument that is required, by what it is for."""
     first = found["missing"].split(" (required)")[0]
     name, _, text = first.partition(" ")
-    text = re.sub(r"^(?:PATH|STR|INT|FLOAT|\[\S+ \[\S+ \.\.\.\]\]) ", "", text)
+    text = re.sub(r"^(?:PATH|STR|INT|FLOAT)(?: \.\.\.)? ", "", text)
     purpose = re.split(r"\.(?: |$)", text)[0]
     return f"{name} is missing: {purpose[:1].lower()}{purpose[1:]}; give it"
 
