@@ -80,6 +80,16 @@ def test_overview_lists_commands(words, capsys):
         assert re.search(rf"^  eskin {name} +[a-z].*$", out, re.MULTILINE)
 
 
+def test_options_of_commands_are_told_without_large_packages():
+    code = (
+        "import sys; from eskin.cli.main import COMMANDS, load_command; "
+        "[load_command(name) for name in COMMANDS]; "
+        "print(*sys.modules.keys() & {'torch', 'igl', 'trimesh', 'matplotlib'})"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (told.stdout, told.stderr) == ("\n", "")
+
+
 def test_help_of_a_group_lists_its_commands(capsys):
     code, out, err = call(capsys, "skin --help")
     assert (code, err) == (0, "")
