@@ -25,7 +25,6 @@ ARGUMENTS = {
     "train": "a.mcap --out m",
     "evaluate": "m a.mcap",
     "compare": "--train a --test b",
-    "study": "a",
     "run": "--source replay:a.mcap",
     "device": "gone --play a.mcap",
     "export": "gone.mcap --rosbag bag",

@@ -586,7 +586,7 @@ def test_links_share_the_triangles_that_are_allowed(tmp_path, monkeypatch):
 def test_patches_that_no_skin_may_have_are_refused(robots, monkeypatch):
     monkeypatch.setattr("eskin.design.design.MAX_PATCHES", 3)
     with pytest.raises(SkinError, match="more than 3 patches.* lower the density"):
-        design_skin(robots["ball"], make_spec())
+        design_skin(robots["box"], make_spec())
 
 
 @pytest.mark.parametrize("name", ["ball", "tube"])

@@ -169,8 +169,8 @@ def test_invalid_input_is_refused_in_one_line(
 @pytest.mark.slow
 def test_show_command_prints_and_draws_a_skin(tmp_path, capsys):
     picture = tmp_path / "skin.png"
-    skin = load_skin("post")
-    assert run(["skin", "show", "post", "--out", str(picture), "--json"]) == 0
+    skin = load_skin("bent")
+    assert run(["skin", "show", "bent", "--out", str(picture), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert shown["taxels"] == skin.count == sum(p["taxels"] for p in shown["patches"])
     assert shown["area_cm2"] == pytest.approx(1e4 * skin.areas.sum(), abs=1e-3)

@@ -87,7 +87,6 @@ COMMANDS = {
 
 MOVED = {
     "compare": "python -m lab.compare",
-    "study": "python -m lab.study",
     "demo --same-touch": "python -m lab.same_touch",
 }
 """Commands and options that belong to the laboratory, with their commands there."""
