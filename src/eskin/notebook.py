@@ -1,5 +1,6 @@
 """This module gives a notebook recordings as tables, and draws values of a skin."""
 
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,9 +76,7 @@ def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") 
             )
     if find_spec("pandas") is None:
         return rows
-    from pandas import DataFrame
-
-    return DataFrame(rows)
+    return import_module("pandas").DataFrame(rows)
 
 
 def plot_skin(

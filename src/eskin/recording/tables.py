@@ -5,6 +5,7 @@ The table `readings.parquet` has a row a reading, `touches.parquet` one a touch,
 """
 
 from collections.abc import Iterator, Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -119,21 +120,18 @@ def measure_pressures(recording: Recording) -> Any:  # noqa: ANN401
     values = values.reshape(-1, recording.skin.count)
     taxels = list_taxels(recording)
     if find_spec("xarray") is not None:
-        from xarray import DataArray
-
         names = ("patch", "link", "row", "column")
         own = {name: ("taxel", [row[name] for row in taxels]) for name in names}
         coordinates = {"time": times, "taxel": np.arange(len(taxels)), **own}
         facts = {"units": UNITS["pressure"]}
-        return DataArray(
+        return import_module("xarray").DataArray(
             values, coordinates, ("time", "taxel"), "pressure", attrs=facts
         )
     if find_spec("pandas") is not None:
-        from pandas import DataFrame, MultiIndex
-
+        pandas = import_module("pandas")
         cells = [(row["patch"], row["row"], row["column"]) for row in taxels]
-        columns = MultiIndex.from_tuples(cells, names=("patch", "row", "column"))
-        return DataFrame(values, times, columns)
+        columns = pandas.MultiIndex.from_tuples(cells, names=("patch", "row", "column"))
+        return pandas.DataFrame(values, times, columns)
     return values
 
 
