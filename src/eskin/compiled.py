@@ -110,8 +110,13 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     dispatcher = njit(cache=True, **options)(function)
     part = njit(pipeline_class=PartCompiler, no_cpython_wrapper=True, **options)
     part = part(function)
+
+    def get_call_template(args: Any, kws: Any) -> Any:  # noqa: ANN401
+        # Else a constant argument makes a function of its own.
+        return part.get_call_template(tuple(map(types.unliteral, args)), kws)
+
     # By these, numba finds what a call in compiled code runs.
-    dispatcher.get_call_template = part.get_call_template
+    dispatcher.get_call_template = get_call_template
     dispatcher.get_overload = part.get_overload
     # Numba has no public way to say what else a cached function depends on. The digest
     # is part of the names, so that no file of other sources is opened: it may refer to
