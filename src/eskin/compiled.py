@@ -108,8 +108,8 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
         return partial(compiled, **options)
     options |= {"nogil": True, "no_cfunc_wrapper": True}
     dispatcher = njit(cache=True, **options)(function)
-    part = njit(pipeline_class=PartCompiler, no_cpython_wrapper=True, **options)
-    part = part(function)
+    options |= {"pipeline_class": PartCompiler, "no_cpython_wrapper": True}
+    part = njit(**options)(function)
 
     def get_call_template(args: Any, kws: Any) -> Any:  # noqa: ANN401
         # Else a constant argument makes a function of its own.
