@@ -108,6 +108,13 @@ def test_compiled_function_is_kept_until_a_callee_or_constant_changes(call_kerne
     assert call_kernel("2", constant=(1 + 4)) == (100, 0)
 
 
+def test_function_called_by_compiled_code_is_not_compiled_for_python(call_kernel):
+    assert call_kernel("2") == (4, 0)
+    double = sys.modules["eskin.callee_kernels"].double
+    assert not double.signatures
+    assert double(3) == 6 and len(double.signatures) == 1
+
+
 def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():
     for path in compiled.PACKAGE.rglob("*.py"):
         text = path.read_text()

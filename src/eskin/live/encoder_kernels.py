@@ -27,7 +27,7 @@ EPSILON = np.float32(1e-5)
 # exp2 by a polynomial on [-0.5, 0.5], to a relative error of 2e-7.
 LOG2_E = np.float32(1.4426950408889634)
 MAX_EXPONENT = np.float32(80.0)  # where exp is still a float32 on both sides
-ONE = np.float32(1.0)
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
 E0 = np.float32(1.000000075)
 E1 = np.float32(0.693147188)
 E2 = np.float32(0.2402210749)
@@ -165,11 +165,11 @@ def layer_norm(x: Rows, scale: Channels, shift: Channels, out: Rows) -> None:
     """Normalise each row to zero mean and unit variance, then scale and shift it."""
     rows, channels = x.shape
     for i in range(rows):
-        mean = np.float32(0.0)
+        mean = ZERO
         for c in range(channels):
             mean += x[i, c]
         mean /= np.float32(channels)
-        variance = np.float32(0.0)
+        variance = ZERO
         for c in range(channels):
             variance += (x[i, c] - mean) ** 2
         inverse = ONE / np.sqrt(variance / np.float32(channels) + EPSILON)
@@ -188,7 +188,8 @@ def encode(
     """Write the embedding of a batch of one graph; zeros where nothing is active."""
     targets = find_targets(graph, workspace)
     if targets == 0:
-        out[:] = np.float32(0.0)
+        for c in range(len(out)):
+            out[c] = ZERO
         return
     edges = find_edges(graph, targets, workspace)
     write_coordinates(graph, shear, workspace)
@@ -219,7 +220,7 @@ def find_edges(graph: GraphBatch, targets: int, workspace: EncoderWorkspace) -> 
     for i in range(targets):
         node = workspace.nodes[i]
         workspace.first_edge[i] = edges
-        area = np.float32(0.0)
+        area = ZERO
         for k in range(graph.neighbours.shape[1]):
             source = graph.neighbours[node, k]
             if source >= 0:
@@ -285,7 +286,8 @@ def write_node_features(
     p, before = graph.pressure[node], graph.before[node]
     s = squared_norm(workspace.shear[node])
     if p == 0.0 and before == 0.0 and s == 0.0 and graph.age[node] == 0.0:
-        scalars[row] = np.float32(0.0)
+        for k in range(scalars.shape[1]):
+            scalars[row, k] = ZERO
         return True
     rate = (p - before) / np.float64(graph.seconds[0])
     scalars[row, 0] = p > 0.0
@@ -316,8 +318,11 @@ def run_layer(
     matmul(u, weights.of_source_weight[layer], workspace.of_source[:rows])
     matmul(u[:targets], weights.of_target_weight[layer], of_target)
     add_bias(of_target, weights.of_target_bias[layer])
-    workspace.coord_update[:targets] = np.float32(0.0)
-    messages[:] = np.float32(0.0)
+    for i in range(targets):
+        for d in range(3):
+            workspace.coord_update[i, d] = ZERO
+        for c in range(width):
+            messages[i, c] = ZERO
     aggregate(layer, graph, shear, targets, weights, workspace)
     hidden = workspace.of_source[:targets]
     matmul(u[:targets], weights.update_hidden_weight[layer, :width], hidden)
@@ -449,7 +454,7 @@ def write_edge_features(
                 edge[k, 4] = s[i, 0] * r0 + s[i, 1] * r1 + s[i, 2] * r2
                 edge[k, 5] = s[j, 0] * r0 + s[j, 1] * r1 + s[j, 2] * r2
             else:
-                edge[k, 4], edge[k, 5] = np.float32(0.0), np.float32(0.0)
+                edge[k, 4], edge[k, 5] = ZERO, ZERO
 
 
 @compiled_fastmath
@@ -464,9 +469,9 @@ def pool_nodes(
     v, pooled = workspace.v, workspace.pooled
     width = v.shape[1]
     largest, mean = pooled[0, :width], pooled[0, width:]
-    largest[:] = v[0]
-    mean[:] = np.float32(0.0)
-    force = np.float32(0.0)
+    for c in range(width):
+        largest[c], mean[c] = v[0, c], ZERO
+    force = ZERO
     for i in range(targets):
         node = workspace.nodes[i]
         weight = graph.pressure[node] * graph.areas[node]

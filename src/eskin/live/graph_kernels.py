@@ -303,7 +303,7 @@ def write_geometry(
     positions, normals, areas = graph.positions, graph.normals, graph.areas
     p_link, n_link, taxel_areas = geometry.positions, geometry.normals, geometry.areas
     sums, patch, rank = workspace.position_sum, workspace.patch, workspace.rank
-    sums[:] = 0.0
+    sums[0] = sums[1] = sums[2] = 0.0
     for n in range(nodes):
         taxel = node_taxel[n]
         link = geometry.links[taxel]
@@ -337,8 +337,10 @@ def write_loads(
     graph, node = workspace.graph, workspace.taxel_node
     pressure, before, age = graph.pressure, graph.before, graph.age
     shear, shear_before = graph.shear, graph.shear_before
-    pressure[:nodes], before[:nodes], age[:nodes] = ZERO, ZERO, ZERO
-    shear[:nodes], shear_before[:nodes] = ZERO, ZERO
+    for n in range(nodes):
+        pressure[n] = before[n] = age[n] = ZERO
+        for d in range(3):
+            shear[n, d] = shear_before[n, d] = ZERO
     for taxel in taxels:
         n = node[taxel]
         pressure[n] = history.pressure[taxel]
@@ -401,7 +403,9 @@ def write_live_neighbours(
     out: Int[np.ndarray, "node k"],
 ) -> None:
     """Write the neighbours of each node; see `find_live_neighbours` for arguments."""
-    out[:] = NO_NODE
+    for n in range(out.shape[0]):
+        for k in range(out.shape[1]):
+            out[n, k] = NO_NODE
     max_length = np.rint(reach * MICROMETRES)
     search_radius = (max_length + 1.0) / MICROMETRES
     count = find_candidates(p_world, patch, search_radius, workspace)
@@ -411,7 +415,8 @@ def write_live_neighbours(
         return
     for a in range(count):
         n = candidates[a]
-        lengths[:] = np.inf
+        for k in range(len(lengths)):
+            lengths[k] = np.inf
         radius = search_radius  # shrinks to the distance of the last of the nearest
         for b in range(count):
             m = candidates[b]

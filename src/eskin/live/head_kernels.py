@@ -100,7 +100,9 @@ def classify(
     """
     seen, slots = state.seen, state.seen.shape[1]
     if now - before >= slots:
-        seen[:] = False
+        for index in range(slots):
+            for scale in range(SCALES):
+                seen[scale, index] = False
     else:
         for slot in range(before + 1, now):
             seen[0, slot % slots] = False
@@ -109,10 +111,12 @@ def classify(
         for c in range(len(features)):
             state.newest[c] = max(state.newest[c], features[c])
     else:
-        state.newest[:] = features
+        for c in range(len(features)):
+            state.newest[c] = features[c]
     seen[0, now % slots] = True
     fine = state.values[0, now % slots]
-    fine[:] = ZERO
+    for c in range(len(fine)):
+        fine[c] = ZERO
     add_vecmat(state.newest, weights.project_weight, fine)
     activate_scaled(fine, np.float32(1.0), weights.project_bias)
     convolve(now, weights, state)
@@ -159,7 +163,8 @@ def convolve_scale(
     for branch in range(branches):
         first, last = branch * width, (branch + 1) * width
         y = out[here, first:last]
-        y[:] = ZERO
+        for c in range(width):
+            y[c] = ZERO
         for k in range(taps):
             index = (slot - (taps - 1 - k) * spacing) % slots
             if seen[index]:
@@ -228,7 +233,8 @@ def compute_statistics(
     """
     count, first = len(indices), x[indices[0]]
     mean, spread, largest, integral = out[0], out[1], out[2], out[3]
-    mean[:], spread[:], largest[:] = ZERO, ZERO, first
+    for c in range(len(first)):
+        mean[c], spread[c], largest[c] = ZERO, ZERO, first[c]
     fours = count - count % 4
     for k in range(0, fours, 4):
         accumulate_four(x, indices[k : k + 4], first, mean, spread, largest)

@@ -33,8 +33,11 @@ def compute_link_poses(
         for i in range(len(order)):
             link, parent, source = order[i]
             T = out[n, link]
-            T[:3] = motion[link, 0]
-            T[3, :3], T[3, 3] = 0.0, 1.0
+            for c in range(4):
+                for r in range(3):
+                    T[r, c] = motion[link, 0, r, c]
+                T[3, c] = 0.0
+            T[3, 3] = 1.0
             if source >= 0:
                 value = q[n, source] * mimic[link, 0] + mimic[link, 1]
                 add_joint_motion(value, motion[link], T)

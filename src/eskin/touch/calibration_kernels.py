@@ -453,7 +453,9 @@ def compensate_patch(
     `pressure` [kPa] is that of the whole skin, zero where not valid.
     """
     largest = write_conductance(pressure, curve, patch)
-    patch.own[:] = patch.shown
+    for row in range(patch.own.shape[0]):
+        for column in range(patch.own.shape[1]):
+            patch.own[row, column] = patch.shown[row, column]
     sum_others(patch)
     # The conductance of the others contains leakage too, which the second pass removes.
     leak = estimate.value[LEAK]

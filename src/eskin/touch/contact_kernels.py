@@ -111,14 +111,17 @@ def point_gap(point: Vector, box: Box) -> float:
 
 @compiled
 def find_candidates(
-    pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
+    pressure: Float[np.ndarray, "taxel"],
+    least: float,
+    order: Int[np.ndarray, "taxel"],
+    out: Int[np.ndarray, "taxel"],
 ) -> int:
-    """Write the taxels of at least a pressure [kPa], and return their number.
+    """Write the taxels of at least a pressure [kPa] in an order; return their number.
 
     This is the only kernel of the tracker that visits all taxels of the skin.
     """
     count = 0
-    for i in range(len(pressure)):
+    for i in order:
         if pressure[i] >= least:
             out[count] = i
             count += 1
@@ -129,7 +132,7 @@ def find_candidates(
 def select_active(
     candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> Indices:
-    """Select the active taxels among ascending candidates.
+    """Select the active taxels among candidates, in their order.
 
     For a taxel that is latched, which was active and has not been released, the
     threshold is the lower one. A taxel that is not received stays latched for a short
@@ -242,15 +245,6 @@ def update_latched(
 
 
 @compiled
-def sort_by_rank(active: Indices, geometry: np.ndarray) -> Indices:
-    """Sort taxels by patch, row and column, which is the order of most skins."""
-    for a in range(1, len(active)):
-        if geometry[active[a]].rank < geometry[active[a - 1]].rank:
-            return active[np.argsort(np.array([geometry[i].rank for i in active]))]
-    return active
-
-
-@compiled
 def find_root(parents: Indices, i: int) -> int:
     """Return the representative of an element's set (union-find)."""
     while parents[i] != i:
@@ -298,17 +292,19 @@ def label_components(
 
 
 @compiled
-def find_strong(
+def select_strong(
     active: Indices, labels: Indices, reading: KernelReading, share: float
-) -> Bool[np.ndarray, "active"]:
-    """Tell which taxels reach a fraction of the peak of their connected set."""
-    peaks, strong = np.zeros(len(active)), np.empty(len(active), np.bool_)
+) -> Indices:
+    """Select the taxels that reach a fraction of the peak of their connected set."""
+    peaks, strong, count = np.zeros(len(active)), np.empty_like(active), 0
     for a in range(len(active)):
         label = labels[a]
         peaks[label] = max(peaks[label], reading.pressure[active[a]])
     for a in range(len(active)):
-        strong[a] = reading.pressure[active[a]] >= share * peaks[labels[a]]
-    return strong
+        if reading.pressure[active[a]] >= share * peaks[labels[a]]:
+            strong[count] = active[a]
+            count += 1
+    return strong[:count]
 
 
 @compiled
@@ -375,33 +371,34 @@ def find_contacts(
     geometry, state = context.geometry, context.state
     links, T_world_link = geometry.link, reading.T_world_link
     active = select_active(candidates, reading, context)
-    active = sort_by_rank(active, geometry)
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
-    n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     labels = label_components(active, p_world, context)
-    strong = find_strong(active, labels, reading, context.parameters.peak_share)
-    if not strong.all():
-        active, p_world, n_world = active[strong], p_world[strong], n_world[strong]
+    strong = select_strong(active, labels, reading, context.parameters.peak_share)
+    if len(strong) < len(active):
+        active, position = strong, geometry.position
+        p_world = transform_to_world(active, position, links, T_world_link, 1.0)
         labels = label_components(active, p_world, context)
+    n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     update_active(active, reading, context)
     contacts = allocate_contacts(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
-    largest = np.full(len(contacts), -1.0)
+    largest = np.zeros(len(contacts))
     for a in range(len(active)):
         i, contact = active[a], contacts[labels[a]]
         k = contact.loads[1]
         contact.loads[1] += 1
         pressure = reading.pressure[i]
         loads[k].taxel, loads[k].pressure = i, pressure
-        loads[k].onset, points[k] = state.taxels[i].onset, p_world[a]
+        loads[k].onset = state.taxels[i].onset
         force = PA_PER_KPA * pressure * geometry[i].area
         contact.force += force
         contact.area += geometry[i].area
         contact.peak = max(contact.peak, pressure)
         for r in range(3):
+            points[k, r] = p_world[a, r]
             contact.p_world[r] += force * p_world[a, r]
             contact.n_world[r] += force * n_world[a, r]
-        if force > largest[labels[a]]:
+        if force > largest[labels[a]] or k == contact.loads[0]:
             largest[labels[a]] = force
             contact.link, contact.patch = geometry[i].link, geometry[i].patch
     for n in range(len(contacts)):
@@ -412,7 +409,10 @@ def find_contacts(
 @compiled
 def allocate_contacts(labels: Indices, stamp: int) -> np.ndarray:
     """Build a contact for each label, with an empty span where its loads will begin."""
-    contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
+    count = 0
+    for label in labels:
+        count = max(count, label + 1)
+    contacts = np.zeros(count, CONTACT)
     for label in labels:
         contacts[label].loads[1] += 1
     end = 0

@@ -29,7 +29,7 @@ from eskin.touch.records import (
     TrackerState,
     TrackingParameters,
 )
-from eskin.touch.track_kernels import RecordBuffer
+from eskin.touch.track_kernels import RecordBuffer, fill_indices
 from eskin.units import NS_PER_S
 
 SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
@@ -102,15 +102,16 @@ def begin_update(
         boxes,
         buffer,
         np.empty(most, TOUCH),
-        np.full(most, NO_INDEX),
+        fill_indices(most),
         np.empty(most, np.int64),
-        np.array([count, 0, count]),
+        np.zeros(3, np.int64),
         np.zeros(most, np.bool_),
-        np.full(len(tracks), NO_INDEX),
-        np.full(len(tracks), NO_INDEX),
+        fill_indices(len(tracks)),
+        fill_indices(len(tracks)),
     )
-    update.touches[:count] = before.touches[:count]
+    update.counts[ALL] = update.counts[PREVIOUS] = count
     for touch in range(count):
+        update.touches[touch] = before.touches[touch]
         status, goes_on = update.touches[touch], False
         for track in range(len(tracks)):
             if tracks[track].touch == status.id:
@@ -429,7 +430,7 @@ def update_open_touches(
     seconds = 0.0
     if reading.elapsed <= parameters.pause_ns:
         seconds = reading.elapsed / NS_PER_S
-    strongest = np.full(count, NO_INDEX)
+    strongest = fill_indices(count)
     for track in range(len(tracks)):
         if tracks[track].last == reading.stamp:
             n = find_survivor(update.owners[track], update)
@@ -452,7 +453,8 @@ def update_open_touches(
             touch.contact, update.renewed[n] = strongest[n], True
             touch.last = reading.stamp
             touch.peak_force = max(touch.peak_force, force[n])
-            centre[n] /= force[n]
+            for r in range(3):
+                centre[n, r] /= force[n]
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
         lasts = touch.onset < reading.stamp or reading.elapsed > SLOW_NS
         if touch.last == reading.stamp and (lasts or touch.evidence == np.inf):

@@ -108,6 +108,8 @@ class TouchTracker:
         parameters = build_tracking_parameters(
             contacts, tracks, touches, skin.calibrated
         )
+        # By patch, row and column.
+        self.order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
         geometry = build_taxel_geometry(mounted, adjacency)
         self.context = pack(
             TrackerContext(parameters, geometry, adjacency.neighbours, self.state)
@@ -129,7 +131,9 @@ class TouchTracker:
         check_count(reading, self.skin)
         self.poses.check(reading.q)
         check_order(self.last, reading.stamp)
-        found = find_candidates(reading.pressure, self.least, self.candidates)
+        found = find_candidates(
+            reading.pressure, self.least, self.order, self.candidates
+        )
         touched = self.result is not self.no_touches
         if found or touched or self.state.counts[LATCHED]:
             floor = self.no_floor if floor is None else floor

@@ -120,11 +120,10 @@ NO_TOUCHES = TouchRecords(
 """Records of an untouched skin."""
 
 TAXEL_GEOMETRY = build_dtype(
-    "link patch rank", "area reach", "position normal", "neighbours"
+    "link patch", "area reach", "position normal", "neighbours"
 )
 """A taxel in the frame of its link: position [m], outward normal, area [m2], reach as
-in `Adjacency` [m], link, patch, rank by patch, row and column, and the span of its
-neighbours on the same link."""
+in `Adjacency` [m], link, patch, and the span of its neighbours on the same link."""
 
 TAXEL_STATE = build_dtype(
     "onset latched changed moved scratch_index",
@@ -304,8 +303,6 @@ def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarr
     geometry["position"], geometry["normal"] = skin.positions, skin.normals
     geometry["area"], geometry["reach"] = skin.areas, adjacency.reach
     geometry["link"], geometry["patch"] = mounted.taxel_link_index, skin.patch_index
-    order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
-    geometry["rank"][order] = np.arange(skin.count)
     geometry["neighbours"][:, 0] = adjacency.starts[:-1]
     geometry["neighbours"][:, 1] = adjacency.starts[1:]
     return geometry

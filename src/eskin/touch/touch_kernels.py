@@ -117,10 +117,12 @@ def write_members(update: TouchUpdate) -> Int[np.ndarray, "member"]:
         add_member(update.joined[track], tracks[track].id, members, update)
     for n in range(update.counts[ALL]):
         span = update.touches[n].tracks
-        for k in range(span[0] + 1, span[1]):
-            if members[k] < members[k - 1]:
-                members[span[0] : span[1]].sort()
-                break
+        for k in range(span[0] + 1, span[1]):  # by insertion: most are in order
+            member, place = members[k], k
+            while place > span[0] and members[place - 1] > member:
+                members[place] = members[place - 1]
+                place -= 1
+            members[place] = member
     return members
 
 

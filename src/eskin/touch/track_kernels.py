@@ -8,7 +8,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
 from eskin.touch.contact_kernels import distance_to_link_point
@@ -62,12 +62,23 @@ def build_buffer(
         before,
         np.empty(len(contacts) + len(before.contacts), CONTACT),
         np.empty(2 * (len(loads) + len(before.loads)), LOAD),
-        np.full(len(before.contacts), NO_INDEX),
-        np.array([len(contacts), len(loads)]),
+        fill_indices(len(before.contacts)),
+        np.zeros(2, np.int64),
     )
-    buffer.contacts[: len(contacts)] = contacts
-    buffer.loads[: len(loads)] = loads
+    for n in range(len(contacts)):
+        buffer.contacts[n] = contacts[n]
+    buffer.used[CONTACTS] = len(contacts)
+    append_loads(loads, buffer)
     return buffer
+
+
+@compiled
+def fill_indices(count: int) -> Int[np.ndarray, "index"]:
+    """Return so many indices of nothing."""
+    indices = np.empty(count, np.int64)
+    for n in range(count):
+        indices[n] = NO_INDEX
+    return indices
 
 
 @compiled
@@ -97,10 +108,11 @@ def copy_contact(old: int, buffer: RecordBuffer) -> int:
 @compiled
 def append_loads(loads: np.ndarray, buffer: RecordBuffer) -> int:
     """Append loads to the buffer, and return their end."""
-    end = buffer.used[LOADS] + len(loads)
-    buffer.loads[buffer.used[LOADS] : end] = loads
-    buffer.used[LOADS] = end
-    return end
+    end = buffer.used[LOADS]
+    for k in range(len(loads)):
+        buffer.loads[end + k] = loads[k]
+    buffer.used[LOADS] = end + len(loads)
+    return buffer.used[LOADS]
 
 
 class TrackMatches(NamedTuple):
@@ -143,9 +155,9 @@ def track_contacts(
     """
     parameters, before = context.parameters, buffer.before
     matches = TrackMatches(
-        np.full(count_ongoing(before.tracks), NO_INDEX),
-        np.full(len(contacts), NO_INDEX),
-        np.full(len(contacts), NO_INDEX),
+        fill_indices(count_ongoing(before.tracks)),
+        fill_indices(len(contacts)),
+        fill_indices(len(contacts)),
     )
     if reading.elapsed <= parameters.gap_seconds * NS_PER_S:
         match_overlaps(contacts, loads, before, context, matches)
@@ -228,27 +240,31 @@ def pair_nearest(
 ) -> None:
     """Pair tracks and contacts that overlap nothing, nearest first within the gate."""
     gate = parameters.gate + parameters.speed * (reading.elapsed / NS_PER_S)
-    T_world_link, free = reading.T_world_link, matches.parents == NO_INDEX
-    successor, is_lost = matches.successor, matches.successor == NO_INDEX
+    T_world_link, successor = reading.T_world_link, matches.successor
+    free = np.empty(len(contacts), np.bool_)
+    for n in range(len(contacts)):
+        free[n] = matches.parents[n] == NO_INDEX
+    nearest, gaps = np.empty(len(successor), np.int64), np.empty(len(successor))
     for track in range(len(successor)):
-        is_lost[track] &= before.tracks[track].evidence >= parameters.least_evidence
-    lost = np.flatnonzero(is_lost)
-    if not lost.size or not free.any():
-        return
-    nearest, gaps = np.empty(len(lost), np.int64), np.empty(len(lost))
-    for k in range(len(lost)):
-        old = before.contacts[before.tracks[lost[k]].contact]
-        nearest[k], gaps[k] = find_nearest(old, contacts, free, T_world_link)
+        old, gaps[track] = before.tracks[track], np.inf
+        if successor[track] == NO_INDEX and old.evidence >= parameters.least_evidence:
+            contact = before.contacts[old.contact]
+            found = find_nearest(contact, contacts, free, T_world_link)
+            nearest[track], gaps[track] = found
     while True:
-        k = np.argmin(gaps)
-        if not gaps[k] <= gate:
+        track, least = NO_INDEX, np.inf
+        for other in range(len(gaps)):
+            if gaps[other] < least:
+                track, least = other, gaps[other]
+        if track == NO_INDEX or least > gate:
             return
-        if free[nearest[k]]:
-            successor[lost[k]], free[nearest[k]] = nearest[k], False
-            gaps[k] = np.inf
+        if free[nearest[track]]:
+            successor[track], free[nearest[track]] = nearest[track], False
+            gaps[track] = np.inf
         else:
-            old = before.contacts[before.tracks[lost[k]].contact]
-            nearest[k], gaps[k] = find_nearest(old, contacts, free, T_world_link)
+            old = before.contacts[before.tracks[track].contact]
+            found = find_nearest(old, contacts, free, T_world_link)
+            nearest[track], gaps[track] = found
 
 
 @compiled
