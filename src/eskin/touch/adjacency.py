@@ -1,6 +1,7 @@
 """This module finds neighbouring taxels, and groups taxels by row, column and patch."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ class Adjacency(NamedTuple):
     """Reach of each taxel [m]; two are neighbours within the larger of their two."""
 
     @classmethod
+    @lru_cache(maxsize=4)
     def build(
         cls, skin: Skin, factor: float = 1.6, min_reach: float = 0.0
     ) -> "Adjacency":
