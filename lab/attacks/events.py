@@ -107,6 +107,7 @@ class TouchFeatures:
     runs: list[list[int]] = field(default_factory=list)
     taxels: list[int] = field(default_factory=list)
     force: list[float] = field(default_factory=list)
+    breadth: list[float] = field(default_factory=list)
     area: float = 0.0
     peak: float = 0.0
     spread: float = 0.0
@@ -136,6 +137,7 @@ class TouchFeatures:
             "sway": float(middle.std() / max(middle.mean(), 1e-9)) if self.force else 0,
             "peak": self.peak,
             "spread": self.spread,
+            "breadth": 1e3 * float(np.median(self.breadth)) if self.breadth else 0.0,
             "since": self.since,
             "plausible": self.plausible,
             "merged": self.merged,
@@ -183,6 +185,7 @@ class Slot:
         self.policies: list[Policy] = []
         self.clock = ManualClock(now)
         self.normals = np.asarray(info.skin.normals)
+        self.positions = np.asarray(info.skin.positions)
         self.areas = np.asarray(info.skin.areas)
         before = 0.0 if world == PAUSED_NOW else PAUSED_FOR
         self.clock.time = now - round(before * NS_PER_S)
@@ -256,6 +259,8 @@ class Slot:
             least = float((normals @ normals.T).min())
             angle = float(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
             known.spread = max(known.spread, angle)
+            along = self.positions[taxels] @ find_axis(normals)
+            known.breadth.append(compute_breadth(along, loads["pressure"]))
 
     def gap(self, known: TouchFeatures, stamp: int) -> bool:
         """Tell whether a touch was not in contact in the reading before."""
@@ -276,6 +281,20 @@ class Slot:
             },
             "touches": [one.summarise(self.start) for one in self.touches.values()],
         }
+
+
+def find_axis(normals: Float[np.ndarray, "taxel 3"]) -> Float[np.ndarray, "3"]:
+    """Return the axis round which a surface bends: where its normals point least."""
+    return np.linalg.eigh(normals.T @ normals)[1][:, 0]
+
+
+def compute_breadth(
+    along: Float[np.ndarray, "taxel"], pressure: Float[np.ndarray, "taxel"]
+) -> float:
+    """Return how broad an even pressure is that is spread as much along an axis [m]."""
+    weights = pressure / max(pressure.sum(), 1e-9)
+    variance = weights @ (along - weights @ along) ** 2
+    return float(np.sqrt(12.0 * variance))
 
 
 def select_touches(recognition: RecognitionState, ids: set[int]) -> RecognitionState:

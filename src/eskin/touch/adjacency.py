@@ -39,7 +39,8 @@ class Adjacency(NamedTuple):
     ) -> "Adjacency":
         """Connect taxels within `factor` times the local spacing or `min_reach` [m].
 
-        Coordinates are rounded to 1 um, so that equal distances are equal.
+        Coordinates are rounded to 1 um, so that equal distances are equal. All that use
+        one skin share the result; none of them changes it.
         """
         points = np.round(skin.positions, 6)
         names = list(dict.fromkeys(skin.link_names))
