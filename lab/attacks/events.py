@@ -567,13 +567,11 @@ RULES: dict[str, Rule] = {
     "grab .90": require("grab", 0.9),
     "grab .95": require("grab", 0.95),
     "grab .98": require("grab", 0.98),
-    "grab .95, 10 cm2": require("grab", 0.95, area=10.0),
-    "grab .90, 10 cm2, 75 deg": require("grab", 0.9, area=10.0, spread=75.0),
-    "grab said .95, end .80, 10 cm2, .5 s": require(
-        "grab", 0.8, 0.95, area=10.0, longest=0.5
-    ),
+    "grab .95, 50 mm": require("grab", 0.95, breadth=50.0),
+    "grab .90, 50 mm": require("grab", 0.9, breadth=50.0),
+    "grab .80, 50 mm": require("grab", 0.8, breadth=50.0),
 }
-"""Candidates for what starts an arm, by their names; areas are in cm2."""
+"""Candidates for what starts an arm, by their names; lengths are breadths [mm]."""
 
 
 def print_rules(lines: Lines) -> None:
