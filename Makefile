@@ -75,7 +75,6 @@ fuzz: $(READY)
 # Faults, forgeries, delays and hostile files: an hour on two cores.
 attack: $(READY)
 	$(BIN)/python -m lab.attacks faults
-	$(BIN)/python -m lab.attacks faults --recall
 	$(BIN)/python -m lab.attacks delay
 	$(BIN)/python -m lab.attacks hold
 	$(BIN)/python -m lab.attacks forgery

@@ -12,6 +12,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import jaxtyping
 import pytest
+from hypothesis import settings
 
 from helpers.checking import calls, check_some
 from helpers.examples import EXAMPLES
@@ -24,6 +25,10 @@ COMPILED = {name for name in CHECKED if name.endswith(("kernels", "__init__"))}
 # The hook decorates with what it finds under this name.
 jaxtyping.jaxtyped = check_some
 jaxtyping.install_import_hook(sorted(CHECKED - COMPILED), "beartype.beartype")
+
+# No example fails because the computer is busy.
+settings.register_profile("untimed", settings.default, deadline=None)
+settings.load_profile("untimed")
 
 COMPILES_ALL = "test_cli_doctor.py"
 CALLS_KERNELS = re.compile(

@@ -160,10 +160,6 @@ class Visit:
             self.tab.get_by_role("button", name="resume").click()
             becomes(lambda: not self.demo.state["hold_reason"], PATIENCE)
 
-    def come_anew(self) -> None:
-        """Reload the page, because a drag that missed the arm has turned the view."""
-        see(self.tab, self.demo.link)
-
     def wait_calm(self) -> None:
         """Wait until the forearm is visible and hardly moves in the picture."""
         becomes(lambda: self.is_calm, PATIENCE)
@@ -180,9 +176,10 @@ class Visit:
         """Poke by a click."""
         self.tab.mouse.click(*self.middle())
 
-    def double_click(self) -> None:
-        """Double pat by a double click."""
-        self.tab.mouse.dblclick(*self.middle())
+    def choose(self, mode: str) -> None:
+        """Choose what a click makes, as on a phone."""
+        self.tab.get_by_label("click is a").click()
+        self.tab.get_by_role("option", name=mode).click()
 
     def grab(self) -> None:
         """Grab by a click with shift held."""

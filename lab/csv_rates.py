@@ -2,26 +2,19 @@
 
     python -m lab.csv_rates
 
-The driver and the source are those of `csv:` addresses; time is simulated. `--real`
-sends over pseudo-terminals in real time instead.
+The driver and the source are those of `csv:` addresses; time is simulated.
 """
 
 import math
-import os
 import sys
-import threading
-import tty
-from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import product
 from typing import final
 
 import numpy as np
 
 from eskin.drivers import (
-    Clock,
-    CsvMatrix,
     FixedJoints,
-    HostClock,
     ManualClock,
     PatchSample,
     SampleDevice,
@@ -41,6 +34,7 @@ from eskin.skin import (
 from eskin.touch import Calibration
 from eskin.units import NS_PER_S
 from lab.program import run_program
+from lab.tables import format_head, format_row
 
 RATES = (2, 5, 8, 10, 12, 15, 20, 25, 33, 50, 100, 200, 500, 1000)
 WAYS = ("steady", "jitter", "bursts", "repeats")
@@ -86,7 +80,7 @@ class Schedule:
 class ScheduledMatrix(SampleDevice):
     """Sends the lines of a schedule to the driver, in simulated time."""
 
-    def __init__(self, clock: Clock, skin: Skin, schedule: Schedule) -> None:
+    def __init__(self, clock: ManualClock, skin: Skin, schedule: Schedule) -> None:
         """Begin now."""
         self.clock, self.schedule, self.next = clock, schedule, 0
         self.line = MatrixLine(LineForm("simulated"), skin, 0)
@@ -146,10 +140,11 @@ class Outcome:
         return all_used and in_time and abs(self.rate - 1) <= 0.1
 
 
-def measure(
-    device: SampleDevice, clock: Clock, skin: Skin, schedule: Schedule, begun: int
-) -> Outcome:
+def measure_simulated(rate: float, way: str, seed: int) -> Outcome:
     """Read a device from its opening to its last line."""
+    skin, clock, schedule = build_pad(), ManualClock(), Schedule(rate, way, seed)
+    begun = clock.now()
+    device = ScheduledMatrix(clock, skin, schedule)
     mounted = MountedSkin(skin, load_robot("table"))
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     joints = FixedJoints(np.zeros(0))
@@ -190,39 +185,6 @@ def percentile(values: list[float]) -> float:
     return float(np.percentile(values, 95)) if values else math.inf
 
 
-def measure_simulated(rate: float, way: str, seed: int) -> Outcome:
-    """Read a schedule in simulated time."""
-    skin, clock, schedule = build_pad(), ManualClock(), Schedule(rate, way, seed)
-    begun = clock.now()
-    device = ScheduledMatrix(clock, skin, schedule)
-    return measure(device, clock, skin, schedule, begun)
-
-
-def measure_real(rate: float, way: str, seed: int) -> Outcome:
-    """Read a schedule over a pseudo-terminal."""
-    skin, clock = build_pad(), HostClock()
-    schedule = Schedule(rate, way, seed)
-    with ExitStack() as stack:
-        host, device = os.openpty()
-        stack.callback(os.close, host)
-        stack.callback(os.close, device)
-        tty.setraw(host)
-        tty.setraw(device)
-        matrix = CsvMatrix(clock, [os.ttyname(device)], skin, 115_200)
-        begun = clock.now() + NS_PER_S // 5
-
-        def send() -> None:
-            for number, at in enumerate(schedule.arrived):
-                clock.sleep(at + (begun - clock.now()) / NS_PER_S)
-                os.write(host, schedule.line(number))
-
-        thread = threading.Thread(target=send, daemon=True)
-        thread.start()
-        found = measure(matrix, clock, skin, schedule, begun)
-        thread.join()
-    return found
-
-
 @dataclass(frozen=True)
 class CsvRatesCommand:
     """Read matrices at many rates."""
@@ -231,30 +193,29 @@ class CsvRatesCommand:
     """Rates of scans [1/s]."""
     seeds: int = 5
     """Number of draws of each; the worst is printed."""
-    real: bool = False
-    """Send over pseudo-terminals in real time."""
 
 
 def run(command: CsvRatesCommand) -> dict[str, object]:
     """Print the table."""
-    print("   1/s  way      lines used  empty  rate told  delay p95  stamp p95  limit")
+    names = ("1/s", "way", "used", "sent", "empty", "rate", "delay p95", "stamp p95")
+    print(format_head((*names, "limit", "right")))
     wrong = 0
-    for rate in command.rates:
-        for way in WAYS:
-            one = measure_real if command.real else measure_simulated
-            draws = [one(rate, way, seed) for seed in range(command.seeds)]
-            worst = max(draws, key=lambda found: abs(found.rate - 1))
-            sent, used = sum(d.sent for d in draws), sum(d.used for d in draws)
-            right = sum(found.is_right for found in draws)
-            wrong += len(draws) - right
-            print(
-                f"{rate:6d}  {way:8s} {used:6d}/{sent:<6d} "
-                f"{sum(d.empty for d in draws):4d}  {worst.rate:8.3f} "
-                f"{1e3 * max(d.delay for d in draws):8.1f} ms "
-                f"{1e3 * max(d.error for d in draws):7.1f} ms "
-                f"{1e3 * draws[0].limit:6.0f} ms  {right}/{len(draws)}",
-                flush=True,
-            )
+    for rate, way in product(command.rates, WAYS):
+        draws = [measure_simulated(rate, way, seed) for seed in range(command.seeds)]
+        sent, used, empty = (
+            sum(getattr(found, name) for found in draws)
+            for name in ("sent", "used", "empty")
+        )
+        told = max((found.rate for found in draws), key=lambda told: abs(told - 1))
+        times = (
+            max(getattr(found, name) for found in draws)
+            for name in ("delay", "error", "limit")
+        )
+        delay, error, limit = (f"{1e3 * time:.1f} ms" for time in times)
+        right = sum(found.is_right for found in draws)
+        wrong += len(draws) - right
+        cells = (rate, way, used, sent, empty, f"{told:.3f}", delay, error, limit)
+        print(format_row([*map(str, cells), f"{right}/{len(draws)}"]), flush=True)
     return {"wrong": wrong}
 
 

@@ -21,8 +21,8 @@ from lab.tables import format_head, format_row
 
 WAIT = 2.0
 """Longest simulated time from a touch to the change of the arm [s]."""
-REST = 1.2
-"""Simulated time between two touches: an arm resumes a second after a pause [s]."""
+REST = 1.5
+"""Simulated time between two touches: an arm resumes after a second untouched [s]."""
 VISIBLE = 0.3
 """Least cosine between the normal of a clicked taxel and the view."""
 

@@ -22,7 +22,7 @@ from playwright.sync_api import Page
 from lab.browser import Visit, becomes, chromium, new_tab, see
 from lab.served_demo import ServedDemo
 
-SEED, PACE, SCALE = 4, 0.06, 0.75
+SEED, PACE, SCALE = 7, 0.06, 0.75
 TRIES = 5
 SHORTEST, LONGEST = 40, 400
 """Shortest and longest duration of a frame [ms]."""
@@ -142,7 +142,7 @@ def play(film: Film) -> str | None:
     film.run(1.8)
     film.run(3.0, lambda: visit.is_calm)
     visit.click()
-    film.run(1.5)
+    film.run(1.8)
     if not demo.state["paused"]:
         return "pause"
     visit.grab()

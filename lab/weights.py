@@ -9,21 +9,16 @@ with one person each, so that `python -m lab.transfer --people P1 --model
 FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows the 12 groups of
 gestures of SocialTouch instead of the classes of the paper, and starts from `ur5-sim`;
 `groups-p0` and `groups-p1` are trained on one person each (`lab.transfer
-socialtouch-groups`). `without-FAMILY` is trained without a family of sensors, and
-`all-families` for as long with all. The decision of `ur5` is chosen on streams, that of
-the others is the default. Sets and prepared recordings that exist are used as they are.
+socialtouch-groups`). The decision of `ur5` is chosen on streams, that of the others is
+the default. Sets and prepared recordings that exist are used as they are.
 """
 
 import subprocess
 import sys
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
-
-from eskin.recording import find_recordings, read_recording
-from eskin.sim.sensor import FAMILIES
 
 SIMULATED = {
     "train": "--set train --clips 5000",
@@ -67,8 +62,6 @@ class Recipe:
     """Whether the decision is chosen on streams."""
     grouped: bool = False
     """Whether classes are the groups of gestures of SocialTouch."""
-    left_out: str = ""
-    """Family of sensors whose recordings are not used; empty for none."""
 
 
 WEIGHTS = {
@@ -79,11 +72,6 @@ WEIGHTS = {
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
     "groups-p0": Recipe("ur5-sim", (0,), 8, 250, grouped=True),
     "groups-p1": Recipe("ur5-sim", (1,), 8, 250, grouped=True),
-    "all-families": Recipe("", (), 4, 250),
-    **{
-        f"without-{family}": Recipe("", (), 4, 250, left_out=family)
-        for family in FAMILIES
-    },
 }
 """Recipes by the name of the weights."""
 
@@ -148,12 +136,11 @@ def train(name: str, command: Command) -> None:
             generate(command.sets / folder, options.split(), command.workers)
     chosen: list[str] = []
     for option, sets in (("--val", validation), ("--streams", streams)):
-        found = list_recordings(command.sets, sets, recipe.left_out)
-        chosen += [option, *found] if found else []
+        chosen += [option, *(str(command.sets / each) for each in sets)] if sets else []
     start = command.out / f"{recipe.start}.safetensors"
     run(
         "train",
-        *list_recordings(command.sets, trained, recipe.left_out),
+        *(str(command.sets / folder) for folder in trained),
         *("--pack", str(command.sets / "pack")),
         *("--out", str(command.out / f"{name}.safetensors")),
         *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
@@ -163,18 +150,6 @@ def train(name: str, command: Command) -> None:
         *(["--start", str(start)] if recipe.start else []),
         *chosen,
     )
-
-
-def list_recordings(root: Path, sets: Iterable[str], left_out: str) -> list[str]:
-    """Return the folders of sets, or their recordings where a family is left out."""
-    folders = [root / folder for folder in sets]
-    if not left_out or not folders:
-        return [str(folder) for folder in folders]
-    return [
-        str(path)
-        for path in find_recordings(folders)
-        if read_recording(path).metadata.notes.get("family") != left_out
-    ]
 
 
 def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:

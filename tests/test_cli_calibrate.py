@@ -2,6 +2,7 @@
 
 import json
 import socket
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ def test_recording_of_presses_gives_a_calibration_file(recording, tmp_path, caps
     counts = {key: found[key] for key in ("taxels", "noisy", "dead", "stuck")}
     assert counts == {"taxels": SKIN.count, "noisy": 0, "dead": 0, "stuck": 1}
     assert found["presses"] == 10
-    assert "stuck: patch 'p0', row 0, column 0" in printed
+    assert "stuck: patch 'p0', row 1 of 8, column 1 of 8" in printed
     measured = Calibration.from_bytes(out.read_bytes())
     assert measured.source == "presses"
     np.testing.assert_allclose(np.delete(measured.rest, STUCK), REST, atol=1.0)
@@ -117,9 +118,53 @@ def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
     out = tmp_path / "calibration.json"
     path = record(tmp_path / "touched.mcap", make_scans(rest(50) + press(19) * 4))
     printed = assert_refused(
-        capsys, "calibrate", f"replay:{path}", "--out", out, part="had no 5 s at rest"
+        capsys, "calibrate", f"replay:{path}", "--out", out, part="not at rest for 5 s"
     )
     assert "patch 'p0' is touched" in printed
+    assert not out.exists()
+
+
+def presses_of(bits, force):
+    """Return scans of rest and presses by a converter of so many bits."""
+    full_scale = 2**bits - 1
+    nominal = replace(eskin.app.nominal_calibration(SKIN), matrix=False)
+    true = nominal.with_full_scale(full_scale)
+    pressures = [
+        CALIBRATION.compute_pressure(scan.astype(float))
+        for patch in (0, 1)
+        for taxel in places(patch)
+        for scan in helpers.guided.press(taxel, force=force)
+    ]
+    counts = [np.round(true.compute_counts(each)).astype(int) for each in pressures]
+    return nominal, true, list(helpers.guided.make_scans(rest(REST_SCANS) + counts))
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_full_scale_is_found_from_the_counts(bits):
+    nominal, true, scans = presses_of(bits, force=4.0)
+    guide = CalibrationGuide(MOUNTED, nominal)
+    for scan in scans:
+        guide.push(scan)
+    found = guide.finish().calibration
+    assert found.full_scale == true.full_scale
+    np.testing.assert_allclose(found.gain, true.gain, rtol=0.4)
+
+
+def test_unfelt_presses_are_told_with_what_would_be_felt():
+    nominal, _, scans = presses_of(10, force=1.5)
+    guide = CalibrationGuide(MOUNTED, nominal)
+    for scan in scans:
+        guide.push(scan)
+    told = r"rise was \d+ counts = \d\.\d kPa.*allowed are 0.5 N.* --bits 10"
+    with pytest.raises(ValueError, match=told):
+        guide.finish()
+
+
+def test_calibration_without_a_press_writes_nothing(tmp_path, capsys):
+    out = tmp_path / "calibration.json"
+    path = record(tmp_path / "light.mcap", make_scans(rest(REST_SCANS + 50)))
+    part = "no press was felt"
+    assert_refused(capsys, "calibrate", f"replay:{path}", "--out", out, part=part)
     assert not out.exists()
 
 

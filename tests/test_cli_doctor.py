@@ -1,5 +1,9 @@
 """Tests of `eskin doctor`. They come first, since it compiles what other tests call."""
 
+import threading
+import time
+from itertools import count
+
 import pytest
 
 from eskin.cli import doctor
@@ -9,6 +13,7 @@ from eskin.sim.virtual import parse_fault
 from eskin.skin import save_skin
 from helpers.cli import assert_refused, call, call_json
 from helpers.devices import playing, scans_of, small_skin, udp_skin
+from test_drivers_devices import Pad, matrix_skin
 
 pytestmark = pytest.mark.slow
 
@@ -60,7 +65,34 @@ def test_doctor_listens_to_every_patch(tmp_path, capsys, monkeypatch):
     with playing(device, scans_of(SKIN, 1000), HostClock()):
         words += ["--skin", tmp_path / "skin"]
         lines = assert_refused(capsys, *words, part="patch left")
-    left, middle, right = lines.splitlines()
+    _, left, middle, right = lines.splitlines()
     assert left.startswith("WRONG patch left: no scans")
     assert middle.startswith("ok") and right.startswith("ok")
     assert "scans a second" in right
+
+
+def test_doctor_listens_to_a_slow_matrix_and_tells_what_an_arm_needs(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(doctor, "run_checks", lambda: ())
+    save_skin(matrix_skin(), tmp_path / "skin")
+    pad, stop = Pad(tmp_path, timed=False), threading.Event()
+
+    def send():
+        for number in count():
+            pad.send(time.time_ns(), number)
+            if stop.wait(0.1):
+                return
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        words = ["--skin", tmp_path / "skin", "--robot-urdf", "table"]
+        code, out, err = call(capsys, "doctor", "--source", pad.uri, *words)
+    finally:
+        stop.set()
+        sender.join()
+        pad.close()
+    assert (code, err) == (0, "")
+    assert "below the 20 that an arm needs" in out and "--baud" in out
+    assert out.splitlines()[-1].startswith("ok    patch")

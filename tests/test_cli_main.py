@@ -1,7 +1,9 @@
 """Tests of what all commands share: help, one line of JSON, one line of error."""
 
+import ast
 import errno
 import json
+import os
 import re
 import subprocess
 import sys
@@ -11,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
+import eskin
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
+from eskin.cli.options import list_options
 from eskin.cli.parse_errors import rewrite_parse_error
 
 ARGUMENTS = {
@@ -21,7 +25,6 @@ ARGUMENTS = {
     "train": "a.mcap --out m",
     "evaluate": "m a.mcap",
     "compare": "--train a --test b",
-    "study": "a",
     "run": "--source replay:a.mcap",
     "device": "gone --play a.mcap",
     "export": "gone.mcap --rosbag bag",
@@ -33,6 +36,7 @@ ARGUMENTS = {
     "skin show": "gone",
     "skin check": "gone",
     "skin design": "gone.urdf --out skin",
+    "skin place": "gone.urdf --link a --rows 2 --columns 2 --pitch-mm 5 -o b",
     "skin paint": "gone.urdf --spec spec.yaml",
     "skin convert": "gone out",
     "skin pose": "replay:gone.mcap --points p.csv --out skin",
@@ -76,6 +80,23 @@ def test_overview_lists_commands(words, capsys):
         assert re.search(rf"^  eskin {name} +[a-z].*$", out, re.MULTILINE)
 
 
+def test_options_of_commands_are_told_without_large_packages():
+    code = (
+        "import sys; from eskin.cli.main import COMMANDS, load_command; "
+        "[load_command(name) for name in COMMANDS]; "
+        "print(*sys.modules.keys() & {'torch', 'igl', 'trimesh', 'matplotlib'})"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (told.stdout, told.stderr) == ("\n", "")
+
+
+def test_help_of_a_group_lists_its_commands(capsys):
+    code, out, err = call(capsys, "skin --help")
+    assert (code, err) == (0, "")
+    listed = re.findall(r"^  eskin (.*?)  ", out, re.MULTILINE)
+    assert [one.strip() for one in listed] == [c for c in COMMANDS if c[:5] == "skin "]
+
+
 def test_version_is_that_of_the_package(capsys):
     assert call(capsys, "--version") == (0, f"eskin {version('eskin')}\n", "")
 
@@ -89,6 +110,7 @@ def test_help_describes_command_and_names_every_option(name, capsys):
     words = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert command_type.__doc__.splitlines()[0] in words
     assert "--json" in words
+    assert not re.search(r"\(default: ?(None|False|True)?\)|\{None|\[\[", words)
     for field in fields(command_type):
         if "Positional" not in str(field.type) and field.name not in NESTED:
             assert "--" + field.name.replace("_", "-") in words
@@ -98,6 +120,21 @@ def test_help_describes_command_and_names_every_option(name, capsys):
 def test_unknown_option_is_refused(name, refuse):
     words = f"{name} {ARGUMENTS[name]} --colour red"
     refuse(words, "--colour is no option", f"see eskin {name} --help")
+
+
+def test_messages_name_options_that_exist():
+    known = {"--json", "--help", "--version", "--head", "--same-touch", "--results"}
+    for name in COMMANDS:
+        known |= set(list_options(load_command(name)[1]))
+    named = {
+        (path.name, option.replace(".no-", "."))
+        for path in Path(eskin.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        for option in re.findall(r"(?<![\w-])--[a-z][\w.-]*\w", node.value)
+    }
+    groups = {one.rpartition(".")[0] for one in known}
+    assert {(path, one) for path, one in named if one not in known | groups} == set()
 
 
 @pytest.mark.parametrize("name", ["convert", "generate", "evaluate", "run", "train"])
@@ -115,13 +152,18 @@ def test_missing_path_is_refused(name, refuse):
     [
         ("dance", ("'dance'", "run, demo, record")),
         ("skin", ("'skin'", "skin show, skin check")),
-        ("skin dye", ("'skin'",)),
+        ("skin dye", ("'skin dye'",)),
         ("--json train", ("'--json'",)),
         ("convert glove in out", ("dataset is 'glove'; allowed are sleeve, s",)),
         ("train a --out m --seed x", ("--seed is 'x'; allowed is a whole number",)),
         ("run --source a --seconds x", ("--seconds is 'x'; allowed is a number;",)),
         ("run --source a --q 1 b", ("--q is '1 b'; allowed is a number for each",)),
         ("run --source a --pace", ("--pace has no value; give one",)),
+        ("calibrat x", ("did you mean calibrate?",)),
+        ("skin chek a", ("no command 'skin chek'", "did you mean skin check?")),
+        ("record x --out y --gesture a b", ("did you mean --gestures?",)),
+        ("train a --out m --epochs 3", ("did you mean --train.epochs?",)),
+        ("calibrate x --out y --robot a", ("did you mean --robot-urdf?",)),
         ("demo --headles", ("--headles is no option", "did you mean --headless?")),
         (
             "train a --out m --train.shares a b",
@@ -233,6 +275,35 @@ def test_json_is_last_line_where_asked(capsys):
 )
 def test_error_of_parser_is_reduced_to_its_words(text, expected):
     assert rewrite_parse_error(text, "train") == f"eskin train: {expected}"
+
+
+@pytest.mark.parametrize("name", ["stdout", "stderr"])
+def test_closed_output_is_refused_in_one_line(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, name, None)
+    assert run(["--version"]) == 2
+    out, err = capsys.readouterr()
+    assert (out + err).count("\n") == 1 and "is closed" in out + err
+
+
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["skin", "show", "ur5"]])
+def test_full_disk_behind_the_output_is_said_in_one_line(words, monkeypatch, capsys):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert run(words) == 2
+        monkeypatch.undo()
+        with pytest.raises(OSError):
+            full.flush()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), full.fileno())
+    assert re.fullmatch("error: no space left on device.*\n", capsys.readouterr().err)
+
+
+def test_too_little_memory_is_said_in_one_line(monkeypatch, capsys):
+    def exhaust(_):
+        raise MemoryError("cannot allocate 9 GiB")
+
+    monkeypatch.setattr("eskin.cli.main.check_moved", exhaust)
+    assert run(["doctor"]) == 2
+    assert re.fullmatch("error: too little memory .*9 GiB.*\n", capsys.readouterr().err)
 
 
 def test_closed_output_ends_a_command_quietly():

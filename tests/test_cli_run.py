@@ -5,27 +5,32 @@ import signal
 import socket
 import threading
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import eskin.app
+from eskin.cli.main import STOPPED
 from eskin.cli.run import (
     RunCommand,
     build_listeners,
+    build_policy,
     check_options,
     describe_doubts,
 )
 from eskin.cli.terminal import TerminalPrinter
 from eskin.drivers import HostClock, ManualClock, PlayedSource
-from eskin.errors import DeviceError
+from eskin.errors import ArmError, CommandError, DeviceError
 from eskin.live import Recognizer
 from eskin.page.viewer import Viewer
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
+from eskin.robot import load_robot
 from eskin.sim.arm import SimulatedArm
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
-from eskin.skin import save_skin
+from eskin.skin import load_skin, save_skin
 from eskin.stream import Recognition
 from eskin.touch import Calibration
 from helpers.cli import call, call_json
@@ -42,6 +47,7 @@ from helpers.live import Press, mounted, record, scans
 pytestmark = pytest.mark.slow
 
 PAUSING = "version: 1\ncommands:\n  - gesture: poke\n    action: pause\n"
+SLOWING = PAUSING.replace("pause", "slow")
 SECOND = 1_000_000_000
 
 
@@ -219,6 +225,50 @@ def test_pokes_of_recording_pause_arm(pokes, tmp_path, monkeypatch, capsys):
     assert arm.state().paused
     assert result["readings"] == 300 and result["detections"] >= result["commands"] >= 1
     assert "done: poke on forearm_back" in out
+
+
+@pytest.fixture
+def policy_of(tmp_path):
+    """Build the policy of a simulated UR5 for a model, a command map and a robot."""
+
+    def policy_of(gestures=("none", "poke"), commands=None, urdf="ur5"):
+        info = SimpleNamespace(skin=load_skin("ur5"), load_robot=load_robot)
+        model = SimpleNamespace(card=SimpleNamespace(vocabulary=gestures))
+        path = tmp_path / "map.yaml"
+        path.write_text(commands or PAUSING)
+        command = RunCommand(
+            ("replay:a",), commands=commands and path, robot_urdf=str(urdf)
+        )
+        arm = SimulatedArm(clock=ManualClock())
+        return build_policy(command, arm, model, SimpleNamespace(info=info))
+
+    return policy_of
+
+
+def test_arm_that_no_gesture_can_stop_is_refused(policy_of):
+    policy_of().close()
+    policy_of(commands=PAUSING).close()
+    for wrong in ({"gestures": ("none", "knock")}, {"commands": SLOWING}):
+        with pytest.raises(CommandError, match="no gesture of the model that pauses"):
+            policy_of(**wrong)
+
+
+def test_arm_of_other_joints_than_the_robot_of_the_skin_is_refused(policy_of, tmp_path):
+    urdf = (resources.files("eskin.robot") / "presets" / "ur5.urdf").read_text()
+    other = tmp_path / "gen3.urdf"
+    other.write_text(urdf.replace("shoulder_pan_joint", "joint_1"))
+    with pytest.raises(ArmError, match="joint_1.* and its arm has shoulder_pan"):
+        policy_of(urdf=other)
+
+
+def test_reader_that_closes_the_output_ends_the_stream(pokes, monkeypatch, capsys):
+    def fail(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr(TerminalPrinter, "on_message", fail)
+    monkeypatch.setattr("eskin.cli.main.drop_output", lambda: None)
+    words = ("run", "--source", f"replay:{pokes}", "--pace", "inf")
+    assert call(capsys, *words)[::2] == (STOPPED, "")
 
 
 def test_page_of_run_shows_its_arm_and_takes_no_touches():

@@ -57,7 +57,7 @@ def check(tmp_path, monkeypatch, capsys):
     def check(respond=int, robot="table"):
         source = play(make_scans(respond), load_robot(robot).name)
         monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
-        arguments = ["--robot", str(robot), "--live", "--source", "test:"]
+        arguments = ["--robot-urdf", str(robot), "--live", "--source", "udp://a:1"]
         code = run(["skin", "check", str(tmp_path), *arguments])
         return code, *capsys.readouterr()
 
@@ -71,7 +71,7 @@ def test_skin_wired_as_its_file_says_passes(check, tmp_path):
     robot.write_text(table.read_text().replace('name="table"', 'name="mine"', 1))
     code, out, _ = check(robot=robot)
     assert code == 0
-    assert out.count("felt at") == 9
+    assert out.count("felt on") == 9
     assert "every patch answered" in out
 
 

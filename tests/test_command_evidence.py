@@ -54,6 +54,7 @@ def test_touch_that_may_be_a_fault_commands_no_more_than_a_stop(changes, gesture
 def test_touch_that_may_be_a_fault_does_not_resume(changes):
     scene = make_paused_scene()
     assert command(scene, "grab", **changes) == []
+    scene.wait(1.0)
     assert command(scene, "grab") == ["resume"]
 
 

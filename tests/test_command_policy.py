@@ -29,6 +29,7 @@ from helpers.commands import (
     VOCABULARY,
     RecordingArm,
     Scene,
+    make_paused_scene,
 )
 
 
@@ -79,7 +80,7 @@ def test_function_that_blocks_holds_arm_until_it_returns(blocked):
     assert "does not return" in scene.touch("grab")[-1].why
     over.set()
     scene.policy.call.thread.join()
-    scene.step()
+    scene.wait(1.0)
     assert "no longer function" in scene.last_reason
     assert scene.touch("grab")[-1].action == "resume" and not scene.arm.paused
 
@@ -230,6 +231,29 @@ def test_arm_starts_only_by_grab_and_second_after_pause(sequence):
             assert paused is not None and event.stamp - paused >= SECOND
             assert event.gesture == "grab"
         paused = {"pause": event.stamp, "resume": None}.get(event.action, paused)
+
+
+hits = st.tuples(
+    st.sampled_from(["none", "grab", "grab"]), st.floats(0.02, 0.9), st.floats(0.5, 0.9)
+)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(hits, min_size=1, max_size=4))
+@example([("grab", 0.4, 0.6)])
+def test_what_touches_again_within_a_second_never_starts_arm(sequence):
+    scene = make_paused_scene()
+    number = scene.begin("none", force=0.1)
+    scene.step()
+    for gesture, seconds, gap in sequence:
+        scene.lift(number)
+        scene.wait(gap)
+        scene.close(number)
+        number = scene.begin_detected(gesture, seconds=seconds)
+    scene.lift(number)
+    scene.wait(0.5)
+    scene.close(number)
+    assert "resume" not in scene.arm.orders
 
 
 def test_failure_of_action_holds_arm_and_stops_stream():

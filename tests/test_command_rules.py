@@ -218,22 +218,31 @@ time: touch that closes too late
 time: stale detection
     poke a; 0.02; say a age=0.12 > !pause [it was felt 120 ms ago]
 time: pause of a second
-    map toggle; poke a; 0.1; say a > pause; lift a; 0.9; poke b; 0.02; say b > !resume
-    [paused only 0.9 s ago; ask again after 1 s]; ? paused
+    map toggle; poke a; 0.02; say a > pause; lift a; 0.5; close a; 0.44; poke b; 0.02;
+    say b > !resume [had stood, and nobody had touched the skin, for 1 s]; ? paused;
+    close b; 0.98; poke c. > resume
+time: any contact restarts it
+    {paused} none a 0.1N; 0.02; lift a; close a; 0.94; grab b. > !resume [for 1 s];
+    0.5; grab c. > resume
+time: so does one that goes on meanwhile
+    {paused} none a; 0.1; lift a; 0.1; grab b; 0.4; say b > !resume; lift b; 0.5
+time: all parts of one touch may start it
+    {paused} none a; 0.1; grab b; 0.1; lift a; 0.3; say b; lift b; 0.1; close a; 0.4;
+    close b > resume
 time: touch before the pause
     map toggle; double_pat a; 0.1; poke b; 0.02; say b > pause; 1.5; say a poke >
     !resume
-    [the touch began before the pause]; ? paused
+    [the touch began before]; ? paused
 time: pause once more counts
     {asked} arm resume; arm pause; 0.2; lift a; 1.2; close a > !resume [the touch
-    began before the pause]; ? paused
+    began before]; ? paused
 time: touch before a hold
-    {asked} arm hold; 0.2; lift a; 1.2; close a > !resume [the touch began before the
-    hold]; ? held
+    {asked} arm hold; 0.2; lift a; 1.2; close a > !resume [the touch began before];
+    ? held
 time: touch before a hold by another
     map holding; {paused} poke a; 0.4; say a; double_pat b; 0.2; say b other > hold;
     close
-    b; 0.2; lift a; 1.2; close a > !resume [the touch began before the hold]; ? held
+    b; 0.2; lift a; 1.2; close a > !resume [the touch began before]; ? held
 time: arm that runs
     grab b; 0.4; say b; arm pause; lift b; 0.2 > !next_waypoint [the arm has
     changed: the same would resume now]
@@ -255,7 +264,7 @@ several: patch that sends nothing is not let go
     {asked} lift a; 0.46; patch silent; 0.02; close a >; ? paused; patch well; 0.02 >
     resume
 several: touch whose end was dropped has ended
-    {asked} lift a; 0.46; lose a >; 0.1 > resume
+    {asked} lift a; 0.46; lose a; 0.02 > resume
 several: so has one elsewhere
     poke p. > pause; 1; none b; 0.1; lose b; grab a; 0.4; say a; lift a; 0.5;
     close a > resume
@@ -336,7 +345,7 @@ suspended: light touch that lasts slows
     a; close a; 1.8 >; 0.2 > normal [no longer a light touch]; ? speed_limit=1
 suspended: but no touch starts the arm under it
     none a 1.1N; 11 > pause; grab b. >; 1.6 > !resume [went on]; lift a; close
-    a; grab c. > resume
+    a; 1; grab c. > resume
 suspended: until it is strong
     none a 1.1N; 11 > pause; arm resume; 0.02 > slow; a is 5N; 0.02 > pause [touch for]
 suspended: touch ends a jog

@@ -586,7 +586,7 @@ def test_links_share_the_triangles_that_are_allowed(tmp_path, monkeypatch):
 def test_patches_that_no_skin_may_have_are_refused(robots, monkeypatch):
     monkeypatch.setattr("eskin.design.design.MAX_PATCHES", 3)
     with pytest.raises(SkinError, match="more than 3 patches.* lower the density"):
-        design_skin(robots["ball"], make_spec())
+        design_skin(robots["box"], make_spec())
 
 
 @pytest.mark.parametrize("name", ["ball", "tube"])
@@ -626,6 +626,63 @@ def test_command_writes_a_skin_that_the_check_accepts(tmp_path, capsys):
     assert report["taxels"] == load_skin(out).count > 200
     check = f"skin check {out} --robot tube --tolerance 0.2"
     assert run(check.split()) == run(["skin", "show", str(out)]) == 0
+
+
+@pytest.mark.parametrize("shape", ["tube", "ball", "box", "torus"])
+@pytest.mark.parametrize("turn", [(), ("--turn", 30)])
+def test_matrix_is_laid_on_the_surface_with_its_own_distances(
+    shape, turn, tmp_path, capsys
+):
+    trimesh.creation.torus(0.08, 0.03, 64, 24).export(tmp_path / "torus.stl")
+    urdf, out = write_urdf(tmp_path, SHAPES[shape]), tmp_path / "skin"
+    words = ("skin", "place", urdf, "--link", "body", "--rows", 6, "--columns", 4)
+    found, _ = call_json(capsys, *words, "--pitch-mm", 5, "-o", out, *turn)
+    skin = load_skin(out)
+    grid = skin.positions.reshape(6, 4, 3)
+    for axis in (0, 1):
+        steps = np.linalg.norm(np.diff(grid, axis=axis), axis=2)
+        error = 0.015 + found["distortion"]
+        np.testing.assert_allclose(steps, 5 * MM, rtol=error)
+    assert check_skin(skin, load_urdf(urdf)) == []
+    across = np.cross(grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0])
+    assert (skin.normals @ across > 0).all()
+
+
+def test_matrices_of_other_patches_are_added_and_one_is_replaced(tmp_path, capsys):
+    urdf, out = write_urdf(tmp_path, SHAPES["tube"]), tmp_path / "skin"
+
+    def place(patch, *more):
+        words = ("skin", "place", urdf, "--link", "body", "--patch", patch)
+        size = ("--rows", 3, "--columns", 4, "--pitch-mm", 5, "--out", out)
+        call_json(capsys, *words, *size, *more)
+        skin = load_skin(out)
+        return skin, skin.positions[skin.find_taxels(patch)].reshape(3, 4, 3)
+
+    _, first = place("a", "--at", 40, 0, 0)
+    _, second = place("b", "--at", -40, 0, 0)
+    skin, flipped = place("a", "--at", 40, 0, 0, "--flip")
+    assert {(patch.id, patch.address) for patch in skin.patches} == {("a", 1), ("b", 2)}
+    np.testing.assert_allclose(flipped, first[:, ::-1], atol=1e-6)
+    assert first[..., 0].min() > 0 > second[..., 0].max()
+
+
+def test_matrix_without_room_is_refused_and_nothing_is_written(tmp_path, capsys):
+    urdf = write_urdf(tmp_path, SHAPES["box"])
+    words = ("skin", "place", urdf, "--link", "body", "--rows", 30)
+    size = (
+        "--columns",
+        30,
+        "--pitch-mm",
+        6,
+        "--out",
+        tmp_path / "skin",
+        "--at",
+        0,
+        0,
+        60,
+    )
+    assert_refused(capsys, *words, *size, part="taxels hang over")
+    assert not (tmp_path / "skin").exists()
 
 
 SPEC = """

@@ -1,6 +1,6 @@
 """Tests of files written by earlier versions, which still open.
 
-The files were written by `tests/data/make_formats.py` when their format was new.
+`tests/data/make_formats.py` of commit 6f03fd1 wrote them when their format was new.
 """
 
 from pathlib import Path

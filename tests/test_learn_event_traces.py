@@ -1,9 +1,11 @@
 """Tests of traces, on which decisions are made as live, and of tuning on them."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from joblib import parallel_config
 
 from eskin.errors import RecordingError
 from eskin.learn.events import (
@@ -15,6 +17,7 @@ from eskin.learn.events import (
     score_events,
     trace_recording,
     trace_recordings,
+    traces,
 )
 from eskin.live import DecisionConfig, Recognizer
 from eskin.recording import read_recording
@@ -94,6 +97,11 @@ def test_trace_decides_by_the_settings_of_the_model_unless_others_are_given(tmp_
     assert [d.stamp for d in trace.decide(DecisionConfig())] == [early.stamp]
 
 
+def copy(value):
+    """Return a value as another process receives it."""
+    return pickle.loads(pickle.dumps(value))
+
+
 class SpreadPresses(StandIn):
     """This stand-in makes streams of 11 s, whose presses are on different taxels."""
 
@@ -132,7 +140,9 @@ def test_generated_streams_are_scored_from_end_to_end(stream_paths):
     assert set(result.per_subject) == {"streams-p0", "streams-p1"}
 
 
-def test_two_processes_trace_like_one(tmp_path):
+def test_two_workers_trace_like_one_and_what_passes_between_processes_can(
+    tmp_path, monkeypatch
+):
     on, model = mounted(), say_always("poke")
     paths = []
     for index in range(2):
@@ -140,7 +150,11 @@ def test_two_processes_trace_like_one(tmp_path):
         labels = [label(2.3, 2.9, "poke")]
         paths.append(record(tmp_path / f"{index}.mcap", on, stream, labels))
     alone = list(trace_recordings(paths, model))
-    together = list(trace_recordings(paths, model, workers=2))
+    # Threads start at once; what processes receive is copied as they do it.
+    monkeypatch.setattr(
+        traces, "parallel_config", lambda *_, **__: parallel_config("threading")
+    )
+    together = copy(list(trace_recordings(paths, copy(model), workers=2)))
     assert [traced.path for traced in together] == paths
     for one, other in zip(alone, together, strict=True):
         found, expected = other.decide().detections, one.decide().detections

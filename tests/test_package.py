@@ -80,8 +80,8 @@ def environment(built, tmp_path_factory):
     venv.create(folder, with_pip=False)
     python = folder / "bin" / "python"
     target = call(python, "-c", "import sysconfig as s; print(s.get_path('purelib'))")
-    words = ("install", "--quiet", "--no-deps", "--target", target.strip(), built[1])
-    call(sys.executable, "-m", "pip", *words)
+    words = ("--quiet", "--no-deps", "--no-compile", "--target", target.strip())
+    call(sys.executable, "-m", "pip", "install", *words, built[1])
     needed = folder / "needed"
     needed.mkdir()
     for path in Path(sysconfig.get_path("purelib")).iterdir():

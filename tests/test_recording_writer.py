@@ -275,6 +275,15 @@ def test_writer_renames_its_part_file_when_the_recording_is_complete(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_recording_never_replaces_a_file_that_came_meanwhile(tmp_path):
+    path, part = tmp_path / "a.mcap", tmp_path / "a.mcap.part"
+    with pytest.raises(RecordingError, match="a.mcap.part"), open_writer(path) as made:
+        write_all(made, SCANS[:50], ())
+        path.write_bytes(b"another")
+    assert path.read_bytes() == b"another"
+    assert_same_scans(list(read_recording(part).scans()), SCANS[:50])
+
+
 def test_exception_leaves_the_part_file_and_an_older_recording(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_bytes(b"an older one")

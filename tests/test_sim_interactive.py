@@ -313,7 +313,7 @@ def test_player_makes_no_contact_where_stretches_meet():
     assert build.name.startswith("device") and build.kind == "fresh"
     calibrator = Calibrator(simulator.mounted.skin, simulator.calibration(build))
     nearby, peaks, others = RATE // 2, [], []
-    for number, scan in enumerate(play(simulator, LEAD + 2 * STRETCH)):
+    for number, scan in enumerate(play(simulator, LEAD + STRETCH + STRETCH // 3)):
         reading = calibrator.push(scan)
         is_near = (number - LEAD + nearby) % STRETCH < 2 * nearby
         found = peaks if is_near and number > LEAD + nearby else others

@@ -127,6 +127,14 @@ def test_check_command_lists_problems_of_files_and_of_the_skin(tmp_path, capsys)
     assert err.count("\n") == 1 and "2 problems" in err
 
 
+def test_what_is_wrong_with_all_taxels_of_a_patch_is_one_line(tmp_path, capsys):
+    save_skin(replace(SKIN, normals=-SKIN.normals), tmp_path)
+    assert run(["skin", "check", str(tmp_path), "--robot-urdf", "ur5"]) == 2
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == len(SKIN.patches)
+    assert f"{SKIN.count} problems" in err
+
+
 def test_check_command_finds_nothing_wrong_with_a_good_skin(tmp_path, capsys):
     assert run(["skin", "check", "ur5", "--json"]) == 0
     text, result = capsys.readouterr().out.splitlines()
@@ -161,8 +169,8 @@ def test_invalid_input_is_refused_in_one_line(
 @pytest.mark.slow
 def test_show_command_prints_and_draws_a_skin(tmp_path, capsys):
     picture = tmp_path / "skin.png"
-    skin = load_skin("post")
-    assert run(["skin", "show", "post", "--out", str(picture), "--json"]) == 0
+    skin = load_skin("bent")
+    assert run(["skin", "show", "bent", "--out", str(picture), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert shown["taxels"] == skin.count == sum(p["taxels"] for p in shown["patches"])
     assert shown["area_cm2"] == pytest.approx(1e4 * skin.areas.sum(), abs=1e-3)

@@ -197,6 +197,13 @@ def test_link_out_of_the_folder_is_not_followed(tmp_path):
     assert "leaves the folder" in get_error(folder)
 
 
+def test_links_in_a_circle_are_refused(tmp_path):
+    table = write_files(tmp_path) / "taxels.csv"
+    table.unlink()
+    table.symlink_to("taxels.csv")
+    assert "cannot be read: Too many levels of symbolic links" in get_error(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("data", "text"),
     [

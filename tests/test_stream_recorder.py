@@ -3,6 +3,7 @@
 import errno
 import io
 import os
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -131,9 +132,19 @@ def test_scans_are_synced_every_half_second(path, monkeypatch):
         synced.append(read_recording(path.with_name("a.mcap.part")).count)
 
     monkeypatch.setattr(os, "fsync", note)
+    monkeypatch.setattr("eskin.stream.recorder.perf_counter", lambda: 0.0)
     recorder = make_recorder(path)
     play(SCANS, recorder)
     assert synced == list(range(25, 201, 25)) and recorder.sync.count == 7
+
+
+def test_slow_disk_is_synced_less_often_and_nothing_is_lost(path, monkeypatch):
+    synced, clock = [], count(0, 0.8).__next__  # [s]
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(number))
+    monkeypatch.setattr("eskin.stream.recorder.perf_counter", clock)
+    play(SCANS, recorder := make_recorder(path))
+    assert recorder.sync.count == 3 and len(synced) == 4
+    assert read_recording(path).count == len(SCANS)
 
 
 def test_pieces_together_have_every_scan(path):
@@ -286,7 +297,6 @@ def test_recording_is_finished_when_other_listener_fails(path):
     assert same_scans(list(recording.scans()), SCANS[: recording.count])
 
 
-def test_killed_process_loses_last_second_at_most(tmp_path):
-    killed = kill_often(tmp_path, 3)
-    assert len(killed) == 3 and all(each.whole for each in killed)
-    assert max(each.lost for each in killed) <= 1.0
+def test_recording_of_a_killed_process_has_all_up_to_its_end(tmp_path):
+    [killed] = kill_often(tmp_path, 1)
+    assert killed.whole and killed.seconds > killed.lost

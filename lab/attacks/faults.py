@@ -1,13 +1,11 @@
 """Attack a simulated arm with faults of its skin, which nobody touches.
 
     python -m lab.attacks faults --minutes 30 --seeds 3
-    python -m lab.attacks faults --recall
 
 An arm works in its skin, and every fault is simulated in turn. The table has what an
 hour of it does: touches that open, detections, and commands that are accepted, which
 nobody gave. An operator releases every hold after one second, and lets a paused arm go
-on after five, so that neither hides what would follow. `--recall` performs gestures on
-the same faulty skins and counts the recognised.
+on after five, so that neither hides what would follow.
 """
 
 from collections import Counter
@@ -15,19 +13,13 @@ from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from typing import final
 
-import numpy as np
-
 from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
-from eskin.learn.events.event_scoring import score_events
-from eskin.learn.events.matching import ScoredStream, build_events
 from eskin.live import Detection, Model, Recognizer, load_model
-from eskin.recording import TruthRecord
 from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin
-from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.stream import (
     CommandEvent,
     Context,
@@ -47,18 +39,11 @@ PAUSE_SECONDS = 5.0
 """Time after which the operator lets a paused arm go on [s]."""
 ACTIONS = (SUSPEND, "pause", "resume", "slow", "normal", "next_waypoint", "gripper")
 """Columns of the table for commands."""
-RECALL_SKINS = 9
-"""Number of builds on which gestures are performed."""
-RECALL_PAUSE = (1.5, 3.0)
-"""Range of the time between two gestures [s]."""
-GESTURES = ("poke", "double_pat", "grab", "stroke")
-QUIET = 2.0
-"""Time without touch at the start, in which a skin is tared [s]."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """Simulate faults of a skin that nobody touches, or gestures on a faulty skin."""
+    """Simulate faults of a skin that nobody touches."""
 
     minutes: float = 30.0
     """Simulated time of each row and seed [min]."""
@@ -70,10 +55,6 @@ class Command:
     """Rows to simulate; all unless given."""
     workers: int = 2
     """Number of processes."""
-    recall: bool = False
-    """Whether gestures are performed instead, and the recognised ones counted."""
-    gestures: int = 99
-    """Number of gestures of each row of `--recall`."""
 
 
 @dataclass
@@ -267,67 +248,7 @@ def print_attacks(command: Command, names: list[str]) -> None:
             print(f"<!-- {name}: held {count} times: {reason} -->")
 
 
-def run_gestures(
-    fault: str, gestures: int, first: int, seed: int, model: Model
-) -> ScoredStream:
-    """Perform gestures in turn on a standing arm in a faulty skin."""
-    rng = np.random.default_rng((seed, 26))
-    live = InteractiveSkin("ur5", seed)
-    faulty = FaultySkin(fault, build_target(live.mounted.skin, live.calibration, seed))
-    q = draw_pose(live.env, POSE_GROUPS, np.random.default_rng((seed, 25)))
-    recognizer = Recognizer(model, live.mounted, live.calibration)
-    truths: list[TruthRecord] = []
-    detections: list[Detection] = []
-    time = 0.0
-
-    def scan() -> None:
-        nonlocal time
-        time += live.period
-        corrupted = faulty.corrupt(live.scan(round(time * NS_PER_S), q))
-        truths.extend(live.hand.truths())
-        detections.extend(recognizer.push(corrupted))
-
-    def wait(seconds: float) -> None:
-        for _ in range(round(seconds / live.period)):
-            scan()
-
-    wait(QUIET)
-    for k in range(gestures):
-        live.hand.perform(GESTURES[(first + k) % len(GESTURES)])
-        while live.hand.touching:
-            scan()
-        wait(rng.uniform(*RECALL_PAUSE))
-    detections += recognizer.finish()
-    events = sorted(build_events(truths), key=lambda event: event.onset)
-    return ScoredStream(tuple(events), detections, time, live.hand.person.name)
-
-
-def measure_recall(fault: str, command: Command, model: Model) -> tuple[int, int, int]:
-    """Return gestures recognised, performed, and detections of what nobody did."""
-    seeds = 5000 + np.arange(RECALL_SKINS)
-    each = command.gestures // RECALL_SKINS
-    streams = [
-        run_gestures(fault, each, number, int(seed), model)
-        for number, seed in enumerate(seeds)
-    ]
-    total = score_events(streams, model.card.vocabulary).total
-    return total.matched, total.matched + total.missed, total.false
-
-
-def print_recall(command: Command, names: list[str]) -> None:
-    """Print the table of gestures that are recognised on a faulty skin."""
-    model = load_model("ur5")
-    print(format_head(["fault", "recognised", "false detections"]))
-    for name in names:
-        matched, performed, false = measure_recall(name, command, model)
-        cells = [name, f"{matched} of {performed}", str(false)]
-        print(format_row(cells), flush=True)
-
-
 def main(command: Command) -> None:
     """Print a table of the faults."""
     names = [name for name in FAULTS if not command.only or name in command.only]
-    if command.recall:
-        print_recall(command, names)
-    else:
-        print_attacks(command, names)
+    print_attacks(command, names)

@@ -28,7 +28,7 @@ from lab.baselines.interface import (
     SkinWindows,
 )
 from lab.baselines.network import FitConfig, NetworkBaseline, use_one_thread
-from lab.baselines.paper import PaperBaseline, Pooling
+from lab.baselines.paper import PaperBaseline
 
 __all__ = [
     "BASELINES",
@@ -39,7 +39,6 @@ __all__ = [
     "FitConfig",
     "NetworkBaseline",
     "PaperBaseline",
-    "Pooling",
     "BaselineStream",
     "build_baseline",
     "use_one_thread",

@@ -7,13 +7,10 @@ from functools import partial
 from typing import final
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import find_last_rows, predict_clips
-from eskin.learn.nn import Encoder
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.live import GraphConfig, NetworkConfig, compute_summary
 from eskin.recording import NONE
@@ -24,7 +21,6 @@ from lab.baselines import (
     Baseline,
     FitConfig,
     PaperBaseline,
-    Pooling,
 )
 from lab.baselines.estimators import Estimator, GradientBoosting
 from lab.baselines.hand import compute_features, compute_statistics
@@ -119,33 +115,12 @@ epochs of the paper's network would take an hour."""
 
 
 @final
-class OnePoolEncoder(Encoder):
-    """This encoder pools in one way only, repeated to keep all sizes the same."""
-
-    def __init__(self, config: NetworkConfig, kept: Pooling) -> None:
-        """Create the encoder with the pooling to keep."""
-        super().__init__(config)
-        self.kept = kept
-
-    def combine(
-        self,
-        largest: Float[Tensor, "reading width"],
-        mean: Float[Tensor, "reading width"],
-    ) -> Float[Tensor, "reading embedding"]:
-        """Return one of the two poolings, twice."""
-        one = largest if self.kept == "max" else mean
-        return torch.cat([one, one], dim=1)
-
-
-@final
 @dataclass(frozen=True)
 class RecogniserMethod(Method):
-    """This method trains the recogniser, or a variant of it with other pooling."""
+    """This method trains the recogniser."""
 
     config: TrainConfig = FOR_SMALL_SETS
     """Settings of the training."""
-    pooling: Pooling | None = None
-    """Only pooling over the nodes of a contact graph; None keeps both."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
@@ -155,9 +130,6 @@ class RecogniserMethod(Method):
         factor = max(1.0, len(examples.clips) / SMALL)
         config = replace(self.config, steps=round(factor * self.config.steps))
         trainer = Trainer(dataset, vocabulary, config, seed=seed)
-        if self.pooling is not None:
-            encoder = OnePoolEncoder(self.config.network, self.pooling)
-            trainer.network.encoder = encoder
         network = trainer.run(quiet=True)
         columns = [vocabulary.index(gesture) for gesture in examples.gestures]
         truth = examples.truth(examples.gestures)
@@ -194,13 +166,6 @@ class BaselineMethod(Method):
         return predict
 
 
-def build_paper_method(
-    config: FitConfig, k: int = 8, pooling: Pooling = "max"
-) -> BaselineMethod:
-    """Return the method of the paper's network; arguments are as in `PaperBaseline`."""
-    return BaselineMethod(partial(PaperBaseline, config=config, k=k, pooling=pooling))
-
-
 METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
     "boosting-on-touch": TouchTrees(),
@@ -210,6 +175,8 @@ METHODS: dict[str, Method] = {
         for name, make in NETWORKS.items()
         if name != "paper"
     },
-    "paper": build_paper_method(FIT_CONFIGS["paper"]),
+    "paper": BaselineMethod(
+        partial(PaperBaseline, config=FIT_CONFIGS["paper"], k=8, pooling="max")
+    ),
 }
 """Methods by name; ours is the first."""

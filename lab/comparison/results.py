@@ -219,7 +219,7 @@ def read_results(path: Path) -> dict[str, KeptResult]:
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise EskinError(
             f"{path} is no file of results ({error!r}); allowed are files that "
-            "lab.compare and lab.study keep; delete it, and its results are made again"
+            "lab.compare keeps; delete it, and its results are made again"
         ) from None
 
 

@@ -1,7 +1,7 @@
 """Check the simulation against measured and published properties.
 
-python -m lab.simulation [PART], where PART is physics, rig, bands, sensor,
-families or all.
+python -m lab.simulation [PART], where PART is physics, rig, sensor, families
+or all.
 """
 
 from collections.abc import Callable
@@ -11,14 +11,13 @@ from typing import Literal
 import tyro
 
 from eskin.sim.constants import load_constants
-from lab.simulation.bands import band_checks
 from lab.simulation.check import as_table
 from lab.simulation.element import element_checks
 from lab.simulation.families import family_table
 from lab.simulation.physics import physics_checks
 from lab.simulation.rig import rig_checks
 
-Part = Literal["physics", "rig", "bands", "sensor", "families", "all"]
+Part = Literal["physics", "rig", "sensor", "families", "all"]
 
 
 BUILDS = 6
@@ -51,12 +50,6 @@ def rig(command: Command) -> str:
     return as_table(f"The rig of CoST, {people} people, 4 captures each", checks)
 
 
-def bands(command: Command) -> str:
-    """Check taxels, forces and durations on the forearm."""
-    checks = band_checks(load_constants(), command.people, command.seed)
-    return as_table("On the forearm of the UR5, difficulty 0", checks)
-
-
 def sensor(command: Command) -> str:
     """Check one element against logged presses."""
     return as_table("One element", element_checks(load_constants(), command.seed))
@@ -70,7 +63,6 @@ def families(command: Command) -> str:
 PARTS: dict[str, Callable[[Command], str]] = {
     "physics": physics,
     "rig": rig,
-    "bands": bands,
     "sensor": sensor,
     "families": families,
 }

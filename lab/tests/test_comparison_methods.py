@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from eskin.learn.evaluation import ClipPredictions
-from eskin.learn.nn import build_graph_tensors
 from eskin.learn.training import Trainer
 from eskin.live import GraphConfig
 from helpers.clips import generated
-from helpers.graphs import random_graph
 from helpers.learning import TINY
-from lab.baselines import PaperBaseline
 from lab.comparison import methods
 from lab.comparison.examples import find_examples
 from lab.comparison.methods import (
@@ -23,7 +20,6 @@ from lab.comparison.methods import (
     RecogniserMethod,
     build_touch_rows,
 )
-from lab.study import Variant
 
 pytestmark = pytest.mark.slow
 
@@ -66,18 +62,6 @@ def test_the_repr_of_a_method_shows_all_settings_and_no_address():
             assert set(method.make.keywords) == takes, name
 
 
-def embedded(trainer):
-    """Output of the encoder of a network for one contact."""
-    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
-    return trainer.network.encoder(batch).detach().numpy().tobytes()
-
-
-def test_each_recogniser_has_its_pooling(examples, untrained):
-    for pooling in (None, "max", "mean"):
-        RecogniserMethod(SHORT, pooling).fit(examples, 0)
-    assert len({embedded(trainer) for trainer in untrained}) == 3
-
-
 @pytest.mark.parametrize(("small", "times"), [(3, 2), (6, 1), (500, 1)])
 def test_steps_grow_with_the_number_of_clips(
     small, times, examples, untrained, monkeypatch
@@ -108,29 +92,6 @@ def test_clips_without_contact_are_none_or_the_training_shares(
         answers = RecogniserMethod(SHORT).fit(learned, 0)(learned)
         np.testing.assert_allclose(np.exp(answers), np.tile(shares, (2, 1)))
     assert "none" in examples.gestures and "none" not in touches.gestures
-
-
-def test_a_variant_of_eskin_has_its_neighbours_and_pooling(examples, untrained):
-    for k, pool in ((5, "max"), (5, "mean"), (7, "mean")):
-        Variant("eskin", k, pool).build_method(epochs=1).fit(examples, 0)
-    assert [trainer.config.graph.fixed for trainer in untrained] == [5, 5, 7]
-    largest, mean, other = map(embedded, untrained)
-    assert largest != mean == other
-
-
-def test_a_variant_of_the_paper_has_its_neighbours_and_pooling(examples, monkeypatch):
-    found = []
-
-    def learn(baseline, clips, labels, seed):
-        network = baseline.build()
-        neighbours = network.selector.table.shape[1]
-        found.append((neighbours, network.pooling, baseline.config.epochs))
-
-    monkeypatch.setattr(PaperBaseline, "fit_windows", learn)
-    wanted = [(5, "mean", 3), (7, "max", 2)]
-    for k, pool, epochs in wanted:
-        Variant("paper", k, pool).build_method(epochs).fit(examples, 0)
-    assert found == wanted
 
 
 def test_touch_features_are_zero_without_contact(examples, monkeypatch):

@@ -18,6 +18,7 @@ from lab.real_recordings import (
     classify_segments,
     find_groups,
     train_folds,
+    train_without,
 )
 
 pytestmark = pytest.mark.slow
@@ -55,7 +56,6 @@ def weights(network):
 
 
 def assert_same(one, other):
-    assert one.keys() == other.keys()
     for group in one:
         a, b = weights(one[group]), weights(other[group])
         for name in a:
@@ -86,13 +86,12 @@ def test_no_fold_trains_on_its_own_group(dataset, monkeypatch):
     assert [trainer.drawn for trainer in trainers] == [{1}, {0, 2}]
 
 
-def test_folds_do_not_depend_on_the_workers_nor_on_each_other(dataset):
+def test_a_fold_does_not_depend_on_those_trained_before_it(dataset):
+    """So their order and the processes that train them do not matter."""
     groups = ["a", "b", "a"]
-    alone = train_folds(dataset, groups, TINY, seed=1, workers=1)
-    together = train_folds(dataset, groups, TINY, seed=1, workers=2)
-    assert_same(alone, together)
+    together = train_folds(dataset, groups, TINY, seed=1)
     torch.manual_seed(99)
-    assert_same(alone, train_folds(dataset, groups, TINY, seed=1))
+    assert_same({"b": train_without(dataset, groups, "b", TINY, 1)}, together)
 
 
 def test_clearly_different_gestures_are_recognised_on_held_out_people(

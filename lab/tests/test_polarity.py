@@ -1,20 +1,25 @@
-"""Test of the table of counts that rise and that fall."""
+"""Test of simulated sensors whose counts rise and fall."""
 
-import sys
-
+import numpy as np
 import pytest
 
+from eskin.robot import load_robot
+from eskin.sim import load_constants
+from eskin.sim.sensor import draw_build
+from eskin.skin import MountedSkin, build_grid_skin
 from lab import polarity
 
 pytestmark = pytest.mark.slow
 
 
-def test_every_family_is_calibrated_either_way(capsys, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["polarity", "--builds", "1"])
-    polarity.main()
-    head, _, *rows = capsys.readouterr().out.splitlines()
-    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
-    assert len(cells) == 2 * len(polarity.FAMILIES) and head.count("|") == 6
-    for _, counts, told, felt, force in cells:
-        assert (told == "-") == (counts == "rise")
-        assert felt.endswith(" 100%") and force.endswith("none in 0")
+@pytest.mark.parametrize(
+    ("family", "falls"), [("divider", False), ("capacitive", True)]
+)
+def test_sensor_is_calibrated_whichever_way_its_counts_go(family, falls, monkeypatch):
+    monkeypatch.setattr(polarity, "TOUCHES", 4)
+    skin = build_grid_skin(8, 8, polarity.PITCH, calibrated=True)
+    mounted, rng = MountedSkin(skin, load_robot("table")), np.random.default_rng(1)
+    build = draw_build(family, family, skin, load_constants(), rng)
+    found = polarity.try_build(build, mounted, 1, falls)
+    assert (found.told is not None) == falls
+    assert found.known == 1.0 and found.force > 0.0

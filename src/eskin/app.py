@@ -72,6 +72,9 @@ class SourceConfig:
     falling: bool = False
     """Whether counts fall under pressure, whatever the calibration says."""
 
+    bits: int | None = None
+    """Bits of the converter; None where the calibration's full scale is right."""
+
     q: tuple[float, ...] | None = None
     """Joint positions of a robot that does not move [rad]; all zero where None."""
 
@@ -126,10 +129,32 @@ def open_source(
     config = config or SourceConfig()
     config = config if skin is None else replace(config, skin=skin)
     source = open_kind(uris, config, clock or HostClock())
+    calibration = source.info.calibration
     if config.falling:
-        calibration = replace(source.info.calibration, falling=True)
-        source.info = replace(source.info, calibration=calibration)
+        calibration = replace(calibration, falling=True)
+    if config.bits is not None:
+        calibration = set_bits(calibration, config.bits)
+    source.info = replace(source.info, calibration=calibration)
     return source
+
+
+def set_bits(calibration: Calibration, bits: int) -> Calibration:
+    """Return a calibration for a converter of so many bits.
+
+    Raises:
+        DeviceError: it was measured with a converter of another full scale.
+    """
+    full_scale = 2**bits - 1
+    if calibration.full_scale == full_scale:
+        return calibration
+    if calibration.source != "nominal":
+        raise DeviceError(
+            f"bits are {bits}, but the calibration was measured with a full scale of "
+            f"{calibration.full_scale:,}; allowed are bits of a skin that is not "
+            "calibrated; leave them out, or calibrate again with --calibration of the "
+            "data sheet"
+        )
+    return calibration.with_full_scale(full_scale)
 
 
 def open_kind(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
@@ -262,7 +287,7 @@ def mount_device_skin(uris: Sequence[str], config: SourceConfig) -> MountedSkin:
     if config.skin is None:
         raise DeviceError(
             f"source {uris[0]} is given without a skin; allowed is a preset's name or "
-            "a skin's folder; say whose patches they are"
+            "a skin's folder; say whose patches they are (--skin)"
         )
     return mount_skin(config.skin, config.robot)
 

@@ -115,6 +115,12 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def rename_new(part: Path, path: Path) -> None:
+    """Rename a file; raise a FileExistsError where the new name is taken by then."""
+    path.touch(exist_ok=False)
+    part.replace(path)
+
+
 @contextmanager
 def write_folder(path: Path, error: type[Exception]) -> Iterator[Path]:
     """Yield a temporary folder that becomes `path` at the end of the block.

@@ -64,6 +64,9 @@ COMMANDS = {
         "lay a skin on a robot, and draw its patches",
         "design",
     ),
+    "skin place": Entry(
+        "design.commands.place:run", "lay a ready-made matrix on a link", "design"
+    ),
     "skin convert": Entry("cli.skin:run_convert", "from and to URDF, iCub, GenTact"),
     "skin pose": Entry("cli.pose:run", "measure where patches are mounted"),
     "skin points": Entry("cli.pose:run_points", "choose where to press for that"),
@@ -84,7 +87,6 @@ COMMANDS = {
 
 MOVED = {
     "compare": "python -m lab.compare",
-    "study": "python -m lab.study",
     "demo --same-touch": "python -m lab.same_touch",
 }
 """Commands and options that belong to the laboratory, with their commands there."""

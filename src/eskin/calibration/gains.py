@@ -97,6 +97,9 @@ class GainEstimate:
     """Activation pressure [kPa]."""
     unfelt_deviation: float | None
     """Standard deviation of ln unfelt; None where it is not estimated."""
+    misfit: float
+    """Negative logarithm of the probability density of the presses' counts and of the
+    constants, less what is the same whichever calibration is assumed."""
 
     def apply(self, calibration: Calibration, skin: Skin) -> Calibration:
         """Return a calibration with these constants."""
@@ -279,4 +282,13 @@ class PressProblem:
             float(prior.exponent * spread[2]) if self.has_exponent else None,
             unfelt,
             float(prior.unfelt * spread[3]) if self.has_unfelt else None,
+            self.compute_misfit(trial),
         )
+
+    def compute_misfit(self, trial: Float[np.ndarray, "size"]) -> float:
+        """Compute the negative logarithm of the density of counts and constants."""
+        grown = [replace(each, above=each.above * (1 + STEP)) for each in self.presses]
+        more = np.array([self.measure(each) for each in grown])
+        slopes = np.maximum(more - self.shown, STEP**2) / STEP
+        squares = self.compute_residuals(trial) ** 2
+        return float(squares.sum() / 2 + np.log(self.deviation / slopes).sum())

@@ -35,6 +35,7 @@ from eskin.touch import (
     TouchState,
 )
 from eskin.touch.faults import TAXEL_KINDS
+from eskin.touch.touches import MIN_PRESS_FORCE, MIN_PRESS_SECONDS
 from eskin.units import NS_PER_S
 
 PLACES = ((0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25))
@@ -63,6 +64,8 @@ MAX_TIP_AREA = 8e-4
 """Largest area above that pressure that one fingertip presses [m2]."""
 MAX_TIP_TRAVEL = 0.015
 """Largest distance that a fingertip moves during a press [m]."""
+BITS = (10, 12, 14)
+"""Bits of converters that counts which need no more may come from."""
 
 
 Press = TypeVar("Press")
@@ -293,6 +296,8 @@ class GuideConfig:
     forces: tuple[float, ...] = ()
     """Forces of the presses of a patch, one after the other and again [N]; empty where
     they are not known."""
+    is_scale_known: bool = False
+    """Whether the calibration's full scale is known to be that of the converter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,6 +327,10 @@ class CalibrationGuide(PressGuide[FingertipPress]):
 
     Attributes:
         skipped: patches that are no longer asked for.
+        highest: highest count so far.
+        largest: largest rise above rest since rest was measured [counts].
+        strongest: taxel of that rise.
+        firmest: greatest force since then [N].
     """
 
     def __init__(
@@ -348,6 +357,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         self.ignored = np.zeros(self.skin.count, bool)
         self.skipped: set[int] = set()
         self.touched_at: int | None = None
+        self.highest = self.strongest = 0
+        self.largest = self.firmest = 0.0
 
     def build_fault_detector(self) -> FaultDetector:
         """Build a detector that finds stuck taxels within the time at rest."""
@@ -357,7 +368,23 @@ class CalibrationGuide(PressGuide[FingertipPress]):
 
     def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan without taxels that seem touched at rest."""
-        return super().push(replace(scan, received=scan.received & ~self.ignored))
+        scan = replace(scan, received=scan.received & ~self.ignored)
+        event = super().push(scan)
+        self.highest = max(self.highest, int(scan.counts[scan.received].max(initial=0)))
+        if self.rest is not None and self.state is not None:
+            above = self.pipeline.turn(scan).counts - self.rest.rest
+            rise = np.where(scan.received, above, 0.0)
+            forces = [contact.force for contact in self.state.contacts]
+            if rise.max() > self.largest:
+                self.largest, self.strongest = float(rise.max()), int(rise.argmax())
+            self.firmest = max([self.firmest, *forces])
+        return event
+
+    @property
+    def fewer_bits(self) -> int | None:
+        """Bits of a converter with a smaller scale that has all counts; else None."""
+        fit = [n for n in BITS if self.highest < 2**n - 1 < self.assumed.full_scale]
+        return None if self.config.is_scale_known or not fit else fit[0]
 
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
         """Collect a scan of the time at rest, which begins again after a touch."""
@@ -504,17 +531,35 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         """Ask for another press of a patch, also where it was left out."""
         self.skipped.discard(press.patch)
 
+    def describe_unfelt(self) -> str:
+        """Describe by how much no press was felt, and what may be done about it."""
+        press = replace(self.assumed, gain=self.assumed.gain[[self.strongest]])
+        pressure = float(press.compute_pressure(np.array([self.largest]))[0])
+        bits, remedy = self.fewer_bits, "press more firmly"
+        if bits is not None and self.largest > 0:
+            remedy += (
+                f"; if the converter has {bits} bits, as no count was above "
+                f"{2**bits - 1:,}, give --bits {bits}"
+            )
+        return (
+            f"no press was felt: the largest rise was {self.largest:.0f} counts = "
+            f"{pressure:.1f} kPa, the greatest force {self.firmest:.2f} N; allowed are "
+            f"{MIN_PRESS_FORCE:g} N and more for {MIN_PRESS_SECONDS:g} s; {remedy}"
+        )
+
     def finish(self) -> CalibrationResult:
         """Return the calibration from all that was measured.
 
         Raises:
-            ValueError: rest was not measured.
+            ValueError: rest was not measured, or no press that was asked for was felt.
         """
         if self.rest is None:
             raise ValueError(
                 f"the skin was not at rest for {self.config.seconds:g} s; allowed is "
                 "that time without touch; take all hands off and calibrate again"
             )
+        if self.config.presses and self.wanted and not self.presses:
+            raise ValueError(self.describe_unfelt())
         known = self.assumed.source
         calibration = replace(
             self.build_rested(), source="rest" if known == "nominal" else known
@@ -522,6 +567,12 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         gains = None
         if self.presses:
             gains = estimate_gains(self.skin, self.assumed, tuple(self.presses))
+            if self.fewer_bits is not None:
+                small = self.assumed.with_full_scale(2**self.fewer_bits - 1)
+                other = estimate_gains(self.skin, small, tuple(self.presses))
+                if other.misfit < gains.misfit:
+                    gains = other
+                    calibration = calibration.with_full_scale(small.full_scale)
             calibration = gains.apply(calibration, self.skin)
         return CalibrationResult(
             calibration,

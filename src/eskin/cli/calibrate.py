@@ -12,12 +12,12 @@ from eskin.cli.checks import check_writable
 from eskin.cli.guided import (
     Dialogue,
     PressCommand,
+    describe_cell,
+    describe_taxel,
     guide_presses,
     open_guided_source,
     show_result,
 )
-from eskin.cli.skin import describe_taxel
-from eskin.errors import DeviceError, RecordingError
 from eskin.units import format_count
 
 if TYPE_CHECKING:
@@ -66,20 +66,22 @@ def run(command: CalibrateCommand) -> dict[str, object]:
     from eskin.recording import write_calibration
 
     check_options(command)
-    config = GuideConfig(command.seconds, command.presses, command.patch, command.force)
+    is_known = command.bits is not None or command.calibration is not None
+    config = GuideConfig(
+        command.seconds, command.presses, command.patch, command.force, is_known
+    )
     with ExitStack() as stack:
         source, mounted = open_guided_source(command, stack)
         guide = CalibrationGuide(mounted, source.info.calibration, config)
         page = guide_presses(command, source, CalibrationDialogue(guide), stack)
-        if guide.rest is None:
-            raise (DeviceError if command.is_live else RecordingError)(
-                f"{source.info.uri} had no {command.seconds:g} s at rest; allowed is "
-                "that time without touch, at its beginning or later; take all hands "
-                "off and repeat"
-            )
         result = guide.finish()
         write_calibration(command.out, result.calibration)
         lines = describe_result(result, mounted.skin)
+        if result.calibration.full_scale != guide.assumed.full_scale:
+            lines.append(
+                f"full scale is {result.calibration.full_scale:,}, as presses and "
+                "counts say; --bits states another"
+            )
         show_result(page, guide, [*lines, f"written to {command.out}"])
     return summarise(result, mounted.skin, command)
 
@@ -141,10 +143,11 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
             f"noise at rest: median {np.median(noise):.2f} counts, worst "
             f"{noise.max():.2f}"
         )
+    patches = {patch.id: patch for patch in skin.patches}
     for fault in result.faults:
-        places = {"row": fault.row, "column": fault.column}
-        text = "".join(f", {k} {v}" for k, v in places.items() if v is not None)
-        lines.append(f"  {fault.kind}: patch '{fault.patch}'{text}")
+        cell = describe_cell(patches[fault.patch], fault.row, fault.column)
+        where = f", {cell}" if cell else ""
+        lines.append(f"  {fault.kind}: patch '{fault.patch}'{where}")
     if result.calibration.falling:
         lines.append("counts fall under pressure, which the file says (falling)")
     rows = build_patch_rows(result, skin)
@@ -190,6 +193,7 @@ def summarise(
         "out": str(command.out),
         "source": calibration.source,
         "falling": calibration.falling,
+        "full_scale": calibration.full_scale,
         "noise_median": round(float(np.median(noise)), 3) if len(noise) else None,
         "noise_worst": round(float(noise.max()), 3) if len(noise) else None,
         "faults": [

@@ -5,28 +5,30 @@ import math
 import platform
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import chain
-from pathlib import Path
 
+import numpy as np
 from numba.core import event
 
-from eskin.app import SourceConfig, open_source
+from eskin.cli.guided import SourceCommand, open_guided_source
 from eskin.drivers import (
     DeviceSource,
-    ScanRateMeter,
+    SampledSource,
     SerialPortInfo,
+    SourceInfo,
     list_serial_ports,
-    read_key,
 )
 from eskin.errors import DeviceError, EskinError
 from eskin.live import MODELS, Recognizer, warm_up
+from eskin.units import NS_PER_S
 
 RUNTIME_PACKAGES = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
 TRAINING_PACKAGES = ("torch", "scikit-learn")
 
 
-LISTEN_NS = 3_000_000_000
+LISTEN_NS = 3 * NS_PER_S
 """Time for which patches are observed [ns]."""
 MAX_AGE_S = 0.5
 """Age of the last scan from which a patch is silent [s]."""
@@ -34,8 +36,8 @@ MIN_RATE_SHARE = 0.8
 """Share of its nominal rate below which a patch is slow."""
 
 
-@dataclass(frozen=True)
-class DoctorCommand:
+@dataclass(frozen=True, kw_only=True)
+class DoctorCommand(SourceCommand):
     """Check the installation, and compile all code that the recogniser needs.
 
     Compiled code is kept on disk, so that later no program waits for the compiler. With
@@ -44,16 +46,8 @@ class DoctorCommand:
     """
 
     source: tuple[str, ...] = ()
-    """Source of the patches: serial:PATH (one or several) or udp://HOST:PORT."""
-
-    skin: str | None = None
-    """Skin of the patches given by --source: a preset's name or a skin's folder."""
-
-    robot_urdf: str | None = None
-    """Robot that this skin is mounted on; preset skins have their own."""
-
-    key: Path | None = None
-    """Key file of the patches; packets without a valid seal are refused."""
+    """Source of the patches: serial:PATH or csv:PATH (one or several), udp://HOST:PORT
+    or xela://HOST:PORT."""
 
 
 @dataclass(frozen=True)
@@ -109,38 +103,41 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
     """Check rate and age of the scans of the patches that were asked about."""
     if not command.source:
         return
-    key = None if command.key is None else read_key(command.key)
-    config = SourceConfig(command.skin, command.robot_urdf, key=key)
-    with open_source(*command.source, config=config) as source:
-        if not isinstance(source, DeviceSource):
+    with ExitStack() as stack:
+        source, _ = open_guided_source(command, stack)
+        if not isinstance(source, DeviceSource | SampledSource):
             raise DeviceError(
-                f"--source is {' '.join(command.source)}; allowed are devices, "
-                "serial:PATH or udp://HOST:PORT; correct it"
+                f"--source is {' '.join(command.source)}; allowed are devices, as "
+                "serial:PATH, csv:PATH or udp://HOST:PORT; correct it"
             )
+        patches = source.info.skin.patch_index
+        counts = np.zeros(len(source.info.skin.patches))
+        stamps = np.full(len(counts), -np.inf)
         end = source.clock.now() + LISTEN_NS
         while source.clock.now() < end:
-            source.read(0.1)
-        ages = source.assembler.ages(source.clock.now())
-        paces = {
-            stream.slot.patch.id: stream.rate_meter
-            for stream in source.assembler.streams.values()
-        }
-        yield from (
-            check_patch(patch, paces[patch], age) for patch, age in ages.items()
-        )
+            scan = source.read(0.1)
+            if scan is not None:
+                heard = np.unique(patches[scan.received])
+                counts[heard] += 1
+                stamps[heard] = scan.stamp
+        rates = counts / (LISTEN_NS / NS_PER_S)
+        ages = (source.clock.now() - stamps) / NS_PER_S
+    found = zip(source.info.skin.patches, rates.tolist(), ages.tolist(), strict=True)
+    yield from (
+        check_patch(patch.id, rate, age, source.info) for patch, rate, age in found
+    )
 
 
-def check_patch(patch: str, pace: ScanRateMeter, age: float) -> Check:
-    """Check the rate and the age [s] of the scans of one patch."""
+def check_patch(patch: str, rate: float, age: float, info: SourceInfo) -> Check:
+    """Check the rate [1/s] and the age [s] of the scans of one patch."""
     name = f"patch {patch}"
     if age > MAX_AGE_S:
         silence = "no scans received" if math.isinf(age) else f"silent for {age:.1f} s"
         return Check(name, False, f"{silence}; check cable, address and power")
-    measured = pace.measured or 0.0
-    found = f"{measured:.1f} scans a second, {1e3 * age:.0f} ms old"
-    slow = measured < MIN_RATE_SHARE * pace.nominal
-    remedy = f"; its nominal rate is {pace.nominal}: check its line and power"
-    return Check(name, not slow, found + remedy * slow)
+    found = f"{rate:.1f} scans a second, {1e3 * age:.0f} ms old"
+    slow = rate < MIN_RATE_SHARE * info.rate
+    remedy = f"; its nominal rate is {info.rate:g}: check its line and power" * slow
+    return Check(name, not slow, found + remedy)
 
 
 def list_versions(packages: tuple[str, ...]) -> Iterator[str]:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
 
 import tyro
 
-from eskin.cli.checks import POSITIVE_OR_INF
-from eskin.cli.skin import describe_taxel
+from eskin.cli.checks import POSITIVE_OR_INF, Range
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S, format_count
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from eskin.drivers import Source
     from eskin.page import GuideBoard, PressPlace
     from eskin.page.viewer import CalibrationViewer
-    from eskin.skin import MountedSkin
+    from eskin.skin import MountedSkin, Patch, Skin
     from eskin.touch import Scan
 
 PATIENCE = 10.0
@@ -54,6 +53,10 @@ class SourceCommand:
     falling: bool = False
     """Counts fall under pressure, as with a pull-up resistor. The calibration file of
     eskin calibrate says so itself."""
+
+    bits: Annotated[int | None, Range(8, 16)] = None
+    """Bits of the converter, as 10 of an Arduino Uno; 12 where nothing says so. The
+    calibration file of eskin calibrate says so itself."""
 
     q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
     """Joint positions [rad] of a robot that does not move; zeros by default."""
@@ -94,6 +97,7 @@ class SourceCommand:
             robot=self.robot_urdf,
             calibration=self.calibration,
             falling=self.falling,
+            bits=self.bits,
             q=self.q,
             rate=self.rate,
             pace=pace,
@@ -111,11 +115,6 @@ class GuidedCommand(SourceCommand):
     source: tyro.conf.Positional[tuple[str, ...]]
     """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
     xela://HOST:PORT; or replay:FILE."""
-
-    @property
-    def pace(self) -> float:
-        """Seconds of a recording that are played in a second."""
-        return math.inf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,11 +136,6 @@ class PressCommand(GuidedCommand):
     def is_live(self) -> bool:
         """Whether somebody can be asked for presses, unlike by a recording."""
         return not (self.source and self.source[0].startswith("replay:"))
-
-    @property
-    def pace(self) -> float:
-        """Seconds of a recording that are played in a second."""
-        return 1.0 if self.view else math.inf
 
     def check_page_options(self) -> None:
         """Raise if an option is out of range.
@@ -217,6 +211,20 @@ class Dialogue(ABC, Generic[Guide]):
         return GuideBoard(self.describe_request(), guide.progress, place, presses=count)
 
 
+def describe_taxel(skin: "Skin", taxel: int) -> str:
+    """Describe where a taxel is: patch, link, row and column."""
+    patch = skin.patches[int(skin.patch_index[taxel])]
+    cell = describe_cell(patch, int(skin.rows[taxel]), int(skin.columns[taxel]))
+    return f"patch '{patch.id}' on {patch.link}, {cell}"
+
+
+def describe_cell(patch: "Patch", row: int | None, column: int | None) -> str:
+    """Describe row and column, where there are, as people count: from 1."""
+    places = (("row", row, patch.rows), ("column", column, patch.columns))
+    words = [f"{name} {n + 1} of {count}" for name, n, count in places if n is not None]
+    return ", ".join(words)
+
+
 def build_place(request: "PressRequest", mounted: "MountedSkin") -> "PressPlace":
     """Build the place that the page marks for a request."""
     from eskin.page import PressPlace
@@ -227,7 +235,7 @@ def build_place(request: "PressRequest", mounted: "MountedSkin") -> "PressPlace"
 
 
 def open_guided_source(
-    command: GuidedCommand, stack: ExitStack
+    command: SourceCommand, stack: ExitStack
 ) -> "tuple[Source, MountedSkin]":
     """Open a device or a recording, and print which skin it has.
 
@@ -258,7 +266,8 @@ def open_guided_source(
             f"{command.source[0]} is given without --skin; allowed is a preset's name "
             "or a skin's folder; say whose patches they are"
         )
-    config = command.build_config(command.pace)
+    is_shown = isinstance(command, PressCommand) and command.view
+    config = command.build_config(1.0 if is_shown else math.inf)
     if command.skin is not None and command.joints is not None:
         robot = mount_skin(command.skin, command.robot_urdf).robot
         joints = open_joints(command.joints, robot, None, command.allow_remote)
@@ -268,6 +277,7 @@ def open_guided_source(
     mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))
     taxels = format_count(info.skin.count, "taxel")
     say(f"{info.uri}: skin '{info.skin.name}', {taxels}")
+    say(info.describe_rate())
     return source, mounted
 
 

@@ -15,12 +15,14 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib.metadata import version
 from typing import Annotated, Any
 
 import tyro
 
 from eskin.cli.checks import check_files, check_options
+from eskin.cli.options import describe_command, list_options, registry
 from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, StreamError
 from eskin.registry import COMMANDS, MOVED, load_function
@@ -49,50 +51,72 @@ def main() -> None:
     compiling = logging.getLogger("eskin.compiled")
     compiling.addHandler(logging.StreamHandler())
     compiling.setLevel(logging.INFO)
+    # What stops a stream is raised, and printed once.
+    logging.getLogger("eskin.stream.stream").disabled = True
     sys.exit(run(sys.argv[1:]))
 
 
 def run(argv: list[str]) -> int:
     """Run one command line and return its exit code."""
-    if not argv or argv[0] in ("-h", "--help"):
-        print(format_overview())
-        return 0
-    if argv == ["--version"]:
-        print(f"eskin {version('eskin')}")
-        return 0
+    if None in (sys.stdout, sys.stderr):
+        return print_error(
+            "stdout or stderr is closed; allowed are a terminal, a file, a pipe or "
+            "/dev/null; redirect it"
+        )
+    *group, last = argv or ["--help"]
+    begun = [name for name in COMMANDS if name.split()[:-1] == group]
     extra = None
     try:
-        check_moved(argv)
-        name, rest = split_command(argv)
-        extra = COMMANDS[name].extra
-        if name in CHECKED_FIRST:
-            check_files(rest)
-        function, command_type = load_command(name)
-        command, output = parse(command_type, name, rest)
-        result = function(command)
-        if output.json:
-            print(json.dumps(result))
+        if last in ("-h", "--help") and begun:
+            print(format_overview(begun if group else list(COMMANDS)))
+        elif argv == ["--version"]:
+            print(f"eskin {version('eskin')}")
+        else:
+            check_moved(argv)
+            name, rest = split_command(argv)
+            extra = COMMANDS[name].extra
+            run_command(name, rest)
         sys.stdout.flush()
     except ModuleNotFoundError as error:
         wanted = f".[{extra}]" if extra else "."
         return print_error(
             f"{error.name} is missing; install it: pip install '{wanted}'"
         )
-    except StreamError as error:
-        print_error(str(error))
-        return FAILED
-    except BrokenPipeError:
-        # The reader of the output, such as `head`, has closed it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (BrokenPipeError, StreamError) as error:
+        if not isinstance(error.__cause__ or error, BrokenPipeError):
+            print_error(str(error))
+            return FAILED
+        drop_output()
         return STOPPED
     except OSError as error:
         return print_error(describe_os_error(error))
     except (EskinError, ValueError) as error:
         return print_error(str(error))
+    except MemoryError as error:
+        return print_error(
+            f"too little memory ({error or 'none is left'}); end other programs, or "
+            "use a smaller file"
+        )
     except KeyboardInterrupt:
         print_error("stopped")
         return STOPPED
     return 0
+
+
+def run_command(name: str, rest: list[str]) -> None:
+    """Run one command with its arguments, and print its result if that is asked for."""
+    if name in CHECKED_FIRST:
+        check_files(rest)
+    function, command_type = load_command(name)
+    command, output = parse(command_type, name, rest)
+    result = function(command)
+    if output.json:
+        print(json.dumps(result))
+
+
+def drop_output() -> None:
+    """Drop what is still to be printed: its reader, such as `head`, has closed it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def describe_os_error(error: OSError) -> str:
@@ -134,8 +158,12 @@ def split_command(argv: list[str]) -> tuple[str, list[str]]:
         if name in COMMANDS:
             return name, argv[words:]
     begun = [name for name in COMMANDS if name.split()[0] == argv[0]]
-    known = ", ".join(begun or COMMANDS)
-    raise ValueError(f"no command '{argv[0]}'; commands: {known}; see eskin --help")
+    given, known = " ".join(argv[: 2 if begun else 1]), ", ".join(begun or COMMANDS)
+    like = get_close_matches(given, COMMANDS, 1)
+    meant = f"; did you mean {like[0]}?" if like else ""
+    raise ValueError(
+        f"no command '{given}'; commands: {known}{meant}; see eskin --help"
+    )
 
 
 def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Output]:
@@ -150,14 +178,17 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
             command, output = tyro.cli(
                 both,
                 prog=f"eskin {name}",
-                description=command_type.__doc__,
+                description=describe_command(command_type),
                 args=argv,
                 config=(tyro.conf.FlagCreatePairsOff,),
+                registry=registry,
             )
     except SystemExit as stop:
         if stop.code == 0:
             raise
-        raise ValueError(rewrite_parse_error(tyro_error.getvalue(), name)) from None
+        options = list_options(command_type)
+        text = rewrite_parse_error(tyro_error.getvalue(), name, options)
+        raise ValueError(text) from None
     check_options(command)
     return command, output
 
@@ -168,13 +199,11 @@ def print_error(message: str) -> int:
     return BAD_INPUT
 
 
-def format_overview() -> str:
-    """List the commands, one on each line."""
+def format_overview(names: Sequence[str]) -> str:
+    """List some commands, one on each line."""
     rows = ["eskin: touch gestures from a robot's electronic skin", ""]
-    width = max(map(len, COMMANDS))
-    rows += [
-        f"  eskin {name:{width}}  {entry.summary}" for name, entry in COMMANDS.items()
-    ]
+    width = max(map(len, names))
+    rows += [f"  eskin {name:{width}}  {COMMANDS[name].summary}" for name in names]
     return "\n".join([*rows, "", "eskin COMMAND --help explains one."])
 
 

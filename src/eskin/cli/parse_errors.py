@@ -5,7 +5,8 @@ that names the option, what was given, what is allowed and what to do.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 
 BOX = {ord(character): " " for character in "╭╮╰╯│─├┤"}
 KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path"}
@@ -14,14 +15,18 @@ TITLES = "Parsing error|Value error|Unrecognized options|Required options"
 TITLES += "|Missing argument|Invalid choice"
 
 
-def rewrite_parse_error(message: str, name: str) -> str:
+def rewrite_parse_error(message: str, name: str, options: Sequence[str] = ()) -> str:
     """Return an error of tyro as one line.
 
     Args:
         message: what tyro printed.
         name: name of the command, without `eskin`.
+        options: options of the command.
     """
     text = re.sub(rf"^(?:{TITLES}) ", "", flatten(message))
+    unknown = re.search(r"Unrecognized options: ([^\s,]+)", text)
+    if unknown is not None:
+        return f"{describe_unknown(unknown[1], options)}; see eskin {name} --help"
     for pattern, describe in REWRITTEN:
         found = re.search(pattern, text)
         if found is not None:
@@ -38,10 +43,13 @@ def flatten(message: str) -> str:
     return re.split(r" (?:Argument helptext:|For full helptext)", text)[0]
 
 
-def describe_unknown(found: re.Match[str]) -> str:
-    """Describe options that the command does not have."""
-    unknown, meant = found["unknown"].split(", ")[0], found["meant"]
-    remedy = f"did you mean {meant}?" if meant else "take it out, or correct it"
+def describe_unknown(unknown: str, options: Sequence[str]) -> str:
+    """Describe an option that the command does not have, with the one it is like."""
+    short = {f"--{one.rpartition('.')[2].lstrip('-')}": one for one in options}
+    like = get_close_matches(unknown, [*options, *short], 1)
+    remedy = "take it out, or correct it"
+    if like:
+        remedy = f"did you mean {short.get(like[0], like[0])}?"
     return f"{unknown} is no option or argument of the command; {remedy}"
 
 
@@ -49,7 +57,7 @@ def describe_missing(found: re.Match[str]) -> str:
     """Describe the first argument that is required, by what it is for."""
     first = found["missing"].split(" (required)")[0]
     name, _, text = first.partition(" ")
-    text = re.sub(r"^(?:PATH|STR|INT|FLOAT|\[\S+ \[\S+ \.\.\.\]\]) ", "", text)
+    text = re.sub(r"^(?:PATH|STR|INT|FLOAT)(?: \.\.\.)? ", "", text)
     purpose = re.split(r"\.(?: |$)", text)[0]
     return f"{name} is missing: {purpose[:1].lower()}{purpose[1:]}; give it"
 
@@ -86,11 +94,6 @@ def describe_setting(found: re.Match[str]) -> str:
 
 
 REWRITTEN: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
-    (
-        r"Unrecognized options: (?P<unknown>.*?)"
-        r"(?: Perhaps you meant:? (?P<meant>--\S+).*)?$",
-        describe_unknown,
-    ),
     (r"Missing from [^:]*: (?P<missing>.*)", describe_missing),
     (
         r"Missing value for argument '(?P<option>[^']*)'",

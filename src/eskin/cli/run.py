@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from eskin.cli.checks import POSITIVE, POSITIVE_OR_INF, Excludes, Needs
-from eskin.cli.guided import PATIENCE, SourceCommand, check_joints
+from eskin.cli.guided import PATIENCE, SourceCommand, check_joints, say
 from eskin.errors import DeviceError
 from eskin.units import format_count
 
@@ -237,8 +237,9 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
         doubts.append("simulated: touches are not those of a person")
     if kind not in ("replay", "sim") and calibration.source == "nominal":
         doubts.append(
-            "not calibrated: forces are relative, by a nominal curve; measure the "
-            "skin's own with eskin calibrate"
+            "not calibrated: forces are relative, by a nominal curve up to "
+            f"{calibration.full_scale:,} counts; measure the skin's own with eskin "
+            "calibrate, or at least give --bits"
         )
     return tuple(doubts)
 
@@ -256,14 +257,25 @@ def build_policy(
     """Build the policy that commands the arm.
 
     Raises:
-        CommandError: when the command map cannot be used.
+        CommandError: when the command map cannot be used, or no gesture of the model
+            stops the arm.
+        ArmError: when the robot of the skin has not the joints of the arm.
     """
     from eskin.command import Policy, load_commands
+    from eskin.command.arm import ArmJoints
+    from eskin.errors import CommandError
 
-    vocabulary = model.card.vocabulary
+    skin, vocabulary = source.info.skin, model.card.vocabulary
+    ArmJoints(arm, source.info.load_robot(command.robot_urdf))
     commands = load_commands(
-        command.commands, vocabulary, source.info.skin, command.import_functions
+        command.commands, vocabulary, skin, command.import_functions
     )
+    if not any(commands.find_stops(vocabulary, patch) for patch in skin.patches):
+        raise CommandError(
+            f"{command.commands or 'the default map'} has no gesture of the model that "
+            f"pauses or holds the arm; allowed are {', '.join(vocabulary)}; write a "
+            "rule for one of them with action: pause, and give its map by --commands"
+        )
     return Policy(arm, commands, vocabulary)
 
 
@@ -389,8 +401,8 @@ def print_source(source: "Source", doubts: tuple[str, ...]) -> None:
         f"'{info.robot_name}', {info.rate:g} scans a second; Ctrl-C ends it",
         flush=True,
     )
-    for doubt in doubts:
-        print(doubt, flush=True)
+    for doubt in (*doubts, info.describe_rate()):
+        say(doubt)
 
 
 def summarise(

@@ -1,6 +1,7 @@
 """`eskin skin show`, `check` and `convert` describe, verify and convert a skin."""
 
-from dataclasses import dataclass, replace
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eskin.cli.checks import NOT_NEGATIVE, check_folder, check_way, check_writable
+from eskin.cli.guided import SourceCommand, describe_taxel, open_guided_source
 from eskin.errors import DeviceError, SkinError
 from eskin.robot import Robot, load_robot
 from eskin.skin import (
@@ -20,6 +22,7 @@ from eskin.skin import (
     Skin,
     SkinProblem,
     check_skin,
+    describe_problems,
     load_robot_for_skin,
     load_skin,
     parse_skin_folder,
@@ -30,9 +33,10 @@ from eskin.units import NS_PER_S, format_count
 
 if TYPE_CHECKING:
     from eskin.drivers import Source
-    from eskin.skin.wiring import PressResponse, PressTarget
+    from eskin.skin.wiring import PressResponse
     from eskin.touch import TouchPipeline
 
+ROBOT = tyro.conf.arg(aliases=("--robot",))
 # Poses in which the arm shows its skin well [rad].
 POSES = {"ur5": (0.4, -1.3, 1.5, -1.2, -1.3, 0.0)}
 
@@ -47,7 +51,7 @@ class ShowCommand:
     out: Path | None = None
     """Path of the picture to write, such as skin.png."""
 
-    robot: str | None = None
+    robot_urdf: Annotated[str | None, ROBOT] = None
     """Robot that wears the skin: ur5, ur10, base, table, tube or a .urdf file. Preset
     skins have their own."""
 
@@ -59,7 +63,7 @@ def run_show(command: ShowCommand) -> dict[str, object]:
     """Print the figures of one skin and return them."""
     skin = load_skin(command.skin)
     robot = load_robot_for_skin(
-        command.skin, command.robot, mimics=not command.no_mimics
+        command.skin, command.robot_urdf, mimics=not command.no_mimics
     )
     if command.out is not None:
         draw_picture(skin, command.out, robot)
@@ -167,7 +171,8 @@ def collect_presses(
         print(f"press {describe_taxel(info.skin, spot.taxel)} ...", end=" ", flush=True)
         taxel = wait_for_press(source, pipeline, wait)
         answers.append(PressResponse(spot, taxel))
-        print(describe_answer(info.skin, spot, taxel), flush=True)
+        place = "" if taxel is None else describe_taxel(info.skin, taxel)
+        print(f"felt on {place}" if place else "nothing felt", flush=True)
     return answers
 
 
@@ -197,35 +202,17 @@ def wait_for_press(
     return None
 
 
-def describe_taxel(skin: Skin, taxel: int) -> str:
-    """Describe where a taxel is: patch, link, row and column."""
-    patch = skin.patches[int(skin.patch_index[taxel])]
-    return (
-        f"patch '{patch.id}' on {patch.link}, row {skin.rows[taxel]} of {patch.rows}, "
-        f"column {skin.columns[taxel]} of {patch.columns}"
-    )
-
-
-def describe_answer(skin: Skin, spot: "PressTarget", taxel: int | None) -> str:
-    """Describe which taxel answered a press."""
-    if taxel is None:
-        return "nothing felt"
-    same = skin.patches[int(skin.patch_index[taxel])].id == spot.patch
-    place = f"row {skin.rows[taxel]}, column {skin.columns[taxel]}"
-    return f"felt at {place}" if same else f"felt on {describe_taxel(skin, taxel)}"
-
-
-@dataclass(frozen=True)
-class CheckCommand:
+@dataclass(frozen=True, kw_only=True)
+class CheckCommand(SourceCommand):
     """Verify a skin: list every problem with its patch and taxel.
 
     With --live, the wiring is checked as well: press where you are asked to.
     """
 
-    skin: tyro.conf.Positional[str]
+    skin: tyro.conf.Positional[str] = field()
     """A preset's name, or a folder with skin.yaml."""
 
-    robot: str | None = None
+    robot_urdf: Annotated[str | None, ROBOT] = None
     """Robot of the skin: ur5, table, tube or a .urdf file. Preset skins have their
     own."""
 
@@ -239,61 +226,48 @@ class CheckCommand:
     """Ask for three presses on each patch and check how each patch is wired."""
 
     source: tuple[str, ...] = ()
-    """Address of the patches for --live: serial:PATH or udp://HOST:PORT."""
-
-    calibration: Path | None = None
-    """Calibration file of the electronics for --live, as for eskin run."""
-
-    falling: bool = False
-    """Counts fall under pressure, for --live."""
+    """Device for --live: serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT."""
 
     wait: Annotated[float, NOT_NEGATIVE] = 30.0
     """Longest time to wait for each press of --live [s]."""
 
 
 def run_check(command: CheckCommand) -> dict[str, object]:
-    """Check one skin; print one line for each problem, then raise one error."""
+    """Check one skin; print its problems, then raise one error."""
     robot = load_robot_for_skin(
-        command.skin, command.robot, mimics=not command.no_mimics
+        command.skin, command.robot_urdf, mimics=not command.no_mimics
     )
     config = CheckConfig(max_surface_distance=1e-3 * command.tolerance)
     problems = find_problems(command.skin, robot, config)
-    for problem in problems:
-        print(problem)
+    for line in describe_problems(problems):
+        print(line)
     if problems:
         raise SkinError(
             f"skin {command.skin} has {len(problems)} problem"
             f"{'s' * (len(problems) > 1)}; correct what is listed"
         )
     if command.live:
-        return {"problems": check_live_wiring(command, robot)}
+        return {"problems": check_live_wiring(command)}
     against = f"on robot {robot.name}" if robot else "without a robot's surface"
     print(f"skin {command.skin}: no problems, checked {against}")
     if robot is None:
-        print("--robot ROBOT checks links, surfaces and outward normals too")
+        print("--robot-urdf ROBOT checks links, surfaces and outward normals too")
     return {"problems": []}
 
 
-def check_live_wiring(command: CheckCommand, robot: Robot | None) -> list[str]:
+def check_live_wiring(command: CheckCommand) -> list[str]:
     """Ask for presses and check the answers; raise if a patch is wired wrongly."""
-    from eskin.app import SourceConfig, open_source
     from eskin.skin.wiring import check_wiring
 
     if not command.source:
         raise DeviceError(
-            "--live is given without --source; allowed is serial:PATH or "
-            "udp://HOST:PORT; say where the patches are"
+            "--live is given without --source; allowed is a device, as serial:PATH or "
+            "csv:PATH; say where the patches are"
         )
-    if robot is None:
-        raise DeviceError(
-            "--live is given without --robot; allowed is a robot's name or a .urdf "
-            "file; say what the skin is on"
-        )
-    config = SourceConfig(
-        command.skin, robot, command.calibration, falling=command.falling
-    )
-    with open_source(*command.source, config=config) as source:
-        answers = collect_presses(source, robot, command.wait)
+    with ExitStack() as stack:
+        source, mounted = open_guided_source(command, stack)
+        answers = collect_presses(source, mounted.robot, command.wait)
     found = check_wiring(source.info.skin, answers)
     for line in found:
         print(line)

@@ -30,6 +30,10 @@ class CommandedTouch:
     onset: int | None = None
     """First contact [ns since the epoch]; None before it is felt."""
 
+    untouched_since: int = 0
+    """Stamp of the latest contact anywhere before the skin was touched without a break
+    until its onset [ns since the epoch]."""
+
     patch: str = ""
     """Patch of its strongest contact; empty before it is felt."""
 
@@ -85,7 +89,12 @@ class CommandedTouch:
         return self.blocked or onset in self.asked
 
     def feel(
-        self, row: TouchRecord, patch: str, stamp: int, config: SkinMonitorConfig
+        self,
+        row: TouchRecord,
+        patch: str,
+        stamp: int,
+        untouched_since: int,
+        config: SkinMonitorConfig,
     ) -> None:
         """Update from a reading in which it is in contact.
 
@@ -93,8 +102,12 @@ class CommandedTouch:
             row: its record.
             patch: patch of its strongest contact.
             stamp: stamp of the reading [ns since the epoch].
+            untouched_since: stamp of the latest contact before the present stretch of
+                readings with contact [ns since the epoch].
             config: says until when a touch is light.
         """
+        if self.onset != row.onset:
+            self.untouched_since = untouched_since
         if self.onset is None or row.force > config.light_force:
             self.light_since = stamp
         self.onset, self.patch, self.force = row.onset, patch, row.force
@@ -183,6 +196,8 @@ class CommandedTouches:
         ended: touches that closed with the latest reading and merged into no other.
         latest: stamp of the latest reading [ns since the epoch].
         last_contact: stamp of the latest contact anywhere [ns since the epoch].
+        untouched_since: stamp of the latest contact before the latest stretch of
+            readings with contact [ns since the epoch].
         stops: gestures that stop a working arm on each patch, by their indices in the
             vocabulary, with the probability from which it is paused.
     """
@@ -209,7 +224,7 @@ class CommandedTouches:
         self.requests: list[CommandRequest] = []
         self.felt: list[CommandedTouch] = []
         self.ended: list[CommandedTouch] = []
-        self.latest = self.last_contact = now
+        self.latest = self.last_contact = self.untouched_since = now
 
     def find(self, touch: int) -> CommandedTouch:
         """Return a touch by its id; a new one where it is not known."""
@@ -218,6 +233,8 @@ class CommandedTouches:
     def update(self, recognition: RecognitionState) -> None:
         """Update all touches by the next recognition state."""
         state = recognition.state
+        if self.last_contact != self.latest:
+            self.untouched_since = self.last_contact
         self.latest = state.reading.stamp
         self.by_id = {i: one for i, one in self.by_id.items() if not one.closed}
         self.ended, self.felt = [], []
@@ -263,7 +280,7 @@ class CommandedTouches:
             touch.stop_chance = sum(float(probabilities[index]) for index in stops)
             touch.stop_required = min(stops.values(), default=1.0)
         if row.last == self.latest:
-            touch.feel(row, patch, self.latest, self.config)
+            touch.feel(row, patch, self.latest, self.untouched_since, self.config)
             taxels = recognition.state.records.loads["taxel"][slice(*row.loads)]
             pressure = recognition.state.reading.pressure[taxels]
             is_full = pressure >= self.full_pressure[taxels]

@@ -64,11 +64,11 @@ class PolicyConfig:
     double pats. Chosen from data (`lab/notes/policy.md`)."""
 
     min_pause: float = 1.0
-    """Least duration of a pause [s]."""
+    """How long the arm must have been stopped, and nobody have touched the skin, before
+    the touch begins that sets it in motion [s]."""
 
     min_release: float = 0.1
-    """How long a touch must have ended before it makes the arm do more, and nobody may
-    have touched the skin before it sets the arm in motion [s]."""
+    """How long a touch must have ended before it makes the arm do more [s]."""
 
     max_delay: float = 2.0
     """How long after a detection its touch may go on before it makes the arm do more,
@@ -127,9 +127,8 @@ class Policy(Listener):
         self.vocabulary = vocabulary
         self.config = config or PolicyConfig()
         self.lock = RLock()
-        self.accepted = self.pause_count = self.slowed_at = 0
-        self.paused_since: int | None = None
-        self.held_since: int | None = None
+        self.accepted = self.stopped_at = self.slowed_at = 0
+        self.stops: tuple[int, str | None] | None = None
         self.last_used: dict[object, int] = {}
         self.slowed: str | None = None
         self.held_for: str | None = None
@@ -293,28 +292,27 @@ class Policy(Listener):
         if action == "jog" and not detection.direction_world.any():
             return "the touch did not travel; stroke farther"
         if action in STARTING_ACTIONS:
-            return self.find_start_refusal(detection.onset, state, now)
+            return self.find_start_refusal(request.touch, detection.onset, state)
         return None
 
-    def find_start_refusal(self, onset: int, state: ArmState, now: int) -> str | None:
+    def find_start_refusal(
+        self, touch: CommandedTouch, onset: int, state: ArmState
+    ) -> str | None:
         """Return why a touch must not set the arm in motion, or None where it may.
 
         Args:
-            onset: time at which the touch began [ns since the epoch].
+            touch: the touch.
+            onset: time at which it began [ns since the epoch].
             state: state of the arm.
-            now: present time [ns since the epoch].
         """
         if not state.paused:
             return f"nobody has paused it; {self.describe_way(state)}"
-        if self.paused_since is None:
-            return "nobody has paused it; pause it first"
-        if onset <= self.paused_since:
-            return "the touch began before the pause; lift the hand, then ask again"
-        if self.held_since is not None and onset <= self.held_since:
-            return "the touch began before the hold; lift the hand, then ask again"
-        passed, least = (now - self.paused_since) / NS_PER_S, self.config.min_pause
-        if passed < least:
-            return f"it was paused only {passed:.1f} s ago; ask again after {least:g} s"
+        least = self.config.min_pause
+        if onset - max(touch.untouched_since, self.stopped_at) < least * NS_PER_S:
+            return (
+                "the touch began before the arm had stood, and nobody had touched the "
+                f"skin, for {least:g} s; let go, wait, then ask again"
+            )
         return None
 
     def find_rest(self, rule: Rule, now: int) -> str | None:
@@ -355,7 +353,9 @@ class Policy(Listener):
     def hold_if_unreliable(self) -> None:
         """Hold the arm if skin or functions cannot be relied on; publish when again."""
         now, state = self.context.clock.now(), self.arm.state()
-        self.note_stops(state, now)
+        stops = state.pause_count, state.hold_reason
+        if stops != self.stops:
+            self.stops, self.stopped_at = stops, now
         problem = self.find_problem(now)
         if problem is not None:
             requests, self.touches.requests = self.touches.requests, []
@@ -394,7 +394,7 @@ class Policy(Listener):
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
         touches = self.touches
         if touches.last_contact == touches.latest and self.arm.state().jogging:
-            self.pause()
+            self.arm.pause()
             self.publish("pause", True, "touched while it jogs")
 
     def suspend_if_stop(self) -> None:
@@ -482,10 +482,9 @@ class Policy(Listener):
         release = self.config.min_release * NS_PER_S
         if action not in STARTING_ACTIONS:
             return touches.latest - request.end >= release
-        untouched = touches.latest - touches.last_contact >= release
         alone = not touches.list_other_onsets(request.touch)
         has_data = self.monitor.has_data(request.detection.patch)
-        return request.touch.closed and untouched and alone and has_data
+        return request.touch.closed and alone and has_data
 
     def goes_on(self, request: CommandRequest) -> bool:
         """Return whether touching goes on for too long after a detection."""
@@ -536,12 +535,9 @@ class Policy(Listener):
         """Make the arm execute what is asked for."""
         arm, detection, rule = self.arm, request.detection, request.rule
         match request.action:
-            case "pause":
-                self.pause()
             case "resume":
                 arm.release()
                 arm.resume()
-                self.paused_since = None
             case "jog":
                 step = self.config.jog_step if rule.step is None else rule.step
                 arm.jog(step * detection.direction_world)
@@ -551,7 +547,7 @@ class Policy(Listener):
                 arm.set_speed(1.0)
             case "hold":
                 arm.hold(f"{detection.gesture} on {detection.patch}")
-                self.held_since = self.context.clock.now()
+                self.stopped_at = self.context.clock.now()
             case action if action == FUNCTION:
                 call = FunctionCall(rule.function or "", arm, detection)
                 if not call.has_returned(self.config.function_seconds):
@@ -567,30 +563,16 @@ class Policy(Listener):
 
     def pause_for(self, touch: CommandedTouch, reason: str) -> None:
         """Pause the arm for a touch that was not recognised, and publish why."""
-        self.pause()
+        self.arm.pause()
         self.accepted += 1
         touch.blocked = True
         self.publish("pause", True, reason, touch=touch)
 
-    def pause(self) -> None:
-        """Pause the arm from now on."""
-        self.arm.pause()
-        self.note_stops(self.arm.state(), self.context.clock.now())
-
     def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
         self.arm.hold(reason)
-        self.held_since = self.context.clock.now()
+        self.stopped_at = self.context.clock.now()
         self.publish("hold", True, reason, touch=touch)
-
-    def note_stops(self, state: ArmState, now: int) -> None:
-        """Note since when the arm is paused and held, whoever told it to."""
-        if self.paused_since is None or state.pause_count != self.pause_count:
-            self.paused_since, self.pause_count = now, state.pause_count
-        if not state.paused:
-            self.paused_since = None
-        held = now if self.held_since is None else self.held_since
-        self.held_since = None if state.hold_reason is None else held
 
     def publish(
         self,

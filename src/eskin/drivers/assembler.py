@@ -1,7 +1,6 @@
 """This module assembles packets of single patches into scans of the whole skin."""
 
 import zlib
-from math import inf
 from typing import final
 
 import numpy as np
@@ -295,14 +294,6 @@ class Assembler:
     def next_deadline(self) -> int | None:
         """Return by when the next scan is emitted [ns]; None before `start`."""
         return None if self.timeline is None else self.timeline.next_deadline()
-
-    def ages(self, now: int) -> dict[str, float]:
-        """Return the age of each patch's newest data [s]; infinite without data."""
-        newest = {s.slot.patch.id: s.newest_in_time for s in self.streams.values()}
-        return {
-            patch: inf if stamp is None else (now - stamp) / NS_PER_S
-            for patch, stamp in newest.items()
-        }
 
     def skews(self) -> dict[str, float]:
         """Return how long after its reading's stamp each newest scan began [s]."""

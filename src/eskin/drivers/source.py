@@ -17,6 +17,9 @@ from eskin.units import NS_PER_S
 BYTE_WAIT = 0.05
 """Longest wait before it is checked whether a device has sent a byte [s]."""
 
+MIN_ARM_RATE = 20.0
+"""Scan rate below which a skin commands no arm [1/s]."""
+
 
 @dataclass(frozen=True)
 class SourceInfo:
@@ -36,6 +39,16 @@ class SourceInfo:
     """Nominal scan rate [1/s]."""
     urdf: bytes = b""
     """URDF of the robot; empty for a preset."""
+
+    def describe_rate(self) -> str:
+        """Describe that scans are too few for an arm, with remedies; empty if not."""
+        if self.rate >= MIN_ARM_RATE:
+            return ""
+        return (
+            f"{self.rate:g} scans a second, below the {MIN_ARM_RATE:g} that an arm "
+            "needs: raise the baud rate on both sides (--baud), or send packets "
+            "(firmware/eskin_patch.h), which are half as long as lines"
+        )
 
     @classmethod
     def build(

@@ -96,7 +96,6 @@ class PatchStream:
         clock_matched: whether a hello of the module agrees with the clock.
         newest: start of the newest complete scan [ns].
         period: period that this scan belongs to.
-        newest_in_time: start of the newest scan that came in time [ns].
         used_period: latest period of which a scan was emitted.
         problem: problem of the clock that was reported.
     """
@@ -124,7 +123,6 @@ class PatchStream:
         self.skipped: int | None = None
         self.newest: int | None = None
         self.period: int | None = None
-        self.newest_in_time: int | None = None
         self.problem: Doubt | None = None
         return packets
 
@@ -314,7 +312,6 @@ class ScanTimeline:
         period.scans[address] = (number, packets)
         period.counts[stream.taxels] = counts
         period.received[stream.taxels] = True
-        stream.newest_in_time = max(stamp, stream.newest_in_time or 0)
         return "waiting"
 
     def find_period(self, stream: PatchStream, stamp: int) -> int:

@@ -15,11 +15,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from eskin.errors import RecordingError
-from eskin.files import NotNegative, Share
+from eskin.learn.config import AugmentConfig
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
 from eskin.learn.nn import NetworkInput, SlotIndex, build_graph_tensors
-from eskin.live import HISTORY, SLOT_NS, GraphBatch, check_limits, compute_summary
+from eskin.live import HISTORY, SLOT_NS, GraphBatch, compute_summary
 
 TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
 """Columns of a history that are proportional to the duration of a touch."""
@@ -163,45 +163,6 @@ def build_slot_index(windows: Windows) -> SlotIndex:
 
 
 FORCE_COLUMNS = [HISTORY.index(name) for name in ("impulse", "peak force")]
-
-
-@dataclass(frozen=True)
-class AugmentConfig:
-    """These settings limit how far a training window differs from the recorded one."""
-
-    gain: NotNegative = 0.4
-    """Standard deviation of the logarithm of a person's force."""
-    taxel_gain: NotNegative = 0.15
-    """Standard deviation of the logarithm of each taxel's own gain."""
-    dead: Share = 0.1
-    """Largest share of taxels that read zero in a window."""
-    offset: NotNegative = 2.0
-    """Largest pressure subtracted from every taxel [kPa]."""
-    shear_gain: NotNegative = 0.3
-    """Standard deviation of the logarithm of shear relative to pressure."""
-    noise: NotNegative = 0.0
-    """Standard deviation of noise on each taxel's readings, as a share of its
-    pressure."""
-    patch: Share = 0.0
-    """Share of windows in which one of several touched patches reads zero."""
-    lost: Share = 0.0
-    """Largest share of the readings of a window that are lost."""
-    halved: Share = 0.0
-    """Share of windows that keep only every other reading: half the rate."""
-    stretch: Share = 0.0
-    """Standard deviation of the logarithm of a person's duration of a gesture."""
-    crop: Share = 0.7
-    """Share of windows that hold nothing from before their gesture."""
-
-    def __post_init__(self) -> None:
-        """Reject settings outside their limits."""
-        check_limits(self)
-
-
-NO_AUGMENTATION = AugmentConfig(
-    gain=0.0, taxel_gain=0.0, dead=0.0, offset=0.0, shear_gain=0.0
-)
-"""Settings that leave windows as they were recorded."""
 
 
 def augment(

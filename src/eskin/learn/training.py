@@ -2,100 +2,30 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import torch
-from annotated_types import Interval
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from eskin.files import NotNegative, Share
 from eskin.learn.batches import (
-    NO_AUGMENTATION,
-    AugmentConfig,
     Batch,
     BatchBuilder,
     build_sampler,
     check_classes,
 )
 from eskin.learn.checkpoint import EarlyStopping, TrainingState
+from eskin.learn.config import NO_AUGMENTATION, AugmentConfig, TrainConfig
 from eskin.learn.dataset import Dataset, find_gestures, find_sessions, hold_out
 from eskin.learn.evaluation import predict_clips
 from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.processes import ALONE, Processes
 from eskin.live import (
-    GraphConfig,
     Model,
-    NetworkConfig,
-    check_limits,
 )
 from eskin.progress import show_progress
-
-AtLeastOne = Annotated[int, Interval(ge=1, le=np.inf)]
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """These settings determine how the recogniser is trained."""
-
-    epochs: AtLeastOne = 10
-    """Number of epochs of `steps` steps."""
-    steps: AtLeastOne = 40
-    """Steps in an epoch."""
-    batch: AtLeastOne = 64
-    """Windows in a step."""
-    encoded: AtLeastOne = 32
-    """Windows of a step whose graphs are encoded, the slowest part; the summary branch
-    uses all windows."""
-    readings: AtLeastOne = 25
-    """Readings of an encoded window whose graphs are encoded, drawn at random."""
-    rate: Annotated[float, Interval(ge=1e-9, le=1.0)] = 3e-3
-    """Highest learning rate of the cycle."""
-    decay: NotNegative = 0.3
-    """Weight decay."""
-    smoothing: Share = 0.1
-    """Label smoothing."""
-    patience: Annotated[int, Interval(ge=0, le=np.inf)] = 5
-    """Epochs without a lower validation loss after which one more stops training."""
-    validation: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.15
-    """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
-    to the end."""
-    shares: dict[str, float] = field(default_factory=dict)
-    """Names of data sets, each followed by the share of the windows of a class that are
-    drawn from it; all other recordings are drawn with equal frequency."""
-    shear: bool = True
-    """Whether shear is used where every skin measures it."""
-    workers: AtLeastOne = 1
-    """Threads, one a core, that share the gradients of every batch; with dropout and
-    more than one, results are not reproducible to the bit."""
-    graph: GraphConfig = field(default_factory=GraphConfig)
-    """Settings of the contact graphs."""
-    augment: AugmentConfig = field(default_factory=AugmentConfig)
-    """Settings of the augmentation."""
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    """Sizes of the network."""
-
-    def select_graph(self, has_shear: bool = True) -> GraphConfig:
-        """Return the settings of the graphs that the network takes.
-
-        Args:
-            has_shear: whether every skin measures shear.
-        """
-        return self.graph.restrict(self.shear and has_shear, self.network.width > 0)
-
-    def __post_init__(self) -> None:
-        """Reject settings outside their limits."""
-        check_limits(self)
-        if min(self.shares.values(), default=0.0) < 0 or sum(self.shares.values()) > 1:
-            raise ValueError(
-                f"shares are {self.shares}; allowed are numbers from 0 on whose sum is "
-                "at most 1; lower them"
-            )
-
 
 SAVE_PERIOD = 30.0  # [s] between two checkpoints
 VALIDATION_WINDOWS = 256

@@ -52,7 +52,7 @@ def mount_skin(
     if robot is None:
         raise SkinMismatchError(
             f"skin '{skin.name}' is given without a robot; allowed are a robot's "
-            "name, a URDF or a Robot; give the robot that it is on"
+            "name, a URDF or a Robot; give the robot that it is on (--robot-urdf)"
         )
     return MountedSkin(skin, robot)
 

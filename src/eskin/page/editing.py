@@ -117,9 +117,11 @@ class LabelEditor:
         path = self.recording.path
         kept = path.with_name(f"{path.stem}.original{path.suffix}")
         others = [label for label in self.recording.labels if label.source != "true"]
-        if not self.recording.truncated and not kept.exists():
+        if not self.recording.truncated:
             try:
                 os.link(path, kept)
+            except FileExistsError:
+                pass
             except OSError:
                 shutil.copy2(path, kept)
         mine = (replace(label, source="true") for label in self.labels)

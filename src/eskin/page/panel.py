@@ -304,7 +304,8 @@ class TouchPanel(Panel):
             MODES,
             initial_value=hand.mode,
             hint="Click twice for a double pat, drag for a stroke, shift and click for "
-            "a grab; anywhere else, drag to turn the view",
+            "a grab, or choose it here, as on a phone; anywhere else, drag to turn the "
+            "view",
         )
         force = gui.add_slider(
             "force [N]", min=1, max=40, step=1, initial_value=int(hand.force)

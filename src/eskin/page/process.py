@@ -46,7 +46,7 @@ def make_token() -> str:
 
 def format_link(port: int, token: str) -> str:
     """Return the link that opens the page at a port of this computer."""
-    return f"http://{HOST}:{port}/?token={token}"
+    return f"http://{HOST}:{port}/{token}/"
 
 
 def free_port(port: int) -> int:

@@ -1,8 +1,9 @@
 """This module runs the web server of the page, for a browser with its link alone.
 
-The link holds a token. The page sets it as a cookie, and only connections that send
-the token or the cookie are accepted, from pages of this server alone. All of this is
-checked in the handshake, so no message of anyone else reaches a handler.
+The path of the link is a token, and so is that of the page's connection, which viser
+derives from it. A cookie would be sent to every port of the computer. Only requests
+with the token are accepted, from pages of this server alone. All of this is checked in
+the handshake, so no message of anyone else reaches a handler.
 """
 
 import contextlib
@@ -12,7 +13,7 @@ from collections.abc import Iterator
 from http import HTTPStatus
 from secrets import compare_digest
 from typing import Any, final
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import websockets.asyncio.server
 from viser import ViserServer
@@ -43,8 +44,6 @@ class PageAccess:
         self.token = token.encode()
         self.hosts = {f"{name}:{port}" for name in LOCAL_NAMES}
         self.origins = {f"http://{host}" for host in self.hosts}
-        # Cookies are shared by all ports of a computer, so the name tells them apart.
-        self.cookie = f"eskin-{port}"
 
     def find_problem(self, request: Request) -> str | None:
         """Return why a request is refused; None where it is accepted."""
@@ -54,30 +53,11 @@ class PageAccess:
         origins = request.headers.get_all("Origin")
         if any(origin not in self.origins for origin in origins):
             return "only the page itself may connect"
-        if not any(map(self.is_token, self.find_tokens(request))):
+        path = urlsplit(request.path).path.strip("/")
+        # This comparison takes a time that tells nothing about the token.
+        if not compare_digest(path.encode("utf-8", "replace"), self.token):
             return "open the page by the link that eskin printed, which holds its token"
         return None
-
-    def is_token(self, text: str) -> bool:
-        """Return whether a text is the token, in a time that tells nothing about it."""
-        return compare_digest(text.encode("utf-8", "replace"), self.token)
-
-    def find_tokens(self, request: Request) -> Iterator[str]:
-        """Yield what a request gives as token, in its query or as cookie."""
-        yield from parse_qs(urlsplit(request.path).query).get("token", [])
-        for header in request.headers.get_all("Cookie"):
-            for part in header.split(";"):
-                name, _, value = part.strip().partition("=")
-                if name == self.cookie:
-                    yield value
-
-    def add_headers(self, response: Response) -> None:
-        """Add the cookie, and what else a browser is to heed, to an answer."""
-        for name, value in HEADERS.items():
-            response.headers[name] = value
-        response.headers["Set-Cookie"] = (
-            f"{self.cookie}={self.token.decode()}; Path=/; HttpOnly; SameSite=Strict"
-        )
 
 
 @contextlib.contextmanager
@@ -99,9 +79,10 @@ def guard_servers(access: PageAccess) -> Iterator[list[Any]]:
             problem = access.find_problem(request)
             if problem is not None:
                 return connection.respond(HTTPStatus.FORBIDDEN, problem + "\n")
+            request.path = "/"
             response = process_request(connection, request)
             if response is not None:
-                access.add_headers(response)
+                response.headers.update(HEADERS)
             return response
 
         guarded.append(serve(*args, process_request=check, **options))

@@ -186,7 +186,6 @@ REMEDIES = (
     ("broken skin", "plug the patch in"),
     ("touch ", "take your hand off"),
     ("function", "correct the function, and start the command again"),
-    ("not started", "poke it"),
     ("closed", "start the command again"),
     ("the stream has ended", "start the command again"),
     ("the policy failed", "start the command again"),
@@ -200,7 +199,7 @@ def describe_arm(arm: ArmState, commands: Sequence[str] = ()) -> ArmSummary:
 
     Args:
         arm: state of the arm.
-        commands: what each gesture commands, such as `double pat: resume`.
+        commands: what each gesture commands, such as `grab: resume`.
     """
     state, why = "running" if arm.moving else "waiting", ""
     if not arm.connected:
@@ -219,20 +218,27 @@ def describe_arm(arm: ArmState, commands: Sequence[str] = ()) -> ArmSummary:
         min(arm.speed, arm.speed_limit),
         arm.gripper,
         arm.target,
-        find_remedy(state, why, commands),
+        find_remedy(state, why, commands, arm.paused),
         arm.carrying,
     )
 
 
-def find_remedy(state: str, why: str, commands: Sequence[str]) -> str:
-    """Return what ends a stop: the cause that is to be mended, and who resumes."""
+def find_remedy(state: str, why: str, commands: Sequence[str], paused: bool) -> str:
+    """Return what ends a stop: the cause that is to be mended, and who resumes.
+
+    An arm that is not paused must be before a touch can resume it.
+    """
     if state not in ("paused", "held", "stopped"):
         return ""
     mend = [remedy for reason, remedy in REMEDIES if why.startswith(reason)]
-    rules = (line.partition(": ") for line in commands)
-    resuming = [touch for touch, _, action in rules if "resume" in action]
+    rules = [line.partition(": ") for line in commands]
+    pausing, resuming = (
+        [touch for touch, _, actions in rules if action in actions.split(" or ")]
+        for action in ("pause", "resume")
+    )
+    first = [f"{touch}, wait 1 s" for touch in pausing[: not paused]]
     return ", then ".join(
-        [*mend[:1], *(f"{touch} to resume" for touch in resuming[:1])]
+        [*mend[:1], *first, *(f"{touch} to resume" for touch in resuming[:1])]
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
-from eskin.files import atomic_path
+from eskin.files import atomic_path, rename_new
 from eskin.recording.cdr import Topic
 from eskin.recording.mcap_file import McapWriter
 from eskin.recording.messages import (
@@ -62,6 +62,7 @@ encode_skin = lru_cache(maxsize=8)(skin_to_bytes)
 class RecordingWriter:
     """Writes `<path>.part` and renames it to `path` when it is closed.
 
+    It replaces a file that was there when it was opened, and none that came since.
     After an exception inside `with`, the `.part` file stays and can be read up to the
     last scan that was written.
     """
@@ -95,6 +96,7 @@ class RecordingWriter:
         self.joint_names = tuple(joint_names)
         self.last_stamp: int | None = None
         self.chunk_start: int | None = None
+        self.replaces = self.path.exists()
         try:
             self.file = self.part.open("wb")
         except OSError as error:
@@ -236,14 +238,27 @@ class RecordingWriter:
         os.fsync(self.file.fileno())
 
     def close(self) -> None:
-        """Finish the file and rename it to its final name."""
+        """Finish the file and rename it to its final name.
+
+        Raises:
+            RecordingError: another file has got that name meanwhile.
+        """
         if self.file.closed:
             return
         self.mcap.finish()
         self.file.flush()
         os.fsync(self.file.fileno())
         self.file.close()
-        self.part.replace(self.path)
+        if self.replaces:
+            self.part.replace(self.path)
+            return
+        try:
+            rename_new(self.part, self.path)
+        except FileExistsError:
+            raise RecordingError(
+                f"{self.path} has been made by another program meanwhile; the "
+                f"recording is whole in {self.part}; give that another name"
+            ) from None
 
     def abandon(self) -> None:
         """Stop and leave what was written in the `.part` file, without an index."""

@@ -1,6 +1,6 @@
 """Skins hold patches of taxels, and lie on robots; they come from presets or files."""
 
-from eskin.skin.check import CheckConfig, SkinProblem, check_skin
+from eskin.skin.check import CheckConfig, SkinProblem, check_skin, describe_problems
 from eskin.skin.files import (
     ParsedSkin,
     load_skin,
@@ -32,6 +32,7 @@ __all__ = [
     "build_grid_skin",
     "build_skin",
     "check_skin",
+    "describe_problems",
     "cut_corners",
     "fit_surface",
     "load_robot_for_skin",

@@ -1,7 +1,8 @@
 """This module finds everything that is wrong with a skin, patch by patch."""
 
+import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,9 @@ from scipy.spatial import KDTree
 from eskin.errors import SkinError
 from eskin.robot import Robot, compute_surface_distance
 from eskin.skin.skin import Skin
+
+MAX_NAMED = 8
+"""Number of taxels that one line names."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,21 @@ class SkinProblem:
         if self.taxel is not None:
             where.append(f"taxel {self.taxel}")
         return f"{', '.join(where)}: {self.text}" if where else self.text
+
+
+def describe_problems(problems: Sequence[SkinProblem]) -> list[str]:
+    """Describe problems in lines: those of one patch that differ in numbers as one."""
+    alike: dict[tuple[str | None, str], list[SkinProblem]] = {}
+    for each in problems:
+        kind = re.sub(r"[-+.\de]*\d", "", each.text)
+        alike.setdefault((each.patch, kind), []).append(each)
+    lines = []
+    for first, *others in alike.values():
+        taxels = ", ".join(str(one.taxel) for one in others[:MAX_NAMED])
+        rest = ", ..." if others[MAX_NAMED:] else ""
+        more = f"; so {len(others)} more: taxels {taxels}{rest}" if others else ""
+        lines.append(f"{first}{more}")
+    return lines
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """This module reads and writes skins, as folders or as bytes."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -201,8 +202,9 @@ def find_id_problems(
 
 def resolve_inside(folder: Path, name: str, file: str) -> Path:
     """Return the path of a file in the folder; raise where it is outside."""
-    target = (folder / name).resolve()
-    if not target.is_relative_to(folder.resolve()):
+    # `Path.resolve` raises where links lead in a circle, before the file is read.
+    target = Path(os.path.realpath(folder / name))
+    if not target.is_relative_to(os.path.realpath(folder)):
         raise SkinError(
             f"{file}: taxels: got '{name}', which leaves the folder; allowed a file "
             "inside it"

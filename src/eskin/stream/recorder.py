@@ -124,7 +124,8 @@ class Recorder(Listener):
     """Writes scans, detections and events; the stream goes on when the disk is full.
 
     Every half second of scans is one chunk, which is written and fsynced on this
-    listener's own thread before more is written. If the process is killed or power
+    listener's own thread before more is written; twice the duration of the latest fsync
+    where that is longer. If the process is killed or power
     fails, the last half second of scans and the queued messages are lost. The file is
     `<path>.part` until it is closed and renamed; if power fails just then, it may keep
     that name.
@@ -176,6 +177,7 @@ class Recorder(Listener):
         self.unrecorded = 0
         self.correction: Correction | None = None
         self.sync = DurationHistogram()
+        self.latest_sync = 0.0
 
     def start(self, context: Context) -> None:
         """Open the first file; raise a RecordingError if it cannot be written."""
@@ -227,12 +229,15 @@ class Recorder(Listener):
         if self.chunk is None:
             self.chunk = stamp
         passed = (stamp - self.chunk) / NS_PER_S
-        if self.pieces.writer is None or passed < self.config.chunk_seconds:
+        # A slow disk is synced less often, so that neither queue nor end wait for it.
+        least = max(self.config.chunk_seconds, 2 * self.latest_sync)
+        if self.pieces.writer is None or passed < least:
             return
         self.chunk = stamp
         began = perf_counter()
         self.pieces.writer.sync()
-        self.sync.add(perf_counter() - began)
+        self.latest_sync = perf_counter() - began
+        self.sync.add(self.latest_sync)
         if self.disk_full():
             self.pieces.finish()
             self.report_stop(self.describe_space())

@@ -235,6 +235,14 @@ class Calibration:
         turned = np.maximum(self.full_scale - counts, 0)
         return np.where(counts < 0, counts, turned)
 
+    def with_full_scale(self, full_scale: int) -> "Calibration":
+        """Return the constants for a converter with another full scale [counts].
+
+        The pressure at full scale stays; rest and noise are counts, and stay too.
+        """
+        gain = self.gain * (self.full_scale / full_scale)
+        return replace(self, gain=gain, full_scale=full_scale)
+
     @property
     def rising(self) -> "Calibration":
         """The calibration of the same skin for counts that are turned to rise."""
@@ -274,9 +282,9 @@ class Calibration:
             calibration = cls(
                 gain=np.array(content["gain"], dtype=np.float64),
                 full_scale=int(content["full_scale"]),
-                shear_gain=float(content["shear_gain"]),
-                shear_rest=int(content["shear_rest"]),
-                floor=float(content["floor"]),
+                shear_gain=float(content.get("shear_gain", 1.0)),
+                shear_rest=int(content.get("shear_rest", 0)),
+                floor=float(content.get("floor", 0.0)),
                 curve=parse_choice("curve", content.get("curve", "linear"), Curve),
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
@@ -293,8 +301,8 @@ class Calibration:
         except PARSE_ERRORS as error:
             raise RecordingError(
                 f"calibration cannot be read ({type(error).__name__}: {error}); "
-                "allowed is JSON with version, gain, full_scale, shear_gain, "
-                "shear_rest and floor; record again, or use Calibration.to_bytes"
+                "allowed is JSON with version, gain and full_scale; correct it, or "
+                "record again"
             ) from error
         if version not in VERSIONS:
             raise RecordingError(

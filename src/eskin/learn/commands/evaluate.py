@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
@@ -14,9 +14,7 @@ from rich.table import Table
 
 from eskin.cli.checks import Range, check_picture, load_overrides
 from eskin.errors import RecordingError
-from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.events import (
     EventScore,
     NonGestureTally,
@@ -26,11 +24,13 @@ from eskin.learn.events import (
     trace_recordings,
 )
 from eskin.learn.events.event_scoring import Delays
-from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.live import Model, load_model
 from eskin.progress import track_progress
 from eskin.recording import find_recordings, read_recording
 from eskin.units import format_count
+
+if TYPE_CHECKING:
+    from eskin.learn.evaluation import Evaluation
 
 
 def summarise_people(people: dict[str, float]) -> dict[str, float]:
@@ -284,6 +284,10 @@ def score_clips(
     command: EvaluateCommand, model: Model, paths: Sequence[Path]
 ) -> dict[str, object]:
     """Score recordings gesture by gesture."""
+    from eskin.learn.checkpoint import to_network
+    from eskin.learn.evaluation import evaluate
+    from eskin.learn.plots import draw_confusion, draw_reliability
+
     card = model.card
     overrides = load_overrides(command.calibration, command.robot_urdf)
     dataset = prepare(paths, card.pipeline, card.graph_used, overrides=overrides)
@@ -335,6 +339,8 @@ def score_streams(
 
 def draw_event_pictures(command: EvaluateCommand, score: EventScore) -> None:
     """Draw the plots of streams that are asked for."""
+    from eskin.learn.plots import draw_confusion, draw_reliability
+
     if command.event_picture is not None:
         events = format_count(score.confusion[:-1].sum(), "event")
         title = f"{events}, F1 {score.total.f1:.3f}"
@@ -344,7 +350,7 @@ def draw_event_pictures(command: EvaluateCommand, score: EventScore) -> None:
         draw_reliability(score.reliability, command.event_reliability, title)
 
 
-def print_clip_score(result: Evaluation) -> None:
+def print_clip_score(result: "Evaluation") -> None:
     """Print the scores of clips."""
     table = Table("gesture", "precision", "recall", "F1", "count")
     for name, row in result.segments.per_class.items():

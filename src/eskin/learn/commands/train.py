@@ -5,20 +5,17 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from eskin.cli.checks import NOT_NEGATIVE, check_writable, load_overrides
 from eskin.errors import ModelError, RecordingError
-from eskin.learn.checkpoint import to_model
 from eskin.learn.commands.evaluate import report_truncated
+from eskin.learn.config import TrainConfig
 from eskin.learn.dataset import Dataset, hash_recordings, prepare
-from eskin.learn.evaluation import check_fits, evaluate
 from eskin.learn.events import choose_decision, trace_recordings
-from eskin.learn.processes import Processes, join_processes
 from eskin.learn.recording_transforms import Aging, AgingConfig
-from eskin.learn.training import TrainConfig, Trainer
 from eskin.live import (
     GraphConfig,
     Model,
@@ -28,6 +25,10 @@ from eskin.live import (
     save_model,
 )
 from eskin.recording import NONE, Overrides, find_recordings
+
+if TYPE_CHECKING:
+    from eskin.learn.processes import Processes
+    from eskin.learn.training import Trainer
 
 SIZES = ("width", "layers", "channels")
 """Sizes of a network that must be equal for weights to fit another one."""
@@ -96,12 +97,18 @@ def run(command: TrainCommand) -> dict[str, object]:
     command continues. `torchrun` lets several processes train; the first one prepares
     recordings, and writes and scores the model.
     """
+    from eskin.learn.processes import join_processes
+
     with join_processes() as processes:
         return train(command, processes)
 
 
-def train(command: TrainCommand, processes: Processes) -> dict[str, object]:
+def train(command: TrainCommand, processes: "Processes") -> dict[str, object]:
     """Train as one of some processes; only the first one returns a result."""
+    from eskin.learn.checkpoint import to_model
+    from eskin.learn.evaluation import check_fits, evaluate
+    from eskin.learn.training import Trainer
+
     started = time.monotonic()
     if processes.is_first:
         check_writable(command.out)
@@ -218,7 +225,7 @@ def format_sizes(sizes: Mapping[str, int]) -> str:
 
 
 def build_card(
-    command: TrainCommand, trainer: Trainer, content: str, start: Model | None
+    command: TrainCommand, trainer: "Trainer", content: str, start: Model | None
 ) -> ModelCard:
     """Build the card of a model before it is trained."""
     return ModelCard(

@@ -19,14 +19,16 @@ meant to pause it and then to resume it: it executes nothing else, and its users
 that."""
 
 STOP_SECONDS = 1.0
-"""Time for which nobody touches an arm after a pause or a protective stop [s]."""
+"""Time for which nobody touches an arm after a pause or a protective stop, or a stopped
+arm after a touch [s]."""
 
 
 @dataclass(frozen=True)
 class SimulatedUserConfig:
     """Sets how often an arm is touched.
 
-    Nobody touches an arm within a second of a pause, because it could not resume yet.
+    Nobody touches an arm within a second of a pause, or a stopped one of another touch,
+    because it could not resume yet.
     An arm in protective stop is unlocked first.
     """
 
@@ -90,7 +92,9 @@ class SimulatedUser:
         if self.next_touch is None:
             self.next_touch = stamp + round(self.config.first * NS_PER_S)
         is_suspended = state.paused or state.protective_stop
-        since = self.stopped_since if self.stopped_since is not None else stamp
+        since = self.stopped_since
+        if since is None or self.touch is not None:
+            since = stamp
         if state.pause_count != self.pause_count:
             since, self.pause_count = stamp, state.pause_count
         self.stopped_since = since if is_suspended else None
