@@ -1,6 +1,6 @@
 """Count the events of things and people that start, speed up or stop an arm.
 
-    python -m lab.attacks events                       # fresh builds, all rows, hours
+    python -m lab.attacks events                       # fresh builds, all rows, half an hour
     python -m lab.attacks events --events 40 --only bounce grab --keep kept.jsonl
     python -m lab.attacks events --map commands.yaml   # with another command map
     python -m lab.attacks events --kept kept.jsonl     # rules on what was kept
@@ -13,8 +13,9 @@ A row has the numbers of events after which the paused arm was resumed or jogged
 slow one sped up, the working one made to do more, and stopped, even for a moment.
 
 What is kept has a line for each event: what its arms were told, and for each touch its
-detections, final probabilities and features that a rule could use. `--kept` prints the
-share of the events of each row in which some touch meets each of `RULES`.
+detections, final probabilities and features that a rule could use. The same command
+goes on where it was interrupted, by the file that it keeps. `--kept` prints the share
+of the events of each row in which some touch meets each of `RULES`.
 """
 
 import json
