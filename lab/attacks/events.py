@@ -1,6 +1,6 @@
 """Count the events of things and people that start, speed up or stop an arm.
 
-    python -m lab.attacks events                       # fresh builds, all rows, half an hour
+    python -m lab.attacks events                       # fresh builds, half an hour
     python -m lab.attacks events --events 40 --only bounce grab --keep kept.jsonl
     python -m lab.attacks events --map commands.yaml   # with another command map
     python -m lab.attacks events --kept kept.jsonl     # rules on what was kept
