@@ -43,7 +43,7 @@ LONGEST = (
     "test_examples.py",
     "test_learn_processes.py",
 )
-"""Test files that a worker begins early: the other would wait for its end."""
+"""Test files that a worker begins early: the others would wait for its end."""
 
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces>"
@@ -56,7 +56,7 @@ SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[1] / "shared
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker compile all code while the other runs files that need none.
+    """Let one worker compile all code while the others run files that need none.
 
     Then the longest come first.
     """

@@ -36,7 +36,7 @@ FLAGS = (
 CAMERA_TARGET = np.array(SceneDescription.middle)
 CAMERA_DISTANCE = SceneDescription.distance
 """Point that the page's camera looks at [m], and its distance from there [m]."""
-PATIENCE = 60.0
+PATIENCE = 180.0
 """Longest time to wait for anything on the page [s]."""
 EYE = CAMERA_TARGET + CAMERA_DISTANCE * CAMERA_DIRECTION
 """Position of the page's camera in the world frame [m]."""

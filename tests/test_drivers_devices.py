@@ -399,7 +399,7 @@ def test_module_that_the_server_repeats_is_not_received_again():
     assert len(found) > 15 and device.counters()["repeated"] == 9
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.data())
 def test_no_message_of_a_server_raises(data):
     device = ShearModules(ManualClock(), "ws://127.0.0.1:1", matrix_skin("shear"))

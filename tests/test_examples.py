@@ -61,7 +61,7 @@ RUNS = {
         r"Session 20250528-1500, never trained on: 4 touches, \d+ detections",
     ),
     "02_simulated_touches.py": (
-        lambda _: ("--seconds", 9),
+        lambda _: ("--seconds", 6),
         r"grab +9\d%  forearm_link",
     ),
     "03_own_skin.py": (

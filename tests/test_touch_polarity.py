@@ -154,7 +154,7 @@ def test_what_is_lost_and_comes_back_is_not_told(value, lasts, lost):
         "skin": np.arange(SKIN.count),
         "taxel": [27],
     }[lost]
-    scans = list(make_scans(rest(520)))
+    scans = list(make_scans(rest(180 + lasts)))
     for scans_of_way, way in ((scans, CALIBRATION), (fall(scans), FALLING)):
         assert not find_ways(
             play(change(scans_of_way, 60, 60 + lasts, value, taxels), way)

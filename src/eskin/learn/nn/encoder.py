@@ -166,13 +166,5 @@ class Encoder(nn.Module):
         index = graphs.graph_index[graphs.targets][:, None].expand(-1, v.shape[1])
         largest = largest.scatter_reduce(0, index, v[graphs.targets], "amax")
         touched = (force > 0)[:, None]
-        pooled = self.combine(torch.where(touched, largest, 0.0), mean)
+        pooled = torch.cat([torch.where(touched, largest, 0.0), mean], dim=1)
         return torch.where(touched, self.norm(pooled), 0.0)
-
-    def combine(
-        self,
-        largest: Float[Tensor, "reading width"],
-        mean: Float[Tensor, "reading width"],
-    ) -> Float[Tensor, "reading embedding"]:
-        """Return the two poolings, maximum and mean, side by side."""
-        return torch.cat([largest, mean], dim=1)
