@@ -112,7 +112,7 @@ def test_invalid_input_is_refused_and_no_recording_is_labelled(
         ((converted, "--window", "1"), "--window"),
         ((converted, cut), "z.mcap is cut short"),
         ((converted, cut, "--out", out), "z.mcap: it is a folder"),
-        ((converted, cut, "--out", cut), "no folder that can be written to"),
+        ((converted, cut, "--out", cut), "cannot write to"),
     ):
         assert assert_refused(capsys, "label", *words, part=part) == ""
         assert converted.read_bytes() == before
@@ -122,7 +122,7 @@ def test_invalid_input_is_refused_and_no_recording_is_labelled(
 def test_folder_that_cannot_be_written_to_is_refused(converted, capsys, monkeypatch):
     before = converted.read_bytes()
     monkeypatch.setattr("tempfile.TemporaryFile", fail_to_write)
-    part = "no folder that can be written to"
+    part = "cannot write to"
     assert_refused(capsys, "label", converted, part=part)
     assert converted.read_bytes() == before
 

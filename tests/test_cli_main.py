@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import eskin
+import eskin.cli.main as main_module
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
 from eskin.cli.options import list_options
 from eskin.cli.parse_errors import rewrite_parse_error
@@ -95,6 +96,19 @@ def test_help_of_a_group_lists_its_commands(capsys):
     assert (code, err) == (0, "")
     listed = re.findall(r"^  eskin (.*?)  ", out, re.MULTILINE)
     assert [one.strip() for one in listed] == [c for c in COMMANDS if c[:5] == "skin "]
+
+
+def test_first_interrupt_stops_and_a_hasty_second_one_does_not_hang(monkeypatch):
+    raised, now = [], [0.0]
+    monkeypatch.setattr(main_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(main_module.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(main_module.signal, "raise_signal", raised.append)
+    interrupt = main_module.Interrupt()
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(2, None)
+    for now[0], count in ((0.2, 0), (3.0, 1)):
+        interrupt(2, None)
+        assert len(raised) == count
 
 
 def test_version_is_that_of_the_package(capsys):

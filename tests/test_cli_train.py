@@ -142,6 +142,31 @@ def test_interrupted_training_continues_with_the_same_command_only(
     assert (tmp_path / "cut").read_bytes() == (tmp_path / "whole").read_bytes()
 
 
+def test_stopped_training_keeps_the_best_weights_and_can_be_continued(
+    eve, tmp_path, monkeypatch, capsys
+):
+    step, left = Trainer.step, iter(range(3))
+
+    def step_thrice(*args) -> None:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        step(*args)
+
+    monkeypatch.setattr(training, "SAVE_PERIOD", -1.0)
+    monkeypatch.setattr(Trainer, "step", step_thrice)
+    words = ("train", *FLAGS, "--train.epochs", 3, eve, "--out", tmp_path / "m")
+    code, out, _ = call(capsys, *words)
+    assert code == 130 and "stopped after 1 epoch" in out
+    assert load_model(tmp_path / "m").weights and (tmp_path / "m.training").is_file()
+
+
+def test_one_recording_holds_out_some_of_its_takes(tmp_path, train):
+    path = record(tmp_path / "takes.mcap", ("hold", "tap") * 4)
+    result, out = train(path, "--out", tmp_path / "m")
+    assert result["val_accuracy"] is not None
+    assert "2 takes held out for validation" in out
+
+
 def test_training_starts_from_the_weights_of_a_model(eve, tmp_path, train):
     words = ("--out", tmp_path / "m", "--train.validation", "0", "--start", "ur5")
     # The sizes of `FLAGS` are those of no model, so the default ones take their place.

@@ -28,6 +28,7 @@ PRODUCT = {
     "command": ("stream",),
     "page": ("command",),
     "bus": ("page",),
+    "notebook": ("live",),
     "app": ("command",),
     "cli": ("app", "bus", "calibration"),
 }

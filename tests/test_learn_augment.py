@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.learn.batches import NO_AUGMENTATION, AugmentConfig, augment
+from eskin.learn.batches import augment
+from eskin.learn.config import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.dataset import prepare
 from eskin.live import HISTORY, join_graphs
 from helpers.graphs import random_graph

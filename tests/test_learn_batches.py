@@ -7,11 +7,10 @@ import pytest
 import torch
 
 from eskin.learn.batches import (
-    NO_AUGMENTATION,
-    AugmentConfig,
     BatchBuilder,
     build_sampler,
 )
+from eskin.learn.config import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.dataset import prepare
 from eskin.live import compute_summary
 from helpers.learning import record_people

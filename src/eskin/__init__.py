@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         Recognizer,
         load_model,
     )
+    from eskin.notebook import find_touches, plot_skin
     from eskin.recording import Recording, RecordingWriter, read_recording
     from eskin.robot import Robot, load_robot
     from eskin.skin import MountedSkin, Skin, load_skin
@@ -28,6 +29,7 @@ EXPORTS = {
     "app": "SourceConfig open_source",
     "drivers": "Source",
     "errors": "EskinError",
+    "notebook": "find_touches plot_skin",
     "live": "DecisionConfig Detection Model ModelCard Recognizer load_model",
     "recording": "Recording RecordingWriter read_recording",
     "robot": "Robot load_robot",
@@ -57,16 +59,20 @@ __all__ = [
     "Source",
     "SourceConfig",
     "Stream",
+    "find_touches",
     "load_model",
     "load_robot",
     "load_skin",
     "open_source",
+    "plot_skin",
     "read_recording",
 ]
 
 
 def __getattr__(name: str) -> object:
     """Import a name from its package when it is first used."""
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("eskin")
     if name not in PACKAGES:
         raise AttributeError(f"module 'eskin' has no attribute '{name}'")
     value = getattr(importlib.import_module(f"eskin.{PACKAGES[name]}"), name)
@@ -75,5 +81,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return all names, whether or not they have been imported."""
-    return sorted([*globals(), *__all__])
+    """Return what is public, whether or not it has been imported."""
+    return [*__all__, "__version__"]

@@ -88,6 +88,7 @@ COMMANDS = {
 MOVED = {
     "compare": "python -m lab.compare",
     "demo --same-touch": "python -m lab.same_touch",
+    "study": "python -m lab.study of commit 6f03fd1",
 }
 """Commands and options that belong to the laboratory, with their commands there."""
 

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.learn.batches import NO_AUGMENTATION
+from eskin.learn.config import NO_AUGMENTATION, TrainConfig
 from eskin.learn.dataset import Dataset
-from eskin.learn.training import TrainConfig
 from eskin.live import HISTORY, NetworkConfig, create_empty_batch
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
 from eskin.skin import build_grid_skin

@@ -1,5 +1,6 @@
 """This module checks options and paths before a command starts its work."""
 
+import errno
 import math
 import tempfile
 from collections.abc import Sequence
@@ -215,7 +216,7 @@ def check_folder(folder: Path) -> None:
     """
     paths = folder.absolute(), *folder.absolute().parents
     nearest = next(path for path in paths if path.exists())
-    reason = "it is no folder"
+    reason, remedy = f"{nearest} is no folder", "give a path in one"
     if nearest.is_dir():
         try:
             with tempfile.TemporaryFile(dir=nearest) as trial:
@@ -223,11 +224,11 @@ def check_folder(folder: Path) -> None:
                 trial.flush()
             return
         except OSError as error:
-            reason = str(error.strerror).lower()
-    raise EskinError(
-        f"cannot write to {folder}: {nearest} is no folder that can be written to "
-        f"({reason}); give a path in one that can"
-    )
+            reason = f"{nearest}: {str(error.strerror).lower()}"
+            remedy = "give a path in a folder that can be written to"
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                remedy = "free some space, or give a path on another disk"
+    raise EskinError(f"cannot write to {folder}: {reason}; {remedy}")
 
 
 def check_picture(target: Path) -> None:

@@ -12,12 +12,15 @@ import io
 import json
 import logging
 import os
+import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.metadata import version
-from typing import Annotated, Any
+from types import FrameType
+from typing import Annotated, Any, final
 
 import tyro
 
@@ -33,6 +36,8 @@ CHECKED_FIRST = ("demo", "evaluate", "export", "run", "train")
 FAILED = 1
 BAD_INPUT = 2
 STOPPED = 130
+HASTE = 1.0
+"""Time from the first Ctrl-C on for which others are no wish of their own [s]."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,29 @@ def main() -> None:
     compiling.setLevel(logging.INFO)
     # What stops a stream is raised, and printed once.
     logging.getLogger("eskin.stream.stream").disabled = True
+    signal.signal(signal.SIGINT, Interrupt())
     sys.exit(run(sys.argv[1:]))
+
+
+@final
+class Interrupt:
+    """Handles Ctrl-C: the first stops a command, one while it stops kills it.
+
+    Those that follow at once, as from a hasty hand, count as the first.
+    """
+
+    def __init__(self) -> None:
+        """Wait for the first."""
+        self.first: float | None = None
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal."""
+        if self.first is None:
+            self.first = time.monotonic()
+            raise KeyboardInterrupt
+        if time.monotonic() - self.first > HASTE:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
 
 
 def run(argv: list[str]) -> int:

@@ -53,7 +53,7 @@ def describe_class(info: StructTypeInfo) -> StructConstructorSpec | None:
         words = tyro.conf.arg(metavar=describe_kind(own), help_behavior_hint=hint)
         metadata = get_args(own)[1:] if get_origin(own) is Annotated else ()
         # What the field says itself comes last, and counts.
-        told = Annotated[(own, words, *metadata)]  # type: ignore[valid-type]
+        told: Any = Annotated[(own, words, *metadata)]
         found.append(StructFieldSpec(each.name, told, default, texts.get(each.name)))
     return StructConstructorSpec(info.type, tuple(found))
 
@@ -120,7 +120,8 @@ def list_options(command: type, group: str = "") -> list[str]:
     found = []
     for each in fields(command):
         name = group + each.name.replace("_", "-")
-        inner = each.type
-        is_group = isinstance(inner, type) and is_dataclass(inner)
-        found += list_options(inner, f"{name}.") if is_group else [f"--{name}"]
+        if isinstance(each.type, type) and is_dataclass(each.type):
+            found += list_options(each.type, f"{name}.")
+        else:
+            found.append(f"--{name}")
     return found

@@ -31,7 +31,7 @@ class RecordCommand(GuidedCommand):
 
     Keep your hands off at first. A gesture is over when nothing has touched the skin
     for half a second. `none` is what you do to the robot without meaning anything:
-    lean, brush past, rest a hand. Then: eskin train FILE --start ur5 --out MODEL.
+    lean, brush past, rest a hand. It ends with the command that trains on it.
     """
 
     source: tyro.conf.Positional[tuple[str, ...]]
@@ -215,4 +215,8 @@ def describe_review(review: "AttemptReview", command: RecordCommand) -> list[str
         lines.append(f"  {one} is most like {other} {format_count(times, 'time')}")
     if review.few:
         lines.append(f"  few examples of {', '.join(review.few)}; record more of them")
+    model = command.out.with_suffix(".safetensors")
+    lines.append(
+        f"then: eskin train {command.out} --start ur5 --train.epochs 3 --out {model}"
+    )
     return lines

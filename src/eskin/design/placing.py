@@ -97,7 +97,7 @@ def place_matrix(robot: Robot, spec: MatrixSpec) -> tuple[Skin, float]:
     fine, coarse, _ = build_surfaces(robot, whole)
     surface = fine[spec.link]
     allowed = find_allowed_vertices(robot, whole, fine, coarse)[spec.link]
-    usable = allowed[surface.faces].all(axis=1)
+    usable = np.asarray(allowed[surface.faces].all(axis=1))
     grid = TaxelGrid(spec.rows, spec.columns, spec.pitch, spec.pitch)
     best = None
     for found in iterate_placements(surface, usable, grid, spec):

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from eskin.errors import RecordingError
-from eskin.learn.config import AugmentConfig
+from eskin.learn.config import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
 from eskin.learn.nn import NetworkInput, SlotIndex, build_graph_tensors

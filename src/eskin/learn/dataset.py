@@ -4,6 +4,7 @@ Contact graphs are laid end to end, in memory or, for sets larger than that, on 
 """
 
 import hashlib
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -55,6 +56,9 @@ from eskin.touch import PipelineConfig
 from eskin.units import format_count
 
 NO_GRAPHS = create_empty_batch(0)
+
+TAKES = 5
+"""Number of takes of a gesture in one recording of which one is held out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,6 +368,22 @@ def hold_out(
         if fits and find_classes(rest, gestures) == find_classes(train, gestures):
             train, held = rest, held | group
     return Holdout(train, held, wanted)
+
+
+def hold_out_takes(dataset: Dataset) -> tuple[Dataset, Dataset]:
+    """Divide a data set into takes to train on, and one of `TAKES` of each gesture.
+
+    It is for too few recordings to hold out one of them.
+    """
+    counts: Counter[tuple[int, str]] = Counter()
+    parts: tuple[list[Segment], list[Segment]] = ([], [])
+    for segment in dataset.segments:
+        key = segment.recording, segment.gesture
+        # The third take and every `TAKES`th after it.
+        parts[counts[key] % TAKES == 2].append(segment)
+        counts[key] += 1
+    train, held = (replace(dataset, segments=tuple(part)) for part in parts)
+    return train, held
 
 
 def group_sessions(

@@ -89,7 +89,7 @@ class Trainer:
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         taken = start and copy_matching_weights(self.network, start, vocabulary)
         self.keeps_scale = "summary_mean" in (taken or ())
-        self.epochs = 0
+        self.epochs, self.stopped = 0, False
 
     def build_batches(
         self, dataset: Dataset, recordings: frozenset[int], augment: AugmentConfig
@@ -138,22 +138,28 @@ class Trainer:
             ) as update,
             ThreadPoolExecutor(config.workers) as pool,
         ):
-            for step in range(done, last):
-                network.train()
-                self.step(optimiser, pool)
-                schedule.step()
-                update(step + 1)
-                self.epochs, within = divmod(step + 1, config.steps)
-                stop = False
-                if within == 0 and self.held_out is not None:
-                    loss = self.validation_loss() if processes.is_first else 0.0
-                    stop = best.update(network, processes.broadcast(loss))
-                is_due = stop or time.monotonic() - saved > SAVE_PERIOD
-                if checkpoint and processes.broadcast(is_due):
-                    state.save(checkpoint, facts, step + 1)
-                    saved = time.monotonic()
-                if stop:
-                    break
+            try:
+                for step in range(done, last):
+                    network.train()
+                    self.step(optimiser, pool)
+                    schedule.step()
+                    update(step + 1)
+                    self.epochs, within = divmod(step + 1, config.steps)
+                    stop = False
+                    if within == 0 and self.held_out is not None:
+                        loss = self.validation_loss() if processes.is_first else 0.0
+                        stop = best.update(network, processes.broadcast(loss))
+                    is_due = stop or time.monotonic() - saved > SAVE_PERIOD
+                    if checkpoint and processes.broadcast(is_due):
+                        state.save(checkpoint, facts, step + 1)
+                        saved = time.monotonic()
+                    if stop:
+                        break
+            except KeyboardInterrupt:
+                # What is known so far is kept, from the first whole epoch on.
+                if self.epochs <= done // config.steps or processes.count > 1:
+                    raise
+                self.stopped = True
         best.restore(network)
         return network.eval()
 

@@ -1,11 +1,16 @@
 """This module writes recordings as Parquet tables (extra `parquet`).
 
-The table `readings.parquet` has a row a reading, `touches.parquet` one a touch.
+The table `readings.parquet` has a row a reading, `touches.parquet` one a touch, and
+`taxels.parquet` one a taxel.
 """
 
 from collections.abc import Iterator, Sequence
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from eskin.errors import RecordingError
 from eskin.files import write_folder
@@ -16,7 +21,20 @@ from eskin.skin import MountedSkin
 from eskin.touch import Scan, Touch, TouchPipeline, TouchState
 from eskin.units import NS_PER_S
 
-READINGS, TOUCHES = "readings.parquet", "touches.parquet"
+READINGS, TOUCHES, TAXELS = "readings.parquet", "touches.parquet", "taxels.parquet"
+UNITS = {
+    "pressure": "kPa",
+    "peak_pressure": "kPa",
+    "peak_force": "N",
+    "impulse": "N s",
+    "duration": "s",
+    "q": "rad or m",
+    "start": "m",
+    "latest": "m",
+    "position": "m",
+    "area": "m2",
+}
+"""Units of the columns, which are in the metadata of their fields."""
 GROUP_ROWS = 1000
 """Number of readings in a row group, which is held in memory."""
 
@@ -54,6 +72,9 @@ def write_tables(
                     count += len(group)
         table = arrow.Table.from_pylist(touches, build_touch_schema(arrow))
         parquet.write_table(table, work / TOUCHES, compression="zstd")
+        rows = [row for recording in recordings for row in list_taxels(recording)]
+        table = arrow.Table.from_pylist(rows, build_taxel_schema(arrow))
+        parquet.write_table(table, work / TAXELS, compression="zstd")
     return count, len(touches)
 
 
@@ -88,11 +109,83 @@ def list_rows(
     add(pipeline.finish())
 
 
-def build_reading_schema(arrow: Any) -> Any:  # noqa: ANN401
-    """Build the schema of the readings."""
+def measure_pressures(recording: Recording) -> Any:  # noqa: ANN401
+    """Return the pressures of a recording, as `Recording.pressures` does."""
+    mounted = MountedSkin(recording.skin, recording.load_robot())
+    pipeline = TouchPipeline(mounted, recording.calibration)
+    states = ((scan.stamp, pipeline.push(scan)) for scan in recording.scans())
+    pairs = [(stamp, state.reading.pressure.copy()) for stamp, state in states]
+    times = np.array([stamp for stamp, _ in pairs], "datetime64[ns]")
+    values = np.array([row for _, row in pairs], np.float32)
+    values = values.reshape(-1, recording.skin.count)
+    taxels = list_taxels(recording)
+    if find_spec("xarray") is not None:
+        names = ("patch", "link", "row", "column")
+        own = {name: ("taxel", [row[name] for row in taxels]) for name in names}
+        coordinates = {"time": times, "taxel": np.arange(len(taxels)), **own}
+        facts = {"units": UNITS["pressure"]}
+        return import_module("xarray").DataArray(
+            values, coordinates, ("time", "taxel"), "pressure", attrs=facts
+        )
+    if find_spec("pandas") is not None:
+        pandas = import_module("pandas")
+        cells = [(row["patch"], row["row"], row["column"]) for row in taxels]
+        columns = pandas.MultiIndex.from_tuples(cells, names=("patch", "row", "column"))
+        return pandas.DataFrame(values, times, columns)
+    return values
+
+
+def list_taxels(recording: Recording) -> list[dict[str, Any]]:
+    """List the rows of a recording's taxels."""
+    skin = recording.skin
+    return [
+        {
+            "recording": recording.path.name,
+            "taxel": taxel,
+            "patch": skin.patches[number].id,
+            "link": skin.patches[number].link,
+            "row": int(skin.rows[taxel]),
+            "column": int(skin.columns[taxel]),
+            "position": skin.positions[taxel],
+            "normal": skin.normals[taxel],
+            "area": float(skin.areas[taxel]),
+        }
+        for taxel, number in enumerate(skin.patch_index.tolist())
+    ]
+
+
+def build_schema(arrow: Any, columns: Sequence[tuple[str, Any]]) -> Any:  # noqa: ANN401
+    """Build a schema of columns, with their units."""
     return arrow.schema(
         [
-            ("recording", arrow.dictionary(arrow.int32(), arrow.string())),
+            arrow.field(name, kind, metadata={"unit": UNITS[name]})
+            if name in UNITS
+            else arrow.field(name, kind)
+            for name, kind in columns
+        ]
+    )
+
+
+def build_taxel_schema(arrow: Any) -> Any:  # noqa: ANN401
+    """Build the schema of the taxels."""
+    place = arrow.list_(arrow.float64())
+    kinds = {"taxel": arrow.int64(), "row": arrow.int64(), "column": arrow.int64()}
+    kinds |= {"position": place, "normal": place, "area": arrow.float64()}
+    names = ("recording", "taxel", "patch", "link", "row", "column")
+    columns = [
+        (name, kinds.get(name, arrow.string()))
+        for name in (*names, "position", "normal", "area")
+    ]
+    return build_schema(arrow, columns)
+
+
+def build_reading_schema(arrow: Any) -> Any:  # noqa: ANN401
+    """Build the schema of the readings."""
+    name = arrow.dictionary(arrow.int32(), arrow.string())
+    return build_schema(
+        arrow,
+        [
+            *(("recording", name), ("person", name), ("session", name)),
             ("stamp", arrow.timestamp("ns", "UTC")),
             ("counts", arrow.list_(arrow.int32())),
             ("received", arrow.list_(arrow.bool_())),
@@ -101,7 +194,7 @@ def build_reading_schema(arrow: Any) -> Any:  # noqa: ANN401
             ("shear", arrow.list_(arrow.int32())),
             ("q", arrow.list_(arrow.float64())),
             ("gesture", arrow.string()),
-        ]
+        ],
     )
 
 
@@ -109,9 +202,10 @@ def build_touch_schema(arrow: Any) -> Any:  # noqa: ANN401
     """Build the schema of the touches."""
     number, text, place = arrow.float64(), arrow.string(), arrow.list_(arrow.float64())
     stamp = arrow.timestamp("ns", "UTC")
-    return arrow.schema(
+    return build_schema(
+        arrow,
         [
-            ("recording", text),
+            *(("recording", text), ("person", text), ("session", text)),
             ("touch", arrow.int64()),
             ("onset", stamp),
             ("end", stamp),
@@ -128,7 +222,7 @@ def build_touch_schema(arrow: Any) -> Any:  # noqa: ANN401
             ("label_source", text),
             ("detected", text),
             ("confidence", number),
-        ]
+        ],
     )
 
 
@@ -138,7 +232,7 @@ def describe_reading(
     """Return the row of a reading; `gesture` is that of its label, or null."""
     named = [label for label in labels if label.start <= scan.stamp < label.end]
     return {
-        "recording": recording.path.name,
+        **describe_origin(recording),
         "stamp": scan.stamp,
         "counts": scan.counts,
         "received": scan.received,
@@ -157,7 +251,7 @@ def describe_touch(
     label = find_label(touch, labels)
     found = next((d for d in recording.detections if d.onset == touch.onset), None)
     return {
-        "recording": recording.path.name,
+        **describe_origin(recording),
         "touch": touch.id,
         "onset": touch.onset,
         "end": touch.last,
@@ -175,6 +269,12 @@ def describe_touch(
         "detected": None if found is None else found.gesture,
         "confidence": None if found is None else found.confidence,
     }
+
+
+def describe_origin(recording: Recording) -> dict[str, str]:
+    """Return the columns that say where a row is from."""
+    person, session = recording.metadata.subject, recording.metadata.session
+    return {"recording": recording.path.name, "person": person, "session": session}
 
 
 def find_label(touch: Touch, labels: tuple[Label, ...]) -> Label | None:

@@ -14,6 +14,7 @@ from eskin.transforms import apply
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = (
     "#3b6fb6 #e08a2e #4a9b5c #c94f4f #8a63b8 #8c6a4f "
@@ -100,8 +101,41 @@ def draw_skin(
         figure.savefig(part, dpi=110)
 
 
-def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
-    """Draw all unrolled patches to one scale, in rows from the top."""
+def draw_values(skin: Skin, values: Float[np.ndarray, "taxel"], unit: str) -> "Figure":
+    """Draw a value of each taxel on the unrolled patches, with a scale.
+
+    Raises:
+        ValueError: There is not one value a taxel.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    if values.shape != (skin.count,):
+        raise ValueError(
+            f"values have shape {values.shape}, skin '{skin.name}' has {skin.count} "
+            "taxels; allowed is a value a taxel; give those of one reading"
+        )
+    figure = Figure(figsize=(7.0, 6.0), layout="constrained")
+    scale = Normalize(min(np.nanmin(values), 0.0), max(np.nanmax(values), 1e-9))
+    shown = ScalarMappable(scale, colormaps["viridis"])
+    panel = figure.subplots()
+    draw_unrolled(panel, skin, shown.to_rgba(values))
+    figure.colorbar(shown, ax=panel, label=unit, shrink=0.6)
+    return figure
+
+
+def draw_unrolled(
+    panel: "Axes", skin: Skin, colours: "list[str] | Float[np.ndarray, 'taxel 4']"
+) -> None:
+    """Draw all unrolled patches to one scale, in rows from the top.
+
+    Args:
+        panel: where they are drawn.
+        skin: the skin.
+        colours: a colour of each patch, or of each taxel.
+    """
     from matplotlib.collections import PolyCollection
 
     # With rows of this width the drawing is about square.
@@ -119,10 +153,9 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
             left, top = 0.0, low - (3 * SPACE if labelled else space)
         corner = squares.reshape(-1, 2).min(axis=0)
         squares = squares - corner + [left, top - size[1]]
+        own = colours[number] if isinstance(colours, list) else colours[taxels]
         panel.add_collection(
-            PolyCollection(
-                list(squares), facecolors=colours[number], linewidths=0, snap=False
-            )
+            PolyCollection(list(squares), facecolors=own, linewidths=0, snap=False)
         )
         if labelled:
             density = len(taxels) / (1e4 * skin.areas[taxels].sum())

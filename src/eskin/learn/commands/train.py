@@ -13,7 +13,7 @@ from eskin.cli.checks import NOT_NEGATIVE, check_writable, load_overrides
 from eskin.errors import ModelError, RecordingError
 from eskin.learn.commands.evaluate import report_truncated
 from eskin.learn.config import TrainConfig
-from eskin.learn.dataset import Dataset, hash_recordings, prepare
+from eskin.learn.dataset import Dataset, hash_recordings, hold_out_takes, prepare
 from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.live import (
@@ -25,6 +25,7 @@ from eskin.live import (
     save_model,
 )
 from eskin.recording import NONE, Overrides, find_recordings
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.learn.processes import Processes
@@ -125,6 +126,11 @@ def train(command: TrainCommand, processes: "Processes") -> dict[str, object]:
             for data in (command.val, command.test)
         )
     vocabulary = select_classes(dataset, command.classes)
+    share, takes = command.train.validation, ()
+    if validation is None and share and round(share * dataset.original_count) == 0:
+        part, held = hold_out_takes(dataset)
+        if takes := held.labelled:
+            dataset, validation = part, held
     trainer = Trainer(
         dataset,
         vocabulary,
@@ -138,6 +144,11 @@ def train(command: TrainCommand, processes: "Processes") -> dict[str, object]:
         report_truncated(dataset, validation, test)
         if validation is None:
             print(trainer.holdout)
+        if takes:
+            print(
+                f"{format_count(len(takes), 'take')} held out for validation, of the "
+                "recordings that are trained on: other people and days may do worse"
+            )
     content = hash_recordings(paths)
     card = build_card(command, trainer, content, start)
     if test is not None:
@@ -159,7 +170,8 @@ def train(command: TrainCommand, processes: "Processes") -> dict[str, object]:
     model = set_decision(to_model(network, card), command)
     scored = evaluate(network, card, test).segments.accuracy if test else None
     path = save_or_keep(command.out, model)
-    kept.unlink(missing_ok=True)
+    if not trainer.stopped:
+        kept.unlink(missing_ok=True)
     result = {
         "val_accuracy": round(accuracy, 4) if trainer.held_out else None,
         "test_accuracy": None if scored is None else round(scored, 4),
@@ -170,6 +182,10 @@ def train(command: TrainCommand, processes: "Processes") -> dict[str, object]:
     print(f"{path}: " + ", ".join(known))
     if trainer.held_out is None:
         print("no accuracy is known: no recording was held out; give --val or --test")
+    if trainer.stopped:
+        epochs = format_count(trainer.epochs, "epoch")
+        print(f"stopped after {epochs}: {path} is the best so far")
+        raise KeyboardInterrupt
     return result
 
 

@@ -1,0 +1,101 @@
+"""This module gives a notebook recordings as tables, and draws values of a skin."""
+
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from eskin.live import Model, Recognizer, load_model
+from eskin.recording import Recording, read_recording
+from eskin.recording.records import select_labels
+from eskin.recording.tables import describe_touch
+from eskin.skin import MountedSkin, Skin, load_skin
+from eskin.skin.picture import draw_values
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") -> Any:  # noqa: ANN401
+    """Find the touches of a recording, with what a model makes of them.
+
+    Args:
+        recording: recording, or its path.
+        model: model, its name, or the path of its file.
+
+    Returns:
+        A row a touch: a `pandas.DataFrame` where pandas is installed, else a list of
+        dictionaries. Columns are those of the table of touches (stamps in ns since the
+        epoch, forces in N, pressures in kPa), with the person and session of the
+        recording and the gesture of its label; `detected` and `confidence` are of the
+        model, `probabilities` those of its classes at the end. `embedding` is the mean
+        of the network's features over the readings at which no other touch was open;
+        None without one.
+
+    Raises:
+        EskinError: the recording or the model cannot be used.
+    """
+    if not isinstance(recording, Recording):
+        recording = read_recording(Path(recording))
+    model = model if isinstance(model, Model) else load_model(model)
+    mounted = MountedSkin(recording.skin, recording.load_robot())
+    recognizer = Recognizer(model, mounted, recording.calibration)
+    labels, features = select_labels(recording.labels), {}
+    detected, probabilities, closed = {}, {}, []
+    for scan in recording.scans():
+        found = recognizer.push(scan)
+        detected |= {each.touch: each for each in found}
+        probabilities |= recognizer.probabilities
+        if len(recognizer.probabilities) == 1:
+            (touch,) = recognizer.probabilities
+            values = recognizer.stream.network.parts.features.copy()
+            features.setdefault(touch, []).append(values)
+        closed += () if recognizer.state is None else recognizer.state.closed_touches
+    detected |= {each.touch: each for each in recognizer.finish()}
+    state = recognizer.state
+    closed += () if state is None else state.touches
+    rows = []
+    for touch in {each.id: each for each in closed}.values():
+        if touch.merged_into is None:
+            one, shares = detected.get(touch.id), probabilities.get(touch.id)
+            rows.append(
+                describe_touch(recording, touch, labels)
+                | {
+                    "detected": None if one is None else one.gesture,
+                    "confidence": None if one is None else one.confidence,
+                    "probabilities": None
+                    if shares is None
+                    else dict(zip(model.card.vocabulary, shares.tolist(), strict=True)),
+                    "embedding": np.mean(features[touch.id], axis=0)
+                    if touch.id in features
+                    else None,
+                }
+            )
+    if find_spec("pandas") is None:
+        return rows
+    return import_module("pandas").DataFrame(rows)
+
+
+def plot_skin(
+    values: ArrayLike,
+    skin: Skin | str | Path,
+    unit: str = "kPa",
+) -> "Figure":
+    """Draw a value of each taxel on the unrolled patches of a skin.
+
+    Args:
+        values: value of each taxel, such as a row of `Recording.pressures()`.
+        skin: the skin, a preset's name, or a skin's folder.
+        unit: what the values are in.
+
+    Returns:
+        A figure, which a notebook shows.
+
+    Raises:
+        ValueError: there is not one value a taxel.
+    """
+    skin = skin if isinstance(skin, Skin) else load_skin(skin)
+    return draw_values(skin, np.asarray(values, np.float64), unit)
