@@ -1,6 +1,6 @@
 """Count the events of things and people that start, speed up or stop an arm.
 
-    python -m lab.attacks events                       # fresh builds, all rows, hours
+    python -m lab.attacks events                       # fresh builds, half an hour
     python -m lab.attacks events --events 40 --only bounce grab --keep kept.jsonl
     python -m lab.attacks events --map commands.yaml   # with another command map
     python -m lab.attacks events --kept kept.jsonl     # rules on what was kept
@@ -13,13 +13,14 @@ A row has the numbers of events after which the paused arm was resumed or jogged
 slow one sped up, the working one made to do more, and stopped, even for a moment.
 
 What is kept has a line for each event: what its arms were told, and for each touch its
-detections, final probabilities and features that a rule could use. `--kept` prints the
-share of the events of each row in which some touch meets each of `RULES`.
+detections, final probabilities and features that a rule could use. The same command
+goes on where it was interrupted, by the file that it keeps. `--kept` prints the share
+of the events of each row in which some touch meets each of `RULES`.
 """
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,7 +36,7 @@ from eskin.command import (
     PolicyConfig,
     load_commands,
 )
-from eskin.command.evidence import EvidenceMonitor
+from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.live import Detection, Recognizer, load_model
 from eskin.sim.arm import SimulatedArm
@@ -61,13 +62,16 @@ SLOTS, APART = 3, 0.3
 """Number of events at once, and the least distance between them [m]."""
 LEAD, TAIL, WARM_UP = 0.1, 0.7, 1.0
 """Time before the first and after the last contact, and before the first event [s]."""
-PAUSED_FOR = 10.0
+PAUSED_FOR = 3.0
 """Time for which the paused arm has been paused before an event [s]."""
 PERSON_EVENTS = 5
 """Number of events by one person."""
 PAUSED_NOW = "swings on after a pause"
 """Row in which the arm is paused only as the event begins."""
 ARMS = ("paused", "slow", "working")
+HEAD = ("row", "events", "starts", "sped up", "moved on", "stopped", "detected")
+Lines = list[dict[str, Any]]
+"""What is kept of events."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,8 @@ class Command:
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
     keep: Path | None = None
-    """File to which a line of JSON is appended for each event."""
+    """File to which a line of JSON is appended for each event; rows of builds that it
+    has are not simulated again."""
     kept: tuple[Path, ...] = ()
     """Such files, on which rules are tried; nothing is simulated."""
     seed: int = 40000
@@ -103,6 +108,7 @@ class TouchFeatures:
     runs: list[list[int]] = field(default_factory=list)
     taxels: list[int] = field(default_factory=list)
     force: list[float] = field(default_factory=list)
+    breadth: list[float] = field(default_factory=list)
     area: float = 0.0
     peak: float = 0.0
     spread: float = 0.0
@@ -132,6 +138,7 @@ class TouchFeatures:
             "sway": float(middle.std() / max(middle.mean(), 1e-9)) if self.force else 0,
             "peak": self.peak,
             "spread": self.spread,
+            "breadth": 1e3 * float(np.median(self.breadth)) if self.breadth else 0.0,
             "since": self.since,
             "plausible": self.plausible,
             "merged": self.merged,
@@ -145,7 +152,7 @@ class TouchFeatures:
 
 @final
 class SharedEvidence:
-    """Shared evidence is that of another policy, which is told the same first."""
+    """Shared evidence is that of the whole skin, which the stage updates."""
 
     def __init__(self, other: EvidenceMonitor) -> None:
         """Share the evidence of another one."""
@@ -169,15 +176,17 @@ class Slot:
         world: str,
         info: SourceInfo,
         policies: dict[str, Callable[[SimulatedArm], Policy]],
+        evidence: EvidenceMonitor,
         now: int,
     ) -> None:
         """Begin before the event, at a time [ns since the epoch]."""
-        self.event, self.start = event, now
+        self.event, self.evidence, self.start = event, evidence, now
         self.touches: dict[int, TouchFeatures] = {}
         self.decisions: dict[str, list[CommandEvent]] = {name: [] for name in policies}
         self.policies: list[Policy] = []
         self.clock = ManualClock(now)
         self.normals = np.asarray(info.skin.normals)
+        self.positions = np.asarray(info.skin.positions)
         self.areas = np.asarray(info.skin.areas)
         before = 0.0 if world == PAUSED_NOW else PAUSED_FOR
         self.clock.time = now - round(before * NS_PER_S)
@@ -191,8 +200,7 @@ class Slot:
             policy = build(arm)
             policy.start(Context(info, self.clock, publish))  # type: ignore[arg-type]
             policy.check_skin()
-            if self.policies:
-                policy.evidence = SharedEvidence(self.policies[0].evidence)
+            policy.evidence = SharedEvidence(evidence)
             self.policies.append(policy)
         self.clock.time = now
 
@@ -231,8 +239,7 @@ class Slot:
             if number in self.touches:
                 known = self.touches[number]
                 known.chances = dict(zip(words, map(float, chances), strict=True))
-                evidence = self.policies[0].evidence
-                known.plausible = evidence.is_plausible(number)
+                known.plausible = self.evidence.is_plausible(number)
 
     def note_contact(
         self, known: TouchFeatures, row: TouchRecord, state: TouchState
@@ -253,6 +260,8 @@ class Slot:
             least = float((normals @ normals.T).min())
             angle = float(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
             known.spread = max(known.spread, angle)
+            along = self.positions[taxels] @ find_axis(normals)
+            known.breadth.append(compute_breadth(along, loads["pressure"]))
 
     def gap(self, known: TouchFeatures, stamp: int) -> bool:
         """Tell whether a touch was not in contact in the reading before."""
@@ -273,6 +282,20 @@ class Slot:
             },
             "touches": [one.summarise(self.start) for one in self.touches.values()],
         }
+
+
+def find_axis(normals: Float[np.ndarray, "taxel 3"]) -> Float[np.ndarray, "3"]:
+    """Return the axis round which a surface bends: where its normals point least."""
+    return np.linalg.eigh(normals.T @ normals)[1][:, 0]
+
+
+def compute_breadth(
+    along: Float[np.ndarray, "taxel"], pressure: Float[np.ndarray, "taxel"]
+) -> float:
+    """Return how broad an even pressure is that is spread as much along an axis [m]."""
+    weights = pressure / max(pressure.sum(), 1e-9)
+    variance = weights @ (along - weights @ along) ** 2
+    return float(np.sqrt(12.0 * variance))
 
 
 def select_touches(recognition: RecognitionState, ids: set[int]) -> RecognitionState:
@@ -309,10 +332,8 @@ class Stage:
         waypoints = FRAME_TASK.waypoints
         self.q = np.array(waypoints[seed % len(waypoints)].q, np.float64)
         self.skin.hand.q = self.q
-        self.rng = np.random.default_rng([seed, 58])
         self.period = round(self.skin.period * NS_PER_S)
         self.now = NS_PER_S
-        self.people = 0
         self.target = build_target(self.skin.mounted.skin, self.skin.calibration, seed)
         self.model = load_model(command.model)
         mounted = self.skin.mounted
@@ -330,13 +351,16 @@ class Stage:
         self.policies = dict.fromkeys(
             ARMS, lambda arm: Policy(arm, commands, words, config)
         )
-        self.restart()
 
-    def restart(self) -> None:
-        """Start another recogniser, and let it learn the baseline."""
-        self.recognizer = Recognizer(
-            self.model, self.skin.mounted, self.skin.calibration
-        )
+    def restart(self, row: str) -> None:
+        """Start another recogniser for a row, and let it learn the baseline."""
+        number = list(WORLDS).index(row)
+        self.rng = np.random.default_rng([self.seed, 58, number])
+        self.people = 1000 * self.seed + 20 * number
+        self.drawn = 0
+        mounted = self.skin.mounted
+        self.recognizer = Recognizer(self.model, mounted, self.skin.calibration)
+        self.evidence = EvidenceMonitor(mounted.skin, EvidenceConfig())
         for scan in self.scan([], round(WARM_UP / self.skin.period)):
             self.recognizer.push(scan)
 
@@ -346,14 +370,16 @@ class Stage:
         for _ in range(4 * count):
             if len(slots) == count:
                 break
-            number = 1000 * self.seed + self.people // PERSON_EVENTS
+            number = self.people + self.drawn // PERSON_EVENTS
             person = draw_demo_person(self.skin.env, number)
             event = WORLDS[row](EventDraw(self.skin, self.q, person, self.rng))
             places = [self.find_place(one.event) for one in slots]
             place = self.find_place(event)
             if all(np.linalg.norm(place - one) >= APART for one in places):
-                self.people += 1
-                slot = Slot(event, row, self.info, self.policies, self.now)
+                self.drawn += 1
+                slot = Slot(
+                    event, row, self.info, self.policies, self.evidence, self.now
+                )
                 slot.period = self.period
                 slots.append(slot)
         return slots
@@ -463,6 +489,7 @@ class Stage:
             recognition = RecognitionState(
                 state, self.recognizer.probabilities, detections
             )
+            self.evidence.update(recognition)
             for row in state.rows:
                 taxels = state.records.loads["taxel"][slice(*row.loads)]
                 if len(taxels) and not any(row.id in some for some in ids):
@@ -472,7 +499,7 @@ class Stage:
 
     def run_row(self, row: str, events: int) -> Iterator[dict[str, Any]]:
         """Yield what is kept of each event of a row."""
-        self.restart()
+        self.restart(row)
         while events > 0:
             slots = self.draw_slots(row, min(SLOTS, events))
             self.play(slots)
@@ -485,7 +512,7 @@ MORE = ("resume", "jog", "next_waypoint", "previous_waypoint", "normal")
 STOPS = ("pause", "hold", SUSPEND)
 
 
-def count_told(lines: list[dict[str, Any]]) -> list[int]:
+def count_told(lines: Lines) -> list[int]:
     """Count the events that started, sped up, moved on and stopped an arm.
 
     What the policy does by itself for the skin's sake counts only if it stops.
@@ -503,7 +530,7 @@ def count_told(lines: list[dict[str, Any]]) -> list[int]:
     ]
 
 
-def describe_detections(lines: list[dict[str, Any]]) -> str:
+def describe_detections(lines: Lines) -> str:
     """Return how often each gesture was detected, with its median confidence."""
     found: dict[str, list[float]] = {}
     for line in lines:
@@ -541,16 +568,14 @@ RULES: dict[str, Rule] = {
     "grab .90": require("grab", 0.9),
     "grab .95": require("grab", 0.95),
     "grab .98": require("grab", 0.98),
-    "grab .95, 10 cm2": require("grab", 0.95, area=10.0),
-    "grab .90, 10 cm2, 75 deg": require("grab", 0.9, area=10.0, spread=75.0),
-    "grab said .95, end .80, 10 cm2, .5 s": require(
-        "grab", 0.8, 0.95, area=10.0, longest=0.5
-    ),
+    "grab .95, 50 mm": require("grab", 0.95, breadth=50.0),
+    "grab .90, 50 mm": require("grab", 0.9, breadth=50.0),
+    "grab .80, 50 mm": require("grab", 0.8, breadth=50.0),
 }
-"""Candidates for what starts an arm, by their names; areas are in cm2."""
+"""Candidates for what starts an arm, by their names; lengths are breadths [mm]."""
 
 
-def print_rules(lines: list[dict[str, Any]]) -> None:
+def print_rules(lines: Lines) -> None:
     """Print the share of events of each row in which a touch meets each rule."""
     print(format_head(["row", "events", *RULES]))
     for kind in dict.fromkeys(line["kind"] for line in lines):
@@ -565,41 +590,64 @@ def print_rules(lines: list[dict[str, Any]]) -> None:
                 print(format_row(cells))
 
 
-def run_rows(command: Command, file: TextIO | None) -> None:
-    """Simulate, and print a table."""
-    head = ["row", "events", "starts", "sped up", "moved on", "stopped", "detected"]
-    print(format_head(head))
-    rows = [
-        row
-        for row in WORLDS
-        if not command.only or any(part in row for part in command.only)
-    ]
-    for kind in command.kinds:
-        seeds = range(command.seed, command.seed + command.builds)
-        stages = [Stage(command, kind, seed) for seed in seeds]
-        total: Counter[str] = Counter()
-        for row in rows:
-            lines = []
-            for number, stage in enumerate(stages):
-                share = (command.events + number) // len(stages)
-                lines += stage.run_row(row, share)
-            for line in lines if file else ():
-                print(json.dumps(line), file=file, flush=True)
-            counts = count_told(lines)
-            if row in THINGS:
-                total.update(dict(zip(head[2:], counts, strict=False)))
-                total["events"] += len(lines)
-            cells = [f"{kind}: {row}", str(len(lines)), *map(str, counts)]
-            print(format_row([*cells, describe_detections(lines)]), flush=True)
-        cells = [str(total[name]) for name in head[1:6]]
-        print(format_row([f"{kind}: all things", *cells, ""]), flush=True)
+def simulate_build(
+    command: Command, kind: BuildKind, seed: int, done: Lines, file: TextIO | None
+) -> Lines:
+    """Return the lines of a build, those that are done included; keep the others."""
+    stage, lines = None, []
+    for row in WORLDS:
+        if command.only and not any(part in row for part in command.only):
+            continue
+        own = [one for one in done if (one["row"], one["build"]) == (row, seed)]
+        if not own:
+            stage = stage or Stage(command, kind, seed)
+            share = (command.events + seed - command.seed) // command.builds
+            own = [one | {"build": seed} for one in stage.run_row(row, share)]
+            # Rows are kept as a whole, so that none is taken for done before it is.
+            if file:
+                print("\n".join(map(json.dumps, own)), file=file, flush=True)
+        lines += own
+    return lines
+
+
+def print_counts(kind: str, lines: Lines) -> None:
+    """Print the table of a kind of builds."""
+    total: Counter[str] = Counter()
+    for row in WORLDS:
+        own = [one for one in lines if one["row"] == row]
+        if not own:
+            continue
+        counts = count_told(own)
+        if row in THINGS:
+            total.update(dict(zip(HEAD[2:], counts, strict=False)))
+            total["events"] += len(own)
+        cells = [f"{kind}: {row}", str(len(own)), *map(str, counts)]
+        print(format_row([*cells, describe_detections(own)]))
+    cells = [str(total[name]) for name in HEAD[1:6]]
+    print(format_row([f"{kind}: all things", *cells, ""]), flush=True)
+
+
+def read_lines(paths: Iterable[Path]) -> Lines:
+    """Read what was kept in files; those that are missing hold nothing."""
+    texts = [path.read_text("utf-8").splitlines() for path in paths if path.exists()]
+    return [json.loads(line) for text in texts for line in text]
 
 
 def main(command: Command) -> None:
     """Print how many events of each row command an arm, or meet rules."""
     if command.kept:
-        texts = [path.read_text("utf-8").splitlines() for path in command.kept]
-        print_rules([json.loads(line) for text in texts for line in text])
-        return
+        return print_rules(read_lines(command.kept))
+    done = read_lines([command.keep] if command.keep else [])
+    print(format_head(HEAD))
     with command.keep.open("a") if command.keep else nullcontext() as file:
-        run_rows(command, file)
+        for kind in command.kinds:
+            own = [one for one in done if one["kind"] == kind]
+            seeds = range(command.seed, command.seed + command.builds)
+            print_counts(
+                kind,
+                [
+                    line
+                    for seed in seeds
+                    for line in simulate_build(command, kind, seed, own, file)
+                ],
+            )

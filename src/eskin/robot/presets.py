@@ -1,5 +1,6 @@
 """This module loads robots by the name of a preset or the path of a URDF file."""
 
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
@@ -22,9 +23,7 @@ def load_robot(name_or_path: str | Path, *, mimics: bool = True) -> Robot:
         RobotError: There is no such robot or file, or the file cannot be used.
     """
     if str(name_or_path) in ROBOT_PRESETS:
-        package = resources.files("eskin.robot") / "presets" / f"{name_or_path}.urdf"
-        with resources.as_file(package) as path:
-            return load_urdf(path, mimics=mimics)
+        return load_preset(str(name_or_path), mimics)
     path = Path(name_or_path)
     if path.suffix != ".urdf" and not path.is_file():
         raise RobotError(
@@ -32,6 +31,14 @@ def load_robot(name_or_path: str | Path, *, mimics: bool = True) -> Robot:
             "or the path of a .urdf file"
         )
     return load_urdf(path, mimics=mimics)
+
+
+@lru_cache
+def load_preset(name: str, mimics: bool) -> Robot:
+    """Load a robot that comes with eskin, once in a process."""
+    package = resources.files("eskin.robot") / "presets" / f"{name}.urdf"
+    with resources.as_file(package) as path:
+        return load_urdf(path, mimics=mimics)
 
 
 def read_preset_urdf(name: str) -> str:
