@@ -5,20 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-import torch
 
 from eskin.errors import EskinError, RecordingError
 from eskin.learn.ground_truth import read_clips
-from eskin.learn.nn import build_graph_tensors
-from eskin.live import NetworkConfig
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline
 from helpers.clips import generated
-from helpers.graphs import random_graph
 from helpers.learning import record_people
 from lab.baselines import READINGS
 from lab.comparison.examples import LARGEST_PRESSURE, cut_clip_windows, find_examples
-from lab.comparison.methods import METHODS, Method, OnePoolEncoder
+from lab.comparison.methods import METHODS, Method
 from lab.comparison.results import TrainingTask, find_stale, run_tasks
 
 pytestmark = pytest.mark.slow
@@ -219,14 +215,6 @@ def test_a_damaged_file_of_results_is_named_and_unchanged(a, b, tmp_path, kept):
     with pytest.raises(EskinError, match="results.jsonl is no file of results .*; del"):
         run_tasks([task(a, {"test": b})], path)
     assert path.read_text() == kept
-
-
-@pytest.mark.parametrize("kind", ["max", "mean"])
-def test_an_encoder_of_one_pooling_gives_it_twice(kind):
-    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
-    torch.manual_seed(0)
-    found = OnePoolEncoder(NetworkConfig(width=8), kind)(batch).detach()
-    np.testing.assert_allclose(found[:, :8], found[:, 8:], atol=1e-5)
 
 
 def test_eskin_is_the_first_method():
