@@ -5,6 +5,7 @@ import pytest
 
 from helpers.commands import (
     FINGERTIP,
+    HAND,
     PATCH,
     SKIN,
     Scene,
@@ -18,7 +19,8 @@ WHOLE = SKIN.find_taxels(PATCH.id)
 
 
 def command(scene, gesture, **changes):
-    """Make a touch with some attributes changed; return the accepted actions."""
+    """Make a touch of a fingertip, with changes; return the accepted actions."""
+    changes = {"taxels": FINGERTIP} | changes
     before = len(scene.accepted)
     number = scene.begin(gesture)
     for name, value in changes.items():
@@ -55,12 +57,13 @@ def test_touch_that_may_be_a_fault_does_not_resume(changes):
     scene = make_paused_scene()
     assert command(scene, "grab", **changes) == []
     scene.wait(1.0)
-    assert command(scene, "grab") == ["resume"]
+    assert command(scene, "grab", taxels=HAND) == ["resume"]
 
 
 @pytest.mark.parametrize("taxels", [FINGERTIP, FINGERTIP[:2]], ids=["four", "two"])
 def test_fingertip_commands(taxels):
-    assert command(Scene(), "grab", taxels=taxels) == ["next_waypoint"]
+    scene = Scene(make_map(stroke="next_waypoint"))
+    assert command(scene, "stroke", taxels=taxels) == ["next_waypoint"]
 
 
 @pytest.mark.parametrize(
@@ -69,9 +72,9 @@ def test_fingertip_commands(taxels):
     + [(5.0, 9.0, False), (5.0, 11.0, True)],
 )
 def test_fingertip_needs_twice_the_pressure_of_contact(contact, pressure, enough):
-    scene = Scene()
+    scene = Scene(make_map(stroke="next_waypoint"))
     scene.contact = contact
-    commanded = command(scene, "grab", pressure=pressure)
+    commanded = command(scene, "stroke", pressure=pressure)
     assert commanded == ["next_waypoint"] * enough
 
 

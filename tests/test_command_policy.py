@@ -3,6 +3,7 @@
 from dataclasses import replace
 from threading import Event, Thread
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -17,18 +18,22 @@ from eskin.command.actions import (
     COMMAND_FUNCTIONS,
     SUSPEND_CONFIDENCE,
 )
+from eskin.command.commanded_touch import compute_breadth
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
 from eskin.stream.listener import BoundedQueue
 from helpers.commands import (
     DEFAULT,
+    FINGERTIP,
     INFO,
     PATCH,
     SECOND,
     VOCABULARY,
     RecordingArm,
     Scene,
+    find_block,
+    make_map,
     make_paused_scene,
 )
 
@@ -175,6 +180,35 @@ def test_command_names_touch_and_patch_that_gave_it():
     (event,) = scene.events
     assert (event.touch, event.patch) == (number, PATCH.id)
     assert event.onset == scene.touches[number].onset
+
+
+@pytest.mark.parametrize("taxels", [find_block(PATCH, 3, 8), FINGERTIP])
+def test_grab_narrower_than_a_hand_only_stops_or_slows(taxels):
+    for action, accepted in (("go_on", []), ("slow", ["slow"]), ("pause", ["pause"])):
+        scene = Scene(make_map(grab=action))
+        number = scene.begin("grab")
+        scene.touches[number].taxels = taxels
+        scene.wait(0.4)
+        scene.detect(number)
+        scene.lift(number)
+        scene.wait(0.2)
+        scene.close(number)
+        assert scene.accepted == accepted
+        assert accepted or "whole hand" in scene.last_reason
+
+
+@given(st.floats(0.02, 0.2), st.floats(20.0, 200.0), st.floats(0.03, 0.5))
+def test_breadth_of_an_even_touch_is_its_own_however_far_it_closes(
+    breadth, degrees, radius
+):
+    angles, along = np.meshgrid(
+        np.radians(np.linspace(0, degrees, 30)), np.linspace(0, breadth, 30)
+    )
+    angles, along = angles.ravel(), along.ravel()
+    normals = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    positions = radius * normals + along[:, None] * [0, 0, 1]
+    found = compute_breadth(positions, normals, np.full(900, 2.0))
+    assert found == pytest.approx(breadth, rel=0.05)
 
 
 touches = st.tuples(

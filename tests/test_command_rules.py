@@ -105,9 +105,9 @@ action: no gesture commands nothing
     none a. >
 confidence: poke needs 0.34
     poke a 0.35. > pause; poke b 0.33. > !pause [below 0.34]
-confidence: grab needs 0.95
-    grab a 0.94. > !next_waypoint [most likely grab: confidence 0.94 is
-    below 0.95; do it again]
+confidence: grab needs 0.9
+    grab a 0.89. > !next_waypoint [most likely grab: confidence 0.89 is
+    below 0.90; do it again]
 confidence: closing needs 0.88
     double_pat a 0.87. > !close_gripper; double_pat b 0.89. > close_gripper
 confidence: rule raises it

@@ -36,6 +36,7 @@ from eskin.command import (
     PolicyConfig,
     load_commands,
 )
+from eskin.command.commanded_touch import compute_breadth
 from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.live import Detection, Recognizer, load_model
@@ -260,8 +261,10 @@ class Slot:
             least = float((normals @ normals.T).min())
             angle = float(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
             known.spread = max(known.spread, angle)
-            along = self.positions[taxels] @ find_axis(normals)
-            known.breadth.append(compute_breadth(along, loads["pressure"]))
+            breadth = compute_breadth(
+                self.positions[taxels], normals, loads["pressure"]
+            )
+            known.breadth.append(breadth)
 
     def gap(self, known: TouchFeatures, stamp: int) -> bool:
         """Tell whether a touch was not in contact in the reading before."""
@@ -282,20 +285,6 @@ class Slot:
             },
             "touches": [one.summarise(self.start) for one in self.touches.values()],
         }
-
-
-def find_axis(normals: Float[np.ndarray, "taxel 3"]) -> Float[np.ndarray, "3"]:
-    """Return the axis round which a surface bends: where its normals point least."""
-    return np.linalg.eigh(normals.T @ normals)[1][:, 0]
-
-
-def compute_breadth(
-    along: Float[np.ndarray, "taxel"], pressure: Float[np.ndarray, "taxel"]
-) -> float:
-    """Return how broad an even pressure is that is spread as much along an axis [m]."""
-    weights = pressure / max(pressure.sum(), 1e-9)
-    variance = weights @ (along - weights @ along) ** 2
-    return float(np.sqrt(12.0 * variance))
 
 
 def select_touches(recognition: RecognitionState, ids: set[int]) -> RecognitionState:

@@ -1,15 +1,12 @@
 """Tests of `lab.attacks.events`: what counts as a start, and worlds that command."""
 
-import numpy as np
 import pytest
 
 from lab.attacks.event_worlds import WORLDS
 from lab.attacks.events import (
     Command,
     Stage,
-    compute_breadth,
     count_told,
-    find_axis,
     require,
     simulate_build,
 )
@@ -40,15 +37,6 @@ def test_only_accepted_decisions_count():
 def test_rows_that_were_kept_are_not_simulated_again():
     done = [{"row": row, "build": 7, "kind": "fresh"} for row in WORLDS]
     assert simulate_build(Command(), "fresh", 7, done, None) == done
-
-
-def test_breadth_of_an_even_pressure_along_a_tube_is_its_own():
-    angles = np.tile(np.linspace(0, np.pi, 9), 40)
-    normals = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    along = np.repeat(np.linspace(-0.03, 0.03, 40), 9)
-    points = 0.05 * normals + along[:, None] * [0, 0, 1]
-    breadth = compute_breadth(points @ find_axis(normals), np.full(360, 2.0))
-    assert breadth == pytest.approx(0.06, rel=0.05)
 
 
 @pytest.mark.slow

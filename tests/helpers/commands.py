@@ -71,6 +71,10 @@ FINGERTIP = find_block(PATCH, 2, 2)
 """Taxels that a fingertip touches."""
 
 
+HAND = find_block(PATCH, 9, 6)
+"""Taxels that a hand grasps."""
+
+
 def make_map(**actions):
     """Return a command map of one rule a gesture."""
     rules = [Rule(gesture=gesture, action=done) for gesture, done in actions.items()]
@@ -298,6 +302,7 @@ class Scene:
         onset = self.clock.now() + PERIOD
         touch = SceneTouch(onset, onset, gesture, confidence, force)
         touch.direction = DIRECTION if gesture == "stroke" else touch.direction
+        touch.taxels = HAND if gesture == "grab" else touch.taxels
         self.touches[self.count] = touch
         return self.count
 

@@ -56,6 +56,12 @@ Those of the default map are chosen from data (`lab/notes/policy.md`); `hold` an
 `previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
 one that is set by hand.
 """
+GRAB = "grab"
+"""Gesture of a hand that closes round a link."""
+GRAB_CONFIDENCE = 0.9
+"""Confidence from which a grab makes the arm do more, since it must be broad as well;
+with this, no strap that is pulled tight does so, and more grabs do than at 0.95 without
+(`lab/notes/policy.md`)."""
 SUSPEND = "wait"
 """Action of events that tell that the arm is suspended until a touch is recognised, or
 has ended."""
@@ -154,14 +160,18 @@ def resolve_action(action: str, state: ArmState) -> str:
     return action
 
 
-def required_confidence(action: str, requested: float | None) -> float:
+def required_confidence(
+    action: str, requested: float | None, gesture: str = ""
+) -> float:
     """Return the confidence that a plain action needs.
 
     Args:
         action: a plain action, not a toggle.
         requested: the confidence that its rule gives; None where it gives none.
+        gesture: gesture that asks for it.
     """
-    least = MIN_CONFIDENCE[action]
+    is_grab = gesture == GRAB and action in ADVANCING_ACTIONS
+    least = GRAB_CONFIDENCE if is_grab else MIN_CONFIDENCE[action]
     if requested is None:
         return least
     return max(requested, least) if action in STRICT_ACTIONS else requested

@@ -1,10 +1,12 @@
 """This module keeps what commands depend on for each touch, until it has closed."""
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from eskin.command.actions import SUSPEND, required_confidence
 from eskin.command.command_map import CommandMap, Rule
@@ -18,6 +20,35 @@ from eskin.units import NS_PER_S
 FULL_SHARE = 0.8
 """Share of full scale above rest from which a taxel reads nearly full scale; rest lies
 at up to a fifth of it."""
+BREADTH_READINGS = 256
+"""Number of the latest readings of a touch by which its breadth is told."""
+
+
+def compute_breadth(
+    positions: Float[np.ndarray, "taxel 3"],
+    normals: Float[np.ndarray, "taxel 3"],
+    pressure: Float[np.ndarray, "taxel"],
+) -> float:
+    """Compute how broad a touch is, other than along the way in which a surface bends.
+
+    A hand that closes round a link is as broad as its palm, however far it closes; a
+    strap round the same link is as broad as the strap. On a flat surface it is the
+    lesser of length and breadth.
+
+    Args:
+        positions: positions of the taxels that are pressed, in the link's frame [m].
+        normals: unit normals there.
+        pressure: pressures [kPa], of which one is above 0.
+
+    Returns:
+        The breadth of an even pressure with the same variance along that axis [m].
+    """
+    weights = pressure / pressure.sum()
+    away = positions - weights @ positions
+    spread = (weights * away.T) @ away
+    # Along the axis no normal points: in squared metres, turns outweigh any length.
+    axis = np.linalg.eigh(spread + (weights * normals.T) @ normals)[1][:, 0]
+    return float(np.sqrt(12.0 * max(axis @ spread @ axis, 0.0)))
 
 
 @dataclass(eq=False)
@@ -52,6 +83,11 @@ class CommandedTouch:
     full_area: float = 0.0
     """Area of its taxels that read nearly full scale [m2]."""
 
+    breadths: deque[float] = field(
+        default_factory=lambda: deque(maxlen=BREADTH_READINGS)
+    )
+    """Its breadth at each of its latest readings in contact [m]."""
+
     light_since: int = 0
     """Stamp since which it is light [ns since the epoch]."""
 
@@ -83,6 +119,11 @@ class CommandedTouch:
 
     clashes: bool = False
     """Whether two that have commanded or asked to have merged into it."""
+
+    @property
+    def breadth(self) -> float:
+        """Median breadth of its readings in contact [m]; 0 where there are none."""
+        return float(np.median(self.breadths)) if self.breadths else 0.0
 
     def has_commanded(self, onset: int) -> bool:
         """Return whether it has commanded or asked to; each touch does so once."""
@@ -141,6 +182,7 @@ class CommandedTouch:
         heir.decided |= self.decided
         heir.detected_force = min(heir.detected_force, self.detected_force)
         heir.detected_area = min(heir.detected_area, self.detected_area)
+        heir.breadths = max(heir.breadths, self.breadths, key=len)
         self.suspends = False
         if self.blocked or self.asked:
             heir.clashes |= self.clashes or heir.blocked or bool(heir.asked)
@@ -172,7 +214,8 @@ class CommandRequest:
     @property
     def required(self) -> float:
         """Confidence that the action needs."""
-        return required_confidence(self.action, self.rule.confidence)
+        gesture = self.detection.gesture
+        return required_confidence(self.action, self.rule.confidence, gesture)
 
     @property
     def is_confident(self) -> bool:
@@ -214,6 +257,11 @@ class CommandedTouches:
         """Start without touches at a time [ns since the epoch]."""
         self.config, self.vocabulary = config, vocabulary
         self.areas = np.asarray(skin.areas)
+        self.positions = np.asarray(skin.positions, np.float64)
+        self.normals = np.asarray(skin.normals, np.float64)
+        self.links = np.unique(skin.link_names, return_inverse=True)[1][
+            np.asarray(skin.patch_index)
+        ]
         full = np.full(skin.count, FULL_SHARE * calibration.full_scale)
         self.full_pressure = calibration.compute_pressure(full)
         self.stops = {
@@ -287,6 +335,22 @@ class CommandedTouches:
             touch.full_area = float(self.areas[taxels[is_full]].sum())
             self.felt.append(touch)
             self.last_contact = self.latest
+            is_sound = ~recognition.state.doubtful[taxels] & (pressure > 0)
+            if is_sound.any():
+                touch.breadths.append(
+                    self.measure_breadth(taxels[is_sound], pressure[is_sound])
+                )
+
+    def measure_breadth(
+        self, taxels: Int[np.ndarray, "some"], pressure: Float[np.ndarray, "some"]
+    ) -> float:
+        """Measure how broad a touch is on the link that it presses most [m]."""
+        links = self.links[taxels]
+        here = links == links[pressure.argmax()]
+        taxels = taxels[here]
+        return compute_breadth(
+            self.positions[taxels], self.normals[taxels], pressure[here]
+        )
 
     @property
     def is_suspending(self) -> bool:

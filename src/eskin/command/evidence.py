@@ -223,9 +223,11 @@ class EvidenceMonitor:
                 if active[line].mean() >= self.config.doubted_share:
                     believed &= ~line
         doubted = set(taxels.tolist())
+        lost = set(np.flatnonzero(~believed).tolist())
         for evidence in self.touches.values():
             evidence.doubted |= doubted & evidence.felt
-            self.reduce_evidence(evidence, believed)
+            if not lost.isdisjoint(evidence.felt):
+                self.reduce_evidence(evidence, believed)
 
     def doubt(self, evidence: Evidence, taxels: Set[int]) -> None:
         """Doubt what a touch has pressed, also in the readings before."""
@@ -287,6 +289,8 @@ class EvidenceMonitor:
         least = self.factor * self.config.strong
         strong = pressed[state.reading.pressure[pressed] >= least]
         self.update_strong(evidence, strong, state.reading.valid)
+        if not len(strong):
+            return
         since = np.array([evidence.strong[i] for i in strong.tolist()], dtype=np.int64)
         full = self.find_full_lines(pressed, active)
         reading = PlausibleReading(path, strong, since, full)
@@ -356,7 +360,9 @@ class EvidenceMonitor:
         suspect = np.zeros(len(self.line_sizes), bool)
         suspect[self.lines[:, list(evidence.doubted)]] = True
         strong, others = self.list_pairs(reading.strong)
-        pairs = np.isin(others, reading.pressed)
+        pressed = np.zeros(len(self.patch_index), bool)
+        pressed[reading.pressed] = True
+        pairs = pressed[others]
         lines, other_lines = self.lines[:, strong[pairs]], self.lines[:, others[pairs]]
         hidden = (lines == other_lines) & reading.full[lines]
         hidden |= suspect[lines] & suspect[other_lines]

@@ -14,6 +14,7 @@ from typing import final
 from eskin.command.actions import (
     COOL_DOWN,
     FUNCTION,
+    GRAB,
     HALTING_ACTIONS,
     REDUCING_ACTIONS,
     STARTING_ACTIONS,
@@ -62,6 +63,10 @@ class PolicyConfig:
     """Least time from the first to the latest contact of a touch that makes the arm do
     more than before [s]; what bumps into a skin and rebounds is briefer than most
     double pats. Chosen from data (`lab/notes/policy.md`)."""
+
+    min_breadth: float = 0.05
+    """Least breadth of a grab that makes the arm do more [m]: straps, hoses and cables
+    are narrower, hands are broader. Chosen from data (`lab/notes/policy.md`)."""
 
     min_pause: float = 1.0
     """How long the arm must have been stopped, and nobody have touched the skin, before
@@ -392,8 +397,7 @@ class Policy(Listener):
 
     def pause_if_touched(self) -> None:
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
-        touches = self.touches
-        if touches.last_contact == touches.latest and self.arm.state().jogging:
+        if self.touches.felt and self.arm.state().jogging:
             self.arm.pause()
             self.publish("pause", True, "touched while it jogs")
 
@@ -511,7 +515,20 @@ class Policy(Listener):
                 f"its touch lasted {request.duration:.2f} s, as a bump may; what makes "
                 f"the arm do more lasts {least:g} s or longer: do it again, more slowly"
             )
+        if action not in REDUCING_ACTIONS and request.detection.gesture == GRAB:
+            return self.find_narrowness(request.touch)
         return None
+
+    def find_narrowness(self, touch: CommandedTouch) -> str | None:
+        """Return that a grab is narrower than a hand, or None where it is not."""
+        breadth, least = touch.breadth, self.config.min_breadth
+        if breadth >= least:
+            return None
+        return (
+            f"its touch was {1e3 * breadth:.0f} mm broad, as a strap may be; a grab "
+            f"that makes the arm do more is {1e3 * least:.0f} mm broad or more: grab "
+            "with the whole hand"
+        )
 
     def complete(self, request: CommandRequest, refusal: str | None) -> None:
         """Execute a request unless it is refused, and publish the decision."""
