@@ -64,7 +64,7 @@ def test_the_table_has_a_row_per_method_and_kept_results_are_reused(
         (["--train", "x", "y", "z"], "--train names 3 and --test 2; allowed are as"),
         (["--test", "a/x", "b/x"], "--test names folders x, x; allowed is each name"),
         (["--results", "tests"], "is a folder; give the path of a file"),
-        (["--pack", "pyproject.toml"], "pyproject.toml is no folder that can be"),
+        (["--pack", "pyproject.toml"], "pyproject.toml is no folder"),
         ([], "--test a has 1 recording of --train, such as "),
     ],
 )
