@@ -53,11 +53,10 @@ def main(demo: Demo) -> None:
         counts = Counter()
         for path in (p for p in paths if sessions[p] == held):
             counts += replay(model, eskin.read_recording(path))
-    chance = counts["detections"] / len(set(model.card.vocabulary) - {"none"})
+    chance = counts["detections"] / (len(model.card.vocabulary) - 1)
     print(
         f"\nSession {held}, never trained on: {counts['labels']} touches, "
-        f"{counts['detections']} detections, {counts['right']} of them right; "
-        f"{chance:.0f} would be by chance"
+        f"{counts['detections']} found, {counts['right']} right, {chance:.0f} by chance"
     )
 
 

@@ -58,7 +58,7 @@ RUNS = {
         prepare_sleeve,
         r"4 recordings, 8 labelled touches\ntraining on 2 (?s:.*)"
         r"\nStroke_20250528150100_annotated\n(?s:.*)"
-        r"Session 20250528-1500, never trained on: 4 touches, \d+ detections",
+        r"Session 20250528-1500, never trained on: 4 touches, \d+ found",
     ),
     "02_simulated_touches.py": (
         lambda _: ("--seconds", 6),
