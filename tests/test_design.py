@@ -14,7 +14,7 @@ from eskin.errors import RobotError, SkinError
 from eskin.page import PaintOrder
 from eskin.robot import compute_surface_distance, load_robot, load_urdf
 from eskin.skin import check_skin, load_skin
-from helpers.cli import assert_refused, call_json
+from helpers.cli import assert_refused, call, call_json
 
 igl = pytest.importorskip("igl", reason="libigl is not installed: extra design")
 for package in ("manifold3d", "embreex", "ezdxf", "shapely"):
@@ -636,8 +636,10 @@ def test_matrix_is_laid_on_the_surface_with_its_own_distances(
     trimesh.creation.torus(0.08, 0.03, 64, 24).export(tmp_path / "torus.stl")
     urdf, out = write_urdf(tmp_path, SHAPES[shape]), tmp_path / "skin"
     words = ("skin", "place", urdf, "--link", "body", "--rows", 6, "--columns", 4)
-    found, _ = call_json(capsys, *words, "--pitch-mm", 5, "-o", out, *turn)
-    skin = load_skin(out)
+    # A slow computer is told of the progress on stderr.
+    code, text, _ = call(capsys, *words, "--pitch-mm", 5, "-o", out, *turn, "--json")
+    found, skin = json.loads(text.splitlines()[-1]), load_skin(out)
+    assert code == 0
     grid = skin.positions.reshape(6, 4, 3)
     for axis in (0, 1):
         steps = np.linalg.norm(np.diff(grid, axis=axis), axis=2)
