@@ -3,7 +3,7 @@
 import pytest
 
 from eskin.command import load_commands, parse_commands
-from eskin.command.actions import COMMAND_FUNCTIONS, MIN_CONFIDENCE
+from eskin.command.actions import COMMAND_FUNCTIONS, GRAB_CONFIDENCE
 from eskin.errors import CommandError
 from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, TOGGLE, VOCABULARY
 from helpers.examples import EXAMPLES
@@ -170,7 +170,7 @@ def test_invalid_file_is_refused(path, text, parts):
         (
             "gesture: grab, action: resume, confidence: 0.5",
             "confidence",
-            (f"{MIN_CONFIDENCE['resume']:g}",),
+            (f"allowed {GRAB_CONFIDENCE:g} to 1",),
         ),
         *(
             (

@@ -14,7 +14,6 @@ from eskin.command.actions import (
     FUNCTION,
     FUNCTION_NAME,
     HALTING_ACTIONS,
-    MIN_CONFIDENCE,
     STRICT_ACTIONS,
     THING_GESTURES,
     TOGGLES,
@@ -180,7 +179,7 @@ def find_rule_problems(rule: Rule) -> list[str]:
             "'gesture: grab'"
         )
     if rule.action in STRICT_ACTIONS and rule.confidence is not None:
-        least = MIN_CONFIDENCE[rule.action]
+        least = required_confidence(rule.action, None, rule.gesture)
         if rule.confidence < least:
             found.append(
                 f".confidence: got {rule.confidence:g}, allowed {least:g} to 1 for "

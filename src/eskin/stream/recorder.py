@@ -125,10 +125,9 @@ class Recorder(Listener):
 
     Every half second of scans is one chunk, which is written and fsynced on this
     listener's own thread before more is written; twice the duration of the latest fsync
-    where that is longer. If the process is killed or power
-    fails, the last half second of scans and the queued messages are lost. The file is
-    `<path>.part` until it is closed and renamed; if power fails just then, it may keep
-    that name.
+    where that is longer. If the process is killed or power fails, the scans of that
+    time and the queued messages are lost. The file is `<path>.part` until it is closed
+    and renamed; if power fails just then, it may keep that name.
 
     When less than `least_free` is left on the disk, the recording is finished and an
     event published. If the disk is full before that, the event is published and a
