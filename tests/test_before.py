@@ -55,7 +55,13 @@ def recognise(calibration=None):
         info = source.info
         mounted = MountedSkin(info.skin, info.load_robot())
         loaded = load_model(MODEL)
-        decision = replace(loaded.card.decision, thresholds={}, threshold=0.3, least=0)
+        settings = {
+            "threshold": 0.3,
+            "thresholds": {},
+            "brief_seconds": 0.0,
+            "least": 0,
+        }
+        decision = replace(loaded.card.decision, **settings)
         recognizer = Recognizer(loaded, mounted, info.calibration, decision)
         scans = list(source)
     found = [one for scan in scans for one in recognizer.push(scan)]

@@ -126,12 +126,12 @@ class GradientBoosting:
 
 @final
 class SoftmaxMachine(ClassifierMixin, BaseEstimator):
-    """This support vector machine takes the softmax of its decisions as probabilities.
+    """This classifier takes the softmax of the decisions of a linear or kernel machine.
 
     Platt scaling, scikit-learn's method for this, would fit every machine five times.
     """
 
-    def __init__(self, machine: SVC) -> None:
+    def __init__(self, machine: Estimator) -> None:
         """Store a machine that is to be fitted."""
         self.machine = machine
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import find_last_rows, predict_clips
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.live import GraphConfig, NetworkConfig, compute_summary
+from eskin.live import SLOT_NS, GraphConfig, NetworkConfig, compute_summary
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
 from lab.baselines import (
@@ -24,6 +24,7 @@ from lab.baselines import (
 )
 from lab.baselines.estimators import Estimator, GradientBoosting
 from lab.baselines.hand import compute_features, compute_statistics
+from lab.baselines.series import SERIES, align_series
 from lab.comparison.examples import Examples
 
 Predictor = Callable[[Examples], Float[np.ndarray, "clip class"]]
@@ -46,8 +47,8 @@ class Method(ABC):
 
 @final
 @dataclass(frozen=True)
-class TouchTrees(Method):
-    """This method boosts trees on statistics of the touch that ours classifies.
+class TouchMethod(Method):
+    """This method classifies the touch that ours classifies, without our network.
 
     Readings, segmentation, contact graphs and their summary are the recogniser's, so
     the difference between the two is the effect of the network, of augmentation and of
@@ -55,28 +56,41 @@ class TouchTrees(Method):
     """
 
     estimator: Callable[[int], Estimator] = GradientBoosting(leaves=31)
-    """Function that builds the trees from a seed."""
+    """Function that builds the classifier from a seed."""
+    series: bool = False
+    """Whether it takes the series of the touch, instead of statistics of it."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
-        truth = examples.truth(examples.gestures)
-        model = self.estimator(seed).fit(build_touch_rows(examples), truth)
+        truth = np.array(examples.gestures)[examples.truth(examples.gestures)]
+        model = self.estimator(seed).fit(build_touch_rows(examples, self.series), truth)
 
         def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
-            probabilities = model.predict_proba(build_touch_rows(other))
-            return np.log(np.maximum(probabilities, 1e-12))
+            rows = build_touch_rows(other, self.series)
+            return np.log(np.maximum(model.predict_proba(rows), 1e-12))
 
         return predict
 
 
-def build_touch_rows(examples: Examples) -> Float[np.ndarray, "clip feature"]:
+def build_touch_rows(
+    examples: Examples, series: bool = False
+) -> Float[np.ndarray, "clip *feature"]:
     """Return features of each clip's touch of largest impulse, zeros without one."""
+    compute = compute_touch_series if series else compute_touch_features
     dataset = examples.dataset(GraphConfig())
     ends = list(find_last_rows(dataset, examples.clips))
-    found = {end: compute_touch_features(dataset, end) for end in ends if end >= 0}
-    width = max((len(row) for row in found.values()), default=0)
-    nothing = np.zeros(width)
+    found = {end: compute(dataset, end) for end in ends if end >= 0}
+    nothing = np.zeros_like(next(iter(found.values()), np.zeros(0)))
     return np.stack([found.get(end, nothing) for end in ends]).astype(np.float32)
+
+
+def compute_touch_series(
+    dataset: Dataset, end: int
+) -> Float[np.ndarray, "channel reading"]:
+    """Return the series of a touch, whose last row in the data set is `end`."""
+    rows = np.arange(dataset.starts[end], end + 1)
+    summary = compute_summary(dataset.graphs.select(rows), shear=False)
+    return align_series(summary, dataset.stamps[rows] // SLOT_NS)
 
 
 def compute_touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:
@@ -168,7 +182,8 @@ class BaselineMethod(Method):
 
 METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
-    "boosting-on-touch": TouchTrees(),
+    "boosting-on-touch": TouchMethod(),
+    **{name: TouchMethod(make, series=True) for name, make in SERIES.items()},
     **{name: BaselineMethod(make) for name, make in BASELINES.items()},
     **{
         name: BaselineMethod(partial(make, config=FIT_CONFIGS[name]))

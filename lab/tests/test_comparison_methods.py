@@ -12,6 +12,7 @@ from eskin.learn.training import Trainer
 from eskin.live import GraphConfig
 from helpers.clips import generated
 from helpers.learning import TINY
+from lab.baselines.series import SERIES
 from lab.comparison import methods
 from lab.comparison.examples import find_examples
 from lab.comparison.methods import (
@@ -47,8 +48,9 @@ def untrained(monkeypatch):
     return trainers
 
 
-def test_trees_on_touches_give_probabilities_of_every_clip(examples):
-    answers = METHODS["boosting-on-touch"].fit(examples, 0)(examples)
+@pytest.mark.parametrize("name", ["boosting-on-touch", *SERIES])
+def test_methods_on_touches_give_probabilities_of_every_clip(name, examples):
+    answers = METHODS[name].fit(examples, 0)(examples)
     assert answers.shape == (len(examples.clips), len(examples.gestures))
     np.testing.assert_allclose(np.exp(answers).sum(axis=1), 1.0, rtol=1e-6)
 
