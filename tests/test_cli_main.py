@@ -34,6 +34,7 @@ ARGUMENTS = {
     "record": "replay:gone.mcap --out a.mcap --gestures a b",
     "demo": "--headless",
     "replay": "a.mcap --model m",
+    "report": "gone.mcap --out a.html",
     "skin show": "gone",
     "skin check": "gone",
     "skin design": "gone.urdf --out skin",

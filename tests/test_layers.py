@@ -50,6 +50,7 @@ INSIDE = {
         "commands": ("sets", "events"),
     },
     "design": {"": (), "commands": ("",)},
+    "exports": {"": (), "commands": ("",)},
     "sim": {
         "": (),
         "virtual": (),

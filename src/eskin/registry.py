@@ -115,6 +115,9 @@ COMMANDS = {
     "export": Entry(
         "cli.export:run", "write a model as ONNX, recordings as bag or tables", "export"
     ),
+    "report": Entry(
+        "exports.commands.report:run", "report force and pressure of each touch"
+    ),
     "calibrate": Entry("cli.calibrate:run", "measure rest, noise and gain of a skin"),
     "device": Entry(
         "sim.commands.device:run", "act as a skin: send simulated or recorded touches"
