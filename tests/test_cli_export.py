@@ -238,7 +238,7 @@ def test_package_that_is_missing_is_named(
     source = "ur5" if option == "onnx" else recording[0]
     extra = "export" if option == "onnx" else option
     words = ("export", source, f"--{option}", tmp_path / "out")
-    assert_refused(capsys, *words, part=f"pip install '.[{extra}]'")
+    assert_refused(capsys, *words, part=f"pip install 'eskin[{extra}]'")
     assert not list(tmp_path.iterdir())
 
 

@@ -218,7 +218,7 @@ def test_invalid_word_is_refused_and_named(words, parts, refuse):
         (ValueError("first\n  second"), "first second"),
         (
             ModuleNotFoundError("No module named 'torch'", name="torch"),
-            "torch is missing; install it: pip install '.'",
+            "torch is missing; install it: pip install 'eskin'",
         ),
         (
             OSError(errno.ENOSPC, "No space left on device", "/data/a.mcap"),

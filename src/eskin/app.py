@@ -243,7 +243,7 @@ def open_ur_arm(
     if find_spec("rtde_control") is None:
         raise ArmError(
             f"robot is '{uri}', but ur_rtde is missing; allowed is with it installed; "
-            "pip install '.[ur]'"
+            "pip install 'eskin[ur]'"
         )
     return UrArm(UrLink(host, gripper_output), task, clock, motion)
 

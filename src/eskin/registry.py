@@ -259,5 +259,5 @@ def find_package(module: str, name: str, extra: str, what: str) -> Any:  # noqa:
     except ImportError as error:
         raise ExtraError(
             f"{what} needs {name}, which is not installed; allowed is with it "
-            f"installed; pip install '.[{extra}]'"
+            f"installed; pip install 'eskin[{extra}]'"
         ) from error

@@ -79,7 +79,7 @@ def run_checks() -> Iterator[Check]:
     """Yield the results of the checks of the installation."""
     yield Check("python", True, platform.python_version())
     yield Check("packages", True, ", ".join(list_versions(RUNTIME_PACKAGES)))
-    missing = "not installed; only training needs it: pip install '.[train]'"
+    missing = "not installed; only training needs it: pip install 'eskin[train]'"
     yield Check(
         "for training", True, ", ".join(list_versions(TRAINING_PACKAGES)) or missing
     )
