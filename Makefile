@@ -9,7 +9,7 @@ READY := .venv/.ready
 # Without kept bytecode each of the processes that tests start compiles all modules.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo touches test test-fast check format docs bench results validate soak fuzz attack clean
+.PHONY: demo touches test test-fast check format docs bench results validate soak fuzz attack build publish clean
 
 demo: $(READY)
 	$(BIN)/eskin demo
@@ -87,8 +87,25 @@ soak: $(READY)
 	$(BIN)/python -m lab.soak stream
 	$(BIN)/python -m lab.soak stream --real
 
+# Wheel and sdist in dist/, each installed where nothing else is: the core, then every
+# extra with a command of its own. Needs the network, and half an hour. ONLY="core ros2"
+# checks these alone.
+build: $(READY)
+	$(BIN)/python -m lab.build $(if $(ONLY),--only $(ONLY))
+
+# Tags and publishes what `make build` has just made and checked.
+VERSION = $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
+publish: build
+	test -z "$$(git status --porcelain)"
+	grep -q "^## $(VERSION) - " CHANGELOG.md
+	$(BIN)/python -m pip install --quiet twine
+	$(BIN)/twine check dist/*
+	git tag v$(VERSION)
+	git push origin v$(VERSION)
+	$(BIN)/twine upload dist/*
+
 clean:
-	rm -rf .venv site build
+	rm -rf .venv site build dist
 
 # torch is asked for first and pinned: an unpinned one brings gigabytes of CUDA.
 $(READY): pyproject.toml constraints.txt

@@ -12,7 +12,7 @@ from lab.tables import format_head, format_row
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "eskin"
-LEAVES = ("sim", "learn", "design")
+LEAVES = ("sim", "learn", "design", "exports")
 
 
 def count(paths: Iterable[Path]) -> tuple[int, int]:

@@ -220,7 +220,7 @@ def test_device_without_calibration_needs_no_simulator():
 @pytest.mark.parametrize(
     ("uris", "options", "part"),
     [
-        (["can:1"], {}, "serial:PATH, udp://HOST:PORT, csv:PATH, xela:"),
+        (["can:1"], {}, "csv:PATH, replay:FILE, serial:PATH, sim:SKIN"),
         ([], {}, "serial:PATH"),
         ([UDP, "serial:/dev/x"], {}, "several serial ports"),
         ([UDP, "udp://127.0.0.1:9752"], {}, "several serial"),

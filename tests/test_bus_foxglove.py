@@ -194,4 +194,4 @@ def test_without_foxglove_one_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "eskin.bus.foxglove", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)
     words = ("run", "--source", "sim:ur5", "--foxglove")
-    assert_refused(capsys, *words, part="pip install '.[foxglove]'")
+    assert_refused(capsys, *words, part="pip install 'eskin[foxglove]'")

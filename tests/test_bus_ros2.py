@@ -196,4 +196,4 @@ def test_without_cyclone_dds_one_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "eskin.bus.ros2", raising=False)
     monkeypatch.setitem(sys.modules, "cyclonedds.core", None)
     words = ("run", "--source", "sim:ur5", "--ros2")
-    assert_refused(capsys, *words, part="pip install '.[ros2]'")
+    assert_refused(capsys, *words, part="pip install 'eskin[ros2]'")

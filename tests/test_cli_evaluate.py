@@ -21,7 +21,7 @@ from helpers.live import model_of, network
 pytestmark = pytest.mark.slow
 
 VOCABULARY = ("none", "hold", "tap")
-PLOTS = ("picture", "reliability", "event-picture", "event-reliability")
+PLOTS = ("picture", "reliability", "event-picture", "event-reliability", "curve")
 
 
 def make_model(vocabulary=VOCABULARY, kind="pressure"):
@@ -90,6 +90,10 @@ def test_real_recordings_are_scored_by_clips_and_by_events(
     assert "false an hour" in out
     for plot in plots.values():
         assert plot.read_bytes().startswith(b"\x89PNG")
+    curve = events.pop("curve")
+    [shipped] = [point for point in curve if point["is_shipped"]]
+    assert shipped["false_per_hour"] == events["false_per_hour"]
+    assert shipped["missed"] == pytest.approx(1 - events["recall"])
     paths = (data / "bob.mcap", ann)
     assert evaluate(model, *paths)[0] == result, "order does not matter"
 

@@ -15,6 +15,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from eskin.cli.main import run
+from eskin.exports.rosbag import write_bag
 from eskin.learn.checkpoint import to_network
 from eskin.learn.nn import (
     NetworkInput,
@@ -23,7 +24,7 @@ from eskin.learn.nn import (
 )
 from eskin.learn.onnx_export import NAMES, StepInput, export_onnx
 from eskin.live import SLOT_NS, GraphStream, Recognizer, load_model
-from eskin.recording import Label, read_recording, write_bag
+from eskin.recording import Label, read_recording
 from eskin.touch import TouchPipeline
 from helpers.cli import assert_refused, call_json
 from helpers.graphs import random_graph
@@ -237,7 +238,7 @@ def test_package_that_is_missing_is_named(
     source = "ur5" if option == "onnx" else recording[0]
     extra = "export" if option == "onnx" else option
     words = ("export", source, f"--{option}", tmp_path / "out")
-    assert_refused(capsys, *words, part=f"pip install '.[{extra}]'")
+    assert_refused(capsys, *words, part=f"pip install 'eskin[{extra}]'")
     assert not list(tmp_path.iterdir())
 
 

@@ -34,6 +34,7 @@ ARGUMENTS = {
     "record": "replay:gone.mcap --out a.mcap --gestures a b",
     "demo": "--headless",
     "replay": "a.mcap --model m",
+    "report": "gone.mcap --out a.html",
     "skin show": "gone",
     "skin check": "gone",
     "skin design": "gone.urdf --out skin",
@@ -217,7 +218,7 @@ def test_invalid_word_is_refused_and_named(words, parts, refuse):
         (ValueError("first\n  second"), "first second"),
         (
             ModuleNotFoundError("No module named 'torch'", name="torch"),
-            "torch is missing; install it: pip install '.'",
+            "torch is missing; install it: pip install 'eskin'",
         ),
         (
             OSError(errno.ENOSPC, "No space left on device", "/data/a.mcap"),

@@ -281,8 +281,8 @@ def test_simulated_user_unlocks_arm_before_touching(stopped_arm):
 
 def test_missing_mujoco_is_named_with_what_installs_it(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ExtraError, match="pip install '.\\[sim\\]'"):
+    with pytest.raises(ExtraError, match="pip install 'eskin\\[sim\\]'"):
         DynamicPlant(FRAME_TASK)
     assert run(["demo", "--dynamics", "--headless"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "--dynamics" in line and "pip install '.[sim]'" in line
+    assert "--dynamics" in line and "pip install 'eskin[sim]'" in line

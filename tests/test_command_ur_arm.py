@@ -201,7 +201,7 @@ def test_missing_driver_is_refused():
 @pytest.fixture(scope="module")
 def robot():
     if find_spec("rtde_control") is None:
-        pytest.skip("no ur_rtde; pip install '.[ur]'")
+        pytest.skip("no ur_rtde; pip install 'eskin[ur]'")
     with StandIn(list(WELL.q)) as stand_in:
         # How fast a fault is seen is measured in benchmarks, on a quiet machine.
         with UrArm(UrLink(stand_in.host, 0, time_factor=20.0)) as arm:

@@ -85,5 +85,5 @@ def test_options_of_a_cluster_are_checked(tmp_path, capsys, monkeypatch):
     other = ("generate", tmp_path / "out", "--ray", "head", "--clips", 1)
     assert_refused(capsys, *other, part="no HOST:PORT")
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert_refused(capsys, *words, part="pip install '.[scale]'")
+    assert_refused(capsys, *words, part="pip install 'eskin[scale]'")
     assert not (tmp_path / "out").exists()

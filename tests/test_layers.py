@@ -32,7 +32,12 @@ PRODUCT = {
     "app": ("command",),
     "cli": ("app", "bus", "calibration"),
 }
-LEAVES = {"learn": ("cli",), "sim": ("learn",), "design": ("cli",)}
+LEAVES = {
+    "learn": ("cli",),
+    "sim": ("learn",),
+    "design": ("cli",),
+    "exports": ("cli",),
+}
 """Optional packages, which nothing in the product imports."""
 BELOW = PRODUCT | LEAVES
 # What the subpackages of each package may import of it; "" is its modules at the root.
@@ -45,6 +50,7 @@ INSIDE = {
         "commands": ("sets", "events"),
     },
     "design": {"": (), "commands": ("",)},
+    "exports": {"": (), "commands": ("",)},
     "sim": {
         "": (),
         "virtual": (),

@@ -9,18 +9,23 @@ import tarfile
 import tomllib
 import venv
 import zipfile
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from helpers.live import Press, mounted, record, scans
+from lab.build import LEFT_OUT, SMOKE
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = tuple(PROJECT["optional-dependencies"])
 NOT_NEEDED = (
     "torch",
     "ray",
@@ -108,7 +113,7 @@ def test_sdist_and_wheel_hold_every_file_of_the_package(built):
 
 
 def test_version_is_the_same_everywhere(built):
-    stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    stated = PROJECT["version"]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     messages = ElementTree.parse(ROOT / "msg" / "eskin_msgs" / "package.xml")
     assert stated == citation["version"] == messages.findtext("version")
@@ -143,3 +148,44 @@ def test_wheel_with_all_that_it_needs_is_small_and_runs(built, tmp_path):
     words = ("run", "--source", f"replay:{path}", "--pace", "20", "--json")
     out = call(tmp_path / "bin" / "eskin", *words)
     assert json.loads(out.splitlines()[-1])["readings"] == len(stream)
+
+
+def read_pins():
+    """Return the versions of the lock, by normalized name."""
+    lines = (ROOT / "constraints.txt").read_text().split()
+    pairs = (line.split("==") for line in lines)
+    return {canonicalize_name(name): version for name, version in pairs}
+
+
+def find_requirements(wanted, found):
+    """Collect all that a requirement needs, with what its extras need."""
+    requirement = Requirement(wanted)
+    key = canonicalize_name(requirement.name), tuple(sorted(requirement.extras))
+    if key in found:
+        return
+    found[key] = requirement
+    try:
+        needs = requires(requirement.name) or []
+    except PackageNotFoundError:
+        return
+    for each in map(Requirement, needs):
+        extras = requirement.extras or {""}
+        if each.marker is None or any(
+            each.marker.evaluate({"extra": e}) for e in extras
+        ):
+            find_requirements(str(each), found)
+
+
+@pytest.mark.parametrize("name", ["", *EXTRAS])
+def test_lock_pins_all_that_the_core_and_each_extra_need(name):
+    """From the package index alone: a version each, and no path or address."""
+    pins, found = read_pins(), {}
+    find_requirements(f"eskin[{name}]" if name else "eskin", found)
+    assert {key for key, _ in found} - {"eskin", "setuptools"} <= set(pins)
+    for (key, _), requirement in found.items():
+        if key in pins:
+            assert requirement.specifier.contains(pins[key], prereleases=True)
+
+
+def test_build_tries_the_core_and_every_extra():
+    assert set(SMOKE) == {"core", *EXTRAS} - set(LEFT_OUT)

@@ -1,6 +1,6 @@
 """This module opens sources and arms by their URIs, with all that they need."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -35,7 +35,14 @@ from eskin.drivers.joints import JointFunction
 from eskin.errors import ArmError, DeviceError
 from eskin.live import mount_skin
 from eskin.recording import Overrides, read_calibration
-from eskin.registry import ARMS, SOURCES, load_function
+from eskin.registry import (
+    ARMS,
+    DRIVERS,
+    ArmDriver,
+    Driver,
+    list_forms,
+    load_plugin,
+)
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration
@@ -48,10 +55,6 @@ NOMINAL_CALIBRATION = "nominal_calibration.json"
 
 SERIAL_BAUD, CSV_BAUD = 1_000_000, 115_200
 """Baud rates of serial ports unless others are given, by the kind of source."""
-
-ALLOWED_URIS = (
-    "serial:PATH, udp://HOST:PORT, csv:PATH, xela://HOST:PORT, replay:FILE or sim:SKIN"
-)
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ def open_source(
     """
     config = config or SourceConfig()
     config = config if skin is None else replace(config, skin=skin)
-    source = open_kind(uris, config, clock or HostClock())
+    source = find_driver(uris).open(uris, config, clock or HostClock())
     calibration = source.info.calibration
     if config.falling:
         calibration = replace(calibration, falling=True)
@@ -157,31 +160,32 @@ def set_bits(calibration: Calibration, bits: int) -> Calibration:
     return calibration.with_full_scale(full_scale)
 
 
-def open_kind(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
-    """Open a source of any kind."""
+def find_driver(uris: Sequence[str]) -> Driver:
+    """Return the driver of the kind of some URIs.
+
+    Raises:
+        DeviceError: there is none, or they are several that are not one source.
+    """
     kinds = {uri.partition(":")[0] for uri in uris}
-    if kinds == {"serial"}:
-        return open_device(uris, config, clock)
-    if kinds == {"csv"} or (kinds == {"xela"} and len(uris) == 1):
-        return open_samples(uris, config, clock)
-    if len(uris) != 1 or not kinds <= {"udp", "replay", "sim"}:
+    driver = load_plugin(DRIVERS, kinds.pop()) if len(kinds) == 1 else None
+    if driver is None or (len(uris) > 1 and not driver.takes_several):
         raise DeviceError(
-            f"source is '{' '.join(uris)}'; allowed is one of {ALLOWED_URIS}, or "
-            "several serial ports; correct it"
+            f"source is '{' '.join(uris)}'; allowed is one of {list_forms(DRIVERS)}, "
+            "or several serial ports; correct it"
         )
-    if kinds == {"udp"}:
-        return open_device(uris, config, clock)
-    rest = uris[0].partition(":")[2]
-    if kinds == {"replay"}:
-        calibration = config.calibration
-        if isinstance(calibration, Path):
-            calibration = read_calibration(calibration)
-        robot = config.robot
-        if isinstance(robot, str | Path):
-            robot = load_robot(robot)
-        overrides = Overrides(calibration, robot and robot.urdf)
-        return replay_source(rest, config.pace, clock, True, overrides)
-    return load_function(SOURCES["sim"])(rest, config, clock)
+    return driver
+
+
+def open_recording(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
+    """Open a recording as a source that plays it."""
+    calibration, robot = config.calibration, config.robot
+    if isinstance(calibration, Path):
+        calibration = read_calibration(calibration)
+    if isinstance(robot, str | Path):
+        robot = load_robot(robot)
+    overrides = Overrides(calibration, robot and robot.urdf)
+    path = uris[0].partition(":")[2]
+    return replay_source(path, config.pace, clock, True, overrides)
 
 
 def open_arm(
@@ -205,19 +209,41 @@ def open_arm(
     Raises:
         ArmError: there is no such arm, it cannot be reached, or its driver is missing.
     """
-    kind, _, rest = uri.partition(":")
+    driver = find_arm_driver(uri)
+    return driver.open(uri, task, clock, motion, gripper_output)
+
+
+def find_arm_driver(uri: str) -> ArmDriver:
+    """Return the driver of the kind of an arm's URI.
+
+    Raises:
+        ArmError: there is none.
+    """
+    driver = load_plugin(ARMS, uri.partition(":")[0])
+    if driver is None:
+        raise ArmError(f"robot is '{uri}'; allowed is {list_forms(ARMS)}; correct it")
+    return driver
+
+
+def open_ur_arm(
+    uri: str,
+    task: Task,
+    clock: Clock | None,
+    motion: MotionConfig | None,
+    gripper_output: int,
+) -> Arm:
+    """Open the arm of a UR controller."""
+    rest = uri.partition(":")[2]
     host = rest.removeprefix("//")
-    if kind == "sim" and rest == task.robot_name:
-        return load_function(ARMS["sim"])(task, clock, motion)
-    if kind != "ur" or not rest.startswith("//") or not host or "/" in host:
+    if not rest.startswith("//") or not host or "/" in host:
         raise ArmError(
-            f"robot is '{uri}'; allowed is sim:{task.robot_name} or ur://HOST, such as "
-            "ur://192.168.1.10; correct it"
+            f"robot is '{uri}'; allowed is ur://HOST, such as ur://192.168.1.10; "
+            "correct it"
         )
     if find_spec("rtde_control") is None:
         raise ArmError(
             f"robot is '{uri}', but ur_rtde is missing; allowed is with it installed; "
-            "pip install '.[ur]'"
+            "pip install 'eskin[ur]'"
         )
     return UrArm(UrLink(host, gripper_output), task, clock, motion)
 
@@ -292,20 +318,24 @@ def mount_device_skin(uris: Sequence[str], config: SourceConfig) -> MountedSkin:
     return mount_skin(config.skin, config.robot)
 
 
-def open_samples(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
-    """Open a device that has a driver of its own."""
+def open_samples(
+    uris: Sequence[str],
+    config: SourceConfig,
+    clock: Clock,
+    build_device: Callable[[Skin], SampleDevice],
+) -> Source:
+    """Open a device that has a driver of its own.
+
+    Args:
+        uris: what the source is opened with.
+        config: how it is opened.
+        clock: clock that stamps its samples.
+        build_device: function that returns the device of a skin.
+    """
     mounted = mount_device_skin(uris, config)
     calibration = load_calibration(config, mounted.skin)
     joints = choose_joints(config, mounted)
-    kind, _, rest = uris[0].partition(":")
-    device: SampleDevice
-    if kind == "csv":
-        paths = [uri.removeprefix("csv:") for uri in uris]
-        device = CsvMatrix(clock, paths, mounted.skin, config.baud or CSV_BAUD)
-    else:
-        from eskin.drivers.shear_modules import ShearModules
-
-        device = ShearModules(clock, f"ws:{rest}", mounted.skin)
+    device = build_device(mounted.skin)
     with ExitStack() as stack:
         stack.callback(device.close)
         source = SampledSource(
@@ -320,6 +350,25 @@ def open_samples(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sou
         )
         stack.pop_all()
     return source
+
+
+def open_csv(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
+    """Open matrices that send lines of numbers."""
+    paths = [uri.removeprefix("csv:") for uri in uris]
+    baud = config.baud or CSV_BAUD
+    return open_samples(
+        uris, config, clock, lambda skin: CsvMatrix(clock, paths, skin, baud)
+    )
+
+
+def open_xela(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
+    """Open the shear modules of a server."""
+    from eskin.drivers.shear_modules import ShearModules
+
+    address = f"ws:{uris[0].partition(':')[2]}"
+    return open_samples(
+        uris, config, clock, lambda skin: ShearModules(clock, address, skin)
+    )
 
 
 def open_transport(
@@ -406,3 +455,12 @@ def nominal_calibration(skin: Skin) -> Calibration:
     data = (resources.files("eskin.skin") / NOMINAL_CALIBRATION).read_bytes()
     calibration = Calibration.from_bytes(data)
     return replace(calibration, gain=np.full(skin.count, calibration.gain[0]))
+
+
+SERIAL = Driver(open_device, "serial:PATH", "cable", takes_several=True, takes_key=True)
+UDP = Driver(open_device, "udp://HOST:PORT", takes_key=True)
+CSV = Driver(open_csv, "csv:PATH", "cable", takes_several=True)
+XELA = Driver(open_xela, "xela://HOST:PORT")
+REPLAY = Driver(open_recording, "replay:FILE", "recorded")
+UR = ArmDriver(open_ur_arm, "ur://HOST")
+"""Drivers that come with eskin, as its entry points name them."""

@@ -1,16 +1,26 @@
 """This module maps names to the modules that implement them, and finds extras.
 
-It is the only module of the product that names the leaves `eskin.sim`, `eskin.learn`
-and `eskin.design`. A module is imported when its name is used.
+It is the only module of the product that names its leaves. Commands are named here;
+drivers, arms and exporters are entry points of installed packages, those of eskin too:
+
+- `eskin.drivers`: a `Driver`, by the kind of its URIs
+- `eskin.arms`: an `ArmDriver`, by the kind of its URI
+- `eskin.exporters`: an `Exporter`, by the name of its format
+
+A module is imported when its name is used.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
-from eskin.errors import ExtraError
+from eskin.errors import EskinError, ExtraError
+
+DRIVERS, ARMS, EXPORTERS = GROUPS = ("eskin.drivers", "eskin.arms", "eskin.exporters")
+"""Groups of entry points."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +35,60 @@ class Entry:
 
     extra: str | None = None
     """Extra of eskin that installs the packages which it needs beyond the core."""
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A driver opens the sources of one kind of URI."""
+
+    open: Callable[..., Any]
+    """Function of the URIs, an `eskin.app.SourceConfig` and a clock, which returns a
+    `Source`; `eskin.app.open_samples` makes one of a `SampleDevice`."""
+
+    form: str
+    """Form of its URIs, for messages, such as `serial:PATH`."""
+
+    touches: Literal["cable", "network", "simulated", "recorded"] = "network"
+    """Origin of the touches. A real robot is not commanded by those of a network
+    without a key, which any sender can fake, nor by simulated or recorded ones."""
+
+    takes_several: bool = False
+    """Whether several URIs are the ports of one source."""
+
+    takes_key: bool = False
+    """Whether its packets may be sealed with a key."""
+
+    @property
+    def is_device(self) -> bool:
+        """Return whether somebody touches it now."""
+        return self.touches in ("cable", "network")
+
+
+@dataclass(frozen=True)
+class ArmDriver:
+    """An arm driver opens the arms of one kind of URI."""
+
+    open: Callable[..., Any]
+    """Function of the URI, the `Task`, a clock or None, a `MotionConfig` or None and
+    the gripper's output, which returns an `Arm`."""
+
+    form: str
+    """Form of its URI, for messages, such as `ur://HOST`."""
+
+    is_real: bool = True
+    """Whether a person can be near it."""
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """An exporter writes a model or recordings in one format."""
+
+    write: Callable[..., dict[str, Any]]
+    """Function of a `Model`, or of a list of `Recording`, and of the path to write. It
+    returns what was written, as names with numbers."""
+
+    takes: Literal["model", "recordings"] = "recordings"
+    """What it writes."""
 
 
 COMMANDS = {
@@ -50,6 +114,9 @@ COMMANDS = {
     "convert": Entry("learn.commands.convert:run", "convert a public data set"),
     "export": Entry(
         "cli.export:run", "write a model as ONNX, recordings as bag or tables", "export"
+    ),
+    "report": Entry(
+        "exports.commands.report:run", "report force and pressure of each touch"
     ),
     "calibrate": Entry("cli.calibrate:run", "measure rest, noise and gain of a skin"),
     "device": Entry(
@@ -92,15 +159,6 @@ MOVED = {
 }
 """Commands and options that belong to the laboratory, with their commands there."""
 
-SOURCES = {"sim": "sim.interactive.player:open_simulation"}
-"""Functions that open the sources of leaves, by the kind of their URI."""
-
-ARMS = {"sim": "sim.arm:SimulatedArm"}
-"""Arms of leaves, by the kind of their URI."""
-
-EXPORTS = {"onnx": "learn.onnx_export:export_onnx"}
-"""Functions that write a model, by format."""
-
 
 def load_function(target: str) -> Callable[..., Any]:
     """Import the function of an entry.
@@ -110,6 +168,66 @@ def load_function(target: str) -> Callable[..., Any]:
     """
     module, function = target.split(":")
     return getattr(import_module(f"eskin.{module}"), function)
+
+
+def find_plugins(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by their names, in alphabetic order.
+
+    Raises:
+        EskinError: two packages have one name, or eskin is not installed as it is now.
+    """
+    found: dict[str, EntryPoint] = {}
+    for entry in sorted(entry_points(group=group), key=lambda each: each.name):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise EskinError(
+                f"'{entry.name}' of {group} is {other.value} of {name_package(other)} "
+                f"and {entry.value} of {name_package(entry)}; allowed is one; "
+                "uninstall one of the packages"
+            )
+    if not found:
+        raise EskinError(
+            f"no entry point of {group} is installed, not even those of eskin; allowed "
+            "is an eskin installed as it is now; install it again: pip install ."
+        )
+    return found
+
+
+def load_plugin(group: str, name: str) -> Any:  # noqa: ANN401
+    """Import what an entry point names; None where the group has no such name.
+
+    Raises:
+        EskinError: a package other than eskin fails while it is imported.
+    """
+    entry = find_plugins(group).get(name)
+    if entry is None:
+        return None
+    try:
+        return entry.load()
+    except Exception as error:
+        if isinstance(error, EskinError) or entry.module.startswith("eskin."):
+            raise
+        raise EskinError(
+            f"'{name}' of {group} cannot be loaded from {name_package(entry)} "
+            f"({type(error).__name__}: {error}); allowed is a package that can be "
+            "imported; install it again, or uninstall it"
+        ) from error
+
+
+def list_forms(group: str) -> str:
+    """Return the forms of the URIs of all drivers or arms, for messages."""
+    forms = []
+    for name in find_plugins(group):
+        try:
+            forms.append(load_plugin(group, name).form)
+        except (EskinError, ImportError, AttributeError):
+            forms.append(f"{name}:")
+    return ", ".join(forms[:-1]) + f" or {forms[-1]}"
+
+
+def name_package(entry: EntryPoint) -> str:
+    """Return name and version of the package that has an entry point."""
+    return "?" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
 
 
 def find_mujoco(what: str) -> ModuleType:
@@ -141,5 +259,5 @@ def find_package(module: str, name: str, extra: str, what: str) -> Any:  # noqa:
     except ImportError as error:
         raise ExtraError(
             f"{what} needs {name}, which is not installed; allowed is with it "
-            f"installed; pip install '.[{extra}]'"
+            f"installed; pip install 'eskin[{extra}]'"
         ) from error

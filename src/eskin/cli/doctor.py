@@ -9,27 +9,26 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import chain
 
-import numpy as np
 from numba.core import event
 
+from eskin.app import find_driver
 from eskin.cli.guided import SourceCommand, open_guided_source
 from eskin.drivers import (
-    DeviceSource,
-    SampledSource,
     SerialPortInfo,
     SourceInfo,
     list_serial_ports,
+    observe_source,
 )
 from eskin.errors import DeviceError, EskinError
 from eskin.live import MODELS, Recognizer, warm_up
-from eskin.units import NS_PER_S
+from eskin.registry import GROUPS, find_plugins, load_plugin, name_package
 
 RUNTIME_PACKAGES = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
 TRAINING_PACKAGES = ("torch", "scikit-learn")
 
 
-LISTEN_NS = 3 * NS_PER_S
-"""Time for which patches are observed [ns]."""
+LISTEN_SECONDS = 3.0
+"""Time for which patches are observed [s]."""
 MAX_AGE_S = 0.5
 """Age of the last scan from which a patch is silent [s]."""
 MIN_RATE_SHARE = 0.8
@@ -80,13 +79,30 @@ def run_checks() -> Iterator[Check]:
     """Yield the results of the checks of the installation."""
     yield Check("python", True, platform.python_version())
     yield Check("packages", True, ", ".join(list_versions(RUNTIME_PACKAGES)))
-    missing = "not installed; only training needs it: pip install '.[train]'"
+    missing = "not installed; only training needs it: pip install 'eskin[train]'"
     yield Check(
         "for training", True, ", ".join(list_versions(TRAINING_PACKAGES)) or missing
     )
+    yield from map(check_plugins, GROUPS)
     yield from check_ports(list_serial_ports())
     for model in MODELS:
         yield run_check(f"weights {model}", lambda model=model: check_model(model))
+
+
+def check_plugins(group: str) -> Check:
+    """List the entry points of a group; load those of other packages than eskin."""
+    found, ok = [], True
+    for name, entry in find_plugins(group).items():
+        if entry.module.startswith("eskin."):
+            found.append(name)
+            continue
+        try:
+            load_plugin(group, name)
+            found.append(f"{name} ({name_package(entry)})")
+        except EskinError as error:
+            found.append(str(error))
+            ok = False
+    return Check(group.removeprefix("eskin."), ok, ", ".join(found))
 
 
 def check_ports(ports: Sequence[SerialPortInfo]) -> Iterator[Check]:
@@ -103,26 +119,18 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
     """Check rate and age of the scans of the patches that were asked about."""
     if not command.source:
         return
+    if not find_driver(command.source).is_device:
+        raise DeviceError(
+            f"--source is {' '.join(command.source)}; allowed are devices, as "
+            "serial:PATH, csv:PATH or udp://HOST:PORT; correct it"
+        )
     with ExitStack() as stack:
         source, _ = open_guided_source(command, stack)
-        if not isinstance(source, DeviceSource | SampledSource):
-            raise DeviceError(
-                f"--source is {' '.join(command.source)}; allowed are devices, as "
-                "serial:PATH, csv:PATH or udp://HOST:PORT; correct it"
-            )
-        patches = source.info.skin.patch_index
-        counts = np.zeros(len(source.info.skin.patches))
-        stamps = np.full(len(counts), -np.inf)
-        end = source.clock.now() + LISTEN_NS
-        while source.clock.now() < end:
-            scan = source.read(0.1)
-            if scan is not None:
-                heard = np.unique(patches[scan.received])
-                counts[heard] += 1
-                stamps[heard] = scan.stamp
-        rates = counts / (LISTEN_NS / NS_PER_S)
-        ages = (source.clock.now() - stamps) / NS_PER_S
-    found = zip(source.info.skin.patches, rates.tolist(), ages.tolist(), strict=True)
+        observed = observe_source(source, LISTEN_SECONDS)
+    broken = "; ".join(observed.problems)
+    yield Check("driver", not broken, broken or "keeps the rules of sources")
+    rates, ages = observed.rates.tolist(), observed.ages.tolist()
+    found = zip(source.info.skin.patches, rates, ages, strict=True)
     yield from (
         check_patch(patch.id, rate, age, source.info) for patch, rate, age in found
     )

@@ -1,13 +1,13 @@
 """`eskin export` writes models and recordings for other programs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import tyro
 
 from eskin.cli.checks import check_folder, check_writable
 from eskin.errors import EskinError
-from eskin.registry import EXPORTS, load_function
+from eskin.registry import EXPORTERS, Exporter, find_plugins, load_plugin
 from eskin.units import format_count
 
 NOUNS = {
@@ -17,11 +17,13 @@ NOUNS = {
     "touches": "touch",
 }
 """Names of one of what is written, by the keys of the result."""
+FREE = ("sources", "to")
+"""Fields of the command that name no format."""
 
 
 @dataclass(frozen=True)
 class ExportCommand:
-    """Write a model as ONNX, or recordings as a bag of ROS 2 or as Parquet tables."""
+    """Write a model or recordings in the format of another program."""
 
     sources: tyro.conf.Positional[tuple[str, ...]]
     """Name of weights that come with eskin or a model file, for --onnx; recordings, or
@@ -37,54 +39,66 @@ class ExportCommand:
     """New folder for readings.parquet, one row a reading, and touches.parquet, one row
     a touch."""
 
+    to: tuple[str, Path] | None = None
+    """Format of an installed package, as eskin doctor lists them, and the file or
+    folder to write."""
+
 
 def run(command: ExportCommand) -> dict[str, object]:
     """Write one format; return the error of the network, or what was written."""
-    given = [name for name in ("onnx", "rosbag", "parquet") if getattr(command, name)]
+    options = [each.name for each in fields(command) if each.name not in FREE]
+    given = [(name, getattr(command, name)) for name in options]
+    given = [(name, path) for name, path in given if path is not None]
+    given += [] if command.to is None else [command.to]
     if len(given) != 1:
-        got = " and ".join(f"--{name}" for name in given) or "no format"
+        got = " and ".join(f"--{name}" for name, _ in given) or "no format"
         raise EskinError(
-            f"{got} is given; allowed is one of --onnx, --rosbag and --parquet; say "
+            f"{got} is given; allowed is one of --{', --'.join(options)} and --to; say "
             "what to write"
         )
     if not command.sources:
         raise EskinError(
             "nothing to export is given; allowed is a model or recordings; name one"
         )
-    if command.onnx is not None:
-        return export_model(command.sources, command.onnx)
-    return export_recordings(command)
+    [(name, path)] = given
+    exporter = load_plugin(EXPORTERS, name)
+    if exporter is None:
+        raise EskinError(
+            f"format is '{name}'; allowed are {', '.join(find_plugins(EXPORTERS))}; "
+            "correct it, or install the package that writes it"
+        )
+    if exporter.takes == "model":
+        return export_model(command.sources, path, exporter)
+    return export_recordings(command.sources, path, exporter)
 
 
-def export_model(sources: tuple[str, ...], path: Path) -> dict[str, object]:
-    """Write one model as ONNX; return the greatest error of a logit."""
+def export_model(
+    sources: tuple[str, ...], path: Path, exporter: Exporter
+) -> dict[str, object]:
+    """Write one model; return the greatest error of a logit."""
     if len(sources) != 1:
         raise EskinError(
-            f"{len(sources)} models are given with --onnx; allowed is one; export each "
-            "by itself"
+            f"{len(sources)} models are given; allowed is one; export each by itself"
         )
     [source] = sources
     check_writable(path)
     from eskin.live import load_model
 
-    error = load_function(EXPORTS["onnx"])(load_model(source), path)
-    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB, greatest error {error:.1e}")
-    return {"max_error": error}
+    result = exporter.write(load_model(source), path)
+    told = [f"{key.replace('_', ' ')} {value:.1e}" for key, value in result.items()]
+    print(f"{path}: {', '.join([f'{path.stat().st_size / 1e6:.2f} MB', *told])}")
+    return result
 
 
-def export_recordings(command: ExportCommand) -> dict[str, object]:
-    """Write recordings as a bag or as tables; return how much was written."""
-    folder = command.rosbag or command.parquet
-    assert folder is not None
-    check_folder(folder.absolute().parent)
-    from eskin.recording import find_recordings, read_recording, write_bag, write_tables
+def export_recordings(
+    sources: tuple[str, ...], path: Path, exporter: Exporter
+) -> dict[str, object]:
+    """Write recordings; return how much was written."""
+    check_folder(path.absolute().parent)
+    from eskin.recording import find_recordings, read_recording
 
-    recordings = [read_recording(path) for path in find_recordings(command.sources)]
-    counts = {"recordings": len(recordings)}
-    if command.rosbag is not None:
-        counts["messages"] = write_bag(recordings, folder)
-    else:
-        counts["readings"], counts["touches"] = write_tables(recordings, folder)
-    told = [format_count(count, NOUNS[key]) for key, count in counts.items()]
-    print(f"{folder}: {', '.join(told)}")
+    recordings = [read_recording(each) for each in find_recordings(sources)]
+    counts = {"recordings": len(recordings), **exporter.write(recordings, path)}
+    told = [format_count(count, NOUNS.get(key, key)) for key, count in counts.items()]
+    print(f"{path}: {', '.join(told)}")
     return dict(counts)

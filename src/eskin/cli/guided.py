@@ -21,13 +21,12 @@ if TYPE_CHECKING:
     from eskin.drivers import Source
     from eskin.page import GuideBoard, PressPlace
     from eskin.page.viewer import CalibrationViewer
+    from eskin.registry import Driver
     from eskin.skin import MountedSkin, Patch, Skin
     from eskin.touch import Scan
 
 PATIENCE = 10.0
 """Longest wait for the first byte of a device [s]."""
-GUIDED_KINDS = {"serial", "csv", "udp", "xela", "replay"}
-"""Schemes of the sources that a person can be guided with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,15 +252,13 @@ def open_guided_source(
     from eskin.live import mount_skin
     from eskin.skin import MountedSkin
 
-    check_joints(command.joints, command.q, command.source)
-
-    kinds = {uri.partition(":")[0] for uri in command.source}
-    if not command.source or not kinds <= GUIDED_KINDS:
+    driver = check_source(command)
+    if driver.touches == "simulated":
         raise DeviceError(
-            f"source is '{' '.join(command.source)}'; allowed are serial:PATH, "
-            "csv:PATH, udp://HOST:PORT, xela://HOST:PORT and replay:FILE; correct it"
+            f"source is '{' '.join(command.source)}'; allowed are devices and "
+            "recordings; correct it"
         )
-    if command.skin is None and "replay" not in kinds:
+    if command.skin is None and driver.is_device:
         raise DeviceError(
             f"{command.source[0]} is given without --skin; allowed is a preset's name "
             "or a skin's folder; say whose patches they are"
@@ -281,25 +278,27 @@ def open_guided_source(
     return source, mounted
 
 
-def check_joints(
-    joints: str | None, q: tuple[float, ...] | None, sources: tuple[str, ...]
-) -> None:
-    """Raise if joint positions are given twice, or to a source that has its own.
+def check_source(command: SourceCommand) -> "Driver":
+    """Return the driver of a source, and raise if joint positions do not go with it.
 
     Raises:
-        DeviceError: for --joints or --q.
+        DeviceError: there is no such driver, or --joints is given with --q or with a
+            source that has positions of its own.
     """
-    if joints is not None and q is not None:
+    from eskin.app import find_driver
+
+    if command.joints is not None and command.q is not None:
         raise DeviceError(
             "--joints is given with --q; allowed is one of them; leave out --q of a "
             "robot that moves"
         )
-    played = [uri for uri in sources if uri.startswith(("replay:", "sim:"))]
-    if joints is not None and played:
+    driver = find_driver(command.source)
+    if command.joints is not None and not driver.is_device:
         raise DeviceError(
-            f"--joints is given with {played[0]}, which has joint positions of its "
-            "own; allowed is --joints with a device; leave it out"
+            f"--joints is given with {command.source[0]}, which has joint positions of "
+            "its own; allowed is --joints with a device; leave it out"
         )
+    return driver
 
 
 def say(line: str, page: "CalibrationViewer | None" = None) -> None:

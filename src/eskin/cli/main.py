@@ -105,7 +105,7 @@ def run(argv: list[str]) -> int:
             run_command(name, rest)
         sys.stdout.flush()
     except ModuleNotFoundError as error:
-        wanted = f".[{extra}]" if extra else "."
+        wanted = f"eskin[{extra}]" if extra else "eskin"
         return print_error(
             f"{error.name} is missing; install it: pip install '{wanted}'"
         )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from eskin.cli.checks import POSITIVE, POSITIVE_OR_INF, Excludes, Needs
-from eskin.cli.guided import PATIENCE, SourceCommand, check_joints, say
+from eskin.cli.guided import PATIENCE, SourceCommand, check_source, say
 from eskin.errors import DeviceError
 from eskin.units import format_count
 
@@ -20,13 +20,10 @@ if TYPE_CHECKING:
     from eskin.drivers import Clock, JointSource, Source
     from eskin.drivers.joints import JointFunction
     from eskin.live import Model
+    from eskin.registry import Driver
     from eskin.stream import Listener, Recognition, Stream
     from eskin.stream.listener import Drop
     from eskin.touch import Calibration
-
-
-NETWORK, KEYED = {"udp", "xela"}, {"serial", "udp"}
-"""Kinds of sources whose senders are on a network, and whose packets may be sealed."""
 
 
 @dataclass(frozen=True)
@@ -180,18 +177,19 @@ def check_options(command: RunCommand) -> None:
     Raises:
         DeviceError: for joint positions, a key, or a robot that is real.
     """
-    check_joints(command.joints, command.q, command.source)
-    kinds = {uri.partition(":")[0] for uri in command.source}
-    if command.key is not None and not kinds <= KEYED:
+    from eskin.app import find_arm_driver
+
+    driver = check_source(command)
+    if command.key is not None and not driver.takes_key:
         raise DeviceError(
             f"--key is given with {' '.join(command.source)}; allowed is a key with "
             "serial: or udp: sources, whose packets it checks; leave it out"
         )
-    if (command.robot or "").startswith("ur:"):
-        check_touches(command)
+    if command.robot is not None and find_arm_driver(command.robot).is_real:
+        check_touches(command, driver)
 
 
-def check_touches(command: RunCommand) -> None:
+def check_touches(command: RunCommand, driver: "Driver") -> None:
     """Raise if others than who touches the skin could move a real robot.
 
     Raises:
@@ -201,23 +199,22 @@ def check_touches(command: RunCommand) -> None:
     from eskin.app import parse_udp_address
     from eskin.drivers import check_udp_host
 
-    for uri in command.source:
-        kind = uri.partition(":")[0]
-        if kind in ("sim", "replay") and not command.allow_simulated_touch:
+    uri = command.source[0]
+    if not driver.is_device and not command.allow_simulated_touch:
+        raise DeviceError(
+            f"--robot {command.robot} is real and {uri} has touches that nobody makes; "
+            "allowed are sources that are devices; use --robot sim:ur5, or "
+            "--allow-simulated-touch with nobody near the robot"
+        )
+    if driver.touches == "network" and command.key is None:
+        if uri.startswith("udp:"):
+            check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
+        if not command.allow_unauthenticated:
             raise DeviceError(
-                f"--robot {command.robot} is real and {uri} has touches that nobody "
-                "makes; allowed are sources that are devices; use --robot sim:ur5, or "
-                "--allow-simulated-touch with nobody near the robot"
+                f"--robot {command.robot} is real and packets of {uri} are "
+                "unauthenticated; allowed is a network source with --key; give the key "
+                "of the patches, or --allow-unauthenticated"
             )
-        if kind in NETWORK and command.key is None:
-            if kind == "udp":
-                check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
-            if not command.allow_unauthenticated:
-                raise DeviceError(
-                    f"--robot {command.robot} is real and packets of {uri} are "
-                    "unauthenticated; allowed is a network source with --key; give "
-                    "the key of the patches, or --allow-unauthenticated"
-                )
 
 
 def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[str, ...]:
@@ -225,9 +222,10 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
 
     On loopback any program of this computer can send, so it is a network too.
     """
-    doubts = []
-    kind = command.source[0].partition(":")[0]
-    if command.key is None and kind in NETWORK:
+    from eskin.app import find_driver
+
+    doubts, driver = [], find_driver(command.source)
+    if command.key is None and driver.touches == "network":
         doubts.append("unauthenticated: who can send to this port can fake touches")
     if command.ros2 and is_without_joints(command):
         doubts.append(
@@ -235,7 +233,7 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
         )
     if command.robot is not None and command.allow_simulated_touch:
         doubts.append("simulated: touches are not those of a person")
-    if kind not in ("replay", "sim") and calibration.source == "nominal":
+    if driver.is_device and calibration.source == "nominal":
         doubts.append(
             "not calibrated: forces are relative, by a nominal curve up to "
             f"{calibration.full_scale:,} counts; measure the skin's own with eskin "
@@ -335,10 +333,11 @@ def open_ros2_node(command: RunCommand) -> "Ros2Node | None":
 
 def is_without_joints(command: RunCommand) -> bool:
     """Return whether nothing but a bus can say where the robot's joints are."""
-    kinds = {uri.partition(":")[0] for uri in command.source}
+    from eskin.app import find_driver
+
     options = command.robot, command.q, command.joints
     given = any(option is not None for option in options)
-    return not given and not kinds & {"replay", "sim"}
+    return not given and find_driver(command.source).is_device
 
 
 def subscribe_joints(

@@ -33,6 +33,7 @@ from eskin.drivers.serial_transport import (
 )
 from eskin.drivers.sessions import HostSessions, SessionSeal, read_key
 from eskin.drivers.source import ReceivedPacket, Source, SourceInfo, Transport
+from eskin.drivers.source_checks import Observation, check_source, observe_source
 from eskin.drivers.timeline import ScanRateMeter
 from eskin.drivers.udp_transport import UdpTransport, check_udp_host
 
@@ -55,6 +56,7 @@ __all__ = [
     "JointHistory",
     "JointSource",
     "ManualClock",
+    "Observation",
     "Packet",
     "PatchSample",
     "PlayedSource",
@@ -72,11 +74,13 @@ __all__ = [
     "Transport",
     "UdpJoints",
     "UdpTransport",
+    "check_source",
     "check_udp_host",
     "decode_packet",
     "encode_frame",
     "encode_packet",
     "list_serial_ports",
+    "observe_source",
     "read_key",
     "replay_source",
 ]

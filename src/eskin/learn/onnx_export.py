@@ -25,7 +25,7 @@ from eskin.live import (
     SLOT_NS,
     Model,
 )
-from eskin.registry import find_package
+from eskin.registry import Exporter, find_package
 
 OPSET = 20
 """Version of the operators of ONNX."""
@@ -238,3 +238,6 @@ def measure_error(session: Any, step: StepNetwork, one: StepInput) -> float:  # 
     feeds = {name: tensor.numpy() for name, tensor in tensors.items()}
     [found] = session.run(["logits"], feeds)
     return float(np.abs(found - expected.numpy()).max())
+
+
+ONNX = Exporter(lambda model, path: {"max_error": export_onnx(model, path)}, "model")

@@ -32,8 +32,6 @@ from eskin.recording.records import (
     select_labels,
     sort_labels,
 )
-from eskin.recording.rosbag import write_bag
-from eskin.recording.tables import write_tables
 from eskin.recording.writer import (
     RecordingWriter,
     rewrite_recording,
@@ -71,7 +69,5 @@ __all__ = [
     "select_labels",
     "sort_labels",
     "write_all",
-    "write_bag",
     "write_calibration",
-    "write_tables",
 ]

@@ -67,7 +67,7 @@ class MeshReader:
         except ImportError:
             raise RobotError(
                 f"{place} has mesh {address}, which needs trimesh: "
-                "pip install '.[models]'"
+                "pip install 'eskin[models]'"
             ) from None
         if data is not None:
             self.files[path] = parse_mesh(trimesh, data, path, place)

@@ -125,7 +125,7 @@ def check_packages() -> None:
     if missing:
         raise ExtraError(
             f"skin design needs {', '.join(missing)}, not installed; allowed is with "
-            "all of the extra: pip install '.[design]'"
+            "all of the extra: pip install 'eskin[design]'"
         )
 
 

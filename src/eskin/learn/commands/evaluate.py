@@ -16,10 +16,14 @@ from eskin.cli.checks import Range, check_picture, load_overrides
 from eskin.errors import RecordingError
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.events import (
+    CurvePoint,
     EventScore,
     NonGestureTally,
     Tally,
+    TracedStream,
+    draw_curves,
     is_stream,
+    measure_curve,
     score_events,
     trace_recordings,
 )
@@ -202,6 +206,10 @@ class EvaluateCommand:
     """Path of a reliability diagram of detections on streams: accuracy by confidence
     (.png)."""
 
+    curve: Path | None = None
+    """Path of the operating curve of streams (.png): missed gestures by false
+    detections an hour as the probability that a gesture needs moves."""
+
     calibration: Path | None = None
     """Calibration file, as eskin calibrate writes it, to use in place of the recorded
     ones."""
@@ -259,6 +267,7 @@ def list_pictures(command: EvaluateCommand) -> list[Path]:
         command.reliability,
         command.event_picture,
         command.event_reliability,
+        command.curve,
     )
     return [picture for picture in pictures if picture is not None]
 
@@ -272,6 +281,7 @@ def check_pictures(
         (command.reliability, clips, "clips"),
         (command.event_picture, streams, "streams"),
         (command.event_reliability, streams, "streams"),
+        (command.curve, streams, "streams"),
     ):
         if picture is not None and not things:
             raise RecordingError(
@@ -324,17 +334,60 @@ def score_streams(
     command: EvaluateCommand, model: Model, paths: Sequence[Path], workers: int
 ) -> dict[str, object]:
     """Score recordings by their events, with the detections that are made live."""
-    decided = []
+    traced = []
     overrides = load_overrides(command.calibration, command.robot_urdf)
     traces = trace_recordings(paths, model, workers, overrides)
     for stream in track_progress(traces, "Replaying", len(paths)):
         if stream.truncated:
             print(f"{stream.path} is cut or damaged: used up to there")
-        decided.append(stream.decide())
+        traced.append(stream)
+    decided = [stream.decide() for stream in traced]
     score = score_events(decided, model.card.vocabulary)
     print_event_score(score, Console())
     draw_event_pictures(command, score)
-    return build_event_result(score)
+    result = build_event_result(score)
+    if command.curve is not None:
+        result["curve"] = draw_curve(command.curve, traced, model, score)
+    return result
+
+
+def draw_curve(
+    path: Path, streams: Sequence[TracedStream], model: Model, score: EventScore
+) -> list[dict[str, object]]:
+    """Draw and print the operating curve of streams; return its points."""
+    points = measure_curve(
+        lambda decision: [stream.decide(decision) for stream in streams],
+        model.card.decision,
+        model.card.vocabulary,
+    )
+    draw_curves({"": points}, path, f"{score.hours:.2f} h of streams")
+    table = Table("threshold", "false an hour", "95 %", "missed", "95 %", "")
+    for point in points:
+        table.add_row(*format_point(point), "shipped" * point.is_shipped)
+    Console().print(table)
+    return [
+        {
+            "threshold": point.threshold,
+            "is_shipped": point.is_shipped,
+            "false_per_hour": round_or_none(point.false_per_hour, 2),
+            "false_interval": [round_or_none(v, 2) for v in point.false_interval],
+            "missed": round_or_none(point.missed),
+            "missed_interval": [round_or_none(v) for v in point.missed_interval],
+        }
+        for point in points
+    ]
+
+
+def format_point(point: CurvePoint) -> tuple[str, ...]:
+    """Return threshold, false detections and misses with their intervals, as text."""
+    false, missed = point.false_interval, point.missed_interval
+    return (
+        f"{point.threshold:g}",
+        f"{point.false_per_hour:.2f}",
+        f"{false[0]:.2f} to {false[1]:.2f}",
+        describe(point.missed),
+        f"{describe(missed[0])} to {describe(missed[1])}",
+    )
 
 
 def draw_event_pictures(command: EvaluateCommand, score: EventScore) -> None:

@@ -1,5 +1,6 @@
 """This package scores continuous streams: it matches detections to true events."""
 
+from eskin.learn.events.curve import CurvePoint, draw_curves, measure_curve
 from eskin.learn.events.event_scoring import (
     EventScore,
     NonGestureTally,
@@ -24,6 +25,7 @@ from eskin.learn.events.traces import (
 from eskin.learn.events.tuning import TuningConfig, choose_decision
 
 __all__ = [
+    "CurvePoint",
     "EventScore",
     "TracedStream",
     "NonGestureTally",
@@ -36,8 +38,10 @@ __all__ = [
     "TuningConfig",
     "choose_decision",
     "trace_recordings",
+    "draw_curves",
     "is_stream",
     "match_events",
+    "measure_curve",
     "score_events",
     "trace_recording",
     "read_true_events",

@@ -14,6 +14,7 @@ from eskin.command.task import FRAME_TASK, Task, TaskArm, TaskExecutor
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock, JointHistory
 from eskin.errors import ArmError
+from eskin.registry import ArmDriver
 from eskin.sim.arm.dynamics import Dynamics, ServoConfig, Wrench
 from eskin.units import NS_PER_S
 
@@ -243,3 +244,26 @@ class SimulatedArm(TaskArm):
     def close(self) -> None:
         """Stop for good."""
         self.hold("closed")
+
+
+def open_simulated_arm(
+    uri: str,
+    task: Task,
+    clock: Clock | None,
+    motion: MotionConfig | None,
+    gripper_output: int,
+) -> SimulatedArm:
+    """Open the simulated arm of a task; its gripper has no output.
+
+    Raises:
+        ArmError: the task is that of another robot.
+    """
+    if uri != f"sim:{task.robot_name}":
+        raise ArmError(
+            f"robot is '{uri}'; allowed is sim:{task.robot_name}, whose task this is; "
+            "correct it"
+        )
+    return SimulatedArm(task, clock, motion)
+
+
+DRIVER = ArmDriver(open_simulated_arm, "sim:ROBOT", is_real=False)

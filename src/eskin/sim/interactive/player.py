@@ -2,13 +2,14 @@
 
 import itertools
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import final
 
 from eskin.app import SourceConfig
 from eskin.drivers import Clock, PlayedSource, Source, SourceInfo
 from eskin.errors import DeviceError
+from eskin.registry import Driver
 from eskin.robot import Robot
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import Simulator
@@ -100,13 +101,18 @@ class TouchPlayer:
         )
 
 
-def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
+def open_simulation(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
     """Open a simulation of a person in no training set, who touches without end.
+
+    Args:
+        uris: `sim:SKIN`.
+        config: how it is opened.
+        clock: clock that stamps the scans.
 
     Raises:
         DeviceError: the robot of the configuration is loaded already.
     """
-    robot = config.robot
+    robot, skin = config.robot, uris[0].partition(":")[2]
     if isinstance(robot, Robot):
         raise DeviceError(
             f"source sim:{skin} is given with a robot that is loaded; allowed is its "
@@ -125,3 +131,6 @@ def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
         urdf=generator.urdf,
     )
     return PlayedSource(info, player.scans(), config.pace, clock, restamp=True)
+
+
+DRIVER = Driver(open_simulation, "sim:SKIN", "simulated")

@@ -15,6 +15,7 @@ from eskin.recording.mcap_file import McapReader, TopicMessage
 from eskin.recording.messages import EVENT, TOPICS, TRUTH
 from eskin.recording.reader import Recording
 from eskin.recording.writer import rewrite_recording
+from eskin.registry import Exporter
 
 METADATA = "metadata.yaml"
 BAG_VERSION = 5
@@ -130,3 +131,6 @@ def describe_time(start: int, end: int) -> dict[str, Any]:
         "duration": {"nanoseconds": end - start},
         "starting_time": {"nanoseconds_since_epoch": start},
     }
+
+
+BAG = Exporter(lambda recordings, folder: {"messages": write_bag(recordings, folder)})
