@@ -64,6 +64,9 @@ class BeliefConfig:
     of the counts at which contact begins."""
     faulty: float = 1.5
     """Evidence from which a taxel is a fault."""
+    faulty_share: float = 0.34
+    """Share of a row or column that is faulty from which all of it is: it is not
+    connected, though some of its taxels show it at zero or full scale alone."""
     doubtful_noise: float = 0.5
     """Share of the noise of a fault from which a taxel is doubtful: it may stop an arm,
     and nothing else."""
@@ -203,6 +206,10 @@ class Belief:
         faulty = odds >= config.faulty
         faulty |= self.find_noisier(known & (share >= 1.0), config.noisier)
         faulty |= known & (noise >= np.maximum(config.hides * self.contact, self.limit))
+        for lines in self.lines:
+            out = lines.flagged_share(faulty) >= config.faulty_share
+            out &= lines.flagged_count(faulty) >= MIN_MIXED
+            faulty |= out[lines.group_index]
         doubtful = faulty | (odds >= config.doubtful)
         doubtful |= self.find_noisier(
             guessed & (share >= config.doubtful_noise), config.doubtful_noisier

@@ -114,7 +114,7 @@ def update_belief(
 
     The noise is the root mean square of second differences, as of white noise, where no
     touch can cause them: three scans within the band about rest, or one below it; and
-    where the noise of a noisy taxel falls. The
+    where the noise of a noisy taxel falls, or it is masked. The
     depth below rest, beyond the dip after a press, gives the wandering. A lone step
     that stays flat, and a lone fall below rest, are evidence of a fault.
 
@@ -149,7 +149,8 @@ def update_belief(
         starts = learns and since < START_SECONDS
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
-        if starts or highest <= band or lowest < -band or calms:
+        rests = highest <= band or lowest < -band
+        if starts or rests or calms or scan.mask[i]:
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -band and seen < taxel.noise:
                 part = min(BELOW_FACTOR * part, 1.0)
@@ -162,7 +163,7 @@ def update_belief(
                 if since < WANDER_START:
                     part = max(slow, elapsed / (since + elapsed))
                 taxel.wander = follow(taxel.wander, depth, limit, part)
-        if not follows or scan.mask[i] or since < START_SECONDS:
+        if not follows or since < START_SECONDS:
             taxel.flat_since = NEVER
         elif taxel.flat_since > NEVER or abs(taxel.first - taxel.second) >= band:
             alone[count_alone] = i
