@@ -59,9 +59,9 @@ class BeliefConfig:
     """The same in counts: converters have a noise of one or two."""
     noisier: float = 2.0
     """Smallest ratio of the noise of such a taxel to the median of its patch."""
-    hides: float = 3.0
-    """Noise from which no press is felt, also where all of the patch has it, in units
-    of the counts at which contact begins."""
+    hides: float = 0.025
+    """Noise that is a fault also where all of the patch has it, in units of full scale;
+    the noisiest sensor measured has 0.017."""
     faulty: float = 1.5
     """Evidence from which a taxel is a fault."""
     faulty_share: float = 0.34
@@ -205,11 +205,7 @@ class Belief:
         known, guessed = since >= seconds, since >= seconds / 2.0
         faulty = odds >= config.faulty
         faulty |= self.find_noisier(known & (share >= 1.0), config.noisier)
-        faulty |= known & (noise >= np.maximum(config.hides * self.contact, self.limit))
-        for lines in self.lines:
-            out = lines.flagged_share(faulty) >= config.faulty_share
-            out &= lines.flagged_count(faulty) >= MIN_MIXED
-            faulty |= out[lines.group_index]
+        faulty |= known & (noise >= config.hides * self.calibration.full_scale)
         doubtful = faulty | (odds >= config.doubtful)
         doubtful |= self.find_noisier(
             guessed & (share >= config.doubtful_noise), config.doubtful_noisier
@@ -217,6 +213,15 @@ class Belief:
         self.last_doubted[doubtful] = scan.now
         self.update_floors(scan)
         return faulty
+
+    def spread_lines(self, faulty: Flags) -> Flags:
+        """Return taxels that are faulty, or on a row or column that is in part."""
+        result = faulty.copy()
+        for lines in self.lines:
+            out = lines.flagged_share(faulty) >= self.config.faulty_share
+            out &= lines.flagged_count(faulty) >= MIN_MIXED
+            result |= out[lines.group_index]
+        return result
 
     def find_noisier(self, noisy: Flags, factor: float) -> Flags:
         """Find those of some taxels whose noise is a multiple of their patch's."""

@@ -47,8 +47,8 @@ MOST_ODDS = 3.0
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
 LEAST_STEP, STEP_SIGMAS = 16.0, 33.0
-"""Smallest lone step after which a taxel is followed: in counts, and in standard
-deviations of its noise, which hides whether a smaller one is flat."""
+"""Smallest lone step or fall that is evidence: in counts, and in standard deviations of
+its noise, which hides whether a smaller one is flat."""
 FLAT, FLAT_SIGMAS, FLATTEST = 0.1, 7.0, 0.25
 """Largest change of the counts after such a step: the larger of a share of the step and
 of standard deviations of the noise, and at most another share."""
@@ -233,7 +233,7 @@ def follow_steps(
             taxel.flat_since, taxel.flat_level = scan.now, taxel.first
             taxel.flat_step = step
         return
-    deep = -max(band, contact) - DIP_SHARE * scan.peak[i]
+    deep = -least - DIP_SHARE * scan.peak[i]
     fell = max(taxel.first, taxel.second) - rest < deep
     if fell and taxel.third - rest >= deep:
         drop = taxel.third - taxel.first

@@ -261,12 +261,18 @@ class FaultDetector:
         )
         self.update_codes(scan)
         self.last_check = now
-        self.mask = self.code >= 0
+        code = self.code
+        if (code == NOISY).any():
+            spread = self.noise.spread_lines(code == NOISY)
+            code = np.where((code < 0) & spread, NOISY, code)
+        self.mask = code >= 0
+        self.doubtful = now - self.noise.last_doubted <= self.config.recover_seconds
+        self.doubtful |= self.mask
         received = np.maximum(self.history.last_received, 0.0)
         begun = np.where(self.mask, self.since, received) * NS_PER_S
         self.faults = tuple(
             self.grouper.list_faults(
-                self.code,
+                code,
                 now - received >= self.config.line_seconds,
                 np.round(begun).astype(np.int64) + (self.first or 0),
             )
@@ -299,8 +305,6 @@ class FaultDetector:
         masked = np.flatnonzero((self.code == NOISY) | (self.code == SATURATED))
         lifted = self.noise.find_lifted(masked, scan.rest)
         self.code[masked[lifted & ~noisy[masked]]] = -1
-        self.doubtful = now - self.noise.last_doubted <= latch
-        self.doubtful |= self.code >= 0
 
     def find_still(self) -> Flags:
         """Find taxels with constant counts, zero included, that should have changed."""
