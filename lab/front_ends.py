@@ -340,10 +340,17 @@ def press(
         counts = np.clip(np.round(counts), 0, calibration.full_scale).astype(np.int32)
         player.push(replace(scan, counts=counts))
     trails = player.watcher.trails or {}
-    starts = first + np.round((FIRST_PAT + INTERVAL * np.arange(len(peaks))) * NS_PER_S)
-    for trail in trails.values():
-        for n in np.flatnonzero(np.abs(trail.onset - starts - 5e7) <= 1.2e8):
+    samples = [one for trail in trails.values() for one in trail.samples]
+    stamps = np.array([one.stamp for one in samples if one.force > 0.0])
+    times = (stamps - first) / NS_PER_S - FIRST_PAT
+    numbers, phases = np.divmod(times, INTERVAL)
+    for n in numbers[phases < DURATION + 0.02].astype(int):
+        if 0 <= n < len(peaks):
             felt[n] = True
+    late = (phases > DURATION + END) & (phases < INTERVAL - 0.02)
+    for n in np.unique(numbers[late].astype(int)):
+        if 0 <= n < len(peaks):
+            felt[n] = False  # It goes on for too long after the press.
     return felt
 
 

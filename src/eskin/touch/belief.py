@@ -200,19 +200,32 @@ class Belief:
         self.doubt_even_lines(scan)
         config, noise = self.config, self.taxels["noise"]
         odds, share = self.taxels["odds"], noise / self.limit
+        usual_noise, usual_wander = self.find_usual()
         since = scan.now - scan.first_received
         seconds = max(START_SECONDS, LEARN_SCANS * scan.elapsed)
         known, guessed = since >= seconds, since >= seconds / 2.0
-        faulty = odds >= config.faulty
-        faulty |= self.find_noisier(known & (share >= 1.0), config.noisier)
-        faulty |= known & (noise >= config.hides * self.calibration.full_scale)
-        doubtful = faulty | (odds >= config.doubtful)
-        doubtful |= self.find_noisier(
-            guessed & (share >= config.doubtful_noise), config.doubtful_noisier
-        )
-        self.last_doubted[doubtful] = scan.now
-        self.update_floors(scan)
+        faulty = (share >= 1.0) & (noise >= config.noisier * usual_noise)
+        faulty |= noise >= config.hides * self.calibration.full_scale
+        faulty = (odds >= config.faulty) | (known & faulty)
+        restless = guessed & (share >= config.doubtful_noise)
+        restless &= noise >= config.doubtful_noisier * usual_noise
+        self.last_doubted[faulty | restless | (odds >= config.doubtful)] = scan.now
+        self.update_floors(scan, usual_wander)
         return faulty
+
+    def find_usual(self) -> tuple[Values, Values]:
+        """Find the medians of noise and wandering on the patch of each taxel.
+
+        That of the noise is in counts, the other in units of the counts at which
+        contact begins.
+        """
+        values = np.stack([self.taxels["noise"], self.taxels["wander"] / self.contact])
+        usual = np.empty_like(values)
+        for members in self.members:
+            middle = len(members) // 2
+            ranked = np.partition(values[:, members], middle, axis=1)
+            usual[:, members] = ranked[:, middle, None]
+        return usual[0], usual[1]
 
     def spread_lines(self, faulty: Flags) -> Flags:
         """Return taxels that are faulty, or on a row or column that is in part."""
@@ -223,24 +236,11 @@ class Belief:
             result |= out[lines.group_index]
         return result
 
-    def find_noisier(self, noisy: Flags, factor: float) -> Flags:
-        """Find those of some taxels whose noise is a multiple of their patch's."""
-        if not noisy.any():
-            return noisy
-        noise = self.taxels["noise"]
-        usual = np.array([np.median(noise[each]) for each in self.members])
-        return noisy & (noise >= factor * usual[self.patches.group_index])
-
-    def update_floors(self, scan: CountScan) -> None:
-        """Update what may be noise; faulty taxels tell nothing of their patch."""
+    def update_floors(self, scan: CountScan, usual: Values) -> None:
+        """Update what may be noise, by the usual wandering of each patch."""
         contact, fast = self.contact, self.measure_noise()
-        ratio, usual = self.taxels["wander"] / contact, np.zeros(len(contact))
-        for members in self.members:
-            used = members[~scan.mask[members]]
-            if len(used):
-                middle = len(used) // 2
-                usual[members] = np.partition(ratio[used], middle)[middle]
-        slow = WANDER_SIGMAS * np.maximum(ratio, WANDER_SHARE * usual) * contact
+        ratio = np.maximum(self.taxels["wander"] / contact, WANDER_SHARE * usual)
+        slow = WANDER_SIGMAS * ratio * contact
         self.counts = np.maximum(fast, slow)
         band = np.maximum(fast, np.minimum(slow, MAX_WANDER_BAND * contact))
         self.band = np.clip(band, contact / 2.0, MAX_BAND * contact)

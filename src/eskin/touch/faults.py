@@ -90,6 +90,8 @@ class FaultGrouper:
         """
         left = code >= 0
         faults: list[Fault] = []
+        if not (left | silent).any():
+            return faults
         kinds: tuple[tuple[FaultKind, TaxelGroups, int], ...] = (
             ("patch", self.patches, 1),
             ("row", self.rows, MIN_LINE),
