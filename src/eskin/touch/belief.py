@@ -26,7 +26,7 @@ MIN_NOISE, MIN_NOISE_CONTACTS = (2.0, 4.0), 2.0
 """Limits of the smallest difference from rest that may be noise [counts], and what it
 is between them, in units of the counts at which contact begins: converters round, and
 coarse ones would feel no light touch."""
-NOISE_SIGMAS, WANDER_SIGMAS = 6.0, 4.0
+NOISE_SIGMAS, WANDER_SIGMAS = 6.0, 5.0
 """Signal that may be noise, in standard deviations of the noise from scan to scan, and
 of wandering about rest."""
 WANDER_SHARE = 0.7
@@ -38,7 +38,7 @@ counts at which contact begins: a patch that swings further feels no touch."""
 MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 LEARN_SCANS = 40
-"""Number of scans from which it is known well enough for a fault."""
+"""Number of scans from which noise is known well enough for a fault."""
 MIN_MIXED = 3
 """Number of taxels of a row or column that are away from rest, where some are above and
 some below it, from which it is doubtful: beside a pressed taxel, one that was released
@@ -57,7 +57,7 @@ class BeliefConfig:
     begins; and at least `noisy_counts`."""
     noisy_counts: float = 2.4
     """The same in counts: converters have a noise of one or two."""
-    noisier: float = 2.0
+    noisier: float = 2.5
     """Smallest ratio of the noise of such a taxel to the median of its patch."""
     hides: float = 0.025
     """Noise that is a fault also where all of the patch has it, in units of full scale;
@@ -70,9 +70,6 @@ class BeliefConfig:
     doubtful_noise: float = 0.5
     """Share of the noise of a fault from which a taxel is doubtful: it may stop an arm,
     and nothing else."""
-    doubtful_noisier: float = 3.0
-    """Ratio to the median of its patch from which it is: one of thousands of taxels
-    comes to twice that by chance."""
     doubtful: float = 1.2
     """Evidence from which it is."""
     swing_share: float = 0.25
@@ -208,7 +205,7 @@ class Belief:
         faulty |= noise >= config.hides * self.calibration.full_scale
         faulty = (odds >= config.faulty) | (known & faulty)
         restless = guessed & (share >= config.doubtful_noise)
-        restless &= noise >= config.doubtful_noisier * usual_noise
+        restless &= noise >= config.noisier * usual_noise
         self.last_doubted[faulty | restless | (odds >= config.doubtful)] = scan.now
         self.update_floors(scan, usual_wander)
         return faulty

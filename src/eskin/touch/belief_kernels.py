@@ -23,9 +23,8 @@ NOISE_SECONDS, WANDER_SECONDS = 1.0, 20.0
 MOST_PART = 0.04
 """Largest weight of one scan in the estimate of the noise; of wandering in
 proportion: no memory moves far by one scan, however long ago the last one was."""
-START_SECONDS, WANDER_START = 1.0, 5.0
-"""Time after the first data in which each of the two is the mean of what was seen
-[s]."""
+START_SECONDS = 1.0
+"""Time after the first data in which noise that is not calibrated is learned [s]."""
 OUTLIER, LEAST_OUTLIER = 3.0, 0.5
 """Largest value that an estimate takes in as it is, in units of itself, and of the
 counts at which contact begins."""
@@ -33,33 +32,29 @@ BELOW_FACTOR = 5.0
 """Factor of the weight by which the noise falls while a taxel is below rest: what
 pressed there when the skin was switched on has lifted, and its noise was that of a
 hand."""
-DIP_SHARE = 0.15
-"""Depth below rest to which a sensor falls after a press, in units of its recent
-peak."""
 BEND_SIGMAS = 6.0**0.5
 """Standard deviation of the second difference of white noise, in units of its own."""
+LOW_SECONDS = 2.0
+"""Longest time below rest that is wandering, and not another rest [s]."""
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
 ODDS_SECONDS = 10.0
 """Time constant with which evidence of a fault counts for less [s]."""
-MOST_ODDS = 3.0
-"""Largest evidence that is remembered."""
+MOST_ODDS, FALL_ODDS = 2.0, 1.0
+"""Largest evidence, as of a lone flat step, and that of a lone fall below rest."""
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
 LEAST_STEP, STEP_SIGMAS = 16.0, 33.0
 """Smallest lone step or fall that is evidence: in counts, and in standard deviations of
 its noise, which hides whether a smaller one is flat."""
-FLAT, FLAT_SIGMAS, FLATTEST = 0.1, 7.0, 0.25
-"""Largest change of the counts after such a step: the larger of a share of the step and
-of standard deviations of the noise, and at most another share."""
-FLAT_SECONDS, SLOW_FLAT_SECONDS = 0.15, 0.3
-"""Time of flat counts after which such a step is no touch [s]; the second where a scan
-takes longer than `MAX_STEP_INTERVAL`."""
+FLAT, FLAT_SIGMAS = 0.1, 7.0
+"""Largest change of the counts after such a step: in units of the step, or in standard
+deviations of the noise."""
+FLAT_SECONDS, FLAT_SCANS = 0.15, 7
+"""Time [s] and number of scans with flat counts after which such a step is no touch."""
 MAX_STEP_INTERVAL, MAX_FLAT_INTERVAL = 0.03, 0.042
 """Largest time between two scans in which no finger lands or lifts completely, and at
 which flat counts tell anything [s]."""
-FLAT_ODDS, FALL_ODDS = 2.0, 1.0
-"""Evidence of a lone flat step, and of a lone fall below rest."""
 NEVER = -1e9
 """Time before all others [s]."""
 
@@ -69,14 +64,15 @@ BELIEF = np.dtype(
         for name in (
             *("first", "second", "third"),
             *("noise", "start_noise", "wander", "odds"),
-            *("flat_since", "flat_level", "flat_step"),
+            *("above_at", "flat_since", "flat_level", "flat_step"),
         )
     ]
 )
 """What is believed of a taxel: its counts in the latest three scans, NaN where they are
 not known; standard deviations of its noise from scan to scan, of that as calibrated (0
-for none), and of its wandering about rest [counts]; the evidence that it is faulty; and
-since when it has been flat after a lone step [s], at which counts, after which step."""
+for none), and of its wandering about rest [counts]; the evidence that it is faulty;
+when it was last above rest [s]; and since when it has been flat after a lone step [s],
+at which counts, after which step."""
 
 
 class CountScan(NamedTuple):
@@ -88,8 +84,8 @@ class CountScan(NamedTuple):
     """(taxel) which counts are new."""
     rest: np.ndarray
     """(taxel) counts at rest."""
-    peak: np.ndarray
-    """(taxel) recent peak of it and its neighbours above rest [counts]."""
+    dip: np.ndarray
+    """(taxel) counts below rest to which its sensor may fall after a press."""
     band: np.ndarray
     """(taxel) counts from which it is away from rest."""
     mask: np.ndarray
@@ -155,13 +151,13 @@ def update_belief(
             if above < -band and seen < taxel.noise:
                 part = min(BELOW_FACTOR * part, 1.0)
             taxel.noise = follow(taxel.noise, seen, limit, part)
-        if above < 0.0:
+        if above >= 0.0:
+            taxel.above_at = now
+        else:
             low += above < -band
-            depth = -above - DIP_SHARE * scan.peak[i]
-            if depth > 0.0:
-                part = slow
-                if since < WANDER_START:
-                    part = max(slow, elapsed / (since + elapsed))
+            depth = -above - scan.dip[i]
+            if depth > 0.0 and now - taxel.above_at < LOW_SECONDS:
+                part = max(slow, elapsed / (since + elapsed))
                 taxel.wander = follow(taxel.wander, depth, limit, part)
         if not follows or since < START_SECONDS:
             taxel.flat_since = NEVER
@@ -183,7 +179,7 @@ def reset_belief(i: int, belief: np.ndarray) -> None:
     taxel.first = taxel.second = taxel.third = np.nan
     taxel.noise = taxel.start_noise
     taxel.wander = taxel.odds = 0.0
-    taxel.flat_since = NEVER
+    taxel.above_at = taxel.flat_since = NEVER
 
 
 @compiled
@@ -214,14 +210,12 @@ def follow_steps(
         taxel.flat_since = NEVER
     elif taxel.flat_since > NEVER:
         flat = max(FLAT * taxel.flat_step, FLAT_SIGMAS * taxel.noise)
-        is_slow = scan.elapsed > MAX_STEP_INTERVAL
-        if abs(taxel.first - taxel.flat_level) > min(flat, FLATTEST * taxel.flat_step):
+        if abs(taxel.first - taxel.flat_level) > flat:
             taxel.flat_since = NEVER
-        elif scan.now - taxel.flat_since >= (
-            SLOW_FLAT_SECONDS if is_slow else FLAT_SECONDS
+        elif scan.now - taxel.flat_since >= max(
+            FLAT_SECONDS, FLAT_SCANS * scan.elapsed
         ):
-            taxel.odds = max(taxel.odds, FLAT_ODDS)
-            taxel.flat_since = NEVER
+            taxel.odds, taxel.flat_since = MOST_ODDS, NEVER
         return
     step = taxel.first - taxel.second
     least = max(LEAST_STEP, STEP_SIGMAS * taxel.noise, contact, band)
@@ -233,7 +227,7 @@ def follow_steps(
             taxel.flat_since, taxel.flat_level = scan.now, taxel.first
             taxel.flat_step = step
         return
-    deep = -least - DIP_SHARE * scan.peak[i]
+    deep = -least - scan.dip[i]
     fell = max(taxel.first, taxel.second) - rest < deep
     if fell and taxel.third - rest >= deep:
         drop = taxel.third - taxel.first

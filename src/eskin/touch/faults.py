@@ -197,7 +197,7 @@ class FaultDetector:
             (grouper.rows, grouper.columns),
             self.config.belief,
         )
-        self.no_peak = np.zeros(skin.count)
+        self.no_dip = np.zeros(skin.count)
         self.last_sound = np.zeros(skin.count)
         self.code = np.full(skin.count, -1)
         self.since = np.zeros(skin.count)
@@ -219,13 +219,13 @@ class FaultDetector:
         pressure: Values,
         rest: Values,
         refused: Flags | None = None,
-        peak: Values | None = None,
+        dip: Values | None = None,
     ) -> tuple[Flags, tuple[Fault, ...]]:
         """Check the next scan, its calibrated pressure [kPa], and the counts at rest.
 
         `refused` are taxels whose data counts as not received, and tells of swings of
-        a patch alone; `peak` is the recent peak of each taxel and its neighbours above
-        rest [counts], 0 for None.
+        a patch alone; `dip` are the counts below rest to which each sensor may fall
+        after a press, 0 for None.
 
         Returns:
             Which taxels are faulty; and the faults, with a whole row, column or patch
@@ -242,7 +242,7 @@ class FaultDetector:
             counts=scan.counts,
             received=received,
             rest=rest,
-            peak=self.no_peak if peak is None else peak,
+            dip=self.no_dip if dip is None else dip,
             band=self.noise.band,
             mask=self.mask,
             first_received=self.history.first_received,

@@ -290,8 +290,8 @@ class TouchPipeline:
         if refused is not None:
             used = replace(scan, received=scan.received & ~refused)
         reading = self.calibrator.push(used, invalid, self.find_latched())
-        peak = self.calibrator.state.peak
-        mask, faults = self.faults.push(scan, reading.pressure, rest, refused, peak)
+        dip = self.config.calibration.dip_share * self.calibrator.state.peak
+        mask, faults = self.faults.push(scan, reading.pressure, rest, refused, dip)
         self.calibrator.set_noise(self.faults.noise.counts)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
