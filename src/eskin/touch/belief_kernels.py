@@ -47,9 +47,9 @@ FOLLOWS = 0.2
 LEAST_STEP, STEP_SIGMAS = 16.0, 33.0
 """Smallest lone step or fall that is evidence: in counts, and in standard deviations of
 its noise, which hides whether a smaller one is flat."""
-FLAT, FLAT_SIGMAS = 0.1, 7.0
-"""Largest change of the counts after such a step: in units of the step, or in standard
-deviations of the noise."""
+FLAT_BEFORE, FLAT, FLAT_SIGMAS = 0.1, 0.2, 7.0
+"""Largest change of the counts before such a step, and after it, in units of the step;
+the second also in standard deviations of the noise."""
 FLAT_SECONDS, FLAT_SCANS = 0.15, 7
 """Time [s] and number of scans with flat counts after which such a step is no touch."""
 MAX_STEP_INTERVAL, MAX_FLAT_INTERVAL = 0.03, 0.042
@@ -109,8 +109,8 @@ def update_belief(
     """Update what is believed of each taxel by a scan.
 
     The noise is the root mean square of second differences, as of white noise, where no
-    touch can cause them: three scans within the band about rest, or one below it; and
-    where the noise of a noisy taxel falls, or it is masked. The
+    touch can cause them: the first and third scan within the band about rest, or one
+    below it; and where the noise of a noisy taxel falls, or it is masked. The
     depth below rest, beyond the dip after a press, gives the wandering. A lone step
     that stays flat, and a lone fall below rest, are evidence of a fault.
 
@@ -140,12 +140,11 @@ def update_belief(
         since = now - scan.first_received[i]
         bend = taxel.first - 2.0 * taxel.second + taxel.third
         lowest = min(taxel.first, taxel.second, taxel.third) - rest
-        highest = max(taxel.first, taxel.second, taxel.third) - rest
         learns = taxel.start_noise == 0.0
         starts = learns and since < START_SECONDS
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
-        rests = highest <= band or lowest < -band
+        rests = max(taxel.first, taxel.third) - rest <= band or lowest < -band
         if starts or rests or calms or scan.mask[i]:
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -band and seen < taxel.noise:
@@ -220,7 +219,7 @@ def follow_steps(
     step = taxel.first - taxel.second
     least = max(LEAST_STEP, STEP_SIGMAS * taxel.noise, contact, band)
     if step >= least and taxel.first - rest >= least:
-        flat = FLAT * step
+        flat = FLAT_BEFORE * step
         if abs(taxel.second - taxel.third) <= flat and is_alone(
             i, step, adjacency, belief
         ):
