@@ -40,16 +40,21 @@ MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
 ODDS_SECONDS = 10.0
 """Time constant with which evidence of a fault counts for less [s]."""
-MOST_ODDS, FALL_ODDS = 2.0, 1.0
-"""Largest evidence, as of a lone flat step, and that of a lone fall below rest."""
+MOST_ODDS = 2.0
+"""Largest evidence, as of a lone step after which a taxel stays flat; a lone step that
+lasts two scans, or is gone after one, counts for one."""
 FOLLOWS = 0.2
 """Smallest change of a neighbour that takes part in a step, in units of the step."""
-LEAST_STEP, STEP_SIGMAS = 16.0, 33.0
-"""Smallest lone step or fall that is evidence: in counts, and in standard deviations of
-its noise, which hides whether a smaller one is flat."""
-FLAT_BEFORE, FLAT, FLAT_SIGMAS = 0.1, 0.2, 7.0
-"""Largest change of the counts before such a step, and after it, in units of the step;
-the second also in standard deviations of the noise."""
+STEP_SIGMAS, FLAT = 6.6, 0.25
+"""Smallest lone step, in standard deviations of the noise, and largest change of the
+counts in the scan before it and in that after it, in units of the step. One end of it
+is as near to rest: a hand that is on a taxel changes its counts as it moves."""
+LONG_STEP, LONG_SIGMAS = 16.0, 33.0
+"""Smallest lone rise of which a taxel may stay flat: in counts, and in standard
+deviations of the noise, which hides whether it does after a smaller one."""
+LONG_FLAT, LONG_FLAT_SIGMAS = 0.2, 7.0
+"""Largest change of flat counts, in units of the step, and in standard deviations of
+the noise."""
 FLAT_SECONDS, FLAT_SCANS = 0.15, 7
 """Time [s] and number of scans with flat counts after which such a step is no touch."""
 MAX_STEP_INTERVAL, MAX_FLAT_INTERVAL = 0.03, 0.042
@@ -62,13 +67,13 @@ BELIEF = np.dtype(
     [
         (name, np.float64)
         for name in (
-            *("first", "second", "third"),
+            *("first", "second", "third", "fourth"),
             *("noise", "start_noise", "wander", "odds"),
             *("above_at", "flat_since", "flat_level", "flat_step"),
         )
     ]
 )
-"""What is believed of a taxel: its counts in the latest three scans, NaN where they are
+"""What is believed of a taxel: its counts in the latest four scans, NaN where they are
 not known; standard deviations of its noise from scan to scan, of that as calibrated (0
 for none), and of its wandering about rest [counts]; the evidence that it is faulty;
 when it was last above rest [s]; and since when it has been flat after a lone step [s],
@@ -111,8 +116,8 @@ def update_belief(
     The noise is the root mean square of second differences, as of white noise, where no
     touch can cause them: the first and third scan within the band about rest, or one
     below it; and where the noise of a noisy taxel falls, or it is masked. The
-    depth below rest, beyond the dip after a press, gives the wandering. A lone step
-    that stays flat, and a lone fall below rest, are evidence of a fault.
+    depth below rest, beyond the dip after a press, gives the wandering. Lone steps are
+    evidence of a fault.
 
     Returns:
         How many taxels are away from rest, below it.
@@ -127,7 +132,8 @@ def update_belief(
         taxel = belief[i]
         if scan.first_received[i] == now:
             reset_belief(i, belief)
-        taxel.third, taxel.second = taxel.second, taxel.first
+        taxel.fourth, taxel.third = taxel.third, taxel.second
+        taxel.second = taxel.first
         if elapsed > MAX_GAP:
             taxel.second = np.nan
         taxel.first = counts[i] if scan.received[i] else np.nan
@@ -160,10 +166,7 @@ def update_belief(
                 taxel.wander = follow(taxel.wander, depth, limit, part)
         if not follows or since < START_SECONDS:
             taxel.flat_since = NEVER
-        elif taxel.flat_since > NEVER or abs(taxel.first - taxel.second) >= band:
-            alone[count_alone] = i
-            count_alone += 1
-        elif max(taxel.first, taxel.second) - rest < -band:
+        elif taxel.flat_since > NEVER or abs(taxel.second - taxel.third) >= band:
             alone[count_alone] = i
             count_alone += 1
     for i in alone[:count_alone]:
@@ -175,7 +178,7 @@ def update_belief(
 def reset_belief(i: int, belief: np.ndarray) -> None:
     """Forget a taxel at its first data, or the first after a silence."""
     taxel = belief[i]
-    taxel.first = taxel.second = taxel.third = np.nan
+    taxel.first = taxel.second = taxel.third = taxel.fourth = np.nan
     taxel.noise = taxel.start_noise
     taxel.wander = taxel.odds = 0.0
     taxel.above_at = taxel.flat_since = NEVER
@@ -199,7 +202,7 @@ def follow_steps(
     adjacency: Adjacency,
     belief: np.ndarray,
 ) -> None:
-    """Follow a taxel that stepped alone in one scan while its counts are flat.
+    """Follow a taxel that stepped alone between the last two scans, or is flat since.
 
     So does one whose contact is intermittent. What touches goes on to press harder or
     more lightly, within a scan or two. At full scale all that presses is flat.
@@ -207,31 +210,30 @@ def follow_steps(
     taxel, rest, band = belief[i], scan.rest[i], scan.band[i]
     if taxel.first >= full_scale:
         taxel.flat_since = NEVER
-    elif taxel.flat_since > NEVER:
-        flat = max(FLAT * taxel.flat_step, FLAT_SIGMAS * taxel.noise)
+    if taxel.flat_since > NEVER:
+        flat = max(LONG_FLAT * taxel.flat_step, LONG_FLAT_SIGMAS * taxel.noise)
         if abs(taxel.first - taxel.flat_level) > flat:
             taxel.flat_since = NEVER
         elif scan.now - taxel.flat_since >= max(
             FLAT_SECONDS, FLAT_SCANS * scan.elapsed
         ):
             taxel.odds, taxel.flat_since = MOST_ODDS, NEVER
+    step = taxel.second - taxel.third
+    size = abs(step)
+    least, flat = max(STEP_SIGMAS * taxel.noise, contact, band), FLAT * size
+    off_rest = min(abs(taxel.second - rest), abs(taxel.third - rest))
+    if size < least or not max(off_rest, abs(taxel.third - taxel.fourth)) <= flat:
         return
-    step = taxel.first - taxel.second
-    least = max(LEAST_STEP, STEP_SIGMAS * taxel.noise, contact, band)
-    if step >= least and taxel.first - rest >= least:
-        flat = FLAT_BEFORE * step
-        if abs(taxel.second - taxel.third) <= flat and is_alone(
-            i, step, adjacency, belief
-        ):
-            taxel.flat_since, taxel.flat_level = scan.now, taxel.first
-            taxel.flat_step = step
-        return
-    deep = -least - scan.dip[i]
-    fell = max(taxel.first, taxel.second) - rest < deep
-    if fell and taxel.third - rest >= deep:
-        drop = taxel.third - taxel.first
-        if is_alone(i, drop, adjacency, belief):
-            taxel.odds = min(taxel.odds + FALL_ODDS, MOST_ODDS)
+    if is_alone(i, size, adjacency, belief):
+        goes_on = abs(taxel.first - taxel.second) <= flat
+        if scan.elapsed <= MAX_STEP_INTERVAL:
+            if goes_on or abs(taxel.first - taxel.third) <= flat:
+                taxel.odds = min(taxel.odds + 1.0, MOST_ODDS)
+        least = max(least, LONG_STEP, LONG_SIGMAS * taxel.noise)
+        if goes_on and min(step, taxel.second - rest) >= least:
+            if taxel.first < full_scale:
+                taxel.flat_since, taxel.flat_step = scan.now - scan.elapsed, step
+                taxel.flat_level = taxel.second
 
 
 @compiled
@@ -239,7 +241,7 @@ def is_alone(i: int, step: float, adjacency: Adjacency, belief: np.ndarray) -> b
     """Return whether no neighbour of a taxel took part in its step."""
     for j in find_near(i, adjacency):
         near = belief[j]
-        change = max(abs(near.first - near.second), abs(near.first - near.third))
+        change = abs(near.second - near.third)
         if change >= FOLLOWS * step:
             return False
     return True
