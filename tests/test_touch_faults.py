@@ -330,6 +330,18 @@ def test_line_out_is_one_fault(kind, patch, row, column, value, seconds):
     np.testing.assert_array_equal(found[-1][1], line)
 
 
+def test_row_that_floats_is_out_though_half_of_it_stays_at_zero():
+    """Some of its taxels rest near zero, where converters cut what is below."""
+    rng, line = np.random.default_rng(4), ROW & (SKIN.columns < 3)
+
+    def change(t, counts, received):
+        counts[ROW] = 0
+        counts[line] = np.maximum(250 + 80 * rng.standard_normal(3), 1)
+
+    found = find_faults(change, seconds=4.0)
+    assert describe(found) == [("row", "p1", 2, None, None)]
+
+
 def test_silent_patch_is_one_fault():
     def change(t, counts, received):
         received[36:] = t < 3.0

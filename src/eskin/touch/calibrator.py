@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import SkinError
 from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency
+from eskin.touch.belief_kernels import CLEAR_FACTOR
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibration_kernels import (
     GHOST,
@@ -22,7 +23,6 @@ from eskin.touch.calibration_kernels import (
     calibrate,
     compensate_patch,
 )
-from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.units import NS_PER_S
 

@@ -1,6 +1,6 @@
 """This module detects taxels, rows, columns and patches with invalid data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, final
 
 import numpy as np
@@ -8,19 +8,15 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
+from eskin.touch.belief import Belief, BeliefConfig
+from eskin.touch.belief_kernels import NEVER, CountScan
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
-    NEVER,
-    RECENT,
     CountHistory,
     CountLimits,
-    CountScan,
-    find_noisier,
     update_history,
-    update_noise,
     update_unanswered,
 )
-from eskin.touch.noise import NoiseFloor
 from eskin.touch.reading import Scan, check_order
 from eskin.units import NS_PER_S
 
@@ -47,24 +43,6 @@ MIN_LINE = 3
 """Number of taxels from which a row or column can be faulty as a whole."""
 MAX_ELAPSED = 0.2
 """Largest time between two checks that is added to the evidence [s]."""
-MIN_DEVIATION = 4.0
-"""Smallest deviation from a straight course that is noisy [counts]: converters have a
-noise of one or two."""
-NOISIER = 2.0
-"""Ratio of a taxel's deviation to the median of its neighbours, and to that of its
-patch, from which it is the taxel that is noisy, and not all of them under a hand."""
-DOUBTFUL_NOISIER = 3.0
-"""The same from which a taxel is doubtful: the running median of each of thousands of
-taxels, over a second, comes to twice that of its patch by chance."""
-MIN_MIXED = 3
-"""Number of taxels of a row or column that are away from rest, where some are above and
-some below it, from which it is doubtful: beside a pressed taxel, one that was released
-may be below rest for a while."""
-MAX_CUT, CUT_CONTACTS = 8.0, 3.0
-"""Largest counts that a converter which cuts small values may swing by about zero: in
-counts, and in units of those at which contact begins."""
-MIN_LEARNED = 0.3
-"""Time from which the noise is known well enough to tell what is away from rest [s]."""
 SAME_SECONDS = 0.5
 """Time without a change of the counts in which a still taxel remains a fault [s]."""
 
@@ -112,6 +90,8 @@ class FaultGrouper:
         """
         left = code >= 0
         faults: list[Fault] = []
+        if not (left | silent).any():
+            return faults
         kinds: tuple[tuple[FaultKind, TaxelGroups, int], ...] = (
             ("patch", self.patches, 1),
             ("row", self.rows, MIN_LINE),
@@ -162,39 +142,6 @@ class FaultConfig:
     """Time at full scale, from the start on, that is no fault."""
     saturated_seconds: float = 60.0
     """Time at full scale, later on, that is no fault."""
-    start_floor: float = 7.0
-    """Pressure that may be noise while the noise is neither calibrated nor learned yet
-    [kPa]."""
-    noisy: float = 0.9
-    """Running median of the deviation of three scans from a straight course that makes
-    a taxel noisy, in units of the counts at which contact begins."""
-    noisy_level: float = 0.25
-    """The same, in units of the mean counts above rest: a taxel that is touched may
-    deviate more."""
-    isolated_steps: float = 1.5
-    """Number of steps within one scan, in which no neighbour takes part, that makes a
-    taxel noisy. One after which it stays flat counts for two."""
-    step_seconds: float = 10.0
-    """Time constant with which such a step counts for less."""
-    doubtful: float = 0.5
-    """Limit of that deviation from which a taxel is doubtful: it may stop an arm, and
-    nothing else. Six standard deviations of such noise are 1.8 times what makes
-    contact."""
-    doubtful_steps: float = 1.2
-    """Number of isolated steps from which it is."""
-    swing_share: float = 0.25
-    """Share of a patch that is above rest by more than noise, and soon after below it,
-    as no hand does."""
-    swings: float = 1.5
-    """Number of such changes of sign that makes all taxels of the patch noisy."""
-    line_share: float = 0.2
-    """Share of a row or column above rest by more than noise, and another below it,
-    that makes it doubtful: it is not connected."""
-    line_size: int = 6
-    """Number of taxels of a row or column from which it must not be pressed evenly."""
-    line_spread: float = 0.2
-    """Standard deviation of the counts above rest along a row or column, in units of
-    their mean, below which it is pressed evenly, as by hum and by no hand."""
     line_seconds: float = 0.5
     """Time at zero from which a row or column with an offset is dead, and time without
     data from which a patch is silent."""
@@ -207,42 +154,8 @@ class FaultConfig:
     """The same after negative counts, which are invalid one by one."""
     offset_seconds: float = 1.0
     """Time above zero after which an offset of a taxel is known."""
-
-
-@final
-class SwingDetector:
-    """A detector finds patches that swing about rest as a whole, as mains hum does.
-
-    Attributes:
-        going: whether a patch has lately been below rest.
-        found: taxels of the patches that swing at present.
-    """
-
-    def __init__(self, groups: TaxelGroups, config: FaultConfig) -> None:
-        """Start with patches at rest."""
-        self.groups = groups
-        self.config = config
-        self.going = False
-        self.found = np.zeros(len(groups.group_index), bool)
-        self.sign = np.zeros(len(groups.sizes), np.int64)
-        self.swings = np.zeros(len(groups.sizes))
-        self.turned_at = np.full(len(groups.sizes), NEVER)
-        self.last = 0.0
-
-    def update(self, high: Flags, low: Flags, now: float) -> None:
-        """Update by the taxels above rest and below it in a scan at a time [s]."""
-        share, groups = self.config.swing_share, self.groups
-        self.swings *= np.exp(-(now - self.last) / self.config.step_seconds)
-        self.last = now
-        sign = np.where(groups.flagged_share(high) >= share, 1, 0)
-        sign = np.where(groups.flagged_share(low) >= share, -1, sign)
-        turned = (sign != 0) & (sign != self.sign)
-        self.swings += turned & (self.sign != 0)
-        self.sign = np.where(turned, sign, self.sign)
-        self.turned_at[turned] = now
-        self.sign[now - self.turned_at > self.config.step_seconds] = 0
-        self.going = bool(self.sign.any())
-        self.found = (self.swings >= self.config.swings)[groups.group_index]
+    belief: BeliefConfig = field(default_factory=BeliefConfig)
+    """From what noise or evidence on a taxel is noisy or doubtful."""
 
 
 @final
@@ -268,9 +181,6 @@ class FaultDetector:
         self.limits = CountLimits(
             full_scale=calibration.full_scale,
             contact=counts,
-            deviation=np.maximum(self.config.noisy * counts, MIN_DEVIATION),
-            cut=np.minimum(MAX_CUT, CUT_CONTACTS * counts),
-            step_seconds=self.config.step_seconds,
             silence_seconds=self.config.silence_seconds,
             saturated_seconds=self.config.saturated_seconds,
             pressed=self.config.pressed,
@@ -279,23 +189,25 @@ class FaultDetector:
         self.adjacency = Adjacency.build(skin)
         self.grouper = FaultGrouper(skin)
         index = np.asarray(skin.patch_index)
-        self.swings = SwingDetector(self.grouper.patches, self.config)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.history = build_count_history(skin.count)
-        self.noise = NoiseFloor(
-            calibration, counts, self.members, self.history, self.config.start_floor
+        grouper = self.grouper
+        self.noise = Belief(
+            *(skin, calibration, counts, grouper.patches),
+            (grouper.rows, grouper.columns),
+            self.config.belief,
         )
+        self.no_dip = np.zeros(skin.count)
+        self.last_sound = np.zeros(skin.count)
         self.code = np.full(skin.count, -1)
         self.since = np.zeros(skin.count)
         self.last_found = np.full(skin.count, NEVER)
-        self.last_doubted = np.full(skin.count, NEVER)
         self.doubtful = np.zeros(skin.count, bool)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
         self.first: int | None = None
         self.last: int | None = None
         self.last_check = NEVER
-        self.turn = 0
 
     def restart(self, taxels: Int[np.ndarray, "some"]) -> None:
         """Forget the history of some taxels, as if they had not been received yet."""
@@ -307,11 +219,13 @@ class FaultDetector:
         pressure: Values,
         rest: Values,
         refused: Flags | None = None,
+        dip: Values | None = None,
     ) -> tuple[Flags, tuple[Fault, ...]]:
         """Check the next scan, its calibrated pressure [kPa], and the counts at rest.
 
         `refused` are taxels whose data counts as not received, and tells of swings of
-        a patch alone.
+        a patch alone; `dip` are the counts below rest to which each sensor may fall
+        after a press, 0 for None.
 
         Returns:
             Which taxels are faulty; and the faults, with a whole row, column or patch
@@ -323,34 +237,22 @@ class FaultDetector:
         self.last = scan.stamp
         now = (scan.stamp - self.first) / NS_PER_S
         self.mask = self.mask.copy()
-        self.turn = (self.turn + 1) % RECENT
         received = scan.received if refused is None else scan.received & ~refused
         counted = CountScan(
             counts=scan.counts,
             received=received,
             rest=rest,
-            rest_band=self.noise.rest_band,
+            dip=self.no_dip if dip is None else dip,
+            band=self.noise.band,
             mask=self.mask,
+            first_received=self.history.first_received,
             now=now,
             elapsed=elapsed,
-            turn=self.turn,
         )
         update_history(counted, self.limits, self.history)
-        low_count = update_noise(counted, self.limits, self.adjacency, self.history)
-        may_swing = now >= MIN_LEARNED and (
-            low_count or self.swings.going or refused is not None
-        )
-        is_due = now - self.last_check >= self.config.check_seconds - 1e-6
-        if may_swing or is_due:
-            above = scan.counts - rest
-            high = scan.received & (above > self.noise.rest_band)
-            if may_swing:
-                low = scan.received & (above < -self.noise.rest_band)
-                self.swings.update(high, low, now)
-                self.doubt_mixed_lines(high & received, low & received, now)
-            if is_due:
-                self.doubt_even_lines(above, high & received, now)
-                self.check(counted, pressure)
+        self.noise.push(counted, refused)
+        if now - self.last_check >= self.config.check_seconds - 1e-6:
+            self.check(counted, pressure)
         return self.mask, self.faults
 
     def check(self, scan: CountScan, pressure: Values) -> None:
@@ -359,32 +261,38 @@ class FaultDetector:
         update_unanswered(
             pressure, elapsed, scan, self.limits, self.adjacency, self.history
         )
-        self.update_codes(scan.rest, now)
-        self.noise.update(self.mask, now)
+        self.update_codes(scan)
         self.last_check = now
-        self.mask = self.code >= 0
+        code = self.code
+        if (code == NOISY).any():
+            spread = self.noise.spread_lines(code == NOISY)
+            code = np.where((code < 0) & spread, NOISY, code)
+        self.mask = code >= 0
+        self.doubtful = now - self.noise.last_doubted <= self.config.recover_seconds
+        self.doubtful |= self.mask
         received = np.maximum(self.history.last_received, 0.0)
         begun = np.where(self.mask, self.since, received) * NS_PER_S
         self.faults = tuple(
             self.grouper.list_faults(
-                self.code,
+                code,
                 now - received >= self.config.line_seconds,
                 np.round(begun).astype(np.int64) + (self.first or 0),
             )
         )
 
-    def update_codes(self, rest: Values, now: float) -> None:
-        """Update the code of each taxel's fault, -1 for none."""
-        history = self.history
+    def update_codes(self, scan: CountScan) -> None:
+        """Update the code of each taxel's fault, -1 for none, and what is doubtful."""
+        history, now = self.history, scan.now
         zero = history.counts == 0
         still, lost = self.find_still(), self.find_lost_lines()
-        noisy, doubtful = self.find_noisy()
+        noisy = self.noise.check(scan)
+        self.last_sound[~noisy] = now
         evidence = {
             STUCK: (still & ~zero, history.last_changed),
             DEAD: ((still & zero) | lost, history.last_changed),
             NEGATIVE: (history.last_negative > self.last_check, history.last_negative),
             SATURATED: (self.find_saturated(), history.last_below_full),
-            NOISY: (noisy, history.last_straight),
+            NOISY: (noisy, self.last_sound),
         }
         for code, (flags, begun) in evidence.items():
             found = flags & (history.last_received > NEVER)
@@ -396,56 +304,9 @@ class FaultDetector:
         negative = self.code == NEGATIVE
         recover = np.where(negative, self.config.negative_seconds, latch)
         self.code[now - self.last_found > recover] = -1
-        self.code[self.find_lifted(rest) & ~noisy] = -1
-        self.last_doubted[doubtful] = now
-        self.doubtful = (now - self.last_doubted <= latch) | (self.code >= 0)
-
-    def find_lifted(self, rest: Values) -> Flags:
-        """Find noisy and saturated taxels that lie below rest now.
-
-        A hand was on them when the skin was switched on, and has lifted: its pressure
-        was taken for their rest, and its noise for theirs. They remain doubtful.
-        """
-        found = np.zeros(self.skin.count, bool)
         masked = np.flatnonzero((self.code == NOISY) | (self.code == SATURATED))
-        highest = self.history.recent[:, masked].max(axis=0)
-        found[masked] = highest < rest[masked] - self.noise.rest_band[masked]
-        return found
-
-    def doubt_mixed_lines(self, high: Flags, low: Flags, now: float) -> None:
-        """Doubt rows and columns that are partly above rest and partly below it.
-
-        So does a line that is not connected, of which at least `MIN_MIXED` taxels are
-        away from rest; a hand presses, and presses nothing below rest.
-        """
-        share = self.config.line_share
-        away = high | low
-        for groups in (self.grouper.rows, self.grouper.columns):
-            mixed = groups.flagged_count(away) >= MIN_MIXED
-            for flags in (high, low):
-                mixed &= groups.flagged_share(flags) >= share
-            if mixed.any():
-                self.last_doubted[mixed[groups.group_index]] = now
-
-    def doubt_even_lines(self, above: Values, high: Flags, now: float) -> None:
-        """Doubt rows and columns that are pressed evenly from end to end.
-
-        That is where all taxels of one are `high`, and about as far above rest
-        [counts].
-        """
-        config = self.config
-        if np.count_nonzero(high) < config.line_size:
-            return
-        for groups in (self.grouper.rows, self.grouper.columns):
-            even = groups.flagged_share(high) == 1.0
-            even &= groups.sizes >= config.line_size
-            if even.any():
-                means, squares = (
-                    np.bincount(groups.group_index, values) / groups.sizes
-                    for values in (above, above**2)
-                )
-                even &= squares <= (1.0 + config.line_spread**2) * means**2
-                self.last_doubted[even[groups.group_index]] = now
+        lifted = self.noise.find_lifted(masked, scan.rest)
+        self.code[masked[lifted & ~noisy[masked]]] = -1
 
     def find_still(self) -> Flags:
         """Find taxels with constant counts, zero included, that should have changed."""
@@ -506,31 +367,6 @@ class FaultDetector:
         long = history.last_received - begun >= limit
         return full & (long | (self.code == SATURATED))
 
-    def find_noisy(self) -> tuple[Flags, Flags]:
-        """Find the taxels that are noisy, and those doubtful for their noise."""
-        history, config = self.history, self.config
-        level = config.noisy_level * history.level
-        deviation = history.deviation / np.maximum(self.limits.deviation, level)
-        noisy = self.swings.found | (history.steps >= config.isolated_steps)
-        noisy |= self.find_noisier(deviation >= 1.0, NOISIER)
-        doubtful = noisy | (history.steps >= config.doubtful_steps)
-        deviates = deviation >= config.doubtful / config.noisy
-        return noisy, doubtful | self.find_noisier(deviates, DOUBTFUL_NOISIER)
-
-    def find_noisier(self, deviates: Flags, factor: float) -> Flags:
-        """Find those of some taxels that deviate more than those around them.
-
-        `factor` is the least ratio of the deviation of one to the median of its patch,
-        and to that of its neighbours.
-        """
-        history, found = self.history, np.zeros(self.skin.count, bool)
-        if deviates.any():
-            usual = [np.median(history.deviation[each]) for each in self.members]
-            least = factor * np.array(usual)[self.skin.patch_index]
-            taxels = np.flatnonzero(deviates & (history.deviation >= least))
-            found[find_noisier(taxels, factor, self.adjacency, history)] = True
-        return found
-
 
 def build_count_history(count: int) -> CountHistory:
     """Build the history of a skin before its first scan."""
@@ -541,9 +377,4 @@ def build_count_history(count: int) -> CountHistory:
     history["first_received"] = np.full(count, np.inf)
     history["least"] = np.full(count, np.inf)
     history["unanswered"] = np.zeros(count)
-    history["recent"] = np.full((RECENT, count), np.nan)
-    history["in_contact"] = np.zeros(count, np.bool_)
-    zeros = ("deviation", "noise", "start_noise", "slow_noise", "level", "steps")
-    for name in (*zeros, "isolated_level", "isolated_step"):
-        history[name] = np.zeros(count)
     return CountHistory(**history)

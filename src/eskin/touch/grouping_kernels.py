@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eskin.compiled import compiled
+from eskin.touch.belief_kernels import CLEAR_FACTOR, MAX_STEP_INTERVAL
 from eskin.touch.contact_kernels import (
     box_gap,
     compute_box,
@@ -19,7 +20,6 @@ from eskin.touch.contact_kernels import (
     point_gap,
     transform_to_link,
 )
-from eskin.touch.fault_kernels import CLEAR_FACTOR, MAX_STEP_INTERVAL
 from eskin.touch.records import (
     NEXT_TOUCH,
     NO_INDEX,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
-from eskin.touch.fault_kernels import NEVER
+from eskin.touch.belief_kernels import NEVER
 
 Taxels = Int[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]

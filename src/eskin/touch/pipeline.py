@@ -10,10 +10,10 @@ from eskin.compiled import pack
 from eskin.errors import ReadingError, SkinMismatchError
 from eskin.skin import MountedSkin, Skin
 from eskin.touch.adjacency import Adjacency
+from eskin.touch.belief_kernels import CLEAR_FACTOR
 from eskin.touch.calibration import MAX_CONTACT, Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import find_candidates
-from eskin.touch.fault_kernels import CLEAR_FACTOR
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.outages import OutageDetector
 from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
@@ -294,7 +294,8 @@ class TouchPipeline:
         if refused is not None:
             used = replace(scan, received=scan.received & ~refused)
         reading = self.calibrator.push(used, invalid, self.find_latched())
-        mask, faults = self.faults.push(scan, reading.pressure, rest, refused)
+        dip = self.config.calibration.dip_share * self.calibrator.state.peak
+        mask, faults = self.faults.push(scan, reading.pressure, rest, refused, dip)
         self.calibrator.set_noise(self.faults.noise.counts)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
