@@ -47,8 +47,9 @@ class DemoCommand:
     """Robot that wears the skin: a URDF file or a preset's name. One other than the UR5
     stands still in the page, and is not commanded. Preset skins have their own."""
 
-    build: Literal["fresh", "shifted"] = "fresh"
-    """Simulated sensors: as in training, or aged."""
+    build: Literal["flawless", "fresh", "shifted"] | None = None
+    """Simulated sensors: without a defect, as in training with some dead or frozen
+    taxels, or aged. Flawless in the page by default, `fresh` headless."""
 
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
@@ -87,7 +88,7 @@ def run(command: DemoCommand) -> dict[str, object]:
         skin=command.skin,
         model=command.model,
         commands=command.commands,
-        build_kind=command.build,
+        build_kind=command.build or ("fresh" if command.headless else "flawless"),
         seed=command.seed,
         imports=command.import_functions,
         dynamics=command.dynamics,
