@@ -17,7 +17,7 @@ from eskin.page.messages import (
     ViewUpdate,
 )
 
-INK, PALE = "light-dark(#1f2733,#e3e8ee)", "light-dark(#596372,#a3adba)"
+INK, PALE = "light-dark(#1f2733,#e3e8ee)", "light-dark(#596372,#b0b9c4)"
 LINE = "light-dark(#e6e9ee,#3a424d)"
 TEAL, AMBER = "light-dark(#0c6b60,#5ecbb8)", "light-dark(#8a5000,#f0b255)"
 RED, BLUE = "light-dark(#b3261e,#ff9d94)", "light-dark(#2b5c9e,#93bdf5)"

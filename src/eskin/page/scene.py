@@ -375,7 +375,7 @@ def lay_out(server: ViserServer, setup: SceneDescription, width: int = WIDTH) ->
             scene.turn(event.client)
 
     gui.add_command("face the skin", hotkey="R").on_trigger(face)
-    gui.add_button("Face the skin (R)", color="gray", order=BOTTOM).on_click(face)
+    gui.add_button_group("view", ("face the skin (R)",), order=BOTTOM).on_click(face)
     return scene
 
 
