@@ -54,7 +54,8 @@ FIND = r"""() => {
   const places = {}, boxes = [];
   const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (walk.nextNode()) {
-    const text = walk.currentNode.textContent.trim(), node = walk.currentNode.parentElement;
+    const text = walk.currentNode.textContent.trim();
+    const node = walk.currentNode.parentElement;
     if (!text || !isOurs(node) || !isShown(node)) continue;
     if (["STYLE", "SCRIPT", "text"].includes(node.tagName)) continue;
     const range = document.createRange();

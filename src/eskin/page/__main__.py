@@ -19,8 +19,6 @@ from typing import final
 import numpy as np
 from viser import (
     BatchedMeshHandle,
-    LabelHandle,
-    MeshHandle,
     SceneNodeDragEvent,
     SceneNodePointerEvent,
     ViserServer,
@@ -73,12 +71,12 @@ class Page:
         self.scene = lay_out(server, setup)
         self.mouse, self.panel = build_panel(server, self.scene, send)
         grippers = [GripperModel(server, setup)] if setup.is_arm else []
-        marks = Marks(server, self.scene), TargetMark(server, self.scene)
+        self.target = TargetMark(server, self.scene, setup.touchable)
+        marks = Marks(server, self.scene), self.target
         self.parts = [self.scene, *marks, *grippers, self.panel]
         self.drawn, self.guide = -np.inf, None
         self.seconds = 0.0
         self.pressed: tuple[float, bool] | None = None
-        self.hint: list[MeshHandle | LabelHandle] | None = None
         self.mouse.tell = self.tell
         if setup.touchable or setup.paints:
             for link, discs in self.scene.discs.items():
@@ -132,8 +130,7 @@ class Page:
     def tell(self, text: str) -> None:
         """Answer in the log what was done with the mouse, which then needs no hint."""
         self.panel.note(self.seconds, text)
-        while self.hint:
-            self.hint.pop().remove()
+        self.target.hints = False
 
     def show(self, update: ViewUpdate) -> None:
         """Show one update."""
@@ -142,9 +139,6 @@ class Page:
         with self.server.atomic():
             for part in self.parts:
                 part.update(update)
-            if self.hint is None and self.scene.setup.touchable:
-                place = self.scene.find_facing_place()
-                self.hint = self.scene.add_mark(place, "click here")
             passed = update.seconds - self.drawn
             if guide != self.guide or not 0.0 <= passed < PANEL_PERIOD:
                 self.drawn, self.guide = update.seconds, guide

@@ -287,7 +287,7 @@ class Scene(PagePart):
         T = self.T_world_link[self.setup.taxel_link]
         return apply(T, self.setup.positions), rotate(T, self.setup.normals)
 
-    def add_mark(self, place: PressPlace, text: str) -> list[MeshHandle | LabelHandle]:
+    def add_mark(self, place: PressPlace, text: str) -> tuple[MeshHandle, LabelHandle]:
         """Add a ring around a place, and a label that is seen through the robot."""
         scene, normal = self.server.scene, np.array(place.n_link)
         at = f"/robot/{self.setup.links[place.link]}"
@@ -303,27 +303,21 @@ class Scene(PagePart):
             cast_shadow=False,
             receive_shadow=False,
         )
-        label = scene.add_label(
-            f"{at}/target_label",
-            text,
-            position=middle + 3 * TARGET_RADIUS * normal,
-            anchor="bottom-center",
-        )
-        return [ring, label]
+        label = scene.add_label("/target_label", text, anchor="bottom-center")
+        return ring, label
 
-    def find_facing_place(self) -> PressPlace:
-        """Return the place on the skin that faces the camera most."""
-        setup, (middle, distance, direction) = self.setup, self.camera
+    def measure_facing(self) -> Float[np.ndarray, "taxel"]:
+        """Return the cosine between each normal and the way to the first camera."""
+        middle, distance, direction = self.camera
         positions, normals = self.place_taxels()
         rays = middle + distance * direction - positions
-        away = np.linalg.norm(rays, axis=1)
-        best = int(np.argmax(np.einsum("ti,ti->t", rays, normals) / away - away))
-        p_link, n_link = (
-            (float(x), float(y), float(z))
-            for x, y, z in (setup.positions[best], setup.normals[best])
-        )
-        patch = setup.patches[setup.patch_index[best]]
-        return PressPlace(patch, int(setup.taxel_link[best]), p_link, n_link)
+        return np.einsum("ti,ti->t", rays, normals) / np.linalg.norm(rays, axis=1)
+
+    def find_facing_taxel(self) -> int:
+        """Return the taxel that faces the camera most, of the patch that is seen most."""
+        facing, patches = self.measure_facing(), self.setup.patch_index
+        seen = np.bincount(patches, np.maximum(facing, 0.0))
+        return int(np.argmax(np.where(patches == seen.argmax(), facing, -1.0)))
 
     def pick_taxel(self, taxel: int) -> SurfacePoint:
         """Return the centre of a taxel."""
@@ -625,6 +619,10 @@ TARGET = (231, 41, 138)
 """Pink, distinct from skin at rest, lids and rings around contacts (Brewer's Dark2)."""
 TARGET_RADIUS = 0.02
 """Radius of the ring around the place to press [m]."""
+LABEL_HEIGHT = 0.06
+"""Height of the label of that place over the skin [m]."""
+HINT_FACING = 0.4
+"""Cosine to the camera below which another place is hinted at."""
 TARGET_DISTANCE = 0.9
 """Distance of the camera from the place to press [m]."""
 SLANT = 0.4
@@ -636,26 +634,50 @@ CAMERA_HEIGHT = 0.05
 
 @final
 class TargetMark(PagePart):
-    """Marks the place to press next, and turns the camera to it."""
+    """Marks the place to press next, and turns the camera to it.
 
-    def __init__(self, server: ViserServer, scene: Scene) -> None:
+    Attributes:
+        hints: whether it marks where to click while no place is to be pressed.
+    """
+
+    def __init__(self, server: ViserServer, scene: Scene, hints: bool = False) -> None:
         """Start without a place."""
-        self.server = server
-        self.scene = scene
+        self.server, self.scene, self.hints = server, scene, hints
         self.place: PressPlace | None = None
-        self.handles: list[MeshHandle | LabelHandle] = []
+        self.hinted: int | None = None
+        self.handles: tuple[MeshHandle, LabelHandle] | None = None
 
     def update(self, update: ViewUpdate) -> None:
-        """Mark the place of the guide, if there is one."""
+        """Mark the place of the guide, or where to click, if there is one."""
         place = None if update.guide is None else update.guide.place
-        if place == self.place:
-            return
-        for handle in self.handles:
-            handle.remove()
-        self.place, self.handles = place, []
-        if place is not None:
-            self.handles = self.scene.add_mark(place, "press here")
-            self.turn_camera(place)
+        if place is None and self.hints:
+            place = self.find_hint()
+        if place != self.place:
+            for handle in self.handles or ():
+                handle.remove()
+            self.place, self.handles = place, None
+            if place is not None:
+                text = "click here" if update.guide is None else "press here"
+                self.handles = self.scene.add_mark(place, text)
+                if update.guide is not None:
+                    self.turn_camera(place)
+        if place is not None and self.handles is not None:
+            above = place.p_link + LABEL_HEIGHT * np.array(place.n_link)
+            T = self.scene.T_world_link[place.link]
+            self.handles[1].position = apply(T, above)
+
+    def find_hint(self) -> PressPlace:
+        """Return a place on the skin that faces the camera, the same while it does."""
+        setup, facing = self.scene.setup, self.scene.measure_facing()
+        if self.hinted is None or facing[self.hinted] < HINT_FACING:
+            self.hinted = self.scene.find_facing_taxel()
+        taxel = self.hinted
+        p_link, n_link = (
+            (float(x), float(y), float(z))
+            for x, y, z in (setup.positions[taxel], setup.normals[taxel])
+        )
+        patch = setup.patches[setup.patch_index[taxel]]
+        return PressPlace(patch, int(setup.taxel_link[taxel]), p_link, n_link)
 
     def turn_camera(self, place: PressPlace) -> None:
         """Look at a place from outside, and from above the ground."""

@@ -57,7 +57,8 @@ LOOK = b"""<script>
   [data-mantine-color-scheme="light"] { color-scheme: light; }
   [data-mantine-color-scheme="dark"] { color-scheme: dark; }
   canvas[data-engine] {
-    background: linear-gradient(light-dark(#e0e7f0, #2a313b), light-dark(#fafbfd, #14181d));
+    background: linear-gradient(
+      light-dark(#e0e7f0, #2a313b), light-dark(#fafbfd, #14181d));
   }
   .mantine-Button-root { min-height: 28px; }
   @media (pointer: coarse) { .mantine-Button-root { min-height: 40px; } }
