@@ -120,12 +120,12 @@ def guard_servers(access: PageAccess) -> Iterator[list[Any]]:
                 return connection.respond(HTTPStatus.FORBIDDEN, problem + "\n")
             request.path = "/"
             # An answer that is not compressed can be added to.
-            del request.headers["Accept-Encoding"]
+            request.headers.pop("Accept-Encoding", None)
             response = process_request(connection, request)
             if response is not None:
                 response.headers.update(HEADERS)
                 response.body = response.body.replace(b"<head>", b"<head>" + LOOK, 1)
-                del response.headers["Content-Length"]
+                response.headers.pop("Content-Length", None)
                 response.headers["Content-Length"] = str(len(response.body))
             return response
 

@@ -1,5 +1,8 @@
 """`eskin demo` shows a working arm in its skin, in the browser or headless."""
 
+import os
+import sys
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -144,7 +147,7 @@ def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     """Serve the page until the end; return the counts."""
     from eskin.sim.demo.browser import serve
 
-    served = serve(config, command.port, command.seconds, print_line)
+    served = serve(config, command.port, command.seconds, tell_link)
     print(
         f"{format_count(served.readings, 'reading')}, "
         f"{format_count(served.commands, 'command')}"
@@ -158,6 +161,10 @@ def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     }
 
 
-def print_line(line: str) -> None:
-    """Print a line and flush it."""
+def tell_link(line: str) -> None:
+    """Print a line that ends in a link, and open it where a person sees a browser."""
     print(line, flush=True)
+    displays = ("DISPLAY", "WAYLAND_DISPLAY")
+    has_display = sys.platform != "linux" or any(map(os.environ.get, displays))
+    if sys.stdout.isatty() and has_display:
+        webbrowser.open(line.rpartition(" ")[2])
