@@ -1,9 +1,11 @@
-# Every target builds .venv when it is missing; only Python 3.11 and make are needed.
+# Every target builds .venv when it is missing, with what it needs: the core for the demo
+# (0.6 GB), everything for the others (3 GB). Only Python 3.11 and make are needed.
 PYTHON ?= python3.11
 DATA ?= ../shared/data/sleeve
 SHEARSENSE ?= ../shared/data/shearsense
 SOCIALTOUCH ?= ../shared/data/socialtouch
 BIN := .venv/bin
+CORE := .venv/.core
 READY := .venv/.ready
 
 # Without kept bytecode each of the processes that tests start compiles all modules.
@@ -11,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo touches test test-fast check format docs bench results validate soak fuzz attack build publish clean
 
-demo: $(READY)
+demo: $(CORE)
 	$(BIN)/eskin demo
 
 touches: $(READY)
@@ -107,9 +109,14 @@ publish: build
 clean:
 	rm -rf .venv site build dist
 
-# torch is asked for first and pinned: an unpinned one brings gigabytes of CUDA.
-$(READY): pyproject.toml constraints.txt
+$(CORE): pyproject.toml constraints.txt
+	@echo "installing eskin into .venv, once"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv || python3 -m venv .venv
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	touch $(CORE)
+
+# torch is asked for first and pinned: an unpinned one brings gigabytes of CUDA.
+$(READY): $(CORE)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	touch $(READY)

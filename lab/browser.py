@@ -176,9 +176,13 @@ class Visit:
         """Poke by a click."""
         self.tab.mouse.click(*self.middle())
 
+    def double_click(self) -> None:
+        """Pat twice by a double click."""
+        self.tab.mouse.dblclick(*self.middle())
+
     def choose(self, mode: str) -> None:
         """Choose what a click makes, as on a phone."""
-        self.tab.get_by_label("click is a").click()
+        self.tab.get_by_label("a click is a").click()
         self.tab.get_by_role("option", name=mode).click()
 
     def grab(self) -> None:

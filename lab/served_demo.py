@@ -60,7 +60,8 @@ class SlowClock(Clock):
 def main() -> None:
     """Serve the demonstration and print the state of the arm periodically."""
     command = tyro.cli(Command)
-    config, clock = DemoConfig(seed=command.seed), SlowClock(command.pace)
+    config = DemoConfig(seed=command.seed, build_kind="flawless")
+    clock = SlowClock(command.pace)
     page = ViewerConfig(0, touchable=True)
     with run_demo(config, page, SkinChoice(), clock) as demo:
         print(demo.link, flush=True)

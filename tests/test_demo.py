@@ -28,6 +28,7 @@ from eskin.sim.demo import (
 )
 from eskin.sim.demo.browser import PageOrderHandler, SkinChoice
 from eskin.sim.demo.headless import SynchronousStream
+from eskin.sim.demo.live_source import AHEAD, WaitingClock
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent, Recognition
 
@@ -201,6 +202,27 @@ def test_orders_of_page_touch_skin_and_pause_arm():
     assert not scan.received[skin.mounted.skin.find_taxels("wrist_1")].any()
     handler.handle(PageOrder("skin", "ur5-half"))
     assert choice.skin == "ur5-half"
+
+
+def test_simulated_time_waits_for_readings_that_are_processed_too_slowly():
+    host, processed = ManualClock(SECOND), [SECOND]
+    clock = WaitingClock(host)
+    clock.latest = lambda: processed[0]
+    host.sleep(0.1)
+    assert clock.now() == host.now()
+    host.sleep(30.0)
+    assert clock.now() == SECOND + round(AHEAD * SECOND) == clock.now()
+    processed[0] += SECOND // 10
+    host.sleep(0.05)
+    assert clock.now() == SECOND + round((AHEAD + 0.05) * SECOND)
+
+
+def test_flawless_build_is_a_fresh_one_without_defects():
+    skins = [InteractiveSkin("ur5", 4, kind) for kind in ("flawless", "fresh")]
+    flawless, fresh = (skin.build.defects for skin in skins)
+    assert not flawless.dead.any() and np.isnan(flawless.stuck).all()
+    assert fresh.dead.any() or np.isfinite(fresh.stuck).any()
+    assert np.ptp(skins[0].build.velostat.gain) > 0
 
 
 def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():

@@ -28,7 +28,7 @@ PRODUCT = {
     "command": ("stream",),
     "page": ("command",),
     "bus": ("page",),
-    "notebook": ("live",),
+    "notebook": ("page",),
     "app": ("command",),
     "cli": ("app", "bus", "calibration"),
 }

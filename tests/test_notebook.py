@@ -44,6 +44,15 @@ def test_values_are_drawn_one_a_taxel_only():
         eskin.plot_skin(np.zeros(3), "bent")
 
 
+def test_skin_is_shown_in_a_cell_without_a_server():
+    count = load_skin("bent").count
+    shown = eskin.show_skin(np.arange(count), "bent")._repr_html_()
+    assert shown.startswith("<iframe srcdoc=")
+    for values, q in ((np.zeros(3), None), (np.zeros(count), np.zeros(99))):
+        with pytest.raises(ValueError, match="allowed are"):
+            eskin.show_skin(values, "bent", q=q)
+
+
 def test_names_of_eskin_are_those_that_are_public():
     assert set(dir(eskin)) == {*eskin.__all__, "__version__"}
     assert all(getattr(eskin, name) is not None for name in dir(eskin))

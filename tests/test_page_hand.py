@@ -6,7 +6,8 @@ import pytest
 from eskin.page import ColourScale
 from eskin.page.hand import (
     DOUBLE_CLICK,
-    MIN_SECONDS,
+    MISSED,
+    USUAL,
     MouseHand,
     PaintBrush,
 )
@@ -108,10 +109,11 @@ def point(taxel=FOREARM):
 
 @pytest.fixture
 def hand():
-    """A hand that keeps its orders in `sent`."""
+    """A hand that keeps its orders in `sent`, and its answers in `told`."""
     sent = []
     hand = MouseHand(make_setup(), sent.append)
-    hand.sent = sent
+    hand.sent, hand.told = sent, []
+    hand.tell = hand.told.append
     return hand
 
 
@@ -147,22 +149,53 @@ def test_two_clicks_near_and_fast_are_double_pat(hand, second, delay, expected):
     assert hand.sent[-1].link == mounted().robot.link_names[point(second).link]
 
 
-@pytest.mark.parametrize(("mode", "least"), sorted(MIN_SECONDS.items()))
-def test_slow_touches_last_least_time(hand, mode, least):
-    for hand.seconds in (0.1, 2.0):
-        hand.click(point(), 0.0, mode.replace("_", " "))
-    assert [order.seconds for order in hand.sent] == [least, 2.0]
+@pytest.mark.parametrize("misses", [(0,), (1,)])
+def test_double_click_of_which_one_hits_is_double_pat(hand, misses):
+    for number in range(2):
+        hand.click(None if number in misses else point(), 1.0 + FAST * number)
+    hand.tick(9.0)
+    assert kinds(hand) == ["double_pat"]
+
+
+@pytest.mark.parametrize("clicks", [1, 2])
+@pytest.mark.parametrize("mode", ["poke", "grab"])
+def test_click_beside_the_skin_is_answered_and_touches_nothing(hand, clicks, mode):
+    for number in range(clicks):
+        hand.click(None, 1.0 + FAST * number, mode)
+    hand.tick(9.0)
+    assert not hand.sent and set(hand.told) == {MISSED}
+
+
+def test_every_touch_is_answered_with_its_patch(hand):
+    for number, mode in enumerate(("poke", "double pat", "grab", "stroke")):
+        hand.click(point(), 10.0 * number, mode)
+        hand.tick(10.0 * number + 9.0)
+    hand.drag("start", point())
+    hand.drag("end", point(FOREARM + 1))
+    words = [text.split(" on ")[0] for text in hand.told]
+    gestures = ["poke", "double pat", "grab", "stroke", "stroke"]
+    assert words == [f"your {gesture}" for gesture in gestures]
+    patch = mounted().skin.patches[mounted().skin.patch_index[FOREARM]].id
+    assert all(patch.replace("_", " ") in text for text in hand.told)
+
+
+@pytest.mark.parametrize("kind", ["poke", "double_pat", "grab"])
+def test_touch_is_the_usual_one_times_what_is_chosen(hand, kind):
+    hand.firmness, hand.slowness = 0.5, 2.0
+    hand.click(point(), 0.0, kind.replace("_", " "))
+    hand.tick(5.0)
+    (order,) = hand.sent
+    force, seconds = USUAL[kind]
+    assert (order.force, order.seconds) == (0.5 * force, 2.0 * seconds)
 
 
 @pytest.mark.parametrize("taxel", [0, 800, FOREARM, 2100])
-def test_order_has_place_force_and_seconds(hand, taxel):
-    hand.force, hand.seconds = 13.0, 0.9
+def test_order_has_place(hand, taxel):
     hand.click(point(taxel), 0.0, "grab")
     (order,) = hand.sent
     patch = mounted().skin.patches[mounted().skin.patch_index[taxel]]
     assert (order.kind, order.link) == ("grab", patch.link)
     assert order.p_link == tuple(mounted().skin.positions[taxel].tolist())
-    assert (order.force, order.seconds) == (13.0, 0.9)
 
 
 @pytest.mark.parametrize(

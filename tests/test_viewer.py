@@ -15,7 +15,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eskin.command import ArmState
+from eskin.command import ArmState, SkinMonitorConfig
+from eskin.command.skin_monitor import SkinMonitor
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
 from eskin.live import Detection, Recognizer
@@ -33,6 +34,7 @@ from eskin.page.viewer import (
     Viewer,
     ViewerConfig,
     describe_arm,
+    describe_command,
 )
 from eskin.robot.meshes import MeshReader
 from eskin.robot.presets import read_preset_urdf
@@ -40,6 +42,7 @@ from eskin.robot.urdf import parse_urdf
 from eskin.skin import MountedSkin
 from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
+from eskin.units import NS_PER_S
 from helpers.live import START, calibration_of, say_always, scans, two_hands
 from helpers.viewer import Q, make_setup, make_update, mounted
 
@@ -154,7 +157,7 @@ def test_commands_and_events_are_logged():
     encoder.note(CommandEvent(START, "go_on", 5, "double_pat", False, "too soon"))
     encoder.note(Event(START, "silent", "patch 'a' is silent"))
     assert [(entry.kind, entry.text) for entry in encoder.log_entries] == [
-        ("command", "pause"),
+        ("command", "paused"),
         ("refused", "go on: too soon"),
         ("event", "patch 'a' is silent"),
     ]
@@ -162,6 +165,34 @@ def test_commands_and_events_are_logged():
         encoder.note(Event(START, "lost", str(number)))
     texts = [entry.text for entry in encoder.log_entries]
     assert texts == [str(number + 5) for number in range(MAX_LOG_ENTRIES)]
+
+
+@pytest.mark.parametrize(
+    ("why", "text"),
+    [
+        ("poke on forearm_back", "paused (poke on forearm back)"),
+        (
+            "not understood, most likely double_pat (0.60): it may be a stop (0.81)",
+            "paused (probably a double pat)",
+        ),
+        (
+            "not understood: the touch may have been a stop",
+            "paused (not understood: the touch may have been a stop)",
+        ),
+    ],
+)
+def test_log_says_what_was_done_and_what_it_was_probably(why, text):
+    assert describe_command(CommandEvent(START, "pause", 4, None, True, why)) == text
+
+
+def test_busy_computer_asks_for_nothing_but_how_to_go_on():
+    monitor = SkinMonitor(mounted().skin, SkinMonitorConfig(), START)
+    late = START + NS_PER_S
+    assert monitor.find_problem(late).startswith("stale skin")
+    why = monitor.find_problem(late, is_busy=True)
+    assert why.startswith("this computer was too busy")
+    arm = replace(ARM, hold_reason=why, paused=True)
+    assert describe_arm(arm, ("grab: resume",)).remedy == "grab to resume"
 
 
 def make_source(scans):

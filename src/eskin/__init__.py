@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         Recognizer,
         load_model,
     )
-    from eskin.notebook import find_touches, plot_skin
+    from eskin.notebook import find_touches, plot_skin, show_skin
     from eskin.recording import Recording, RecordingWriter, read_recording
     from eskin.robot import Robot, load_robot
     from eskin.skin import MountedSkin, Skin, load_skin
@@ -29,7 +29,7 @@ EXPORTS = {
     "app": "SourceConfig open_source",
     "drivers": "Source",
     "errors": "EskinError",
-    "notebook": "find_touches plot_skin",
+    "notebook": "find_touches plot_skin show_skin",
     "live": "DecisionConfig Detection Model ModelCard Recognizer load_model",
     "recording": "Recording RecordingWriter read_recording",
     "robot": "Robot load_robot",
@@ -66,6 +66,7 @@ __all__ = [
     "open_source",
     "plot_skin",
     "read_recording",
+    "show_skin",
 ]
 
 

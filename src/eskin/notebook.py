@@ -1,5 +1,7 @@
 """This module gives a notebook recordings as tables, and draws values of a skin."""
 
+from dataclasses import dataclass
+from html import escape
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eskin.live import Model, Recognizer, load_model
+from eskin.live import Model, Recognizer, load_model, mount_skin
 from eskin.recording import Recording, read_recording
 from eskin.recording.records import select_labels
 from eskin.recording.tables import describe_touch
@@ -99,3 +101,58 @@ def plot_skin(
     """
     skin = skin if isinstance(skin, Skin) else load_skin(skin)
     return draw_values(skin, np.asarray(values, np.float64), unit)
+
+
+@dataclass(frozen=True)
+class SkinView:
+    """Holds a scene that a notebook shows in its cell, to be turned by the mouse."""
+
+    html: str
+    """The scene as a page of its own, which needs no server."""
+    height: int = 420
+    """Height in the cell [px]."""
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        style = f"width:100%;height:{self.height}px;border:0"
+        return f'<iframe srcdoc="{escape(self.html)}" style="{style}"></iframe>'
+
+
+def show_skin(
+    values: ArrayLike,
+    skin: Skin | str | Path,
+    robot: str | Path | None = None,
+    q: ArrayLike | None = None,
+) -> SkinView:
+    """Show a value of each taxel on the robot, in three dimensions.
+
+    Args:
+        values: value of each taxel, 0 or more, such as a row of
+            `Recording.pressures()`; the greatest has the darkest colour.
+        skin: the skin, a preset's name, or a skin's folder.
+        robot: robot that wears it: a preset's name or a URDF; preset skins have one.
+        q: joint positions [rad]; all zero where None.
+
+    Returns:
+        A view, which a notebook shows in the cell.
+
+    Raises:
+        ValueError: there is not one value a taxel, or not one position a joint.
+        EskinError: the robot or the skin cannot be used.
+    """
+    from eskin.page.still import render_still
+
+    mounted = mount_skin(skin, robot)
+    joints = len(mounted.robot.joint_names)
+    positions = np.zeros(joints) if q is None else np.asarray(q, np.float64)
+    shown = np.asarray(values, np.float64)
+    for name, array, count in (
+        ("values", shown, mounted.skin.count),
+        ("q", positions, joints),
+    ):
+        if array.shape != (count,):
+            raise ValueError(
+                f"{name} are of shape {array.shape}; allowed are {count} numbers; give "
+                "one a taxel, and one a joint"
+            )
+    return SkinView(render_still(mounted, positions, shown))

@@ -49,7 +49,7 @@ def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
         )
         chances = np.array([0.01, 0.9, 0.05, 0.01, 0.03], np.float32)
         contacts = (mark,)
-        touches = (OpenTouch(3, make_setup().links[link], 7.5, chances),)
+        touches = (OpenTouch(3, mark.patch, 7.5, chances),)
     return ViewUpdate(
         seconds=seconds,
         T_world_link=mounted().kinematics.poses(q),

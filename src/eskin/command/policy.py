@@ -158,6 +158,7 @@ class Policy(Listener):
             )
         self.context = context
         skin, limits, now = context.info.skin, self.config.monitor, context.clock.now()
+        self.watched = now
         self.monitor = SkinMonitor(skin, limits, now)
         self.evidence = EvidenceMonitor(skin, self.config.evidence)
         self.touches = CommandedTouches(
@@ -352,8 +353,11 @@ class Policy(Listener):
             self.call = None
         if self.call is not None:
             return self.call.problem
-        problem = self.monitor.find_problem(now)
-        return None if problem is None else f"{problem}; {REMEDY}"
+        # A watch that comes late itself shows that the skin need not be silent.
+        late = now - self.watched > self.config.monitor.max_age * NS_PER_S
+        is_busy = self.thread is not None and late
+        problem = self.monitor.find_problem(now, is_busy)
+        return problem if problem is None or is_busy else f"{problem}; {REMEDY}"
 
     def hold_if_unreliable(self) -> None:
         """Hold the arm if skin or functions cannot be relied on; publish when again."""
@@ -627,6 +631,7 @@ class Policy(Listener):
             self.hold_if_unreliable()
             self.update_limit()
         finally:
+            self.watched = self.context.clock.now()
             self.lock.release()
 
     def run(self) -> None:

@@ -129,16 +129,18 @@ class SkinMonitor:
         oldest = now - round(self.config.max_silence * NS_PER_S)
         return tuple(np.flatnonzero(self.last_valid < oldest).tolist())
 
-    def find_problem(self, now: int) -> str | None:
+    def find_problem(self, now: int, is_busy: bool = False) -> str | None:
         """Return why the arm is held at a time, or None where it is not.
 
         The skin is stale, or feels nothing; or a probability is not finite; or patches
         are out that are a large share of it; or one is out for too long that a hand was
-        on, or on which a hand could be missed.
+        on, or on which a hand could be missed. Where the computer is busy, it does not
+        say that the skin is stale.
         """
         age = (now - self.latest) / NS_PER_S
         if age > self.config.max_age:
-            return f"stale skin: no reading for {1e3 * age:.0f} ms"
+            cause = "this computer was too busy" if is_busy else "stale skin"
+            return f"{cause}: no reading for {1e3 * age:.0f} ms"
         if not self.is_finite:
             return "broken model: a probability is not finite; use another model"
         if self.is_turned:

@@ -98,6 +98,10 @@ class PaintViewer:
         area = 1e4 * float(self.mounted.skin.areas[painted & ~kept_out].sum())
         strokes = len({ball.stroke for ball in self.balls})
         lines = [f"about {area:.0f} cm2 painted; strokes: {strokes}"]
+        if self.balls:
+            link, p_link = self.balls[-1].link, self.balls[-1].p_link
+            place = " ".join(f"{1e3 * value:.0f}" for value in p_link)
+            lines.append(f"a matrix there: eskin skin place --link {link} --at {place}")
         board = GuideBoard(REQUEST, 0.0, None, (*lines, *filter(None, [self.note])))
         q = np.zeros(len(self.mounted.robot.joint_names))
         pressure = np.where(painted, PAINTED, 0.0).astype(np.float16)

@@ -19,14 +19,13 @@ from typing import final
 import numpy as np
 from viser import (
     BatchedMeshHandle,
-    SceneClickEvent,
     SceneNodeDragEvent,
     SceneNodePointerEvent,
     ViserServer,
 )
 
 from eskin.errors import DeviceError
-from eskin.page.hand import Mouse, MouseHand, PaintBrush, TouchMode
+from eskin.page.hand import MISSED, Mouse, MouseHand, PaintBrush, TouchMode
 from eskin.page.messages import (
     MessageKind,
     Order,
@@ -34,16 +33,14 @@ from eskin.page.messages import (
     SceneDescription,
     ViewUpdate,
 )
-from eskin.page.panel import GuidePanel, PaintPanel, Panel, TouchPanel
+from eskin.page.panel import GuidePanel, Key, PaintPanel, Panel, TouchPanel
 from eskin.page.scene import GripperModel, Marks, Scene, TargetMark, lay_out
 from eskin.page.server import open_server
 
 PANEL_PERIOD = 0.1
 """Interval between redraws of the panel [s]."""
-SAME_CLICK = 0.05
-"""Longest time between the two events of a click on a taxel [s]."""
-MISSED = "that click hit no taxel: click on the dots"
-"""What the page says of a click beside the skin."""
+ANSWERED = 0.1
+"""Longest time from the event of a click to that of what it hit [s]."""
 TICK = 0.01
 """Interval between checks for scheduled touches [s]."""
 
@@ -74,16 +71,20 @@ class Page:
         self.scene = lay_out(server, setup)
         self.mouse, self.panel = build_panel(server, self.scene, send)
         grippers = [GripperModel(server, setup)] if setup.is_arm else []
-        marks = Marks(server, self.scene), TargetMark(server, self.scene)
+        self.target = TargetMark(server, self.scene, setup.touchable)
+        marks = Marks(server, self.scene), self.target
         self.parts = [self.scene, *marks, *grippers, self.panel]
         self.drawn, self.guide = -np.inf, None
-        self.seconds, self.hit = 0.0, -np.inf
+        self.seconds = 0.0
+        self.pressed: tuple[float, bool] | None = None
+        self.mouse.tell = self.tell
         if setup.touchable or setup.paints:
             for link, discs in self.scene.discs.items():
                 self.register_events(link, discs)
                 self.register_events(link, self.scene.add_pads(link))
             server.on_client_disconnect(lambda _: self.mouse.drag("end", None))
-            self.register_misses()
+            for key, is_click in (("M", True), ("T", False)):
+                self.register_press(key, is_click)
         if setup.calibrates:
             server.on_client_connect(lambda _: send(PageOrder("opened")))
 
@@ -92,8 +93,8 @@ class Page:
         scene, taxels, mouse = self.scene, self.scene.taxels[link], self.mouse
 
         def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
+            self.pressed = None
             if event.instance_index is not None:
-                self.hit = monotonic()
                 spot = scene.pick_taxel(int(taxels[event.instance_index]))
                 mouse.click(spot, monotonic(), mode)
 
@@ -107,6 +108,7 @@ class Page:
 
         @discs.on_drag("left")
         async def _(event: SceneNodeDragEvent) -> None:
+            self.pressed = None
             eye = np.asarray(event.client.camera.position)
             if event.phase == "start" and event.instance_index is not None:
                 spot = scene.pick_taxel(int(taxels[event.instance_index]))
@@ -115,14 +117,20 @@ class Page:
                 spot = scene.pick_along_ray(eye, ray)
             mouse.drag(event.phase, spot)
 
-    def register_misses(self) -> None:
-        """Say in the log where a click has hit no taxel."""
+    def register_press(self, key: Key, is_click: bool) -> None:
+        """Note clicks or drags in the scene, which the browser tells by a key."""
+        what = "click" if is_click else "drag"
+        command = self.server.gui.add_command(f"answer a {what}", hotkey=key)
 
-        @self.server.scene.on_click()
-        def _(event: SceneClickEvent) -> None:
-            # A click on a taxel comes just before, as an event of its own.
-            if monotonic() - self.hit > SAME_CLICK:
-                self.panel.note(self.seconds, MISSED)
+        @command.on_trigger
+        async def _(event: object) -> None:
+            # What a press hits is told just after the press itself.
+            self.pressed = monotonic(), is_click
+
+    def tell(self, text: str) -> None:
+        """Answer in the log what was done with the mouse, which then needs no hint."""
+        self.panel.note(self.seconds, text)
+        self.target.hints = False
 
     def show(self, update: ViewUpdate) -> None:
         """Show one update."""
@@ -137,8 +145,16 @@ class Page:
                 self.panel.render(update)
 
     def tick(self) -> None:
-        """Send the touches that are due."""
-        self.mouse.tick(monotonic())
+        """Send the touches that are due, and answer a press that hit nothing."""
+        now = monotonic()
+        if self.pressed is None:
+            self.mouse.tick(now)
+        elif now - self.pressed[0] > ANSWERED:
+            (_, is_click), self.pressed = self.pressed, None
+            if is_click:
+                self.mouse.click(None, now)
+            else:
+                self.tell(MISSED)
 
 
 def build_panel(

@@ -10,6 +10,7 @@ from typing import Literal, final
 
 import numpy as np
 
+from eskin.page.html import to_words
 from eskin.page.messages import (
     Order,
     PaintOrder,
@@ -24,7 +25,11 @@ DragPhase = Literal["start", "update", "end"]
 
 
 class Mouse(ABC):
-    """A mouse turns clicks and drags on a surface into orders."""
+    """A mouse turns clicks and drags on a surface into orders.
+
+    Attributes:
+        tell: function called with the answer to each click and drag, for the person.
+    """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
         """Start without orders.
@@ -34,15 +39,16 @@ class Mouse(ABC):
             send: function called with each order, from any thread.
         """
         self.setup, self.send = setup, send
+        self.tell: Callable[[str], None] = lambda text: None
 
     @abstractmethod
     def click(
-        self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
+        self, spot: SurfacePoint | None, now: float, mode: TouchMode | None = None
     ) -> None:
         """Act on a click.
 
         Args:
-            spot: point on the surface.
+            spot: point on the surface; None where the click missed it.
             now: time of any monotonic clock [s].
             mode: kind of touch that is asked for; None for the current one.
         """
@@ -65,8 +71,16 @@ DOUBLE_CLICK = 0.35
 """Longest time between two clicks that make a double pat [s]."""
 DOUBLE_CLICK_DISTANCE = 0.05
 """Greatest distance between the two clicks of a double pat [m]."""
-MIN_SECONDS: dict[TouchKind, float] = {"grab": 0.8, "double_pat": 0.4}
-"""Shortest duration of these touches, even where a shorter one is set [s]."""
+USUAL: dict[TouchKind, tuple[float, float]] = {
+    "poke": (8.0, 0.6),
+    "double_pat": (6.0, 0.5),
+    "grab": (40.0, 1.0),
+    "begin": (4.0, 0.0),
+}
+"""Force [N] and duration [s] of each touch, as people make it who want to be felt: the
+medians of the simulator (`constants.yaml`), and for a poke those of a firm one."""
+MISSED = "that was beside the skin: click or drag where the pointer is a hand"
+"""Answer to a click or drag that hit no skin."""
 STROKE_LENGTH = 0.12
 """Length of the stroke that a click makes in the mode `stroke` [m]."""
 STROKE_TICK = 0.05
@@ -79,55 +93,54 @@ class MouseHand(Mouse):
 
     A click pokes only once it is too late for a second click. Two clicks make a double
     pat instead of two pokes, because the first poke would be recognised, and would have
-    issued its command, before the second.
+    issued its command, before the second. It suffices that one of the two hits.
 
     Attributes:
         mode: kind of touch that a click makes.
-        force: force of the next touch [N].
-        seconds: duration of the next touch; grabs and double pats last at least
-            `MIN_SECONDS` [s].
+        firmness: force of the next touch by the usual one of its kind.
+        slowness: duration of the next touch by the usual one of its kind.
     """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
         """Start without touches."""
         super().__init__(setup, send)
         self.mode: TouchMode = "poke"
-        self.force = 12.0
-        self.seconds = 0.3
+        self.firmness = self.slowness = 1.0
         self.keys = count(1)
         # Time at which a poke is sent unless a second click follows, and its point.
-        self.waiting_poke: tuple[float, SurfacePoint] | None = None
+        self.waiting: tuple[float, SurfacePoint | None] | None = None
         self.scheduled: list[tuple[float, int, TouchOrder]] = []
         self.dragged: TouchOrder | None = None
         self.lock = RLock()
 
     def click(
-        self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
+        self, spot: SurfacePoint | None, now: float, mode: TouchMode | None = None
     ) -> None:
         """Touch a point in the current mode, or in another."""
         mode = mode or self.mode
-        if mode == "stroke":
-            self.stroke(spot, now)
-        elif mode == "poke":
+        if mode == "poke":
             self.poke(spot, now)
+        elif spot is None:
+            self.tell(MISSED)
+        elif mode == "stroke":
+            self.stroke(spot, now)
         else:
-            kind = "grab" if mode == "grab" else "double_pat"
-            self.schedule(now, kind, spot)
+            self.schedule(now, "grab" if mode == "grab" else "double_pat", spot)
         self.tick(now)
 
-    def poke(self, spot: SurfacePoint, now: float) -> None:
+    def poke(self, spot: SurfacePoint | None, now: float) -> None:
         """Schedule a poke, or a double pat if a poke was already scheduled."""
         with self.lock:
             self.tick(now)
-            first = None if self.waiting_poke is None else self.waiting_poke[1]
-            self.waiting_poke = (now + DOUBLE_CLICK, spot)
-            if first is None:
+            waiting, self.waiting = self.waiting, (now + DOUBLE_CLICK, spot)
+            if waiting is None:
                 return
-            apart = np.linalg.norm(first.p_link - spot.p_link)
-            if first.link == spot.link and apart <= DOUBLE_CLICK_DISTANCE:
-                self.waiting_poke = None
-            kind = "poke" if self.waiting_poke else "double_pat"
-            self.schedule(now, kind, first)
+            first = waiting[1]
+            if first is not None and spot is not None and not are_near(first, spot):
+                self.schedule(now, "poke", first)
+            elif (hit := first or spot) is not None:
+                self.waiting = None
+                self.schedule(now, "double_pat", hit)
 
     def stroke(self, spot: SurfacePoint, now: float) -> None:
         """Schedule a stroke along the patch from a point, over taxels of its link."""
@@ -179,9 +192,14 @@ class MouseHand(Mouse):
     def build_order(self, kind: TouchKind, spot: SurfacePoint, key: int) -> TouchOrder:
         """Return an order for a point with the current force and duration."""
         x, y, z = spot.p_link.tolist()
+        force, seconds = USUAL.get(kind, USUAL["begin"])
+        force, seconds = self.firmness * force, self.slowness * seconds
+        if kind not in ("move", "end"):
+            patch = self.setup.patches[self.setup.patch_index[spot.taxel]]
+            what = "stroke" if kind == "begin" else kind
+            self.tell(to_words(f"your {what} on {patch}"))
         link = self.setup.links[spot.link]
-        seconds = max(self.seconds, MIN_SECONDS.get(kind, 0.0))
-        return TouchOrder(kind, link, (x, y, z), self.force, seconds, key)
+        return TouchOrder(kind, link, (x, y, z), force, seconds, key)
 
     def schedule(
         self, when: float, kind: TouchKind, spot: SurfacePoint, key: int | None = None
@@ -194,11 +212,20 @@ class MouseHand(Mouse):
     def tick(self, now: float) -> None:
         """Send the orders that are due."""
         with self.lock:
-            if self.waiting_poke is not None and self.waiting_poke[0] <= now:
-                self.schedule(now, "poke", self.waiting_poke[1])
-                self.waiting_poke = None
+            if self.waiting is not None and self.waiting[0] <= now:
+                if self.waiting[1] is None:
+                    self.tell(MISSED)
+                else:
+                    self.schedule(now, "poke", self.waiting[1])
+                self.waiting = None
             while self.scheduled and self.scheduled[0][0] <= now:
                 self.send(heapq.heappop(self.scheduled)[2])
+
+
+def are_near(one: SurfacePoint, other: SurfacePoint) -> bool:
+    """Return whether two points are near enough for the clicks of a double pat."""
+    apart = float(np.linalg.norm(one.p_link - other.p_link))
+    return one.link == other.link and apart <= DOUBLE_CLICK_DISTANCE
 
 
 BALL_STEP = 0.5
@@ -223,11 +250,12 @@ class PaintBrush(Mouse):
         self.last: SurfacePoint | None = None
 
     def click(
-        self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
+        self, spot: SurfacePoint | None, now: float, mode: TouchMode | None = None
     ) -> None:
         """Paint one ball at a point, whatever the mode."""
-        self.strokes += 1
-        self.paint(spot)
+        if spot is not None:
+            self.strokes += 1
+            self.paint(spot)
 
     def drag(self, phase: DragPhase, spot: SurfacePoint | None) -> None:
         """Paint along a drag, which begins when the mouse moves."""

@@ -17,8 +17,12 @@ from eskin.page.messages import (
     ViewUpdate,
 )
 
-INK, PALE, LINE = "#1f2733", "#7b8594", "#e6e9ee"
-TEAL, AMBER, RED, BLUE = "#1f9e89", "#c77700", "#c43a31", "#3b6fb6"
+INK, PALE = "light-dark(#1f2733,#e3e8ee)", "light-dark(#596372,#b0b9c4)"
+LINE = "light-dark(#e6e9ee,#3a424d)"
+TEAL, AMBER = "light-dark(#0c6b60,#5ecbb8)", "light-dark(#8a5000,#f0b255)"
+RED, BLUE = "light-dark(#b3261e,#ff9d94)", "light-dark(#2b5c9e,#93bdf5)"
+"""Colours of the panel on white and on black, each with a contrast of 4.5 or more to
+both of its backgrounds."""
 STATE_COLOURS = {
     "running": TEAL,
     "paused": AMBER,
@@ -102,7 +106,7 @@ def render_notice(text: str) -> str:
 
 def render_warning(text: str) -> str:
     """Return a warning as HTML."""
-    style = f"margin-bottom:6px;{BOX};color:#fff;background:{RED}"
+    style = f"margin-bottom:6px;{BOX};color:#fff;background:#b3261e"
     return render_block(div(style, escape(text)))
 
 
@@ -123,11 +127,13 @@ def render_result(board: GuideBoard) -> str:
 def render_numbers(*pairs: tuple[str, str]) -> str:
     """Return names with their values side by side as HTML."""
     cells = "".join(
-        f"<div>{div(f'color:{PALE};font-size:10px', name)}"
-        f"{div(f'font-weight:600;{NUMERALS}', value)}</div>"
+        f"<div>{div(f'color:{PALE};font-size:11px', name)}"
+        f"{div(f'font-weight:600;white-space:nowrap;{NUMERALS}', value)}</div>"
         for name, value in pairs
     )
-    return render_block(div("display:flex;justify-content:space-between", cells))
+    return render_block(
+        div("display:grid;grid-template-columns:4fr 4fr 3fr 6fr;gap:4px", cells)
+    )
 
 
 def render_status(update: ViewUpdate) -> str:
@@ -136,9 +142,9 @@ def render_status(update: ViewUpdate) -> str:
     colour = TEAL if working == count else AMBER if working > 0.9 * count else RED
     parts = render_numbers(
         ("readings/s", f"{update.rate:.0f}"),
-        ("recognition", f"{1e3 * update.step:.2f} ms"),
+        ("step", f"{1e3 * update.step:.2f} ms"),
         ("delay", f"{1e3 * update.age:.0f} ms"),
-        ("taxels in use", span(f"color:{colour}", f"{working} of {count}")),
+        ("taxels", span(f"color:{colour}", f"{working} of {count}")),
     )
     if update.arm is not None:
         parts += render_block(render_arm(update.arm))
@@ -153,7 +159,7 @@ def render_arm(summary: ArmSummary) -> str:
     target = summary.target or "-"
     rest = f"{summary.speed:.0%} speed, gripper {summary.gripper}, to {target}"
     return div(
-        f"margin-top:4px;padding:4px 8px;border-radius:6px;background:{LINE}",
+        f"margin:4px 0 8px;padding:4px 8px;border-radius:6px;background:{LINE}",
         f'<b style="color:{STATE_COLOURS[summary.state]}">{escape(state)}</b>',
         f"<br>{escape(summary.remedy)}" if summary.remedy else "",
         f"<br>{span(f'color:{PALE}', escape(rest))}",
@@ -288,10 +294,10 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
     """
     head, best, probabilities = "no touch", -1, np.zeros(len(setup.gestures))
     for first in touches[:1]:
-        head = f"touch {first.id} on {render_name(first.link)}, {first.force:.1f} N"
+        head = f"touch {first.id} on {render_name(first.patch)}, {first.force:.1f} N"
         best, probabilities = int(np.argmax(first.probabilities)), first.probabilities
     colours, commands = choose_gesture_colours(setup.gestures), describe_commands(setup)
-    below = f"color:{PALE};font-size:10.5px;line-height:1.2;margin:0 0 2px 14px"
+    below = f"color:{PALE};font-size:11px;line-height:1.2;margin:0 0 2px 14px"
     rows = [div(f"color:{PALE};margin:2px 0", head)]
     for number, gesture in enumerate(setup.gestures):
         colour, share = colours[gesture], f"{probabilities[number]:.0%}"
@@ -314,6 +320,10 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
     return render_block(*rows)
 
 
+LOG_HEIGHT = "max(90px,calc(100vh - 590px))"
+"""Height of the log, which takes what other parts of the panel leave."""
+
+
 def render_log(
     log_entries: Iterable[LogEntry], colours: Mapping[str, str] | None = None
 ) -> str:
@@ -328,8 +338,9 @@ def render_log(
         div(
             f"{ROW};border-bottom:1px solid {LINE};padding:1px 0",
             span(
-                f"color:{PALE};width:46px;flex:none;text-align:right;{NUMERALS}",
-                f"{entry.seconds:.1f} s",
+                f"color:{PALE};width:54px;flex:none;text-align:right;"
+                f"white-space:nowrap;{NUMERALS}",
+                format_seconds(entry.seconds),
             ),
             span(
                 f"color:{KIND_COLOURS[entry.kind]}",
@@ -340,7 +351,15 @@ def render_log(
         for entry in log_entries
     )
     inside = rows or span(f"color:{PALE}", "nothing has happened yet")
-    return render_block(div("height:80px;overflow-y:auto;margin:4px 0", inside))
+    return render_block(
+        div(f"height:{LOG_HEIGHT};overflow-y:auto;margin:4px 0", inside)
+    )
+
+
+def format_seconds(seconds: float) -> str:
+    """Return a time as minutes and seconds, such as `26:48.9`."""
+    minutes, rest = divmod(round(10 * seconds), 600)
+    return f"{minutes}:{rest / 10:04.1f}"
 
 
 def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
@@ -409,7 +428,7 @@ class ColourScale:
         stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in self.table[::7].tolist())
         values = [f"{self.maximum * share * share:.3g}" for share in shares]
         values[-1] += " kPa"
-        small = "font-size:11px;color:#667"
+        small = f"font-size:11px;color:{PALE}"
         return render_block(
             div(
                 "height:10px;border-radius:5px;"
@@ -428,9 +447,9 @@ class ColourScale:
 
 
 MAP_STYLE = (
-    "<style>.eskin-map text{display:none;font-size:5px;fill:#1f2733}"
+    "<style>.eskin-map text{display:none;font-size:5px;fill:currentColor}"
     ".eskin-map g:hover text{display:block}"
-    ".eskin-map g:hover circle{stroke:#1f2733;stroke-width:.8}</style>"
+    ".eskin-map g:hover circle{stroke:currentColor;stroke-width:.8}</style>"
 )
 """Shows the value of the taxel under the pointer, without a word from this process."""
 

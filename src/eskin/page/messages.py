@@ -31,8 +31,8 @@ class OpenTouch:
 
     id: int
     """Number of the touch."""
-    link: str
-    """Name of the link that is touched."""
+    patch: str
+    """Name of the patch that is touched."""
     force: float
     """Force of its strongest contact [N]."""
     probabilities: Float32[np.ndarray, "class"]

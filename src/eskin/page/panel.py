@@ -43,7 +43,7 @@ from eskin.page.scene import PagePart
 
 Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "I", "O", "Z", "S",
-    "delete", "1", "2", "3", "4", "5", "6", "7", "8", "9",
+    "delete", "M", "R", "T", "1", "2", "3", "4", "5", "6", "7", "8", "9",
 ]  # fmt: skip
 DIGITS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 
@@ -79,7 +79,12 @@ class Panel(PagePart):
         self.log_entries.extendleft(update.log_entries)
 
     def note(self, seconds: float, text: str) -> None:
-        """Add an answer to what was done in the page, at a time [s], to the log."""
+        """Add an answer to what was done in the page, at a time [s], to the log.
+
+        The same answer again replaces the one before.
+        """
+        if self.log_entries and self.log_entries[0].text == text:
+            self.log_entries.popleft()
         self.log_entries.appendleft(LogEntry(seconds, "note", text))
 
     @abstractmethod
@@ -169,7 +174,7 @@ class HistoryPlot:
                 "mark": {"range": (0.0, 1.0)},
             },
             axes=(
-                describe_axis("x", "time before now [s]", 2),
+                describe_axis("x", "seconds from now", 2),
                 describe_axis("N", "force [N]"),
                 describe_axis("kPa", "peak [kPa]", 1),
             ),
@@ -225,6 +230,10 @@ def describe_axis(scale: str, title: str, side: Literal[1, 2, 3] = 3) -> Axis:
 NOT_CERTIFIED = "eskin is no certified safety function."
 """Notice that the page always shows."""
 MODES: tuple[TouchMode, ...] = ("poke", "double pat", "grab", "stroke")
+HOW_TO_TOUCH = (
+    "Click twice for a double pat, drag for a stroke, shift and click for a grab, or "
+    "choose it here, as on a phone; a drag beside the skin turns the view"
+)
 TOUCHED = "the touched one"
 """Choice of the patch that is touched most."""
 MAP_PERIOD = 0.2
@@ -257,13 +266,18 @@ class TouchPanel(Panel):
         self.running = True
         self.maps_due, self.mapped = 0.0, 0
         self.status = gui.add_html("")
+        if setup.touchable and setup.is_arm:
+            self.add_orders("task", {"pause": "pause_task", "resume": "resume_task"})
+        if setup.touchable:
+            mode = gui.add_dropdown("a click is a", MODES, hint=HOW_TO_TOUCH)
+            obey(mode.on_update, partial(setattr, hand, "mode"))
         self.bars = gui.add_html(render_bars((), setup))
         self.log = gui.add_html(render_log(()))
         tabs = gui.add_tab_group()
         if setup.touchable:
             with tabs.add_tab("Hand", Icon.HAND_FINGER):
                 self.add_touch_controls()
-        with tabs.add_tab("Plot", Icon.CHART_LINE):
+        with tabs.add_tab("10 s", Icon.CHART_LINE):
             self.history = HistoryPlot(gui, setup.gestures)
         with tabs.add_tab("Skin", Icon.GRID_DOTS):
             self.shown_patch = gui.add_dropdown("patch", (TOUCHED, *setup.patches))
@@ -297,27 +311,13 @@ class TouchPanel(Panel):
             self.send(CorrectionOrder(self.last.touch, gesture))
 
     def add_touch_controls(self) -> None:
-        """Add the controls of touches, and of the task of the arm."""
-        gui, hand = self.gui, self.hand
-        mode = gui.add_dropdown(
-            "click is a",
-            MODES,
-            initial_value=hand.mode,
-            hint="Click twice for a double pat, drag for a stroke, shift and click for "
-            "a grab, or choose it here, as on a phone; anywhere else, drag to turn the "
-            "view",
-        )
-        force = gui.add_slider(
-            "force [N]", min=1, max=40, step=1, initial_value=int(hand.force)
-        )
-        seconds = gui.add_slider(
-            "duration [s]", min=0.1, max=3.0, step=0.1, initial_value=hand.seconds
-        )
-        obey(mode.on_update, partial(setattr, hand, "mode"))
-        obey(force.on_update, lambda value: setattr(hand, "force", float(value)))
-        obey(seconds.on_update, lambda value: setattr(hand, "seconds", float(value)))
-        if self.setup.is_arm:
-            self.add_orders("task", {"pause": "pause_task", "resume": "resume_task"})
+        """Add the controls of how firm and slow touches are."""
+        for name, attribute in (("force", "firmness"), ("duration", "slowness")):
+            times = self.gui.add_slider(
+                f"{name}, times", min=0.2, max=4.0, step=0.1, initial_value=1.0,
+                hint=f"{name} of the next touches, by what is usual for the gesture",
+            )  # fmt: skip
+            obey(times.on_update, partial(setattr, self.hand, attribute))
 
     def add_skin_controls(self) -> None:
         """Add the controls of cables, dead taxels, skins and recording."""

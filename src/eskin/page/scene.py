@@ -11,6 +11,8 @@ from jaxtyping import Float, Float32, UInt8
 from viser import (
     BatchedMeshHandle,
     ClientHandle,
+    CommandEvent,
+    GuiEvent,
     LabelHandle,
     MeshHandle,
     ViserServer,
@@ -32,10 +34,10 @@ LIFT = 0.0012
 """Distance of the discs from the surface [m]."""
 DISC_SHARE = 0.86
 """Radius of a disc as a share of the radius of a circle of the taxel's area."""
-PAD_SHARE = 1.26
-"""Radius of a pad as such a share: of the circle around a square of that area."""
-PAD = (196, 200, 206)
-"""Colour of the surface under the taxels: red, green and blue, each to 255."""
+PAD_SHARE = 2.0
+"""Radius of a pad as such a share: it reaches half a taxel beyond the outermost."""
+THICKNESS = 0.1
+"""Height of a disc over and under its rim, by its radius."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
 FIELD_OF_VIEW = 0.7
@@ -52,6 +54,10 @@ SCALE = 60.0
 """Initial pressure of the lightest colour [kPa]; the user can change it."""
 WIDTH, WIDER = 320, 400
 """Width of the panel, and of a panel with two columns [px]."""
+GRID = (150, 158, 170)
+"""Colour of the lines on the ground."""
+BOTTOM = 1e9
+"""Order of what is below all else in the panel."""
 BRAND = (31, 120, 137)
 MIN_POSE_CHANGE = 1e-5
 """Change of a pose below which a frame is not moved, per component [1 or m]."""
@@ -121,7 +127,7 @@ class Scene(PagePart):
         }
 
     def add_surroundings(self) -> None:
-        """Add a grid as ground, a pale sky, and lights that preserve the colours."""
+        """Add a grid as ground, and lights that preserve the colours."""
         scene = self.server.scene
         scene.add_grid(
             "/ground",
@@ -129,13 +135,12 @@ class Scene(PagePart):
             fade_distance=7.0,
             cell_size=0.1,
             section_size=0.5,
-            cell_color=(222, 226, 232),
-            section_color=(200, 206, 215),
+            cell_color=GRID,
+            section_color=GRID,
+            cell_thickness=0.5,
             shadow_opacity=0.22,
             position=(0.0, 0.0, self.setup.ground - 0.001),
         )
-        sky = np.linspace((224, 231, 240), (250, 251, 253), 64).astype(np.uint8)
-        scene.set_background_image(np.tile(sky[:, None], (1, 4, 1)))
         scene.configure_environment_map(None)
         scene.configure_default_lights(False)
         scene.add_light_ambient("/light/all", intensity=1.0)
@@ -194,8 +199,9 @@ class Scene(PagePart):
         client.camera.position, client.camera.look_at = position, look_at
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
-        """Add pads between the discs of a link, so that it can be touched there."""
-        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, LINEAR[[PAD]])
+        """Add pads that nobody sees, so that a touch beside a disc counts too."""
+        clear = np.zeros((1, 3), np.uint8)
+        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, clear, opacity=0.0)
 
     def add_discs(
         self,
@@ -204,6 +210,7 @@ class Scene(PagePart):
         lift: float,
         share: float,
         colour: UInt8[np.ndarray, "1 3"],
+        opacity: float | None = None,
     ) -> BatchedMeshHandle:
         """Add a disc of a colour on each taxel of a link.
 
@@ -213,15 +220,17 @@ class Scene(PagePart):
             lift: distance of the discs from the surface [m].
             share: radius as a share of the radius of a circle of the taxel's area.
             colour: colour of all discs at first.
+            opacity: opacity of the discs; None for opaque ones.
         """
         setup, taxels = self.setup, self.taxels[link]
         normals = setup.normals[taxels]
         return self.add_instances(
             f"{setup.links[link]}/{name}",
-            build_disc(),
+            build_disc(0.0 if opacity == 0.0 else THICKNESS),
             (compute_rotations_to(normals), setup.positions[taxels] + lift * normals),
             share * np.sqrt(setup.areas[taxels] / np.pi),
             np.repeat(colour, len(taxels), axis=0),
+            opacity=opacity,
         )
 
     def add_instances(
@@ -232,6 +241,7 @@ class Scene(PagePart):
         scales: Float[np.ndarray, "one"],
         colours: UInt8[np.ndarray, "one 3"] | tuple[int, int, int],
         side: Literal["front", "double"] = "front",
+        opacity: float | None = None,
     ) -> BatchedMeshHandle:
         """Add several instances of a mesh.
 
@@ -242,6 +252,7 @@ class Scene(PagePart):
             scales: scale of each.
             colours: colour of each, or of all.
             side: side of the faces that is seen.
+            opacity: opacity; None for opaque ones.
         """
         return self.server.scene.add_batched_meshes_simple(
             f"/robot/{name}",
@@ -251,6 +262,7 @@ class Scene(PagePart):
             batched_colors=colours,
             lod="off",
             side=side,
+            opacity=opacity,
             cast_shadow=False,
             receive_shadow=False,
         )
@@ -274,6 +286,38 @@ class Scene(PagePart):
         """Return positions [m] and normals of the taxels in the world, as shown."""
         T = self.T_world_link[self.setup.taxel_link]
         return apply(T, self.setup.positions), rotate(T, self.setup.normals)
+
+    def add_mark(self, place: PressPlace, text: str) -> tuple[MeshHandle, LabelHandle]:
+        """Add a ring around a place, and a label that is seen through the robot."""
+        scene, normal = self.server.scene, np.array(place.n_link)
+        at = f"/robot/{self.setup.links[place.link]}"
+        middle = place.p_link + RING_LIFT * normal
+        ring = scene.add_mesh_simple(
+            f"{at}/target",
+            *revolve(RING_PROFILE, SEGMENTS),
+            color=TARGET,
+            side="double",
+            scale=TARGET_RADIUS,
+            wxyz=compute_rotations_to(normal[None])[0],
+            position=middle,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        label = scene.add_label("/target_label", text, anchor="bottom-center")
+        return ring, label
+
+    def measure_facing(self) -> Float[np.ndarray, "taxel"]:
+        """Return the cosine between each normal and the way to the first camera."""
+        middle, distance, direction = self.camera
+        positions, normals = self.place_taxels()
+        rays = middle + distance * direction - positions
+        return np.einsum("ti,ti->t", rays, normals) / np.linalg.norm(rays, axis=1)
+
+    def find_facing_taxel(self) -> int:
+        """Return the taxel that faces the camera most, of the patch that is seen most."""
+        facing, patches = self.measure_facing(), self.setup.patch_index
+        seen = np.bincount(patches, np.maximum(facing, 0.0))
+        return int(np.argmax(np.where(patches == seen.argmax(), facing, -1.0)))
 
     def pick_taxel(self, taxel: int) -> SurfacePoint:
         """Return the centre of a taxel."""
@@ -319,6 +363,13 @@ def lay_out(server: ViserServer, setup: SceneDescription, width: int = WIDTH) ->
     scene = Scene(server, setup, ColourScale(SCALE))
     scene.set_camera(np.array(setup.middle), setup.distance)
     server.on_client_connect(scene.turn)
+
+    async def face(event: CommandEvent | GuiEvent) -> None:
+        if event.client is not None:
+            scene.turn(event.client)
+
+    gui.add_command("face the skin", hotkey="R").on_trigger(face)
+    gui.add_button_group("view", ("face the skin (R)",), order=BOTTOM).on_click(face)
     return scene
 
 
@@ -351,11 +402,14 @@ def compute_arrow_length(force: float) -> float:
     return min(ARROW_BASE + ARROW_PER_NEWTON * force, ARROW_LONGEST)
 
 
-def build_disc() -> Mesh:
-    """Return vertices and faces of a flat disc of radius 1 that faces z."""
-    vertices, faces = revolve([(1.0, 0.0), (0.0, 0.0)], CORNERS)
-    # The rim, then one vertex in the middle.
-    return vertices[: CORNERS + 1], np.minimum(faces[CORNERS:], CORNERS)
+def build_disc(thickness: float) -> Mesh:
+    """Return vertices and faces of a disc of radius 1 that faces z.
+
+    Where its middle has a thickness, the page can outline it under the pointer.
+    """
+    profile = [(0.0, -thickness), (1.0, 0.0), (0.0, thickness)]
+    vertices, faces = revolve(profile, CORNERS)
+    return vertices, faces[[*range(0, CORNERS), *range(3 * CORNERS, 4 * CORNERS)]]
 
 
 def revolve(profile: Sequence[tuple[float, float]], corners: int) -> Mesh:
@@ -565,6 +619,10 @@ TARGET = (231, 41, 138)
 """Pink, distinct from skin at rest, lids and rings around contacts (Brewer's Dark2)."""
 TARGET_RADIUS = 0.02
 """Radius of the ring around the place to press [m]."""
+LABEL_HEIGHT = 0.06
+"""Height of the label of that place over the skin [m]."""
+HINT_FACING = 0.4
+"""Cosine to the camera below which another place is hinted at."""
 TARGET_DISTANCE = 0.9
 """Distance of the camera from the place to press [m]."""
 SLANT = 0.4
@@ -576,50 +634,50 @@ CAMERA_HEIGHT = 0.05
 
 @final
 class TargetMark(PagePart):
-    """Marks the place to press next, and turns the camera to it."""
+    """Marks the place to press next, and turns the camera to it.
 
-    def __init__(self, server: ViserServer, scene: Scene) -> None:
+    Attributes:
+        hints: whether it marks where to click while no place is to be pressed.
+    """
+
+    def __init__(self, server: ViserServer, scene: Scene, hints: bool = False) -> None:
         """Start without a place."""
-        self.server = server
-        self.scene = scene
+        self.server, self.scene, self.hints = server, scene, hints
         self.place: PressPlace | None = None
-        self.handles: list[MeshHandle | LabelHandle] = []
+        self.hinted: int | None = None
+        self.handles: tuple[MeshHandle, LabelHandle] | None = None
 
     def update(self, update: ViewUpdate) -> None:
-        """Mark the place of the guide, if there is one."""
+        """Mark the place of the guide, or where to click, if there is one."""
         place = None if update.guide is None else update.guide.place
-        if place == self.place:
-            return
-        for handle in self.handles:
-            handle.remove()
-        self.place, self.handles = place, []
-        if place is not None:
-            self.handles = self.add_mark(place)
-            self.turn_camera(place)
+        if place is None and self.hints:
+            place = self.find_hint()
+        if place != self.place:
+            for handle in self.handles or ():
+                handle.remove()
+            self.place, self.handles = place, None
+            if place is not None:
+                text = "click here" if update.guide is None else "press here"
+                self.handles = self.scene.add_mark(place, text)
+                if update.guide is not None:
+                    self.turn_camera(place)
+        if place is not None and self.handles is not None:
+            above = place.p_link + LABEL_HEIGHT * np.array(place.n_link)
+            T = self.scene.T_world_link[place.link]
+            self.handles[1].position = apply(T, above)
 
-    def add_mark(self, place: PressPlace) -> list[MeshHandle | LabelHandle]:
-        """Add a ring around a place, and a label that is seen through the robot."""
-        scene, normal = self.server.scene, np.array(place.n_link)
-        at = f"/robot/{self.scene.setup.links[place.link]}"
-        middle = place.p_link + RING_LIFT * normal
-        ring = scene.add_mesh_simple(
-            f"{at}/target",
-            *revolve(RING_PROFILE, SEGMENTS),
-            color=TARGET,
-            side="double",
-            scale=TARGET_RADIUS,
-            wxyz=compute_rotations_to(normal[None])[0],
-            position=middle,
-            cast_shadow=False,
-            receive_shadow=False,
+    def find_hint(self) -> PressPlace:
+        """Return a place on the skin that faces the camera, the same while it does."""
+        setup, facing = self.scene.setup, self.scene.measure_facing()
+        if self.hinted is None or facing[self.hinted] < HINT_FACING:
+            self.hinted = self.scene.find_facing_taxel()
+        taxel = self.hinted
+        p_link, n_link = (
+            (float(x), float(y), float(z))
+            for x, y, z in (setup.positions[taxel], setup.normals[taxel])
         )
-        label = scene.add_label(
-            f"{at}/target_label",
-            "press here",
-            position=middle + 3 * TARGET_RADIUS * normal,
-            anchor="bottom-center",
-        )
-        return [ring, label]
+        patch = setup.patches[setup.patch_index[taxel]]
+        return PressPlace(patch, int(setup.taxel_link[taxel]), p_link, n_link)
 
     def turn_camera(self, place: PressPlace) -> None:
         """Look at a place from outside, and from above the ground."""

@@ -35,6 +35,45 @@ HEADERS = {
 """Headers of the answer to a request for the page."""
 
 
+LOOK = b"""<script>
+  if (matchMedia("(prefers-color-scheme: dark)").matches && !location.search)
+    history.replaceState(null, "", "?darkMode");
+  let at = null;
+  addEventListener("pointerdown", (event) => {
+    const isScene = event.button === 0 && event.target.dataset?.engine;
+    at = isScene ? [event.clientX, event.clientY] : null;
+  }, true);
+  addEventListener("pointerup", (event) => {
+    if (at === null) return;
+    const moved = Math.hypot(event.clientX - at[0], event.clientY - at[1]) > 4;
+    const key = moved ? "T" : "M";
+    document.documentElement.dispatchEvent(
+      new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true}));
+    at = null;
+  }, true);
+</script>
+<style>
+  :root { color-scheme: light dark; }
+  [data-mantine-color-scheme="light"] { color-scheme: light; }
+  [data-mantine-color-scheme="dark"] { color-scheme: dark; }
+  canvas[data-engine] {
+    background: linear-gradient(
+      light-dark(#e0e7f0, #2a313b), light-dark(#fafbfd, #14181d));
+  }
+  .mantine-Button-root { min-height: 28px; }
+  @media (pointer: coarse) { .mantine-Button-root { min-height: 40px; } }
+  @media (max-width: 36em) {
+    [style*="max-height: 60%"] { width: 100% !important;
+      max-height: 44% !important; }
+    [style*="max-height: 60%"] [style="width: 20em;"] { width: 100% !important; }
+  }
+</style>"""
+"""What is added to viser's page: it is dark where the browser prefers that; each click
+and drag in the scene is told by a key, M or T, so that those beside the skin are
+answered too; the sky is pale or dark; and on a phone the panel is as wide as the
+window, and lower."""
+
+
 @final
 class PageAccess:
     """Accepts requests and connections of a page that was opened by its link."""
@@ -80,9 +119,14 @@ def guard_servers(access: PageAccess) -> Iterator[list[Any]]:
             if problem is not None:
                 return connection.respond(HTTPStatus.FORBIDDEN, problem + "\n")
             request.path = "/"
+            # An answer that is not compressed can be added to.
+            request.headers.pop("Accept-Encoding", None)
             response = process_request(connection, request)
             if response is not None:
                 response.headers.update(HEADERS)
+                response.body = response.body.replace(b"<head>", b"<head>" + LOOK, 1)
+                response.headers.pop("Content-Length", None)
+                response.headers["Content-Length"] = str(len(response.body))
             return response
 
         guarded.append(serve(*args, process_request=check, **options))

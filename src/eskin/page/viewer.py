@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float, Float16
 from eskin.command import Arm, ArmState
 from eskin.drivers import Event
 from eskin.errors import DeviceError
-from eskin.live import Detection
+from eskin.live import UNKNOWN, Detection
 from eskin.page.appearance import describe_scene
+from eskin.page.html import to_words
 from eskin.page.messages import (
     ArmSummary,
     ContactMarker,
@@ -92,22 +93,23 @@ class FrameEncoder:
                 pass
             case Event():
                 self.last_event = item
-                self.log(item.stamp, "event", item.text)
+                self.log(item.stamp, "event", to_words(item.text))
             case CommandEvent():
                 kind = "command" if item.accepted else "refused"
-                text = item.action + (f": {item.why}" if item.why else "")
-                self.log(item.stamp, kind, text.replace("_", " "))
+                self.log(item.stamp, kind, describe_command(item))
 
     def describe_detection(self, detection: Detection) -> LogEntry:
         """Return the log entry of a detection, with its position on its link."""
         link = self.mounted.robot.link_index(detection.link)
         x, y, z = apply(invert(self.T_world_link[link]), detection.p_world).tolist()
-        name = detection.gesture.replace("_", " ")
+        name = detection.gesture
+        if name == UNKNOWN and detection.likeliest:
+            name = f"probably {detection.likeliest}"
         return LogEntry(
             self.seconds(detection.stamp),
             "detection",
-            f"{name} {detection.confidence:.0%}, "
-            f"{detection.peak_force:.0f} N, {detection.patch.replace('_', ' ')}",
+            f"{to_words(name)} {detection.confidence:.0%}, "
+            f"{detection.peak_force:.0f} N, {to_words(detection.patch)}",
             detection.gesture,
             link,
             (x, y, z),
@@ -153,7 +155,7 @@ class FrameEncoder:
         found = [
             OpenTouch(
                 touch.id,
-                touch.contact.link,
+                touch.contact.patch,
                 touch.contact.force,
                 recognised.probabilities[touch.id].astype(np.float32),
             )
@@ -161,6 +163,24 @@ class FrameEncoder:
             if touch.id in recognised.probabilities
         ]
         return tuple(sorted(found, key=lambda touch: -touch.force))
+
+
+DONE = {"pause": "paused", "hold": "held", "resume": "resumed", "slow": "slowed"}
+"""What the log says of an action that was carried out."""
+NOT_UNDERSTOOD, LIKELIEST = "not understood", "most likely "
+"""Beginning of the reason for a stop by a touch that was not understood, and what comes
+before its likeliest gesture there."""
+
+
+def describe_command(command: CommandEvent) -> str:
+    """Return what the log says of a command: what was done, or why it was not."""
+    why = command.why
+    if not command.accepted:
+        return to_words(f"{command.action}: {why}")
+    if why.startswith(NOT_UNDERSTOOD) and LIKELIEST in why:
+        why = f"probably a {why.partition(LIKELIEST)[2].partition(' ')[0]}"
+    done = DONE.get(command.action, command.action)
+    return to_words(f"{done} ({why})" if why else done)
 
 
 def build_still(
@@ -357,7 +377,7 @@ class Viewer(Listener):
             text = "not kept: the touch or the name of the gesture is missing"
         elif self.describe_recording().startswith(RECORDING):
             self.corrected[order.touch] = gesture
-            text = f"kept: that was a {gesture.replace('_', ' ')}"
+            text = f"kept: that was a {to_words(gesture)}"
         self.encoder.log(self.context.clock.now(), "note", text)
 
     def publish_corrections(self, going_on: Collection[int]) -> None:

@@ -1,5 +1,8 @@
 """`eskin demo` shows a working arm in its skin, in the browser or headless."""
 
+import os
+import sys
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -47,8 +50,9 @@ class DemoCommand:
     """Robot that wears the skin: a URDF file or a preset's name. One other than the UR5
     stands still in the page, and is not commanded. Preset skins have their own."""
 
-    build: Literal["fresh", "shifted"] = "fresh"
-    """Simulated sensors: as in training, or aged."""
+    build: Literal["flawless", "fresh", "shifted"] | None = None
+    """Simulated sensors: without a defect, as in training with some dead or frozen
+    taxels, or aged. Flawless in the page by default, `fresh` headless."""
 
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
@@ -87,7 +91,7 @@ def run(command: DemoCommand) -> dict[str, object]:
         skin=command.skin,
         model=command.model,
         commands=command.commands,
-        build_kind=command.build,
+        build_kind=command.build or ("fresh" if command.headless else "flawless"),
         seed=command.seed,
         imports=command.import_functions,
         dynamics=command.dynamics,
@@ -143,7 +147,7 @@ def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     """Serve the page until the end; return the counts."""
     from eskin.sim.demo.browser import serve
 
-    served = serve(config, command.port, command.seconds, print_line)
+    served = serve(config, command.port, command.seconds, tell_link)
     print(
         f"{format_count(served.readings, 'reading')}, "
         f"{format_count(served.commands, 'command')}"
@@ -157,6 +161,10 @@ def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     }
 
 
-def print_line(line: str) -> None:
-    """Print a line and flush it."""
+def tell_link(line: str) -> None:
+    """Print a line that ends in a link, and open it where a person sees a browser."""
     print(line, flush=True)
+    displays = ("DISPLAY", "WAYLAND_DISPLAY")
+    has_display = sys.platform != "linux" or any(map(os.environ.get, displays))
+    if sys.stdout.isatty() and has_display:
+        webbrowser.open(line.rpartition(" ")[2])

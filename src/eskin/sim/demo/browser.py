@@ -24,7 +24,7 @@ from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
 from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.headless import DemoConfig, build_arm, is_on_arm
-from eskin.sim.demo.live_source import LiveSource
+from eskin.sim.demo.live_source import LiveSource, WaitingClock
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import (
     Context,
@@ -187,8 +187,7 @@ SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
 """Preset skins that fit the arm."""
 
 MONITOR = SkinMonitorConfig(max_age=0.4, max_silence=0.4)
-"""Limits of the skin monitor: the same computer simulates the skin and draws the page,
-so a simulated arm may wait longer for a reading than a real one."""
+"""Limits of the skin monitor, beyond what simulated time may be ahead of a reading."""
 
 READY_TIMEOUT = 60.0
 """Longest time until the page is served [s]."""
@@ -233,6 +232,8 @@ def serve(
         with run_demo(config, page, choice) as demo:
             tell(f"Ctrl-C ends it; see {demo.link}")
             demo.stream.wait(seconds)
+        # The link stays the same, and is told once.
+        tell = str
         if choice.skin is None:
             step = demo.recognition.step
             return PageResult(
@@ -300,7 +301,7 @@ def run_demo(
     recognizer = Recognizer(model, skin.mounted, skin.calibration)
     warm_up(recognizer)
     warm_up_hand(config)
-    clock, recognition = clock or HostClock(), Recognition(recognizer)
+    clock, recognition = WaitingClock(clock or HostClock()), Recognition(recognizer)
     metadata = Metadata("demo", "mouse", "browser", notes=PARTLY_LABELLED)
     button = RecordButton(Path.cwd(), metadata)
     with ExitStack() as stack:
@@ -310,7 +311,9 @@ def run_demo(
             commands = load_commands(
                 config.commands, words, skin.mounted.skin, config.imports
             )
-            policy = Policy(arm, commands, words, PolicyConfig(monitor=MONITOR))
+            # Time waits for the policy, so nothing needs to watch its readings.
+            config_of_policy = PolicyConfig(monitor=MONITOR, check_period=None)
+            policy = Policy(arm, commands, words, config_of_policy)
             page = complete_page(config, page, arm, policy)
             source = LiveSource(
                 skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
@@ -336,6 +339,8 @@ def run_demo(
         stream = Stream(source, [recognition, *commanding, viewer, button])
         choice.stop = stream.stop
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
+            if policy is not None:
+                clock.latest = lambda: policy.monitor.latest
             yield RunningDemo(
                 link=viewer.wait_ready(READY_TIMEOUT),
                 arm=arm,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import final
 
 import numpy as np
@@ -13,6 +14,40 @@ from eskin.units import NS_PER_S
 
 MAX_LATE = 0.5
 """Delay above which overdue scans are skipped [s]."""
+
+
+AHEAD = 0.2
+"""Greatest lead of simulated time over the latest reading that was processed [s]."""
+
+
+@final
+class WaitingClock(Clock):
+    """Follows another clock, but waits for readings that are processed too slowly.
+
+    A simulated skin is as late as its computer is busy. Nobody is touched meanwhile, so
+    time itself waits: what goes by this clock never sees an old reading.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        """Follow a clock without waiting, until `latest` is set."""
+        self.clock = clock
+        self.waited = 0
+        self.latest: Callable[[], int] | None = None
+        self.lock = Lock()
+
+    def now(self) -> int:
+        """Return the time that has not been waited for [ns since the epoch]."""
+        with self.lock:
+            time = self.clock.now() - self.waited
+            if self.latest is not None:
+                late = time - self.latest() - round(AHEAD * NS_PER_S)
+                self.waited += max(0, late)
+                time -= max(0, late)
+            return time
+
+    def sleep(self, seconds: float) -> None:
+        """Wait [s]."""
+        self.clock.sleep(seconds)
 
 
 @final

@@ -258,21 +258,27 @@ class InteractiveHand:
     def perform_requested(
         self, gesture: str, point: LinkPoint, requested: dict[str, float]
     ) -> int:
-        """Perform a gesture with some parameters fixed; return its id."""
+        """Perform a gesture with some parameters fixed; return its id.
+
+        It is the usual variant, made plainly, and stays where it lands on its link.
+        """
         with self.planning:
             site = build_site_at(point, self.env, self.q, self.person)
+            constants = self.env.constants
+            kinds = constants.weights(f"{gesture}.kinds")
+            usual = max(kinds, key=lambda kind: kinds[kind])
             touch = perform(
                 gesture,
-                None,
+                usual,
                 self.person,
                 site,
-                self.env.constants,
+                constants,
                 self.rng,
-                self.difficulty,
+                0.0,
                 "paper",
                 requested,
             )
-            return self.add_performed(touch)
+            return self.add(PerformedTouch(touch, 0.0, self.env))
 
     def draw_touch(
         self, gesture: str, kind: str | None, point: LinkPoint | None, person: Person

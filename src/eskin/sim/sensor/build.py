@@ -31,9 +31,10 @@ from eskin.skin import Skin
 from eskin.touch import Calibration
 
 BuildKind = Literal[
-    "fresh", "shifted", "divider", "logarithmic", "capacitive", "linear"
+    "fresh", "shifted", "flawless", "divider", "logarithmic", "capacitive", "linear"
 ]
-"""Laws that a build is drawn from: of the first sets, or of a family."""
+"""Laws that a build is drawn from: of the first sets, or of a family; `flawless` is
+`fresh` without defects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +127,9 @@ def draw_build(
     rng: np.random.Generator,
 ) -> SensorBuild:
     """Draw the skin of one robot; one of a family has all flaws, each drawn."""
+    if kind == "flawless":
+        whole = build_intact_defects(skin, constants)
+        return replace(draw_build(name, "fresh", skin, constants, rng), defects=whole)
     if kind != "fresh" and kind != "shifted":
         return assemble_family_build(name, FlawDraw(kind, None, constants, rng), skin)
     velostat = draw_velostat(kind, skin, constants, rng)
