@@ -39,7 +39,7 @@ COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 
 @dataclass
 class Stats:
-    """Statistics of a feature, over the frames that were added."""
+    """These statistics of a feature are over the frames that were added."""
 
     count: int = 0
     total: Any = 0.0
@@ -78,7 +78,7 @@ class Stats:
 
 @dataclass
 class DatasetPlan:
-    """What all episodes of a data set share."""
+    """A plan holds what all episodes of a data set share."""
 
     mounted: MountedSkin
     fps: int
