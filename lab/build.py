@@ -40,7 +40,10 @@ SMOKE = {
         "eskin run --source replay:{recording} --pace inf --foxglove --foxglove-port 0",
     ),
     "export": ("eskin export ur5 --onnx ur5.onnx",),
-    "parquet": ("eskin export {recording} --parquet tables",),
+    "parquet": (
+        "eskin export {recording} --parquet tables",
+        "eskin export {recording} --lerobot lerobot",
+    ),
     "scale": ("python -c 'import ray, eskin.sim.dataset.cluster'",),
 }
 """Commands of the core, and one or two of each extra."""

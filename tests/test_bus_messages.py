@@ -16,7 +16,9 @@ from eskin.bus import (
     PRESSURE,
     PUBLISHED,
     ROBOT_DESCRIPTION,
+    TAXELS,
     TRANSFORMS,
+    WRENCH,
     Bus,
     Publisher,
     compute_type_hash,
@@ -227,6 +229,43 @@ def test_markers_show_taxels_where_they_are_and_contacts_where_they_press(
     assert shown == {"contacts", "touches", "detections"}
 
 
+def test_cloud_holds_place_and_pressure_of_each_taxel(decode, published):
+    own, states = mounted("ur5"), {s.state.reading.stamp: s for s in published[2]}
+    messages = decode(TAXELS)
+    assert len(messages) == len(decode(MARKERS))
+    for message in messages:
+        assert [field.name for field in message.fields] == ["x", "y", "z", "pressure"]
+        assert message.width == own.skin.count and message.height == 1
+        assert message.row_step == message.width * message.point_step
+        points = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 4)
+        reading = states[read_stamp(message)].state.reading
+        positions, _ = own.place_taxels(reading.q)
+        np.testing.assert_allclose(points[:, :3], positions, atol=1e-6)
+        pressure = np.where(reading.valid, reading.pressure, np.nan)
+        np.testing.assert_array_equal(points[:, 3], pressure)
+
+
+def test_wrenches_are_what_presses_on_each_link_and_end_with_zero(decode, published):
+    """At most the force of the contacts, which sums without direction; about the
+    link's origin, so that the torque is square to the force of a single place."""
+    own, states = mounted("ur5"), {s.state.reading.stamp: s for s in published[2]}
+    messages = decode(WRENCH)
+    for message in messages:
+        force, torque = (
+            np.array([v.x, v.y, v.z])
+            for v in (message.wrench.force, message.wrench.torque)
+        )
+        contacts = states[read_stamp(message)].state.contacts
+        mine = [c for c in contacts if c.link == message.header.frame_id]
+        whole, size = sum(c.force for c in mine), np.linalg.norm(force)
+        assert 0.9 * whole <= size <= whole + 1e-9
+        if mine:
+            arm = np.cross(mine[0].p_link, force)
+            np.testing.assert_allclose(torque, arm, atol=0.02 * size)
+    assert len(messages) > 10 and not force.any() and not torque.any()
+    assert {message.header.frame_id for message in messages} <= {*own.robot.link_names}
+
+
 def test_transforms_place_every_link(decode, published):
     own = mounted("ur5")
     states = {s.state.reading.stamp: s for s in published[2]}
@@ -273,7 +312,7 @@ def test_diagnostics_tell_once_a_second_which_patch_is_silent(typestore):
 
 
 def test_what_nobody_receives_is_not_encoded():
-    unwanted = (READING, PRESSURE, CONTACTS, JOINT_STATES, MARKERS, TRANSFORMS)
+    unwanted = {*TOPICS} - {DIAGNOSTICS, ROBOT_DESCRIPTION, EVENT, DETECTION}
     bus = MemoryBus(unwanted)
     publish(bus, scans(mounted("ur5"), [], 50, 2.0))
     assert bus.sent.keys() == {ROBOT_DESCRIPTION.name, DIAGNOSTICS.name}

@@ -9,21 +9,33 @@ from eskin.bus.messages import (
     MARKERS,
     PRESSURE,
     ROBOT_DESCRIPTION,
+    TAXELS,
     TRANSFORMS,
+    WRENCH,
     DiagnosticStatus,
     Marker,
     compute_type_hash,
 )
-from eskin.bus.publisher import PUBLISHED, Bus, Publisher
+from eskin.bus.publisher import (
+    LEFT_TO_ROS,
+    PUBLISHED,
+    SENSOR_TOPICS,
+    Bus,
+    Publisher,
+)
 
 __all__ = [
     "CONTACTS",
     "DIAGNOSTICS",
+    "LEFT_TO_ROS",
     "MARKERS",
     "PRESSURE",
     "PUBLISHED",
     "ROBOT_DESCRIPTION",
+    "SENSOR_TOPICS",
+    "TAXELS",
     "TRANSFORMS",
+    "WRENCH",
     "Bus",
     "DiagnosticStatus",
     "Marker",

@@ -162,6 +162,41 @@ bool mesh_use_embedded_materials
     ("visualization_msgs/MeshFile", "string filename\nuint8[] data"),
 )
 
+TAXELS = define_topic(
+    "/eskin/taxels",
+    "sensor_msgs/msg/PointCloud2",
+    """
+std_msgs/Header header
+uint32 height
+uint32 width
+sensor_msgs/PointField[] fields
+bool is_bigendian
+uint32 point_step
+uint32 row_step
+uint8[] data
+bool is_dense
+""",
+    HEADER,
+    TIME,
+    (
+        "sensor_msgs/PointField",
+        "string name\nuint32 offset\nuint8 datatype\nuint32 count",
+    ),
+)
+
+WRENCH = define_topic(
+    "/eskin/wrench",
+    "geometry_msgs/msg/WrenchStamped",
+    "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
+    HEADER,
+    TIME,
+    (
+        "geometry_msgs/Wrench",
+        "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
+    ),
+    VECTOR,
+)
+
 TRANSFORMS = define_topic(
     "/tf",
     "tf2_msgs/msg/TFMessage",
@@ -187,6 +222,9 @@ ROBOT_DESCRIPTION = define_topic(
 
 OK, WARN, ERROR, STALE = range(4)
 """Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""
+
+FLOAT32 = 7
+"""Type of a number in `sensor_msgs/msg/PointField`."""
 
 ARROW, SPHERE_LIST, TEXT = 0, 7, 9
 """Types of markers, as `visualization_msgs/msg/Marker` numbers them."""
@@ -276,6 +314,45 @@ def pack_contacts(
                 )
             )
     return CONTACTS.pack((stamp, frame_id), gestures, contacts)
+
+
+def pack_taxels(
+    stamp: int,
+    places: Float[np.ndarray, "taxel 3"],
+    pressure: Float[np.ndarray, "taxel"],
+    frame_id: str,
+) -> bytes:
+    """Encode a message of `/eskin/taxels`, a cloud with the fields x, y, z, pressure.
+
+    Args:
+        stamp: time of the reading [ns since the epoch].
+        places: centres of the taxels [m].
+        pressure: pressure [kPa]; NaN where it is not valid.
+        frame_id: name of the robot's root link.
+    """
+    points = np.column_stack([places, pressure]).astype("<f4")
+    names = ("x", "y", "z", "pressure")
+    fields = [(name, 4 * n, FLOAT32, 1) for n, name in enumerate(names)]
+    step, data = 4 * len(names), np.frombuffer(points.tobytes(), np.uint8)
+    head = ((stamp, frame_id), 1, len(points), fields, False)
+    return TAXELS.pack(*head, step, len(data), data, False)
+
+
+def pack_wrench(
+    stamp: int,
+    force: Float[np.ndarray, "3"],
+    torque: Float[np.ndarray, "3"],
+    frame_id: str,
+) -> bytes:
+    """Encode a message of `/eskin/wrench`.
+
+    Args:
+        stamp: time of the reading [ns since the epoch].
+        force: force on a link in its frame [N].
+        torque: torque about its origin, in its frame [N m].
+        frame_id: name of the link.
+    """
+    return WRENCH.pack((stamp, frame_id), (force, torque))
 
 
 def pack_diagnostics(

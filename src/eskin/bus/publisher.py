@@ -18,16 +18,20 @@ from eskin.bus.messages import (
     PRESSURE,
     ROBOT_DESCRIPTION,
     SPHERE_LIST,
+    TAXELS,
     TEXT,
     TRANSFORMS,
     WARN,
+    WRENCH,
     DiagnosticStatus,
     Marker,
     pack_contacts,
     pack_diagnostics,
     pack_markers,
     pack_pressure,
+    pack_taxels,
     pack_transforms,
+    pack_wrench,
 )
 from eskin.drivers import Event
 from eskin.live import Detection
@@ -60,6 +64,8 @@ MAX_SHOWN_PRESSURE = 60.0
 """Pressure of the lightest colour [kPa]."""
 METRES_PER_NEWTON, MAX_ARROW = 0.02, 0.25
 """Length of the arrow of a contact by its force, and its largest length [m]."""
+PASCAL = 1000.0
+"""Pascal in a kPa."""
 RED, WHITE = (0.85, 0.2, 0.15, 0.9), (1.0, 1.0, 1.0, 1.0)
 
 PUBLISHED = (
@@ -70,8 +76,14 @@ PUBLISHED = (
     EVENT,
     DIAGNOSTICS,
     MARKERS,
+    TAXELS,
+    WRENCH,
 )
 """Topics that every bus carries."""
+SENSOR_TOPICS = (READING, PRESSURE, CONTACTS, MARKERS, TAXELS, WRENCH, JOINT_STATES)
+"""Topics at the rate of the skin, with the quality of service of sensor data."""
+LEFT_TO_ROS = (TRANSFORMS, ROBOT_DESCRIPTION)
+"""Topics that `robot_state_publisher` publishes in a system of ROS 2."""
 
 
 class Bus(ABC):
@@ -148,6 +160,7 @@ class Publisher(Listener):
         self.joints = received_joints is None and bool(mounted.robot.joint_names)
         self.painter = MarkerPainter(mounted)
         self.frames = find_frames(mounted)
+        self.loaded: set[int] = set()
         self.shown_at = self.diagnosed_at = self.readings = 0
 
     @property
@@ -198,6 +211,8 @@ class Publisher(Listener):
         if self.bus.wants(CONTACTS):
             data = pack_contacts(recognised, self.gestures, self.root)
             self.bus.send(CONTACTS, stamp, data)
+        if self.bus.wants(WRENCH):
+            self.publish_wrenches(recognised.state)
         if stamp - self.shown_at >= NS_PER_S / MAX_MARKER_RATE:
             self.shown_at = stamp
             self.publish_scene(recognised)
@@ -212,6 +227,16 @@ class Publisher(Listener):
             data = pack_diagnostics(stamp, statuses, self.skin_name)
             self.bus.send(DIAGNOSTICS, stamp, data)
 
+    def publish_wrenches(self, state: TouchState) -> None:
+        """Publish the wrench of each link in contact, and a last one, of zero."""
+        links, stamp = self.mounted.robot.link_names, state.reading.stamp
+        wrenches = compute_wrenches(self.mounted, state)
+        zero = np.zeros(3), np.zeros(3)
+        for link in sorted(self.loaded | wrenches.keys()):
+            data = pack_wrench(stamp, *wrenches.get(link, zero), links[link])
+            self.bus.send(WRENCH, stamp, data)
+        self.loaded = set(wrenches)
+
     def publish_scene(self, recognised: RecognitionState) -> None:
         """Publish link poses and markers."""
         reading = recognised.state.reading
@@ -219,6 +244,11 @@ class Publisher(Listener):
             poses = compute_frame_poses(self.mounted, reading.q)
             data = pack_transforms(reading.stamp, self.frames, poses)
             self.bus.send(TRANSFORMS, reading.stamp, data)
+        if self.bus.wants(TAXELS):
+            places, _ = self.mounted.place_taxels(reading.q)
+            pressure = np.where(reading.valid, reading.pressure, np.nan)
+            data = pack_taxels(reading.stamp, places, pressure, self.root)
+            self.bus.send(TAXELS, reading.stamp, data)
         if self.bus.wants(MARKERS):
             markers = self.painter.paint(recognised, self.gestures)
             data = pack_markers(reading.stamp, markers, self.root)
@@ -227,6 +257,29 @@ class Publisher(Listener):
     def close(self) -> None:
         """Withdraw the topics."""
         self.bus.close()
+
+
+def compute_wrenches(
+    mounted: MountedSkin, state: TouchState
+) -> dict[int, tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]]:
+    """Compute the wrench of all contacts on each link, by the link's index.
+
+    It is what pressure along the normals of the taxels exerts: force [N], and torque
+    about the link's origin [N m], both in the link's frame.
+    """
+    skin, robot, found = mounted.skin, mounted.robot, {}
+    taxels = np.concatenate(
+        [np.zeros(0, np.int64), *(contact.taxels for contact in state.contacts)]
+    )
+    for patch in np.unique(skin.patch_index[taxels]).tolist():
+        own = taxels[skin.patch_index[taxels] == patch]
+        size = PASCAL * state.reading.pressure[own] * skin.areas[own]
+        forces = -size[:, None] * skin.normals[own]
+        torques = np.cross(skin.positions[own], forces)
+        index = robot.link_index(skin.patches[patch].link)
+        before = found.get(index, (0.0, 0.0))
+        found[index] = before[0] + forces.sum(axis=0), before[1] + torques.sum(axis=0)
+    return found
 
 
 def find_frames(mounted: MountedSkin) -> tuple[tuple[str, str], ...]:

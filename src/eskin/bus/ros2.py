@@ -10,28 +10,19 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.bus.messages import (
-    CONTACTS,
-    MARKERS,
     OK,
-    PRESSURE,
-    ROBOT_DESCRIPTION,
     STALE,
-    TRANSFORMS,
     WARN,
     DiagnosticStatus,
     compute_type_hash,
 )
-from eskin.bus.publisher import Bus
+from eskin.bus.publisher import LEFT_TO_ROS, SENSOR_TOPICS, Bus
 from eskin.drivers import Clock, JointSource
 from eskin.drivers.joints import MAX_AGE, POLL, ReceivedJoints, check_positions
 from eskin.errors import DeviceError, RecordingError
 from eskin.progress import Closing
 from eskin.recording.cdr import MessageField, Topic, Types
-from eskin.recording.messages import (
-    JOINT_STATES,
-    READING,
-    unpack_joint_state,
-)
+from eskin.recording.messages import JOINT_STATES, unpack_joint_state
 from eskin.registry import find_package
 from eskin.robot import Robot
 from eskin.units import NS_PER_S
@@ -44,10 +35,6 @@ core, domain, idl, types, pub, qos, sub, topics = (
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 MAX_DOMAIN = 232
 """Largest number of a domain, whose ports are below 65,536."""
-SENSOR_TOPICS = (READING, PRESSURE, CONTACTS, MARKERS, JOINT_STATES)
-"""Topics at the rate of the skin, with the quality of service of sensor data."""
-LEFT_TO_ROS = (TRANSFORMS, ROBOT_DESCRIPTION)
-"""Topics that `robot_state_publisher` publishes in a system of ROS 2."""
 SENSOR_DEPTH, DEPTH, RELIABLE_DEPTH = 5, 10, 1000
 """Numbers of messages that are kept for a slow receiver: of sensor data and of other
 topics, as ROS 2 has them by default, and of sensor data that is sent reliably."""

@@ -15,6 +15,8 @@ NOUNS = {
     "messages": "message",
     "readings": "reading",
     "touches": "touch",
+    "episodes": "episode",
+    "frames": "frame",
 }
 """Names of one of what is written, by the keys of the result."""
 FREE = ("sources", "to")
@@ -38,6 +40,10 @@ class ExportCommand:
     parquet: Path | None = None
     """New folder for readings.parquet, one row a reading, and touches.parquet, one row
     a touch."""
+
+    lerobot: Path | None = None
+    """New folder for a LeRobot data set (v3), one episode a recording; recordings of
+    one skin at one rate."""
 
     to: tuple[str, Path] | None = None
     """Format of an installed package, as eskin doctor lists them, and the file or
