@@ -49,8 +49,8 @@ class TrainCommand:
     """Recordings to validate on; by default some of the others are held out."""
 
     streams: tuple[Path, ...] = ()
-    """Recorded streams to choose the decision thresholds on; without any, the defaults
-    are kept."""
+    """Recordings to choose the decision thresholds on, streams or clips, also of other
+    devices; without any, the defaults are kept."""
 
     start: Path | None = None
     """Model to start from: a name of weights that come with eskin, or a file. The

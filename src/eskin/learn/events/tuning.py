@@ -26,7 +26,10 @@ class TuningConfig:
     close."""
     lifts: tuple[float, ...] = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
     """Times without contact [s]."""
-    leasts: tuple[float, ...] = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+    leasts: tuple[float, ...] = (
+        *(0.0, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75),
+        *(0.8, 0.9, 0.95),
+    )
     """Probabilities below which a touch that closes is unknown."""
     holds: tuple[float, ...] = (0.0, 0.03, 0.06, 0.12, 0.2, 0.3, 0.4)
     """Times for which a gesture must stay above its threshold [s]."""
