@@ -106,6 +106,33 @@ def test_touch_that_stays_on_a_moving_link_has_no_direction():
     assert (row.gesture, row.stamp) == ("none", found.stamp)
 
 
+def test_readings_that_repeat_a_measurement_change_no_probability():
+    """Every open touch has some at every reading, and closes in time."""
+    on = mounted()
+    pipeline, compared = TouchPipeline(on, calibration_of(on.skin)), 0
+    recognizer = Recognizer(say_always("none"), on, None)
+    found = []
+    for scan in scans(on, [Press(2.4, 3.2, 65, 72, 40.0)], 12, 4.2):
+        reading, before = pipeline.push(scan).reading, {}
+        for n in range(4):
+            stamp = reading.stamp + n * 20_000_000
+            found += recognizer.push(replace(reading, stamp=stamp))
+            [*touches] = recognizer.state.open
+            assert recognizer.probabilities.keys() == {touch.id for touch in touches}
+            logits = {
+                touch.id: recognizer.logits[touch.id]
+                for touch in touches
+                if touch.last == stamp
+            }
+            for touch in logits.keys() & before.keys():
+                assert np.array_equal(logits[touch], before[touch])
+                compared += 1
+            before = logits
+    assert compared > 20
+    [detection] = found
+    assert (detection.stamp - detection.end) / SECOND == pytest.approx(0.5, abs=0.03)
+
+
 def make_stroke_on_arm():
     """Return a stroke along a patch of the ur5, and its first and last taxel."""
     on = mounted("ur5")

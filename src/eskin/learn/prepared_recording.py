@@ -90,12 +90,12 @@ def prepare_recording(
 class TouchSequence:
     """A touch sequence collects the rows of one touch while a recording is replayed."""
 
+    confirmed: bool
+    """Whether there was enough evidence of a touch; live, no other is recognised."""
     graphs: list[GraphBatch] = field(default_factory=list)
     stamps: list[int] = field(default_factory=list)
     centres: list[Float[np.ndarray, "3"]] = field(default_factory=list)
     forces: list[float] = field(default_factory=list)
-    confirmed: bool = False
-    """Whether there was enough evidence of a touch; live, no other is recognised."""
 
 
 def gather_sequences(
@@ -112,27 +112,21 @@ def gather_sequences(
     poses = LinkPoseCache(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)
-    sequences: list[TouchSequence] = []
-    open_now: dict[int, TouchSequence] = {}
+    sequences: dict[int, TouchSequence] = {}
     scans = transform.transform_scans(recording) if transform else recording.scans()
     for scan in scans:
         state = touches.push(scan)
-        graphs = stream.push(state)
         centres = find_contact_centres(state)
-        for key in sorted(graphs.keys() - open_now.keys()):
-            open_now[key] = TouchSequence()
-            sequences.append(open_now[key])
-        open_now = {key: open_now[key] for key in graphs}
-        confirmed = {stream.get_key(touch.id) for touch in state.open}
-        for key, batch in graphs.items():
-            sequence = open_now[key]
-            sequence.confirmed |= key in confirmed or not skin.calibrated
+        for key, batch in stream.push(state).items():
+            sequence = sequences.setdefault(key, TouchSequence(not skin.calibrated))
             centre, force = centres.get(key, (NAN_POSITION, 0.0))
             sequence.graphs.append(batch)
             sequence.stamps.append(scan.stamp)
             sequence.centres.append(centre)
             sequence.forces.append(force)
-    return [sequence for sequence in sequences if sequence.confirmed]
+        for touch in state.open if skin.calibrated else ():
+            sequences[touch.id].confirmed = True
+    return [sequences[key] for key in sorted(sequences) if sequences[key].confirmed]
 
 
 def find_contact_centres(

@@ -31,6 +31,7 @@ from eskin.live.graph_kernels import (
     TouchNodeArrays,
     build_graph,
     collect_touch_nodes,
+    has_same_loads,
     update_taxel_history,
     write_live_neighbours,
 )
@@ -39,6 +40,9 @@ from eskin.touch import LinkPoseCache, Reading, TouchState
 
 MAX_STEP = 0.5  # [s] between readings from which a rate is computed
 MIN_STEP = 1e-4  # [s]
+MAX_REPEAT = 300_000_000
+"""Time for which loads that do not change are the same measurement [ns]: a device of 4
+Hz or more is read at a higher rate, or its pads are on or off."""
 LONG_AGO = -1_000_000_000  # [ns] stamp before the first reading, too old for a rate
 NEVER = -2  # number of the reading of a taxel that has not been active yet
 INITIAL_NODES = 256  # that there is memory for
@@ -134,8 +138,20 @@ class GraphBuilder:
             seconds=min(max(elapsed, MIN_STEP), MAX_STEP),
             has_previous=elapsed <= MAX_STEP,
             pressure=reading.pressure,
-            shear=NO_SHEAR if reading.shear is None else reading.shear,
+            shear=get_shear(reading),
             T_world_link=self.poses.get(reading.q),
+        )
+
+    def is_repeated(self, reading: Reading, packed_nodes: Packed) -> bool:
+        """Tell whether the taxels of the next reading are loaded as in the last step.
+
+        After `MAX_REPEAT` they are no longer, so that a touch that is held has graphs.
+        """
+        if reading.stamp - self.step.stamp >= MAX_REPEAT:
+            return False
+        number, shear = self.step.reading, get_shear(reading)
+        return has_same_loads(
+            packed_nodes, number, reading.pressure, shear, self.taxel_history
         )
 
     def reserve(self, active: int) -> GraphWorkspace:
@@ -167,6 +183,11 @@ class GraphBuilder:
             workspace,
         )
         return workspace.graph.select(np.array([0]))
+
+
+def get_shear(reading: Reading) -> Float[np.ndarray, "taxel 2"]:
+    """Return the shear of a reading [kPa], without rows if it is not measured."""
+    return NO_SHEAR if reading.shear is None else reading.shear
 
 
 def build_skin_geometry(mounted: MountedSkin, config: GraphConfig) -> SkinGeometry:
@@ -220,10 +241,13 @@ class PackedTouchNodes(NamedTuple):
 
 @final
 class GraphStream:
-    """A graph stream builds the graph of every open touch at every reading.
+    """A graph stream builds the graph of every open touch at every measurement.
 
     The graphs of a touch are one sequence. On a skin that is not calibrated there is
     one sequence for the whole skin, which goes on even while nothing touches it.
+
+    A reading that repeats the loads of the last one has no graphs, for at most
+    `MAX_REPEAT`: a device that is slower than it is read has measured nothing since.
     """
 
     def __init__(
@@ -236,6 +260,7 @@ class GraphStream:
         self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
         self.earlier = NO_TAXELS
+        self.keys: list[int] = []
         self.no_nodes = pack_touch_nodes({})
 
     def get_key(self, touch: int) -> int:
@@ -245,9 +270,13 @@ class GraphStream:
     def push(self, state: TouchState) -> dict[int, GraphBatch]:
         """Return the graph of each sequence at the next reading, by key.
 
-        A touch between two contacts has a graph without pressure.
+        A touch between two contacts has a graph without pressure. There is none if the
+        reading is a repetition.
         """
-        nodes: TouchNodeArrays = unpack(self.find_touch_nodes(state).packed)
+        found = self.find_touch_nodes(state)
+        if found is None:
+            return {}
+        nodes: TouchNodeArrays = unpack(found.packed)
         self.builder.advance(state.reading, nodes.active)
         spans = zip(nodes.keys, nodes.active_spans, nodes.earlier_spans, strict=True)
         return {
@@ -257,7 +286,19 @@ class GraphStream:
             for (key, now, before), history in zip(spans, nodes.histories, strict=True)
         }
 
-    def find_touch_nodes(self, state: TouchState) -> PackedTouchNodes:
+    def find_touch_nodes(self, state: TouchState) -> PackedTouchNodes | None:
+        """Return the taxels and the history of each sequence at the next reading.
+
+        None stands for a repetition, of which the builder must not be told.
+        """
+        nodes = self.collect_nodes(state)
+        repeated = nodes.keys == self.keys and self.builder.is_repeated(
+            state.reading, nodes.packed
+        )
+        self.keys = nodes.keys
+        return None if repeated else nodes
+
+    def collect_nodes(self, state: TouchState) -> PackedTouchNodes:
         """Return the taxels and the history of each sequence at the next reading."""
         if not self.calibrated:
             nodes = TouchNodes(self.find_active_taxels(state), self.earlier, NO_HISTORY)

@@ -202,6 +202,38 @@ def update_taxel_history(
 
 
 @compiled
+def has_same_loads(
+    packed_nodes: Packed,
+    reading: int,
+    pressure: Float[np.ndarray, "taxel"],
+    shear: Float[np.ndarray, "taxel 2"],
+    history: TaxelHistory,
+) -> bool:
+    """Return whether taxels are active, and all of them as in the last graphs.
+
+    Args:
+        packed_nodes: `TouchNodeArrays` of the next reading.
+        reading: number of the reading of the last graphs.
+        pressure: pressure at the next reading [kPa].
+        shear: shear at the next reading [kPa]; empty if it is not measured.
+        history: history that includes the last graphs.
+    """
+    nodes = packed_nodes.parts
+    for n in range(len(nodes.keys)):
+        now, before = nodes.active_spans[n], nodes.earlier_spans[n]
+        if now[1] - now[0] != before[1] - before[0]:
+            return False
+    for taxel in nodes.active:
+        is_same = history.reading[taxel] == reading
+        is_same = is_same and history.pressure[taxel] == pressure[taxel]
+        for d in range(2 if len(shear) > 0 else 0):
+            is_same = is_same and history.shear[taxel, d] == shear[taxel, d]
+        if not is_same:
+            return False
+    return len(nodes.active) > 0
+
+
+@compiled
 def build_graph(
     taxels: Taxels,
     earlier: Taxels,

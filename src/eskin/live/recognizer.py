@@ -170,7 +170,9 @@ class Recognizer:
         else:
             state = self.touches.push_reading(sample)
         self.state = state
-        self.stream.push(state.reading, self.graphs.find_touch_nodes(state))
+        nodes = self.graphs.find_touch_nodes(state)
+        if nodes is not None:
+            self.stream.push(state.reading, nodes)
         self.logits = self.stream.logits
         self.probabilities = {
             touch.id: self.stream.probabilities[self.graphs.get_key(touch.id)]
