@@ -36,6 +36,9 @@ STEP = 0.01
 REST_BEFORE, REST_AFTER = 1.5, 1.8
 """Time without touch before and after each [s]."""
 
+FULL_SCALE = 100.0
+"""Nominal pressure at full scale [kPa]."""
+
 READ_PERIOD = 0.02
 """Period at which slower sensors are read [s]."""
 
@@ -97,7 +100,9 @@ def answer_drawn(
             pressure = press(touch, rows, columns, pitch)
             times, read = read_sensor(pressure, rng, binary)
             skin = build_grid_skin(rows, columns, pitch, calibrated=True)
-            recognizer = Recognizer(model, MountedSkin(skin, load_robot("table")))
+            mounted = MountedSkin(skin, load_robot("table"))
+            nominal = Calibration.uniform(skin.count, FINEST, FULL_SCALE)
+            recognizer = Recognizer(model, mounted, nominal)
             yield kind, touch.truth, *answer(recognizer, times, read)
 
 
