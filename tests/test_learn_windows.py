@@ -1,5 +1,7 @@
 """Windows: rows of the two seconds before a reading, within one sequence."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,12 @@ from eskin.learn.batches import (
     Windows,
     cut_windows,
     drop_readings,
+    measure_since_kept,
     stretch_time,
     subsample_readings,
 )
-from eskin.live import HISTORY, SLOT_NS, join_graphs
-from helpers.graphs import random_graph
+from eskin.live import HISTORY, SLOT_NS, compute_summary, join_graphs
+from helpers.graphs import random_graph, stroke_on_grid
 from helpers.learning import START, bare
 
 SLOTS = 100
@@ -162,3 +165,18 @@ def test_only_halving_the_rate_keeps_every_other_reading_from_the_last():
         assert (
             left.rows[after].tolist() == windows.rows[before][::-1][::2][::-1].tolist()
         )
+
+
+@pytest.mark.parametrize("shear", [False, True])
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_graphs_of_readings_left_are_those_of_a_slower_device(every, shear):
+    touch = stroke_on_grid(shear, speed=0.2 / every)
+    stamps = np.array([reading.stamp for reading in touch.readings])
+    kept = np.arange(0, len(stamps), every)
+    slower = replace(touch, readings=touch.readings[::every]).graphs()
+    window = np.zeros(len(kept), np.int64)
+    windows = Windows(kept, window, window, 1)
+    found = measure_since_kept(windows, touch.graphs().select(kept), stamps)
+    np.testing.assert_allclose(found.seconds[1:], slower.seconds[1:], rtol=1e-6)
+    summary, expected = (compute_summary(each, shear) for each in (found, slower))
+    np.testing.assert_allclose(summary, expected, rtol=1e-4, atol=1e-4)

@@ -20,6 +20,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
 from eskin.learn.nn import NetworkInput, SlotIndex, build_graph_tensors
 from eskin.live import HISTORY, SLOT_NS, GraphBatch, compute_summary
+from eskin.live.graph_builder import MAX_STEP
 
 TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
 """Columns of a history that are proportional to the duration of a touch."""
@@ -131,6 +132,39 @@ def drop_readings(
     kept = rng.random(len(last)) >= loss[windows.window]
     kept &= ~(is_halved[windows.window] & (rows_to_end % 2 == 1))
     return np.flatnonzero(kept | last)
+
+
+def measure_since_kept(
+    windows: Windows, graphs: GraphBatch, stamps: Int[np.ndarray, "row"]
+) -> GraphBatch:
+    """Return the graphs that a device gives which never measured the lost readings.
+
+    The reading before one becomes the latest that is left in the window: how long ago
+    it is, and its loads. Loads of taxels that are no nodes any more are left out.
+
+    Args:
+        windows: windows from which readings were dropped.
+        graphs: graphs of their rows.
+        stamps: stamp of every row of the data set [ns since the epoch].
+    """
+    rows, window = windows.rows, windows.window
+    changed = (window[1:] == window[:-1]) & (rows[1:] > rows[:-1] + 1)
+    changed = np.append(False, changed)  # the first has none before it
+    if not changed.any():
+        return graphs
+    elapsed = np.diff(stamps[rows], prepend=0)[changed] * 1e-9
+    seconds = graphs.seconds.copy()
+    seconds[changed] = np.minimum(elapsed, MAX_STEP)
+    # Taxels are in ascending order in each graph, and so are these keys.
+    key = graphs.graph_index * (graphs.taxels.max(initial=0) + 1) + graphs.taxels
+    nodes = np.flatnonzero(changed[graphs.graph_index])
+    wanted = key[nodes] - graphs.taxels.max(initial=0) - 1
+    place = np.searchsorted(key, wanted)
+    found = key[place] == wanted
+    before, shear_before = graphs.before.copy(), graphs.shear_before.copy()
+    before[nodes] = graphs.pressure[place] * found
+    shear_before[nodes] = graphs.shear[place] * found[:, None]
+    return graphs._replace(seconds=seconds, before=before, shear_before=shear_before)
 
 
 def subsample_readings(
@@ -392,6 +426,7 @@ class BatchBuilder:
             kept = drop_readings(windows, config.lost, config.halved, rng)
             windows = windows.select(kept)
         graphs = self.dataset.graphs.select(windows.rows)
+        graphs = measure_since_kept(windows, graphs, self.dataset.stamps)
         if config.stretch > 0:
             windows, graphs = stretch_time(
                 windows, graphs, config.stretch, self.slots, rng

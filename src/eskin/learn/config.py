@@ -32,9 +32,9 @@ class AugmentConfig:
     patch: Share = 0.0
     """Share of windows in which one of several touched patches reads zero."""
     lost: Share = 0.0
-    """Largest share of the readings of a window that are lost."""
+    """Largest share of the readings of a window that are lost, as if never measured."""
     halved: Share = 0.0
-    """Share of windows that keep only every other reading: half the rate."""
+    """Share of windows of a device of half the rate."""
     stretch: Share = 0.0
     """Standard deviation of the logarithm of a person's duration of a gesture."""
     crop: Share = 0.7
