@@ -120,7 +120,9 @@ def answer_phone(
         for trial in trials:
             if trial.gesture in group.gestures:
                 recognizer = Recognizer(model, mounted, calibration)
-                found = [d for scan in build_scans(trial) for d in recognizer.push(scan)]
+                found = [
+                    d for scan in build_scans(trial) for d in recognizer.push(scan)
+                ]
                 found += recognizer.finish()
                 yield group.name, group.truth or NONE, *choose(found)
 
@@ -173,9 +175,7 @@ def read_sensor(
     return times, (1 - part) * values[at] + part * values[at + 1]
 
 
-def answer(
-    recognizer: Recognizer, times: Series, read: np.ndarray
-) -> tuple[str, str]:
+def answer(recognizer: Recognizer, times: Series, read: np.ndarray) -> tuple[str, str]:
     """Return the forced and the live answer of a recogniser."""
     found, valid = [], np.ones(read.shape[1], dtype=np.bool_)
     for time, row in zip(times, read.astype(np.float32), strict=True):

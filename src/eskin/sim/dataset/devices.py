@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from eskin.recording import NONE
 from eskin.robot import load_robot
 from eskin.sim.constants import MM, Constants, load_constants
-from eskin.sim.contact.chart import Chart, build_charts
+from eskin.sim.contact.chart import build_charts
 from eskin.sim.contact.press import ContactSite, Press, TrueTouch
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
@@ -254,11 +254,11 @@ class DeviceSimulator(ClipGenerator):
             can_close=self.device.closed,
         )
 
-    def draw_start(
-        self, touch: TrueTouch, steps: int, rng: np.random.Generator
-    ) -> int:
-        """Draw the step of the clip at which a touch's clock starts; all of it shows
-        unless it is longer than the clip."""
+    def draw_start(self, touch: TrueTouch, steps: int, rng: np.random.Generator) -> int:
+        """Draw the step of the clip at which a touch's clock starts.
+
+        All of it is in the clip, unless it is longer.
+        """
         first, end = find_contact_steps(touch)
         if end - first >= steps:
             return draw_start(touch, steps, self.constants, rng)

@@ -81,6 +81,11 @@ class GenerationSettings:
         check_recorded(self)
         if self.families is not None:
             check_families(self.families, self.set_name)
+        if self.set_name == DEVICES and (self.skin != "ur5" or self.robot):
+            raise ValueError(
+                f"set '{DEVICES}' requested on a skin; allowed are its own devices, on "
+                "no robot; leave --skin and --robot-urdf out"
+            )
         fits = self.skin in SKIN_PRESETS and has_joints(self.skin)
         if self.has_pairs and not fits:
             raise ValueError(
@@ -147,8 +152,7 @@ class GenerationSettings:
         return self.set_name == PAIRS
 
     def find_skin(self, session_plan: SessionPlan) -> str:
-        """Return the skin of a file: a preset, which sides of pairs and devices have of
-        their own."""
+        """Return the skin of a file; sides of pairs and devices may have their own."""
         if self.set_name == DEVICES:
             return name_device(session_plan)
         if not self.has_pairs:
@@ -180,17 +184,17 @@ class GenerationSettings:
 def check_recorded(settings: GenerationSettings) -> None:
     """Refuse recorded touches of another set, and the set without them."""
     name = settings.set_name
-    if name not in RECORDED_SETS:
-        if settings.recorded is not None and name != DEVICES:
+    if settings.recorded is None:
+        if name in RECORDED_SETS:
             raise ValueError(
-                f"recorded touches given for set '{name}'; allowed are sets "
-                f"{', '.join(RECORDED_SETS)} and {DEVICES}; change --set or leave "
-                "--recorded out"
+                f"set '{name}' requested without recorded touches; allowed is a folder "
+                "of the SocialTouch set; give it with --recorded"
             )
-    elif settings.recorded is None:
+    elif name not in (*RECORDED_SETS, DEVICES):
         raise ValueError(
-            f"set '{name}' requested without recorded touches; allowed is a folder "
-            "of the SocialTouch set; give it with --recorded"
+            f"recorded touches given for set '{name}'; allowed are sets "
+            f"{', '.join(RECORDED_SETS)} and {DEVICES}; change --set or leave "
+            "--recorded out"
         )
     elif settings.subjects is not None:
         raise ValueError(
@@ -207,9 +211,9 @@ def check_families(families: tuple[Family, ...], set_name: str) -> None:
             f"families are {', '.join(families) or 'none'}; allowed are one or more of "
             f"{', '.join(FAMILIES)}, each once; change --families"
         )
-    if set_name == PAIRS:
+    if set_name in (PAIRS, DEVICES):
         raise ValueError(
-            f"families requested of set '{PAIRS}', whose clips share their builds; "
+            f"families requested of set '{set_name}', which has builds of its own; "
             "allowed are all other sets; leave --families out"
         )
 

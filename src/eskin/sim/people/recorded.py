@@ -163,8 +163,9 @@ SHORTEST_STROKE = 0.025
 def read_phone_touches(path: Path, first: int) -> list[RecordedTouch]:
     """Read the strokes and held fingertips of a participant of CapFingerId.
 
-    Touches are numbered from `first`. Left out are trials in which the finger leaves the
-    screen, strokes over less than `SHORTEST_STROKE` and fingertips held less than `HELD`.
+    Touches are numbered from `first`. Left out are trials in which the finger leaves
+    the screen, strokes over less than `SHORTEST_STROKE` and fingertips held less than
+    `HELD`.
     """
     found: list[RecordedTouch] = []
     try:
