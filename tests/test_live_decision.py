@@ -49,6 +49,7 @@ def decide(runs, config=None, step=STEP, change_ends=False, close=True):
     return found
 
 
+AT_ONCE = {"brief_seconds": 0.0}
 LIFTED = {"lifted": 0.5, "lift_seconds": 0.2}
 EARLY = {"threshold": 0.99, "thresholds": {"poke": 0.85}}
 LATE = {"thresholds": {"poke": 1.1}}
@@ -82,12 +83,32 @@ DECISIONS = {
 @pytest.mark.parametrize("case", DECISIONS)
 def test_touch_has_one_decision(case):
     runs, config, want = DECISIONS[case]
-    [(decision, when, _)] = decide(runs, DecisionConfig(**config))
+    [(decision, when, _)] = decide(runs, DecisionConfig(**AT_ONCE | config))
+    assert f"{when} {decision.gesture}" == want
+
+
+# Runs, and the reading and gesture of the decision; 0.3 s are 15 readings.
+BRIEF = {
+    "press that lasts": ("20 poke 0.99", "15 poke"),
+    "one pat": ("5 poke 0.99, 25 poke 0.99 lifted", "end poke"),
+    "second pat": ("5 poke 0.99, 5 poke 0.99 lifted, 9 stroke 0.99", "15 stroke"),
+    "second pat, never certain": (
+        "5 poke 0.99, 5 none 0.5 lifted, 9 stroke 0.75",
+        "end stroke",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BRIEF)
+def test_touch_that_may_be_the_first_of_two_pats_waits(case):
+    runs, want = BRIEF[case]
+    [(decision, when, _)] = decide(runs)
     assert f"{when} {decision.gesture}" == want
 
 
 def test_two_slow_readings_suffice():
-    [(decision, when, _)] = decide("2 poke 0.9", step=100 * MS)
+    config = DecisionConfig(**AT_ONCE)
+    [(decision, when, _)] = decide("2 poke 0.9", config, step=100 * MS)
     assert (when, decision.gesture) == (1, "poke")
 
 
@@ -122,7 +143,7 @@ def test_threshold_of_an_unknown_gesture_is_refused():
 @pytest.mark.parametrize(("young", "want"), [(0.5, (1, "poke")), (0.95, (2, "stroke"))])
 def test_merged_touches_have_one_decision(young, old, want):
     """Touch 2 may be decided before it turns out to be a part of touch 1."""
-    decisions, found = DecisionFilter(VOCABULARY), []
+    decisions, found = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE)), []
     for n in range(10):
         one, two = touch_at(STEP * n, 1), touch_at(STEP * n, 2)
         touches = (one, two) if n < 5 else (one,)
@@ -134,7 +155,8 @@ def test_merged_touches_have_one_decision(young, old, want):
 
 
 def test_touch_that_begins_with_a_merger_has_no_other_decision():
-    decisions, certain = DecisionFilter(VOCABULARY), share("poke", 0.9)
+    decisions = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE))
+    certain = share("poke", 0.9)
     for n in range(5):
         decisions.push(STEP * n, (touch_at(STEP * n, 2),), (), {2: certain})
     closed = (replace(touch_at(4 * STEP, 2), closed=True, merged_into=1),)

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.slow
 
 def build_recognizer(on, model=None, **settings):
     model = model or model_of(network())
-    config = DecisionConfig(**settings)
+    config = DecisionConfig(**{"brief_seconds": 0.0} | settings)
     return Recognizer(model, on, calibration_of(on.skin), config)
 
 
@@ -185,7 +185,8 @@ def test_skin_without_calibration_has_one_detection_for_each_touch():
 def test_readings_are_recognised_as_their_scans():
     on = mounted()
     by_scans = build_recognizer(on)
-    by_readings = Recognizer(by_scans.model, on, None)
+    decision = by_scans.decision_filter.config
+    by_readings = Recognizer(by_scans.model, on, None, decision)
     stream = scans(on, two_hands(on), 20, 4.4)
     for scan in stream:
         found = by_scans.push(scan)

@@ -63,15 +63,18 @@ class DecisionFilter:
 
     1. While a touch is open, a gesture other than `none` is reported once its
        probability has been above its threshold for the whole of `hold_seconds`; the
-       threshold may be lower without contact.
+       threshold may be lower without contact. A touch whose contacts have not spanned
+       `brief_seconds` waits: it may be the first pat of two, and what a program has
+       done for a poke cannot be taken back. The probabilities that suspend an arm do
+       not wait.
     2. When it closes and nothing has been reported, the likeliest class at its last
        reading is reported, even `none`; or `unknown` where that is below `least`.
     3. A touch that merges into another counts as reported if either was reported.
     4. On a skin that is not calibrated, contact may never end, as under a tight sleeve.
-       There a touch ends once another class than the reported one, or `none`, has been
-       likeliest for the whole of `hold_seconds`; another touch begins only with contact
-       after that. The decision at closing uses the probabilities at its last contact,
-       since later readings may belong to the next touch.
+       There no touch waits. One ends once another class than the reported one, or
+       `none`, has been likeliest for the whole of `hold_seconds`; another touch begins
+       only with contact after that. The decision at closing uses the probabilities at
+       its last contact, since later readings may belong to the next touch.
     5. Readings with a probability that is not finite decide nothing.
     """
 
@@ -94,6 +97,7 @@ class DecisionFilter:
             for threshold in self.thresholds
         ]
         self.lift = round(self.config.lift_seconds * NS_PER_S)
+        self.brief = 0 if change_ends else round(self.config.brief_seconds * NS_PER_S)
         self.dwell = round(self.config.hold_seconds * NS_PER_S)
         self.change_ends = change_ends
         self.evidence: dict[int, TouchEvidence] = {}
@@ -155,8 +159,8 @@ class DecisionFilter:
         if leader != evidence.leader or not certain:
             evidence.leader, evidence.since = leader if certain else -1, stamp
         dwelt = evidence.leader >= 0 and stamp - evidence.since >= self.dwell
-        has_contact = touch.last >= evidence.onset
-        if evidence.gesture is not None or not dwelt or not has_contact:
+        is_brief = touch.last - evidence.onset < self.brief
+        if evidence.gesture is not None or not dwelt or is_brief:
             return None
         evidence.gesture = self.vocabulary[leader]
         return Decision(

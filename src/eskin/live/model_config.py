@@ -76,6 +76,9 @@ class DecisionConfig:
     """Time that a probability must stay above its threshold; on a skin that is not
     calibrated also the time that another class must be likeliest to count as another
     touch [s]."""
+    brief_seconds: Pause = 0.3
+    """Time from first to latest contact up to which a touch may be the first of several
+    pats, and waits for its closing [s]."""
     least: NotNegative = 0.3
     """Probability below which a touch is unknown when it closes; 0 never abstains."""
     still: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.02
