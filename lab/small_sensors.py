@@ -63,7 +63,7 @@ class Command:
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class DrawnTouch:
     """A touch is what pads do in some seconds, with the answer that it should get."""
 
     truth: str
@@ -134,7 +134,7 @@ def draw_grid(rng: np.random.Generator, binary: bool) -> tuple[int, int, float]:
     return rows, columns, float(pitch)
 
 
-def press(touch: Touch, rows: int, columns: int, pitch: float) -> np.ndarray:
+def press(touch: DrawnTouch, rows: int, columns: int, pitch: float) -> np.ndarray:
     """Return the mean pressure of every cell at every step [kPa]: paraboloids."""
     finer = max(1, round(pitch / 0.003))
     small = pitch / finer
@@ -206,23 +206,23 @@ def spread(rng: np.random.Generator, pads: int, apart: float) -> np.ndarray:
 
 def stay(
     rng: np.random.Generator, truth: str, force: Series, size: Sequence, hand: bool
-) -> Touch:
+) -> DrawnTouch:
     """Return a touch by a fingertip, or a hand, that stays where it is."""
     middle = rng.uniform(-0.25, 0.25, 2) * np.array(size)[::-1]
     pads = spread(rng, 4 if hand else 1, 0.03)
     places = np.broadcast_to(middle + pads, (len(force), *pads.shape))
     radius = rng.uniform(0.012, 0.02) if hand else rng.uniform(0.0045, 0.008)
-    return Touch(truth, force, places, radius)
+    return DrawnTouch(truth, force, places, radius)
 
 
-def poke(rng: np.random.Generator, pitch: float, size: Sequence) -> Touch:
+def poke(rng: np.random.Generator, pitch: float, size: Sequence) -> DrawnTouch:
     """Draw a poke of 0.1 to 0.7 s."""
     steps = round(float(np.exp(rng.uniform(np.log(0.1), np.log(0.7)))) / STEP)
     force = np.sin(np.pi * np.linspace(0, 1, steps)) ** 0.5
     return stay(rng, "poke", force, size, hand=False)
 
 
-def pats(rng: np.random.Generator, pitch: float, size: Sequence) -> Touch:
+def pats(rng: np.random.Generator, pitch: float, size: Sequence) -> DrawnTouch:
     """Draw two pats of a hand or of fingertips within 0.4 to 0.9 s."""
     each = round(rng.uniform(0.12, 0.26) / STEP)
     force = np.sin(np.pi * np.linspace(0, 1, each)) ** 0.5
@@ -231,20 +231,22 @@ def pats(rng: np.random.Generator, pitch: float, size: Sequence) -> Touch:
     return stay(rng, "double_pat", force, size, hand=rng.random() < 0.6)
 
 
-def stroke(rng: np.random.Generator, pitch: float, size: Sequence) -> Touch:
+def stroke(rng: np.random.Generator, pitch: float, size: Sequence) -> DrawnTouch:
     """Draw a stroke over 28 mm or more, and over more than two cells."""
     u = np.linspace(0, 1, round(rng.uniform(0.28, 1.3) / STEP))
     return slide(rng, u, pitch, size)
 
 
-def halting(rng: np.random.Generator, pitch: float, size: Sequence) -> Touch:
+def halting(rng: np.random.Generator, pitch: float, size: Sequence) -> DrawnTouch:
     """Draw a stroke that rests before it slides and after."""
     first, move, last = (round(s / STEP) for s in rng.uniform(0.2, 0.5, 3))
     u = np.concatenate([np.zeros(first), np.linspace(0, 1, move), np.ones(last)])
     return slide(rng, u, pitch, size)
 
 
-def slide(rng: np.random.Generator, u: Series, pitch: float, size: Sequence) -> Touch:
+def slide(
+    rng: np.random.Generator, u: Series, pitch: float, size: Sequence
+) -> DrawnTouch:
     """Return a touch whose place moves from end to end by `u`, from 0 to 1."""
     reach = float(np.max(size))
     length = rng.uniform(max(0.028, 2.2 * pitch), max(0.04, 2.6 * pitch, 0.9 * reach))
@@ -255,22 +257,22 @@ def slide(rng: np.random.Generator, u: Series, pitch: float, size: Sequence) -> 
     pads = spread(rng, 3 if hand else 1, 0.02)
     middle = way * ((u - 0.5) * length)[:, None]
     radius = rng.uniform(0.01, 0.018) if hand else rng.uniform(0.0045, 0.008)
-    return Touch("stroke", hold(len(u)), middle[:, None] + pads, radius)
+    return DrawnTouch("stroke", hold(len(u)), middle[:, None] + pads, radius)
 
 
-def held(rng: np.random.Generator, pitch: float, size: Sequence) -> Touch:
+def held(rng: np.random.Generator, pitch: float, size: Sequence) -> DrawnTouch:
     """Draw a fingertip that is held for 1.4 to 2.4 s."""
     force = hold(round(rng.uniform(1.4, 2.4) / STEP), 0.08)
     return stay(rng, NONE, force, size, hand=False)
 
 
-def resting(rng: np.random.Generator, pitch: float, size: Sequence) -> Touch:
+def resting(rng: np.random.Generator, pitch: float, size: Sequence) -> DrawnTouch:
     """Draw a hand that rests for 0.9 to 2.4 s."""
     force = hold(round(rng.uniform(0.9, 2.4) / STEP), 0.15)
     return stay(rng, NONE, force, size, hand=True)
 
 
-KINDS: dict[str, Callable[[np.random.Generator, float, Sequence], Touch]] = {
+KINDS: dict[str, Callable[[np.random.Generator, float, Sequence], DrawnTouch]] = {
     "fingertip pokes": poke,
     "two pats": pats,
     "stroke": stroke,

@@ -59,6 +59,10 @@ VISIBLE = 1.5
 TRIES = 12
 """Touches that are drawn until one is shown."""
 
+ReadingWay = Literal["line", "hold", "own"]
+READINGS: tuple[ReadingWay, ...] = ("line", "hold", "own")
+"""Ways in which devices are read."""
+
 USUAL_PERIOD = 0.02
 """Period at which slower devices are read [s]."""
 
@@ -88,7 +92,7 @@ class Device:
     """Whether its cells go all the way round a tube."""
     rate: float
     """Measurements a second [Hz]."""
-    reading: Literal["line", "hold", "own"]
+    reading: ReadingWay
     """Read at a higher rate, by interpolation or by repetition, or as they come."""
     gain: float
     """Reading over pressure."""
@@ -112,7 +116,7 @@ def draw_device(name: str) -> Device:
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    pitch = between(3, 40) * MM
+    pitch = between(3.0, 40.0) * MM
     largest = max(0.12, 5 * pitch)
     rows, columns = (
         int(np.clip(round(between(0.05, largest) / pitch), 2, 24)) for _ in "rc"
@@ -133,8 +137,8 @@ def draw_device(name: str) -> Device:
         patch = Patch("grid", LINK, 1, *size)
         return build_skin(name, [(patch, grid, surface)])
 
-    reading: Literal["line", "hold", "own"] = rng.choice(["line", "hold", "own"])
-    level = between(2, 40)
+    reading = READINGS[rng.integers(len(READINGS))]
+    level = between(2.0, 40.0)
     typical = TYPICAL_FORCE / max(pitch**2, TIP_AREA) / 1000
     binary = typical * between(0.01, 0.3) if rng.random() < 0.15 else 0.0
     counts = int(rng.choice([255, 1023, 4095]))
@@ -143,12 +147,12 @@ def draw_device(name: str) -> Device:
         fine=build(finer),
         finer=finer,
         closed=closed,
-        rate=between(9, 60),
+        rate=between(9.0, 60.0),
         reading=reading,
         gain=level / typical,
         lag=float(rng.uniform(0.05, 0.5)) if rng.random() < 0.5 else 0.0,
         binary=binary,
-        full=between(10, 60) if binary else max(level * between(0.6, 3), 4.0),
+        full=between(10.0, 60.0) if binary else max(level * between(0.6, 3.0), 4.0),
         counts=counts,
         noise=float(rng.uniform(0.0, counts / 400)) if rng.random() < 0.5 else 0.0,
     )

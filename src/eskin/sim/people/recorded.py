@@ -186,7 +186,7 @@ def read_phone_touches(path: Path, first: int) -> list[RecordedTouch]:
         touched = np.flatnonzero(repetition.touched)
         if name == "pause" or not len(touched) or np.diff(touched).max(initial=1) > 2:
             continue
-        pressed = np.where(counts >= TOUCHED_COUNTS, counts, 0)[touched]
+        pressed = np.where(counts >= TOUCHED_COUNTS, counts, 0.0)[touched]
         travel = PHONE_PITCH * float(np.hypot(*np.ptp(find_middle(pressed), axis=0)))
         held = name == "tap"
         gesture = NONE if held else "stroke"
