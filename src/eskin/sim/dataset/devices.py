@@ -142,17 +142,21 @@ def draw_device(name: str) -> Device:
     typical = TYPICAL_FORCE / max(pitch**2, TIP_AREA) / 1000
     binary = typical * between(0.01, 0.3) if rng.random() < 0.15 else 0.0
     counts = int(rng.choice([255, 1023, 4095]))
+    rate = between(9.0, 60.0)
+    lag = float(rng.uniform(0.05, 0.5)) if rng.random() < 0.5 else 0.0
+    full = between(10.0, 60.0) if binary else max(level * between(0.6, 3.0), 4.0)
     return Device(
         skin=build(1),
         fine=build(finer),
         finer=finer,
         closed=closed,
-        rate=between(9.0, 60.0),
+        rate=rate,
         reading=reading,
         gain=level / typical,
-        lag=float(rng.uniform(0.05, 0.5)) if rng.random() < 0.5 else 0.0,
+        # Two pats on a binary device that lags would look like one that is held.
+        lag=0.0 if binary else lag,
         binary=binary,
-        full=between(10.0, 60.0) if binary else max(level * between(0.6, 3.0), 4.0),
+        full=full,
         counts=counts,
         noise=float(rng.uniform(0.0, counts / 400)) if rng.random() < 0.5 else 0.0,
     )
