@@ -21,6 +21,11 @@ from eskin.learn.sets.conversion import (
 )
 from eskin.learn.sets.socialtouch import GROUPS, HELD
 from eskin.recording import NONE
+from eskin.sim.people.recorded import (
+    PHONE_COLUMNS,
+    PHONE_PITCH,
+    read_phone_touches,
+)
 from eskin.units import NS_PER_S
 
 TOUCHED = social.TOUCHED_COUNTS / social.FULL_SCALE
@@ -115,6 +120,15 @@ def read_socialtouch(folder: Path) -> Iterator[Trial]:
         for found in social.read_repetitions(path):
             share = found.counts / social.FULL_SCALE
             yield Trial(f"P{found.person}", found.gesture, found.seconds, share)
+
+
+def read_phone(folder: Path) -> Iterator[Trial]:
+    """Read the strokes and the held fingertips of CapFingerId."""
+    for path in find_files(folder, "P[0-9]*", (".npz",)):
+        for touch in read_phone_touches(path, 0):
+            found = touch.repetition
+            share = found.counts / social.FULL_SCALE
+            yield Trial(path.stem, found.gesture, found.seconds, share)
 
 
 def read_shearsense(folder: Path) -> Iterator[Trial]:
@@ -257,6 +271,18 @@ SETS = {
     "socialtouch-groups": replace(
         SOCIALTOUCH,
         groups=tuple(Group(name, of_it, name) for name, of_it in GROUPS.items()),
+    ),
+    "phone": PublicSet(
+        folder=Path("../shared/data/capfingerid"),
+        rows=27,
+        columns=PHONE_COLUMNS,
+        trials=read_phone,
+        groups=(
+            Group("stroke over 25 mm", ("scroll", "drag"), "stroke"),
+            Group("fingertip held", ("tap",), NONE),
+        ),
+        pitch_mm=1000 * PHONE_PITCH,
+        full_scale_kpa=40.0,
     ),
     "shearsense": PublicSet(
         folder=Path("../shared/data/shearsense"),

@@ -50,7 +50,7 @@ FINEST = 4080
 ANSWER_AFTER = round(0.1 * NS_PER_S)
 """Time from the last contact to the forced choice [ns]."""
 
-DataSet = Literal["socialtouch", "socialtouch-groups", "shearsense", "sleeve"]
+DataSet = Literal["socialtouch", "socialtouch-groups", "phone", "shearsense", "sleeve"]
 
 
 @dataclass(frozen=True)

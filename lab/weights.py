@@ -3,14 +3,17 @@
     python -m lab.weights --sets SETS --out FOLDER
     python -m lab.weights --sets SETS --out FOLDER --weights p0 p1
 
-`ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
-touches of the people of SocialTouch beside the same sets. `p0` and `p1` are trained on
-with one person each, so that `python -m lab.transfer --people P1 --model
+`ur5-sim` is trained on simulated people alone. `ur5-people` is trained on from
+`ur5-sim`, with touches of the people of SocialTouch beside the same sets, and `ur5`
+from `ur5-people`, with random devices as well, touched by simulated people, those of
+SocialTouch and four of CapFingerId. `p0` and `p1` are trained on with one person of
+SocialTouch each, so that `python -m lab.transfer --people P1 --model
 FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows the 12 groups of
 gestures of SocialTouch instead of the classes of the paper, and starts from `ur5-sim`;
 `groups-p0` and `groups-p1` are trained on one person each (`lab.transfer
-socialtouch-groups`). The decision of `ur5` is chosen on streams, that of the others is
-the default. Sets and prepared recordings that exist are used as they are.
+socialtouch-groups`). The decision of `ur5` is chosen on streams and on random devices,
+that of the others is the default. Sets and prepared recordings that exist are used as
+they are.
 """
 
 import subprocess
@@ -33,11 +36,21 @@ SIMULATED = {
 generate`."""
 
 
+DEVICES = {"devices": "--set devices --seed 1 --clips 3500 --subjects 60"}
+"""Sets of random devices that simulated people touch; those of recorded people come
+with `build_recorded_sets`."""
+
+PHONE = (1, 3, 6, 8)
+"""People of CapFingerId to train on; the others of its folder are for tests."""
+
 VALIDATION = {
     "tuneval": "--set val --clips 400",
     "tunefam": "--set val-families --clips 600",
 }
 """Sets that epoch and temperature are chosen on."""
+
+VALIDATION_DEVICES = {"tunedev": "--set devices --seed 11 --clips 750"}
+"""Set that epoch, temperature and decision of weights for devices are chosen on too."""
 
 STREAMS = {
     "tunestreams": "--set streams-fresh --seed 1 --clips 8",
@@ -62,11 +75,14 @@ class Recipe:
     """Whether the decision is chosen on streams."""
     grouped: bool = False
     """Whether classes are the groups of gestures of SocialTouch."""
+    devices: bool = False
+    """Whether it is trained on random devices as well."""
 
 
 WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
-    "ur5": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
+    "ur5-people": Recipe("ur5-sim", (0, 1), 8, 250),
+    "ur5": Recipe("ur5-people", (0, 1), 4, 200, decides=True, devices=True),
     "p0": Recipe("ur5-sim", (0,), 8, 200),
     "p1": Recipe("ur5-sim", (1,), 8, 200),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
@@ -83,10 +99,13 @@ OPTIONS = """
 --train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05
 --train.augment.noise 0.02
 --train.network.width 32 --train.network.layers 3 --train.network.channels 48
---train.shares recorded 0.5
+--train.shares recorded
 """.split()
 """Options of every training; after a set of `shares` follows its share of the windows
 of a class."""
+
+SHARES, DEVICE_SHARES = ("0.5",), ("0.35", "devices", "0.35")
+"""Shares of recorded people without and with devices."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +118,9 @@ class Command:
     """Folder of the weights."""
     socialtouch: Path = Path("../shared/data/socialtouch")
     """Folder of the SocialTouch set, as published."""
-    weights: tuple[str, ...] = ("ur5-sim", "ur5")
+    phone: Path = Path("../shared/data/capfingerid")
+    """Folder of the CapFingerId set, one file a person."""
+    weights: tuple[str, ...] = ("ur5-sim", "ur5-people", "ur5")
     """Names of the weights to make, those to start from first."""
     seed: int = 0
     """Seed of the training."""
@@ -127,10 +148,14 @@ def main() -> None:
 def train(name: str, command: Command) -> None:
     """Train weights on their sets."""
     recipe = WEIGHTS[name]
-    recorded = build_recorded_sets(recipe, command.socialtouch)
-    trained = recorded if recipe.grouped else SIMULATED | recorded
+    trained = build_recorded_sets(recipe, command.socialtouch)
     validation = {} if recipe.grouped else VALIDATION
     streams = STREAMS if recipe.decides else {}
+    if not recipe.grouped:
+        trained = SIMULATED | trained
+    if recipe.devices:
+        trained |= DEVICES | build_device_sets(recipe, command)
+        validation, streams = (s | VALIDATION_DEVICES for s in (validation, streams))
     for sets in (trained, validation, streams):
         for folder, options in sets.items():
             generate(command.sets / folder, options.split(), command.workers)
@@ -146,7 +171,7 @@ def train(name: str, command: Command) -> None:
         *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
         *("--train.workers", str(command.workers)),
         *("--seed", str(command.seed)),
-        *OPTIONS,
+        *(*OPTIONS, *(DEVICE_SHARES if recipe.devices else SHARES)),
         *(["--start", str(start)] if recipe.start else []),
         *chosen,
     )
@@ -165,6 +190,19 @@ def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:
             f"{folder}{person}": f"{options} --clips 2400",
             f"{folder}{person}-dense": dense,
         }
+    return sets
+
+
+def build_device_sets(recipe: Recipe, command: Command) -> dict[str, str]:
+    """Return the sets of devices that recorded people touch; see the other sets."""
+    numbers = " ".join(map(str, PHONE))
+    phone = f"--recorded {command.phone} --people {numbers} --seed 4 --clips 1500"
+    sets = {"devices-phone": f"--set devices {phone}"}
+    for person in recipe.people:
+        options = f"--recorded {command.socialtouch} --people {person}"
+        sets[f"devices{person}"] = (
+            f"--set devices {options} --seed {2 + person} --clips 1000"
+        )
     return sets
 
 

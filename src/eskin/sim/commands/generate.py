@@ -12,7 +12,7 @@ from eskin.cli.checks import Excludes, Needs, Range
 from eskin.progress import show_progress
 from eskin.sim.commands.untouched import print_untouched
 from eskin.sim.dataset import GenerationSettings, generate
-from eskin.sim.dataset.sets import ALL_SETS, RECORDED_GROUPS
+from eskin.sim.dataset.sets import ALL_SETS, RECORDED_GROUPS, RECORDED_SETS
 from eskin.sim.people.recorded import find_recorded_people
 from eskin.sim.scene import load_environment
 from eskin.sim.sensor.flaws import Family
@@ -85,7 +85,8 @@ class GenerateCommand:
 
     recorded: Path | None = None
     """Folder of the public SocialTouch set, whose recorded touches the sets `recorded`
-    (classes of the paper) and `recorded-groups` (its own 12) place on the skin."""
+    (classes of the paper) and `recorded-groups` (its own 12) place on the skin, and
+    `devices` on devices, as it does those of the public CapFingerId set."""
 
     people: Annotated[tuple[int, ...] | None, Needs("recorded")] = None
     """Participants of that folder whose touches are placed; by default all."""
@@ -146,7 +147,10 @@ def build_settings(command: GenerateCommand) -> GenerationSettings:
     recorded = None
     if command.recorded is not None:
         grouped = command.set == RECORDED_GROUPS
-        recorded = find_recorded_people(command.recorded, command.people, grouped)
+        needed = RECORDED_SETS.get(command.set, ())
+        recorded = find_recorded_people(
+            command.recorded, command.people, grouped, needed
+        )
     return GenerationSettings(
         set_name=command.set,
         skin=command.skin,

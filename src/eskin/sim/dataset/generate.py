@@ -21,9 +21,11 @@ from pathlib import Path
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
 from eskin.sim.dataset.clip_generator import ClipGenerator, SimulatorFactory
+from eskin.sim.dataset.devices import DeviceFactory
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
 from eskin.sim.dataset.plan import SessionPlan
 from eskin.sim.dataset.session_file import write_session
+from eskin.sim.dataset.sets import DEVICES
 from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_folder
 
 
@@ -187,6 +189,8 @@ def generate(
             f"{workers} workers requested; allowed are 0 and above; change it"
         )
     started, folder = time.monotonic(), Path(folder)
+    if factory is None and settings.set_name == DEVICES:
+        factory = DeviceFactory(settings.recorded)
     factory = factory or SimulatorFactory(settings.robot, settings.recorded)
     claim_folder(folder, settings)
     with lock_folder(folder):

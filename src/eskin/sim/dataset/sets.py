@@ -154,7 +154,11 @@ RECORDED, RECORDED_GROUPS = "recorded", "recorded-groups"
 RECORDED_SETS = {RECORDED: RECORDED_CLASSES, RECORDED_GROUPS: tuple(GROUPS)}
 """Classes of these sets: some of the paper's, or the groups of SocialTouch."""
 
-ALL_SETS = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS)
+DEVICES = "devices"
+"""Name of the set of small devices, drawn at random, that simulated or recorded people
+touch."""
+
+ALL_SETS = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS, DEVICES)
 """Names of all sets."""
 
 
@@ -283,6 +287,19 @@ def build_recorded_set(name: str, constants: Constants) -> ClipSet:
     )
 
 
+def build_device_set(name: str, constants: Constants) -> ClipSet:
+    """Build a set of devices, of which each session has one of its own."""
+    return replace(
+        load_set("train", constants),
+        name=name,
+        people=DEVICES,
+        builds=DEVICES,
+        families=("fresh",),
+        stopped=1.0,
+        parts=(SetPart("", int(constants.value("sets.clips.recorded"))),),
+    )
+
+
 def build_pair_set(constants: Constants) -> ClipSet:
     """Build the set of pairs, with as many clips on each side."""
     pairs = int(constants.value("pairs.pairs"))
@@ -299,6 +316,7 @@ def build_pair_set(constants: Constants) -> ClipSet:
 SET_BUILDERS = (
     (FINAL_SETS, build_final_set),
     (RECORDED_SETS, build_recorded_set),
+    ((DEVICES,), build_device_set),
     (FAMILY_SETS, build_family_set),
     (("paper", "paper-5"), build_paper_set),
     (("streams", "streams-fresh"), build_stream_set),

@@ -9,6 +9,7 @@ from pathlib import Path
 from eskin.errors import GenerationError
 from eskin.files import atomic_path, read_file
 from eskin.sim.constants import CONSTANTS_FILE, Constants, load_constants
+from eskin.sim.dataset.devices import fit_to_device, name_device
 from eskin.sim.dataset.index import INDEX_NAME
 from eskin.sim.dataset.plan import (
     ClipPlan,
@@ -20,6 +21,7 @@ from eskin.sim.dataset.plan import (
     plan_sessions,
 )
 from eskin.sim.dataset.sets import (
+    DEVICES,
     PAIRS,
     RECORDED_SETS,
     SIDE_SKINS,
@@ -79,6 +81,11 @@ class GenerationSettings:
         check_recorded(self)
         if self.families is not None:
             check_families(self.families, self.set_name)
+        if self.set_name == DEVICES and (self.skin != "ur5" or self.robot):
+            raise ValueError(
+                f"set '{DEVICES}' requested on a skin; allowed are its own devices, on "
+                "no robot; leave --skin and --robot-urdf out"
+            )
         fits = self.skin in SKIN_PRESETS and has_joints(self.skin)
         if self.has_pairs and not fits:
             raise ValueError(
@@ -116,6 +123,8 @@ class GenerationSettings:
         if self.recorded is None:
             return resize_set(published, self.clips, self.subjects, self.constants)
         names = self.recorded.names
+        if self.set_name == DEVICES:
+            published = replace(published, classes=self.recorded.classes)
         published = replace(published, names=names)
         return resize_set(published, self.clips, len(names), self.constants)
 
@@ -129,6 +138,9 @@ class GenerationSettings:
         """Plan the lead-in of a file and its clips."""
         plan = plan_pair_clips if self.has_pairs else plan_clips
         plans = plan(session_plan, self.clip_set, self.seed, self.level, self.constants)
+        if self.set_name == DEVICES:
+            name = name_device(session_plan)
+            return tuple(fit_to_device(each, name) for each in plans)
         if self.recorded is None:
             return plans
         # Nobody simulated touches beside a recorded person.
@@ -140,7 +152,9 @@ class GenerationSettings:
         return self.set_name == PAIRS
 
     def find_skin(self, session_plan: SessionPlan) -> str:
-        """Return the preset skin of a file; sides of pairs may have their own."""
+        """Return the skin of a file; sides of pairs and devices may have their own."""
+        if self.set_name == DEVICES:
+            return name_device(session_plan)
         if not self.has_pairs:
             return self.skin
         return SIDE_SKINS.get(find_side(session_plan), self.skin)
@@ -170,16 +184,17 @@ class GenerationSettings:
 def check_recorded(settings: GenerationSettings) -> None:
     """Refuse recorded touches of another set, and the set without them."""
     name = settings.set_name
-    if name not in RECORDED_SETS:
-        if settings.recorded is not None:
+    if settings.recorded is None:
+        if name in RECORDED_SETS:
             raise ValueError(
-                f"recorded touches given for set '{name}'; allowed are sets "
-                f"{' and '.join(RECORDED_SETS)}; change --set or leave --recorded out"
+                f"set '{name}' requested without recorded touches; allowed is a folder "
+                "of the SocialTouch set; give it with --recorded"
             )
-    elif settings.recorded is None:
+    elif name not in (*RECORDED_SETS, DEVICES):
         raise ValueError(
-            f"set '{name}' requested without recorded touches; allowed is a folder "
-            "of the SocialTouch set; give it with --recorded"
+            f"recorded touches given for set '{name}'; allowed are sets "
+            f"{', '.join(RECORDED_SETS)} and {DEVICES}; change --set or leave "
+            "--recorded out"
         )
     elif settings.subjects is not None:
         raise ValueError(
@@ -196,9 +211,9 @@ def check_families(families: tuple[Family, ...], set_name: str) -> None:
             f"families are {', '.join(families) or 'none'}; allowed are one or more of "
             f"{', '.join(FAMILIES)}, each once; change --families"
         )
-    if set_name == PAIRS:
+    if set_name in (PAIRS, DEVICES):
         raise ValueError(
-            f"families requested of set '{PAIRS}', whose clips share their builds; "
+            f"families requested of set '{set_name}', which has builds of its own; "
             "allowed are all other sets; leave --families out"
         )
 

@@ -1,7 +1,9 @@
 """This module reads recorded touches of people, and places them on a robot's skin.
 
 They are pressure movies of the public SocialTouch set. Its sensor states neither units
-nor geometry, so its pitch and its full scale are drawn anew for each touch.
+nor geometry, so its pitch and its full scale are drawn anew for each touch. Strokes and
+held fingertips are also read from CapFingerId, a public set of capacitance on a phone's
+screen.
 """
 
 from collections import Counter
@@ -10,17 +12,18 @@ from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.errors import GenerationError
+from eskin.errors import GenerationError, ImportSourceError
 from eskin.learn.sets.conversion import find_files
 from eskin.learn.sets.socialtouch import (
     COLUMNS,
     FULL_SCALE,
     GROUPS,
-    ROWS,
+    HELD,
     SUFFIXES,
     TOUCHED_COUNTS,
     Repetition,
@@ -28,6 +31,7 @@ from eskin.learn.sets.socialtouch import (
     find_group,
     read_repetitions,
 )
+from eskin.recording import NONE
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.press import ContactSite, MoviePress, TrueTouch
 from eskin.sim.contact.pressure import compute_movie_force, find_middle
@@ -51,6 +55,8 @@ class RecordedPeople:
     """SHA-256 of their touches."""
     grouped: bool = False
     """Whether classes are the groups of gestures, instead of `RECORDED_CLASSES`."""
+    classes: tuple[str, ...] = RECORDED_CLASSES
+    """Classes that all of them show."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -70,6 +76,10 @@ class RecordedTouch:
     """Number of the touch among those of the folder that have such a class."""
     repetition: Repetition
     """Readings of the touch."""
+    columns: int = COLUMNS
+    """Columns of the sensor."""
+    pitch: tuple[float, float] | None = None
+    """Smallest and largest distance of taxels [m]; None where nothing states it."""
 
 
 def name_person(number: int) -> str:
@@ -78,11 +88,15 @@ def name_person(number: int) -> str:
 
 
 def find_recorded_people(
-    folder: Path, people: Sequence[int] | None = None, grouped: bool = False
+    folder: Path,
+    people: Sequence[int] | None = None,
+    grouped: bool = False,
+    needed: Sequence[str] | None = None,
 ) -> RecordedPeople:
-    """Find participants of the SocialTouch set in a folder; all unless some are named.
+    """Find participants of a public set in a folder; all unless some are named.
 
-    Where `grouped`, the classes are the groups of gestures.
+    Where `grouped`, the classes are the groups of gestures. Each participant must show
+    the classes `needed`, by default all.
 
     Raises:
         ImportSourceError: a file of the set cannot be read.
@@ -100,10 +114,13 @@ def find_recorded_people(
             "--people or --recorded"
         )
     digest = sha256()
+    classes = tuple(GROUPS) if grouped else RECORDED_CLASSES
+    needed = classes if needed is None else needed
     for person in wanted:
         mine = [touch for touch in touches if touch.repetition.person == person]
-        classes = set(GROUPS if grouped else RECORDED_CLASSES)
-        unshown = sorted(classes - {touch.gesture for touch in mine})
+        shown = {touch.gesture for touch in mine}
+        classes = tuple(name for name in classes if name in shown)
+        unshown = sorted(set(needed) - shown)
         if unshown:
             raise GenerationError(
                 f"{folder} has no {', '.join(unshown)} of participant {person}; "
@@ -113,7 +130,7 @@ def find_recorded_people(
             digest.update(f"{person} {touch.repetition.gesture}".encode())
             digest.update(touch.repetition.seconds.tobytes())
             digest.update(touch.repetition.counts.tobytes())
-    return RecordedPeople(folder, tuple(wanted), digest.hexdigest(), grouped)
+    return RecordedPeople(folder, tuple(wanted), digest.hexdigest(), grouped, classes)
 
 
 @lru_cache(maxsize=1)
@@ -130,7 +147,59 @@ def read_recorded_touches(
             if gesture is not None:
                 group = find_group(repetition.gesture)
                 found.append(RecordedTouch(gesture, group, len(found), repetition))
+    if folder.is_dir():
+        for path in find_files(folder, "P[0-9]*", (".npz",)):
+            found += read_phone_touches(path, len(found))
     return tuple(found)
+
+
+PHONE_COLUMNS, PHONE_PITCH = 15, 0.0041
+"""Columns of the screen of CapFingerId, and their distance [m]."""
+
+SHORTEST_STROKE = 0.025
+"""Travel of a finger on the screen from which it strokes [m]."""
+
+
+def read_phone_touches(path: Path, first: int) -> list[RecordedTouch]:
+    """Read the strokes and held fingertips of a participant of CapFingerId.
+
+    Touches are numbered from `first`. Left out are trials in which the finger leaves
+    the screen, strokes over less than `SHORTEST_STROKE` and fingertips held less than
+    `HELD`.
+    """
+    found: list[RecordedTouch] = []
+    try:
+        person = int(path.stem.removeprefix("P"))
+        with np.load(path) as file:
+            frames, trials, rate = file["frames"], file["trial"], float(file["rate"])
+            labels = file["labels"].tolist()
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise ImportSourceError(
+            f"{path}: no participant of CapFingerId ({error}); copy it again from the "
+            "set"
+        ) from error
+    for trial, label in enumerate(labels):
+        counts = frames[trials == trial].astype(np.int32)
+        seconds = np.arange(len(counts)) / rate
+        name = str(label)
+        repetition = Repetition(person, name, seconds, counts.reshape(len(counts), -1))
+        touched = np.flatnonzero(repetition.touched)
+        if name == "pause" or not len(touched) or np.diff(touched).max(initial=1) > 2:
+            continue
+        pressed = np.where(counts >= TOUCHED_COUNTS, counts, 0.0)[touched]
+        travel = PHONE_PITCH * float(np.hypot(*np.ptp(find_middle(pressed), axis=0)))
+        held = name == "tap"
+        gesture = NONE if held else "stroke"
+        if held and np.ptp(seconds[touched]) < HELD:
+            continue
+        if held != (travel < SHORTEST_STROKE):
+            continue
+        pitch = PHONE_PITCH * 0.85, PHONE_PITCH * 1.2
+        number = first + len(found)
+        found.append(
+            RecordedTouch(gesture, name, number, repetition, PHONE_COLUMNS, pitch)
+        )
+    return found
 
 
 def draw_recorded_touch(
@@ -162,14 +231,15 @@ def play_recorded_touch(
     rng: np.random.Generator,
 ) -> TrueTouch:
     """Play a recorded touch at a site, in a drawn size, strength, speed and turn."""
-    pitch = draw_log_uniform(constants, "recorded.pitch", rng) * MM
+    low, high = touch.pitch or constants.array("recorded.pitch") * MM
+    pitch = float(np.exp(rng.uniform(np.log(low), np.log(high))))
     full_scale = draw_log_uniform(constants, "recorded.full_scale", rng)
     speed = float(rng.uniform(*constants.array("recorded.speed")))
     turn = float(rng.uniform(-np.pi, np.pi))
     mirrored = bool(rng.random() < 0.5)
     clean = rng.random() < constants.value("recorded.clean")
     threshold = clean * float(rng.uniform(0.0, constants.value("recorded.threshold")))
-    movie, touched = sample_movie(touch.repetition, speed, constants)
+    movie, touched = sample_movie(touch.repetition, speed, constants, touch.columns)
     if mirrored:
         movie = movie[:, :, ::-1]
     pressure = full_scale * np.maximum(movie - threshold, 0.0)
@@ -208,7 +278,10 @@ def draw_log_uniform(
 
 
 def sample_movie(
-    repetition: Repetition, speed: float, constants: Constants
+    repetition: Repetition,
+    speed: float,
+    constants: Constants,
+    columns: int = COLUMNS,
 ) -> tuple[Float[np.ndarray, "time row column"], Bool[np.ndarray, "time"]]:
     """Return the pressure of a repetition at each step, and whether it is touched.
 
@@ -228,4 +301,4 @@ def sample_movie(
     part = ((at - known[before]) / np.diff(known)[before])[:, None]
     between = (1 - part) * shares[before] + part * shares[before + 1]
     touched = between.max(axis=1) >= TOUCHED_COUNTS / FULL_SCALE
-    return between.reshape(-1, ROWS, COLUMNS), touched
+    return between.reshape(len(between), -1, columns), touched
