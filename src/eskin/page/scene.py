@@ -314,7 +314,7 @@ class Scene(PagePart):
         return np.einsum("ti,ti->t", rays, normals) / np.linalg.norm(rays, axis=1)
 
     def find_facing_taxel(self) -> int:
-        """Return the taxel that faces the camera most, of the patch that is seen most."""
+        """Return the taxel that faces the camera most, of the patch seen most."""
         facing, patches = self.measure_facing(), self.setup.patch_index
         seen = np.bincount(patches, np.maximum(facing, 0.0))
         return int(np.argmax(np.where(patches == seen.argmax(), facing, -1.0)))
