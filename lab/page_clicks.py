@@ -70,12 +70,12 @@ class Count:
         for what in ("answered", "named", "obeyed"):
             times = self.seconds.get(what, [])
             median = f", {np.median(times):.2f} s" if times else ""
-            cells.append(f"{len(times) / self.touches:.0%}{median}")
+            cells.append(f"{len(times)}{median}")
         return format_row(cells)
 
 
 def main() -> None:
-    """Touch, and print a table of shares and median times."""
+    """Touch, and print a table of counts and median times."""
     command = tyro.cli(Command)
     counts = {kind: Count() for kind in GESTURES}
     with chromium() as browser, ServedDemo(command.seed, command.pace) as demo:
