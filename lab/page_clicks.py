@@ -4,8 +4,8 @@
 
 A browser shows `eskin demo`, and the mouse acts on the forearm where it is visible: a
 click or a double click pauses the arm at work, a drag slows it, and after each a click
-with shift makes it go on. A touch is answered where the log tells of it, named where the
-log says what was meant, and obeyed where the arm does it, each within `WAIT`.
+with shift makes it go on. A touch is answered where the log tells of it, named where
+the log says what was meant, and obeyed where the arm does it, each within `WAIT`.
 """
 
 import re
@@ -25,6 +25,8 @@ WAIT = 4.0
 """Longest simulated time from a touch to what comes of it [s]."""
 REST = 1.5
 """Simulated time between two touches: an arm resumes after a second untouched [s]."""
+SIZE = (1000, 500)
+"""Width and height of the window [px]; software draws a larger one slowly."""
 VISIBLE = 0.3
 """Least cosine between the normal of a clicked taxel and the view."""
 ENTRY = re.compile(r"(\d+:\d\d\.\d)\s+(.+)")
@@ -68,16 +70,16 @@ class Count:
         for what in ("answered", "named", "obeyed"):
             times = self.seconds.get(what, [])
             median = f", {np.median(times):.2f} s" if times else ""
-            cells.append(f"{len(times) / self.touches:.0%}{median}")
+            cells.append(f"{len(times)}{median}")
         return format_row(cells)
 
 
 def main() -> None:
-    """Touch, and print a table of shares and median times."""
+    """Touch, and print a table of counts and median times."""
     command = tyro.cli(Command)
     counts = {kind: Count() for kind in GESTURES}
     with chromium() as browser, ServedDemo(command.seed, command.pace) as demo:
-        tab = new_tab(browser, scale=command.scale)
+        tab = new_tab(browser, SIZE, command.scale)
         see(tab, demo.link)
         visit = Visit(tab, demo)
         for _ in range(command.touches):
@@ -91,6 +93,9 @@ def main() -> None:
 def touch_once(visit: Visit, kind: str, count: Count, pace: float) -> None:
     """Touch the arm, and count what comes of it."""
     prepare(visit, kind)
+    state = visit.demo.state
+    if kind == "shift-click" and not state["paused"] and state["speed"] == 1.0:
+        return  # Nothing was paused or slowed that could go on.
     before, known = dict(visit.demo.state), set(ENTRY.findall(visit.text()))
     act: dict[str, Callable[[], None]] = {
         "click": visit.click,
@@ -136,8 +141,9 @@ def obeys(kind: str, before: dict[str, Any], now: dict[str, Any]) -> bool:
         return now["paused"] and not before["paused"]
     if kind == "drag":
         return now["speed"] < 1.0
-    changed = ("paused", "speed", "target")
-    return any(now[key] != before[key] for key in changed)
+    if before["paused"]:
+        return not now["paused"]
+    return now["speed"] == 1.0 > before["speed"]
 
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
     python -m lab.page_look --out pictures
 
 The demonstration's page is shown at three sizes, light and dark. For each the table
-counts what breaks a rule: text with a contrast below 4.5 to what is behind it (WCAG 2.2,
-1.4.3); text that overlaps other text; text that is clipped; numbers that wrap; controls
-below 24 px (2.5.8); colours of controls beside the accent; and numbers that move between
-two readings. What breaks a rule is printed below.
+counts what breaks a rule: text with a contrast below 4.5 to what is behind it (WCAG
+2.2, 1.4.3); text that overlaps other text; text that is clipped; numbers that wrap;
+controls below 24 px (2.5.8); colours of controls beside the accent; and numbers that
+move between two readings. What breaks a rule is printed below.
 """
 
 from dataclasses import dataclass

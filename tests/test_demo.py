@@ -14,6 +14,7 @@ from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
 from eskin.recording import TruthRecord
 from eskin.sim.arm import SimulatedArm
+from eskin.sim.commands.demo import open_once, tell_link
 from eskin.sim.demo import (
     Attempt,
     CommandScore,
@@ -162,6 +163,20 @@ def test_demo_command_prints_result(monkeypatch, capsys):
     keys = {"touches", "correct", "wrong", "missed", "false_alarms", "commands"}
     assert keys | {"step_ms_p50", "step_ms_p99"} <= set(printed)
     assert printed["delay_s_p50"] == pytest.approx(0.9) and "p50 0.90 s" in out
+
+
+@pytest.mark.parametrize(("at_screen", "opened"), [(True, 1), (False, 0)])
+def test_demo_opens_its_link_once_where_a_person_sees_it(
+    monkeypatch, at_screen, opened
+):
+    links = []
+    monkeypatch.setattr("webbrowser.open", links.append)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: at_screen)
+    monkeypatch.setenv("DISPLAY", ":0")
+    open_once.cache_clear()
+    for _ in range(2):
+        tell_link("Ctrl-C ends it; see http://127.0.0.1:8080/token/")
+    assert links == ["http://127.0.0.1:8080/token/"] * opened
 
 
 @pytest.mark.parametrize(

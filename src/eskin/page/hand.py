@@ -79,7 +79,10 @@ USUAL: dict[TouchKind, tuple[float, float]] = {
 }
 """Force [N] and duration [s] of each touch, as people make it who want to be felt: the
 medians of the simulator (`constants.yaml`), and for a poke those of a firm one."""
-MISSED = "that was beside the skin: click or drag where the pointer is a hand"
+MISSED = (
+    "that was beside the skin, or it had moved on: click or drag where the pointer is "
+    "a hand"
+)
 """Answer to a click or drag that hit no skin."""
 STROKE_LENGTH = 0.12
 """Length of the stroke that a click makes in the mode `stroke` [m]."""

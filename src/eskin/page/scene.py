@@ -34,8 +34,10 @@ LIFT = 0.0012
 """Distance of the discs from the surface [m]."""
 DISC_SHARE = 0.86
 """Radius of a disc as a share of the radius of a circle of the taxel's area."""
-PAD_SHARE = 2.0
-"""Radius of a pad as such a share: it reaches half a taxel beyond the outermost."""
+PAD_SHARE = 1.7
+"""Radius of a pad as such a share: it reaches beyond the outermost taxels."""
+PAD = (196, 200, 206)
+"""Colour of the surface under the taxels: red, green and blue, each to 255."""
 THICKNESS = 0.1
 """Height of a disc over and under its rim, by its radius."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
@@ -199,9 +201,8 @@ class Scene(PagePart):
         client.camera.position, client.camera.look_at = position, look_at
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
-        """Add pads that nobody sees, so that a touch beside a disc counts too."""
-        clear = np.zeros((1, 3), np.uint8)
-        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, clear, opacity=0.0)
+        """Add pads under and beside the discs, where a touch counts too."""
+        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, LINEAR[[PAD]], 0.0)
 
     def add_discs(
         self,
@@ -210,7 +211,7 @@ class Scene(PagePart):
         lift: float,
         share: float,
         colour: UInt8[np.ndarray, "1 3"],
-        opacity: float | None = None,
+        thickness: float = THICKNESS,
     ) -> BatchedMeshHandle:
         """Add a disc of a colour on each taxel of a link.
 
@@ -220,17 +221,16 @@ class Scene(PagePart):
             lift: distance of the discs from the surface [m].
             share: radius as a share of the radius of a circle of the taxel's area.
             colour: colour of all discs at first.
-            opacity: opacity of the discs; None for opaque ones.
+            thickness: height over and under the rim, by the radius.
         """
         setup, taxels = self.setup, self.taxels[link]
         normals = setup.normals[taxels]
         return self.add_instances(
             f"{setup.links[link]}/{name}",
-            build_disc(0.0 if opacity == 0.0 else THICKNESS),
+            build_disc(thickness),
             (compute_rotations_to(normals), setup.positions[taxels] + lift * normals),
             share * np.sqrt(setup.areas[taxels] / np.pi),
             np.repeat(colour, len(taxels), axis=0),
-            opacity=opacity,
         )
 
     def add_instances(
@@ -241,7 +241,6 @@ class Scene(PagePart):
         scales: Float[np.ndarray, "one"],
         colours: UInt8[np.ndarray, "one 3"] | tuple[int, int, int],
         side: Literal["front", "double"] = "front",
-        opacity: float | None = None,
     ) -> BatchedMeshHandle:
         """Add several instances of a mesh.
 
@@ -252,7 +251,6 @@ class Scene(PagePart):
             scales: scale of each.
             colours: colour of each, or of all.
             side: side of the faces that is seen.
-            opacity: opacity; None for opaque ones.
         """
         return self.server.scene.add_batched_meshes_simple(
             f"/robot/{name}",
@@ -262,7 +260,6 @@ class Scene(PagePart):
             batched_colors=colours,
             lod="off",
             side=side,
-            opacity=opacity,
             cast_shadow=False,
             receive_shadow=False,
         )
@@ -314,7 +311,7 @@ class Scene(PagePart):
         return np.einsum("ti,ti->t", rays, normals) / np.linalg.norm(rays, axis=1)
 
     def find_facing_taxel(self) -> int:
-        """Return the taxel that faces the camera most, of the patch that is seen most."""
+        """Return the taxel that faces the camera most, of the patch seen most."""
         facing, patches = self.measure_facing(), self.setup.patch_index
         seen = np.bincount(patches, np.maximum(facing, 0.0))
         return int(np.argmax(np.where(patches == seen.argmax(), facing, -1.0)))

@@ -4,6 +4,7 @@ import os
 import sys
 import webbrowser
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -167,4 +168,10 @@ def tell_link(line: str) -> None:
     displays = ("DISPLAY", "WAYLAND_DISPLAY")
     has_display = sys.platform != "linux" or any(map(os.environ.get, displays))
     if sys.stdout.isatty() and has_display:
-        webbrowser.open(line.rpartition(" ")[2])
+        open_once(line.rpartition(" ")[2])
+
+
+@cache
+def open_once(link: str) -> None:
+    """Open a link in the browser, unless it was opened already."""
+    webbrowser.open(link)

@@ -232,8 +232,6 @@ def serve(
         with run_demo(config, page, choice) as demo:
             tell(f"Ctrl-C ends it; see {demo.link}")
             demo.stream.wait(seconds)
-        # The link stays the same, and is told once.
-        tell = str
         if choice.skin is None:
             step = demo.recognition.step
             return PageResult(
