@@ -14,6 +14,7 @@ from eskin.compiled import Packed, pack
 from eskin.live.encoder_kernels import BLOCK, EncoderWeights, EncoderWorkspace
 from eskin.live.graph_builder import GraphBuilder, TouchNodes, join_active
 from eskin.live.graph_features import NODE_SCALARS
+from eskin.live.graph_kernels import GraphWorkspace
 from eskin.live.head_kernels import (
     NO_SLOT,
     SCALES,
@@ -206,8 +207,8 @@ class LogitStream:
         self.heads = self.network.parts.heads
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
-        self.workspace = builder.workspace
-        self.parts = self.pack_parts()
+        self.workspace: GraphWorkspace | None = None
+        self.parts: Packed
         self.states: dict[int, Packed] = {}
 
     def push(self, reading: Reading, nodes: Mapping[int, TouchNodes]) -> None:
