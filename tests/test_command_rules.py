@@ -469,7 +469,7 @@ class Story:
                 del scene.touches[self.numbers[name]]
             case ["merge", *names]:
                 numbers = [self.numbers[name] for name in names]
-                closed = [scene.status(*two, 1) for two in pairwise(numbers)]
+                closed = [scene.status(*two, True) for two in pairwise(numbers)]
                 for number in numbers[:-1]:
                     del scene.touches[number]
                 scene.step(tuple(closed))

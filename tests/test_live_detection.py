@@ -3,16 +3,13 @@
 import numpy as np
 import pytest
 
-from eskin.compiled import pack
 from eskin.live.decision import DirectionTracker
 from eskin.touch import (
     NO_TOUCHES,
-    TOUCH,
     LinkPoseCache,
     Reading,
+    TouchRecord,
     TouchState,
-    TouchStatus,
-    TrackingResult,
 )
 from helpers.commands import MOUNTED, SKIN
 
@@ -25,15 +22,12 @@ POSES = ([0.0] * 6, [0.4, -1.2, 1.5, -0.3, 0.8, 2.0])
 
 def find_heading(travel, q):
     """Return the heading of a touch on the forearm that travelled so far [m]."""
-    rows = np.zeros(1, TOUCH)
-    rows["id"], rows["link"], rows["confirmed"] = 1, FOREARM, 1
-    rows["latest"] = travel
     q = np.array(q)
     stamp = 1
     pressure = np.zeros(SKIN.count, np.float32)
     reading = Reading(stamp, pressure, np.ones(SKIN.count, bool), q)
-    status = TouchStatus(1, 0, stamp, 0, 0)
-    tracking = TrackingResult(pack(NO_TOUCHES._replace(touches=rows)), (status,), ())
+    touch = TouchRecord(1, 0, stamp, link=FOREARM, latest=tuple(travel.tolist()))
+    tracking = NO_TOUCHES._replace(open=(touch,))
     state = TouchState(reading, (), np.zeros(SKIN.count, bool), tracking, MOUNTED)
     poses = LinkPoseCache(MOUNTED)
     tracker = DirectionTracker(poses, min_travel=0.02)

@@ -9,6 +9,8 @@ import eskin
 from eskin.errors import ModelError, ReadingError, SkinMismatchError
 from eskin.learn.prepared_recording import prepare_recording
 from eskin.live import DecisionConfig, GraphConfig, Recognizer, load_model, save_model
+from eskin.live.first_use import compile_network
+from eskin.live.step_kernels import step
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig, TouchPipeline
 from helpers.graphs import FOLDED, assert_same, find_meeting_taxels
@@ -43,6 +45,16 @@ def recognise(recognizer, stream):
 
 def to_records(detections):
     return [detection.record() for detection in detections]
+
+
+def test_network_is_compiled_once_for_all_models_and_skins():
+    """Else what a second process has compiled at first use is compiled again."""
+    compile_network()
+    compiled = list(step.signatures)
+    for name in ("grid", "ur5"):
+        on = mounted(name)
+        recognise(build_recognizer(on), scans(on, two_hands(on), 20, 2.0))
+    assert step.signatures == compiled and len(compiled) == 1
 
 
 @pytest.mark.parametrize("name", ["grid", "ur5"])

@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.compiled import pack
 from eskin.drivers import Event
 from eskin.stream import BoundedQueue, DurationHistogram, RecognitionState
 from eskin.touch import (
     NO_TOUCHES,
     Reading,
+    TouchRecord,
     TouchState,
-    TouchStatus,
-    TrackingResult,
 )
 from helpers.commands import MOUNTED
 from helpers.streams import START, make_scans, same_scans
@@ -27,7 +25,7 @@ STATE = RecognitionState(
         READING,
         (),
         np.zeros(1, bool),
-        TrackingResult(pack(NO_TOUCHES), (), ()),
+        NO_TOUCHES,
         MOUNTED,
     ),
     {},
@@ -67,9 +65,9 @@ def test_full_queue_drops_scans_before_events(drop):
 def test_every_closing_is_told_once_and_in_order_whatever_is_dropped(drop, size):
     queue, taken = BoundedQueue(size, drop), []
     for number in range(1, 100):
-        status = TouchStatus(number, START, START, 0, 1)
+        status = TouchRecord(number, START, START, 0, closed=True)
         closed = (status,) if number % 3 else ()
-        tracking = TrackingResult(pack(NO_TOUCHES), (), closed)
+        tracking = NO_TOUCHES._replace(closed=closed)
         state = replace(STATE, state=replace(STATE.state, tracking=tracking))
         for item in (state, *[EVENT] * (number % 4 == 1)):
             queue.put(item)

@@ -1,4 +1,4 @@
-"""Tests of touch records: the arrays of one instant, which never change again."""
+"""Tests of touch records: those of one instant, which never change again."""
 
 import numpy as np
 import pytest
@@ -65,24 +65,24 @@ def test_changing_a_state_does_not_change_later_states():
             touch.start[:] = touch.latest[:] = 7.0
 
 
-def test_touch_has_its_loads_of_this_reading_and_the_one_before():
+def test_touch_has_its_taxels_of_this_reading_and_the_one_before():
     pipeline = build_pipeline(WIDE)
     count = WIDE.skin.count
     before, onset = np.zeros(count), np.zeros(count, np.int64)
     for n in range(40):
         now = press_two_hands(n / 20)
         reading = reading_at(n / 20, now)
-        records = pipeline.push_reading(reading).records
+        state = pipeline.push_reading(reading)
         onset[(now > 0) & (before == 0)] = reading.stamp
-        for span, expected in (("loads", now), ("before", before)):
-            got = np.zeros(count)
-            for touch in records.touches[records.touches["closed"] == 0]:
-                loads = records.loads[slice(*touch[span])]
-                assert not got[loads["taxel"]].any()
-                got[loads["taxel"]] = loads["pressure"]
-                if span == "loads":
-                    assert loads["onset"].tolist() == onset[loads["taxel"]].tolist()
-            np.testing.assert_allclose(got, expected, rtol=1e-6)
+        for name, expected in (("taxels", now), ("before", before)):
+            got = np.zeros(count, bool)
+            for touch in state.tracking.open:
+                taxels = getattr(touch, name)
+                assert not got[taxels].any()
+                got[taxels] = True
+            np.testing.assert_array_equal(got, expected > 0)
+        for contact in state.tracking.contacts:
+            assert contact.onset == onset[contact.taxels].min()
         before = now
 
 
@@ -133,7 +133,7 @@ def test_untouched_skin_has_empty_records_and_time_goes_on():
     mounted = build_mounted_grid()
     pipeline = build_pipeline(mounted)
     for state in push_pressures(pipeline, np.zeros((3, 36))):
-        assert not any(map(len, state.records))
+        assert not any(map(len, state.tracking))
     pipeline.push_reading(reading_at(1.0, press_pad(mounted.skin, (0.02, 0.02))))
     [touch] = pipeline.finish()
     assert touch.onset == START + 1_000_000_000

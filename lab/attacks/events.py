@@ -247,23 +247,20 @@ class Slot:
     ) -> None:
         """Note the features of a touch in contact."""
         stamp = state.reading.stamp
-        loads = state.records.loads[slice(*row.loads)]
-        taxels = loads["taxel"]
+        taxels, pressure = row.taxels, state.reading.pressure[row.taxels]
         if not known.runs or known.last != known.runs[-1][1] or self.gap(known, stamp):
             known.runs.append([stamp, stamp])
         known.runs[-1][1] = known.last = stamp
         known.taxels.append(len(taxels))
         known.force.append(float(row.force))
         known.area = max(known.area, float(self.areas[taxels].sum()))
-        known.peak = max(known.peak, float(loads["pressure"].max(initial=0.0)))
+        known.peak = max(known.peak, float(pressure.max(initial=0.0)))
         if len(taxels) > 1:
             normals = self.normals[taxels]
             least = float((normals @ normals.T).min())
             angle = float(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
             known.spread = max(known.spread, angle)
-            breadth = compute_breadth(
-                self.positions[taxels], normals, loads["pressure"]
-            )
+            breadth = compute_breadth(self.positions[taxels], normals, pressure)
             known.breadth.append(breadth)
 
     def gap(self, known: TouchFeatures, stamp: int) -> bool:
@@ -298,9 +295,6 @@ def select_touches(recognition: RecognitionState, ids: set[int]) -> RecognitionS
             closed=tuple(one for one in tracking.closed if one.id in ids),
         ),
     )
-    # Properties that are cached, and that would list all touches.
-    part.__dict__["records"] = state.records
-    part.__dict__["rows"] = tuple(row for row in state.rows if row.id in ids)
     chances = {i: p for i, p in recognition.probabilities.items() if i in ids}
     said = tuple(one for one in recognition.detections if one.touch in ids)
     return RecognitionState(part, chances, said)
@@ -480,7 +474,7 @@ class Stage:
             )
             self.evidence.update(recognition)
             for row in state.rows:
-                taxels = state.records.loads["taxel"][slice(*row.loads)]
+                taxels = row.taxels
                 if len(taxels) and not any(row.id in some for some in ids):
                     ids[int(np.bincount(owners[taxels]).argmax())].add(row.id)
             for slot, own in zip(slots, ids, strict=True):

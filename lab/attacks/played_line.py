@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.command import Arm, ArmState, CommandMap, Policy, PolicyConfig, Rule
-from eskin.compiled import pack
 from eskin.drivers import (
     Assembler,
     Clock,
@@ -35,7 +34,6 @@ from eskin.touch import (
     Reading,
     Scan,
     TouchState,
-    TrackingResult,
 )
 from eskin.units import NS_PER_S
 
@@ -280,7 +278,7 @@ class PlayedLine:
         """Let the policy judge a touch in every scan with data of the target."""
         pressure = np.zeros(len(scan.counts), np.float32)
         reading = Reading(scan.stamp, pressure, scan.received, Q)
-        tracking = TrackingResult(pack(NO_TOUCHES), (), ())
+        tracking = NO_TOUCHES
         doubtful = np.zeros(len(scan.counts), bool)
         state = TouchState(reading, (), doubtful, tracking, self.mounted)
         self.policy.on_message(RecognitionState(state, {}, ()))

@@ -9,7 +9,7 @@ import pytest
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor import FAMILIES, draw_flawed_build
 from eskin.skin import build_grid_skin
-from eskin.touch import TouchStatus
+from eskin.touch import TouchRecord
 from eskin.units import NS_PER_S
 from lab.flaws.hands import Hand, set_creep
 from lab.flaws.real import keep_apart
@@ -106,7 +106,7 @@ def make_watcher(states):
 
     def push(scan):
         ids = states[scan.stamp // at(1)]
-        statuses = tuple(TouchStatus(number, 0, 0, 0, 0) for number in ids)
+        statuses = tuple(TouchRecord(number, 0, 0) for number in ids)
         recognizer.state = SimpleNamespace(open=statuses, closed=())
         return ["unknown"] * len(ids)
 

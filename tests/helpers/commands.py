@@ -17,7 +17,6 @@ from eskin.command import (
 )
 from eskin.command.ur import PERIOD as UR_PERIOD
 from eskin.command.ur import ControllerLink, UrStatus
-from eskin.compiled import pack
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.errors import ArmError
 from eskin.live import Detection
@@ -25,14 +24,13 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Context, RecognitionState
 from eskin.touch import (
+    NO_CONTACT,
     NO_TOUCHES,
-    TOUCH,
     Calibration,
     Fault,
     Reading,
+    TouchRecord,
     TouchState,
-    TouchStatus,
-    TrackingResult,
 )
 
 SECOND = 1_000_000_000
@@ -246,21 +244,11 @@ class Scene:
         """Give the next reading of the skin."""
         self.clock.sleep(PERIOD / SECOND)
         now = self.clock.now()
-        rows = np.zeros(len(self.touches), TOUCH)
-        rows["confirmed"] = 1
-        contacts = np.zeros(len(self.touches), NO_TOUCHES.contacts.dtype)
         pressure = self.hidden.copy()
-        loads = []
-        for k, (number, touch) in enumerate(self.touches.items()):
-            row, begin = rows[k], len(loads)
+        for touch in self.touches.values():
             touch.last = now if touch.pressed else touch.last
-            row["id"], row["onset"], row["last"] = number, touch.onset, touch.last
-            row["force"], row["contact"] = touch.force, k
             if touch.pressed:
                 pressure[touch.taxels] = touch.pressure
-            loads += [(taxel, touch.pressure, touch.onset) for taxel in touch.taxels]
-            row["loads"], contacts[k]["loads"] = (begin, len(loads)), (begin, begin + 1)
-            contacts[k]["patch"] = SKIN.patch_index[touch.taxels[0]]
         going = tuple(self.status(number) for number in self.touches)
         faults = tuple(
             Fault("patch", patch, None, None, None, now)
@@ -274,22 +262,22 @@ class Scene:
             self.valid_share * sizes
         )
         reading = Reading(now, pressure, valid, Q)
-        records = NO_TOUCHES._replace(
-            touches=rows,
-            contacts=contacts,
-            loads=np.array(loads, NO_TOUCHES.loads.dtype),
-        )
-        tracking = TrackingResult(pack(records), going, closed)
+        tracking = NO_TOUCHES._replace(open=going, closed=closed)
         state = TouchState(
             *(reading, faults, self.doubtful, tracking, MOUNTED), contact=self.contact
         )
         probabilities = {n: touch.probabilities() for n, touch in self.touches.items()}
         self.policy.on_message(RecognitionState(state, probabilities, ()))
 
-    def status(self, number, heir=0, contacts=0):
-        """Return the status of a touch; `heir` is the touch that it merged into."""
+    def status(self, number, heir=0, closed=False):
+        """Return the record of a touch; `heir` is the touch that it merged into."""
         touch = self.touches[number]
-        return TouchStatus(number, touch.onset, touch.last, heir, contacts)
+        return TouchRecord(
+            *(number, touch.onset, touch.last, heir, closed),
+            contact=NO_CONTACT._replace(patch=SKIN.patch_index[touch.taxels[0]]),
+            force=touch.force,
+            taxels=np.array(touch.taxels),
+        )
 
     def wait(self, seconds):
         """Give readings for a time [s]."""
@@ -321,7 +309,7 @@ class Scene:
 
     def close(self, number, heir=0):
         """Close a touch, or merge it into its heir."""
-        status = self.status(number, heir, 1)
+        status = self.status(number, heir, True)
         del self.touches[number]
         self.step((status,))
 

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from eskin.live import SLOT_NS, GraphBatch, Network
 from eskin.live.head_kernels import HeadWeights, classify
 from eskin.live.network import create_head_state
-from eskin.live.step_kernels import NO_SLOT
 from eskin.live.step_kernels import compute_features as compiled_features
 
 
@@ -37,7 +36,6 @@ class SequenceWindow:
         """Start with an empty window."""
         self.weights = weights
         self.state = create_head_state(weights, slots)
-        self.now = NO_SLOT
 
     def push(
         self, stamp: int, features: Float[np.ndarray, "channel"]
@@ -48,7 +46,6 @@ class SequenceWindow:
             stamp: stamp of the reading, later than the previous [ns since the epoch].
             features: features of the reading.
         """
-        before, self.now = self.now, stamp // SLOT_NS
         logits = np.empty_like(self.weights.classify_bias)
-        classify(features, before, self.now, self.weights, self.state, logits)
+        classify(features, stamp // SLOT_NS, self.weights, self.state, logits)
         return logits

@@ -291,10 +291,9 @@ class CommandedTouches:
         for number in (*merged, *sorted(gone)):
             self.close(number, merged.get(number, 0))
         if state.open:
-            contacts = state.records.contacts
             for row in state.rows:
                 if row.confirmed and not row.closed:
-                    patch = self.patches[int(contacts[row.contact]["patch"])]
+                    patch = self.patches[row.contact.patch]
                     self.update_touch(row, patch, recognition)
         lasts = {status.id: status.last for status in (*state.open, *state.closed)}
         for request in self.requests:
@@ -329,7 +328,7 @@ class CommandedTouches:
             touch.stop_required = min(stops.values(), default=1.0)
         if row.last == self.latest:
             touch.feel(row, patch, self.latest, self.untouched_since, self.config)
-            taxels = recognition.state.records.loads["taxel"][slice(*row.loads)]
+            taxels = row.taxels
             pressure = recognition.state.reading.pressure[taxels]
             is_full = pressure >= self.full_pressure[taxels]
             touch.full_area = float(self.areas[taxels[is_full]].sum())

@@ -166,7 +166,7 @@ class EvidenceMonitor:
         pressed = [row for row in rows if row.last == stamp and not row.closed]
         for row in pressed:
             evidence = self.touches.setdefault(row.id, Evidence([], row.last))
-            taxels = state.records.loads["taxel"][slice(*row.loads)]
+            taxels = row.taxels
             felt = taxels[active[taxels]]
             evidence.felt.update(felt.tolist())
             doubted = set(felt[state.doubtful[felt]].tolist())
@@ -283,7 +283,7 @@ class EvidenceMonitor:
         """
         evidence = self.touches[row.id]
         evidence.last = row.last
-        taxels = state.records.loads["taxel"][slice(*row.loads)]
+        taxels = row.taxels
         pressed = taxels[sound[taxels] & active[taxels]]
         path = self.update_path(evidence, pressed)
         least = self.factor * self.config.strong

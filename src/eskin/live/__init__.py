@@ -7,6 +7,7 @@ from eskin.live.decision import (
     Detection,
     build_detection,
 )
+from eskin.live.first_use import warm_up
 from eskin.live.graph import (
     GRAPH_FIELDS,
     HISTORY,
@@ -47,7 +48,7 @@ from eskin.live.model_config import (
 )
 from eskin.live.model_file import MODELS, Model, check_weights, load_model, save_model
 from eskin.live.network import Network, compute_probabilities
-from eskin.live.recognizer import Recognizer, mount_skin, warm_up
+from eskin.live.recognizer import Recognizer, mount_skin
 
 __all__ = [
     "Decision",

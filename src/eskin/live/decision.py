@@ -14,12 +14,12 @@ from jaxtyping import Float
 from eskin.live.model_config import DecisionConfig
 from eskin.recording import DetectionRecord
 from eskin.recording.records import NONE
-from eskin.touch import LinkPoseCache, Touch, TouchState, TouchStatus
+from eskin.touch import LinkPoseCache, Touch, TouchRecord, TouchState
 from eskin.units import NS_PER_S
 
 UNKNOWN = "unknown"
 """Gesture reported where no class is probable enough."""
-AnyTouch = Touch | TouchStatus
+AnyTouch = Touch | TouchRecord
 """A touch, or what is read of it at every reading."""
 
 
@@ -272,10 +272,9 @@ MIN_HEADING = 0.5
 """Part of a direction along or across the link from which it counts."""
 
 
-def find_row(state: TouchState, touch: int) -> np.void:
-    """Return the TOUCH with an id."""
-    touches = state.records.touches
-    [row] = touches[touches["id"] == touch]
+def find_row(state: TouchState, touch: int) -> TouchRecord:
+    """Return the record of a touch with an id."""
+    [row] = [row for row in state.rows if row.id == touch]
     return row
 
 
@@ -308,11 +307,11 @@ class DirectionTracker:
         """
         state, T_world_link = self.contacts[touch]
         row = find_row(state, touch)
-        return T_world_link[row["link"], :3, :3] @ self.compute_travel(row)
+        return T_world_link[row.link, :3, :3] @ self.compute_travel(row)
 
-    def compute_travel(self, row: np.void) -> Float[np.ndarray, "3"]:
-        """Return the direction of a TOUCH in its link's frame, zero if it stayed."""
-        travel = row["latest"] - row["start"]
+    def compute_travel(self, row: TouchRecord) -> Float[np.ndarray, "3"]:
+        """Return the direction of a touch in its link's frame, zero if it stayed."""
+        travel = np.subtract(row.latest, row.start)
         distance = np.linalg.norm(travel)
         return np.zeros(3) if distance <= self.min_travel else travel / distance
 
@@ -323,8 +322,8 @@ class DirectionTracker:
         """
         state, T_world_link = self.contacts[touch]
         row, robot = find_row(state, touch), state.mounted.robot
-        axis = robot.find_axis(robot.link_names[row["link"]])
-        n_link = T_world_link[row["link"], :3, :3].T @ n_world
+        axis = robot.find_axis(robot.link_names[row.link])
+        n_link = T_world_link[row.link, :3, :3].T @ n_world
         travel = self.compute_travel(row)
         along, across = float(travel @ axis), float(travel @ np.cross(axis, n_link))
         if max(abs(along), abs(across)) < MIN_HEADING:

@@ -17,26 +17,25 @@ from annotated_types import Interval
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from eskin.compiled import Packed, pack, unpack
 from eskin.files import Distance, NotNegative
-from eskin.live.graph import HISTORY, NO_HISTORY, GraphBatch, allocate_graphs
+from eskin.live.graph import NO_HISTORY, GraphBatch, allocate_graphs
 from eskin.live.graph_kernels import (
+    CM_PER_M,
     MICROMETRES,
     NO_NODE,
+    S_PER_NS,
     GraphWorkspace,
     KernelStep,
     NeighbourWorkspace,
     SkinGeometry,
     TaxelHistory,
-    TouchNodeArrays,
     build_graph,
-    collect_touch_nodes,
-    has_same_loads,
     update_taxel_history,
     write_live_neighbours,
 )
 from eskin.skin import MountedSkin, Skin
-from eskin.touch import LinkPoseCache, Reading, TouchState
+from eskin.touch import LinkPoseCache, Reading, TouchRecord, TouchState
+from eskin.touch.tracks import measure_distance
 
 MAX_STEP = 0.5  # [s] between readings from which a rate is computed
 MIN_STEP = 1e-4  # [s]
@@ -142,17 +141,21 @@ class GraphBuilder:
             T_world_link=self.poses.get(reading.q),
         )
 
-    def is_repeated(self, reading: Reading, packed_nodes: Packed) -> bool:
+    def is_repeated(self, reading: Reading, nodes: Mapping[int, "TouchNodes"]) -> bool:
         """Tell whether the taxels of the next reading are loaded as in the last step.
 
         After `MAX_REPEAT` they are no longer, so that a touch that is held has graphs.
         """
-        if reading.stamp - self.step.stamp >= MAX_REPEAT:
+        active, history = join_active(nodes), self.taxel_history
+        if not len(active) or reading.stamp - self.step.stamp >= MAX_REPEAT:
             return False
-        number, shear = self.step.reading, get_shear(reading)
-        return has_same_loads(
-            packed_nodes, number, reading.pressure, shear, self.taxel_history
-        )
+        if any(len(each.taxels) != len(each.earlier) for each in nodes.values()):
+            return False
+        same = history.pressure[active] == reading.pressure[active]
+        same &= history.reading[active] == self.step.reading
+        if reading.shear is not None and same.all():
+            same &= (history.shear[active] == reading.shear[active]).all(axis=1)
+        return bool(same.all())
 
     def reserve(self, active: int) -> GraphWorkspace:
         """Return memory for a graph of so many taxels active now or one reading ago."""
@@ -231,14 +234,6 @@ class TouchNodes(NamedTuple):
     history: Float[np.ndarray, "column"]  # of the touch so far: columns `HISTORY`
 
 
-class PackedTouchNodes(NamedTuple):
-    """This tuple holds the touch nodes of all sequences, packed for kernels."""
-
-    keys: list[int]  # of the sequences
-    max_taxels: int  # largest number of a sequence, now and one reading ago together
-    packed: Packed  # `TouchNodeArrays`
-
-
 @final
 class GraphStream:
     """A graph stream builds the graph of every open touch at every measurement.
@@ -261,7 +256,6 @@ class GraphStream:
         self.calibrated = mounted.skin.calibrated
         self.earlier = NO_TAXELS
         self.keys: list[int] = []
-        self.no_nodes = pack_touch_nodes({})
 
     def get_key(self, touch: int) -> int:
         """Return the key of the sequence that the touch with that id belongs to."""
@@ -273,45 +267,36 @@ class GraphStream:
         A touch between two contacts has a graph without pressure. There is none if the
         reading is a repetition.
         """
-        found = self.find_touch_nodes(state)
-        if found is None:
+        nodes = self.find_touch_nodes(state)
+        if nodes is None:
             return {}
-        nodes: TouchNodeArrays = unpack(found.packed)
-        self.builder.advance(state.reading, nodes.active)
-        spans = zip(nodes.keys, nodes.active_spans, nodes.earlier_spans, strict=True)
-        return {
-            int(key): self.builder.build(
-                nodes.active[slice(*now)], nodes.earlier[slice(*before)], history
-            )
-            for (key, now, before), history in zip(spans, nodes.histories, strict=True)
-        }
+        self.builder.advance(state.reading, join_active(nodes))
+        return {key: self.builder.build(*each) for key, each in nodes.items()}
 
-    def find_touch_nodes(self, state: TouchState) -> PackedTouchNodes | None:
-        """Return the taxels and the history of each sequence at the next reading.
+    def find_touch_nodes(self, state: TouchState) -> dict[int, TouchNodes] | None:
+        """Return the nodes of each sequence at the next reading, by key.
 
         None stands for a repetition, of which the builder must not be told.
         """
         nodes = self.collect_nodes(state)
-        repeated = nodes.keys == self.keys and self.builder.is_repeated(
-            state.reading, nodes.packed
-        )
-        self.keys = nodes.keys
-        return None if repeated else nodes
+        keys, earlier = list(nodes), self.keys
+        self.keys = keys
+        is_repeated = keys == earlier and self.builder.is_repeated(state.reading, nodes)
+        return None if is_repeated else nodes
 
-    def collect_nodes(self, state: TouchState) -> PackedTouchNodes:
-        """Return the taxels and the history of each sequence at the next reading."""
+    def collect_nodes(self, state: TouchState) -> dict[int, TouchNodes]:
+        """Return the nodes of each sequence at the next reading, by key."""
         if not self.calibrated:
             nodes = TouchNodes(self.find_active_taxels(state), self.earlier, NO_HISTORY)
             self.earlier = nodes.taxels
-            return pack_touch_nodes({WHOLE_SKIN: nodes})
-        if not state.tracking.open:
-            return self.no_nodes
-        packed, max_taxels = collect_touch_nodes(
-            state.tracking.packed, state.reading.stamp
-        )
-        return PackedTouchNodes(
-            [touch.id for touch in state.tracking.open], max_taxels, packed
-        )
+            return {WHOLE_SKIN: nodes}
+        stamp = state.reading.stamp
+        return {
+            touch.id: TouchNodes(
+                touch.taxels, touch.before, build_history(touch, stamp)
+            )
+            for touch in state.tracking.open
+        }
 
     def find_active_taxels(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """Return all taxels in contact or under shear, whatever their touch."""
@@ -323,25 +308,26 @@ class GraphStream:
         return np.unique(np.concatenate([NO_TAXELS, *parts]))
 
 
-def pack_touch_nodes(nodes: Mapping[int, TouchNodes]) -> PackedTouchNodes:
-    """Pack the taxels and histories of sequences, given by key, for compiled code."""
-    values, keys = list(nodes.values()), list(nodes)
-    active, now = concatenate([each.taxels for each in values])
-    earlier, before = concatenate([each.earlier for each in values])
-    rows = np.array([each.history for each in values], np.float64)
-    histories = rows.reshape(-1, len(HISTORY))
-    key_array = np.array(keys, np.int64)
-    packed = pack(TouchNodeArrays(key_array, active, earlier, now, before, histories))
-    sizes = [len(each.taxels) + len(each.earlier) for each in values]
-    return PackedTouchNodes(keys, max(sizes, default=0), packed)
+def build_history(touch: TouchRecord, stamp: int) -> Float[np.ndarray, "column"]:
+    """Return the columns `HISTORY` of an open touch at a stamp [ns]."""
+    travel = measure_distance(touch.latest, touch.start)
+    return np.array(
+        [
+            (stamp - touch.onset) * S_PER_NS,
+            (stamp - touch.last) * S_PER_NS,
+            touch.contacts,
+            travel * CM_PER_M,
+            touch.farthest * CM_PER_M,
+            touch.impulse,
+            touch.peak_force,
+        ]
+    )
 
 
-def concatenate(
-    parts: list[np.ndarray],
-) -> tuple[Int[np.ndarray, "load"], Int[np.ndarray, "sequence 2"]]:
-    """Return all parts one after another, and the span of each."""
-    ends = np.cumsum([0, *map(len, parts)])
-    return np.concatenate([NO_TAXELS, *parts]), np.stack([ends[:-1], ends[1:]], axis=1)
+def join_active(nodes: Mapping[int, TouchNodes]) -> Int[np.ndarray, "active"]:
+    """Return the active taxels of all sequences."""
+    parts = [each.taxels for each in nodes.values()] or [NO_TAXELS]
+    return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
 
 class FixedNeighbours:

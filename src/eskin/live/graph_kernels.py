@@ -1,19 +1,17 @@
 """Compiled kernels that build contact graphs, each in time proportional to its size.
 
-They collect the taxels of each touch from the records of touches, build its graph, and
-find the nearest nodes of other patches.
+They find the nearest nodes of other patches, too.
 """
 
 # pyright: reportAttributeAccessIssue=false
 # Fields of records and of packed tuples are known to numba only.
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.compiled import Packed, compiled
+from eskin.compiled import compiled
 from eskin.live.graph import GraphBatch
 
 CM_PER_M = 100.0
@@ -28,89 +26,11 @@ for place in range(WORD):
 ONE, NO_BITS = np.uint64(1), np.uint64(0)
 MICROMETRES = 1e6
 NO_NODE = -1
-COLUMNS = 7  # length of `eskin.live.HISTORY`
 S_PER_NS = 1e-9
 
 Taxels = Int[np.ndarray, "taxel"]
 Points = Float[np.ndarray, "point 3"]
 Nodes = Int[np.ndarray, "node"]
-
-
-class TouchNodeArrays(NamedTuple):
-    """These arrays hold the taxels and histories of all sequences at one reading.
-
-    A span is the first index and the end of a sequence's taxels.
-    """
-
-    keys: Int[np.ndarray, "sequence"]
-    active: Int[np.ndarray, "load"]  # active taxels now, sequence after sequence
-    earlier: Int[np.ndarray, "load"]  # active taxels one reading ago
-    active_spans: Int[np.ndarray, "sequence 2"]
-    earlier_spans: Int[np.ndarray, "sequence 2"]
-    histories: Float[np.ndarray, "sequence column"]
-
-
-@compiled
-def collect_touch_nodes(packed_records: Packed, stamp: int) -> tuple[Packed, int]:
-    """Return the taxels and the history of each open touch.
-
-    Args:
-        packed_records: `TouchRecords` of a reading.
-        stamp: time of that reading [ns since the epoch].
-
-    Returns:
-        Packed `TouchNodeArrays`, and the largest number of taxels of one touch, now and
-        one reading ago together.
-    """
-    records = packed_records.parts
-    touches, loads = records.touches, records.loads
-    count = 0
-    while count < len(touches) and not touches[count].closed:
-        count += 1
-    active, now = concatenate_spans(touches.loads[:count], loads)
-    earlier, before = concatenate_spans(touches.before[:count], loads)
-    keys, histories = np.empty(count, np.int64), np.empty((count, COLUMNS))
-    max_taxels = 0
-    for n in range(count):
-        keys[n] = touches[n].id
-        write_history(touches[n], stamp, histories[n])
-        taxels = now[n, 1] - now[n, 0] + before[n, 1] - before[n, 0]
-        max_taxels = max(max_taxels, taxels)
-    nodes = TouchNodeArrays(keys, active, earlier, now, before, histories)
-    return Packed(nodes), max_taxels
-
-
-@compiled
-def concatenate_spans(
-    spans: Int[np.ndarray, "touch 2"], loads: np.ndarray
-) -> tuple[Int[np.ndarray, "load"], Int[np.ndarray, "touch 2"]]:
-    """Copy the taxels of spans of loads into one array; return it and its spans."""
-    total = 0
-    for n in range(len(spans)):
-        total += spans[n, 1] - spans[n, 0]
-    taxels, new_spans = np.empty(total, np.int64), np.empty((len(spans), 2), np.int64)
-    end = 0
-    for n in range(len(spans)):
-        new_spans[n, 0] = end
-        for k in range(spans[n, 0], spans[n, 1]):
-            taxels[end] = loads[k].taxel
-            end += 1
-        new_spans[n, 1] = end
-    return taxels, new_spans
-
-
-@compiled
-def write_history(touch: np.void, stamp: int, out: Float[np.ndarray, "column"]) -> None:
-    """Write the columns `eskin.live.HISTORY` of an open touch."""
-    squared = 0.0
-    for d in range(3):
-        squared += (touch.latest[d] - touch.start[d]) ** 2
-    out[0] = (stamp - touch.onset) * S_PER_NS
-    out[1] = (stamp - touch.last) * S_PER_NS
-    out[2] = touch.contacts
-    out[3] = math.sqrt(squared) * CM_PER_M
-    out[4] = touch.farthest * CM_PER_M
-    out[5], out[6] = touch.impulse, touch.peak_force
 
 
 class SkinGeometry(NamedTuple):
@@ -199,38 +119,6 @@ def update_taxel_history(
         for d in range(2):
             shear = step.shear[taxel, d] if len(step.shear) > 0 else 0.0
             history.shear[taxel, d] = shear
-
-
-@compiled
-def has_same_loads(
-    packed_nodes: Packed,
-    reading: int,
-    pressure: Float[np.ndarray, "taxel"],
-    shear: Float[np.ndarray, "taxel 2"],
-    history: TaxelHistory,
-) -> bool:
-    """Return whether taxels are active, and all of them as in the last graphs.
-
-    Args:
-        packed_nodes: `TouchNodeArrays` of the next reading.
-        reading: number of the reading of the last graphs.
-        pressure: pressure at the next reading [kPa].
-        shear: shear at the next reading [kPa]; empty if it is not measured.
-        history: history that includes the last graphs.
-    """
-    nodes = packed_nodes.parts
-    for n in range(len(nodes.keys)):
-        now, before = nodes.active_spans[n], nodes.earlier_spans[n]
-        if now[1] - now[0] != before[1] - before[0]:
-            return False
-    for taxel in nodes.active:
-        is_same = history.reading[taxel] == reading
-        is_same = is_same and history.pressure[taxel] == pressure[taxel]
-        for d in range(2 if len(shear) > 0 else 0):
-            is_same = is_same and history.shear[taxel, d] == shear[taxel, d]
-        if not is_same:
-            return False
-    return len(nodes.active) > 0
 
 
 @compiled

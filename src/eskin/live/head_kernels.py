@@ -9,6 +9,9 @@ from eskin.compiled import compiled_fastmath
 from eskin.live.encoder_kernels import silu
 from eskin.live.model_config import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
 
+NO_SLOT = -(2**62)
+"""Slot of the reading before the first, older than any in a window."""
+
 SCALES = 3
 """Number of time scales: a slot, and the spans of the two convolutions."""
 
@@ -51,6 +54,7 @@ class HeadState(NamedTuple):
     used every fourth or eighth slot.
     """
 
+    slot: Int[np.ndarray, "1"]  # the newest, `NO_SLOT` before the first reading
     newest: Float[np.ndarray, "input"]  # features of the newest slot
     seen: Bool[np.ndarray, "scale slot"]  # whether a value covers a reading
     values: Float[np.ndarray, "scale slot channel"]
@@ -87,7 +91,6 @@ def dot(x: Channels, weight: Channels) -> np.float32:
 @compiled_fastmath
 def classify(
     features: Channels,
-    before: int,
     now: int,
     weights: HeadWeights,
     state: HeadState,
@@ -95,10 +98,10 @@ def classify(
 ) -> None:
     """Update the state with a reading, and write the logits of the window ending now.
 
-    `before` is the slot of the previous reading, `NO_SLOT` for the first; `now` is that
-    of this reading, the same or later.
+    `now` is the slot of the reading: that of the previous one, or later.
     """
-    seen, slots = state.seen, state.seen.shape[1]
+    seen, slots, before = state.seen, state.seen.shape[1], state.slot[0]
+    state.slot[0] = now
     if now - before >= slots:
         for index in range(slots):
             for scale in range(SCALES):

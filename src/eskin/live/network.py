@@ -12,9 +12,16 @@ from jaxtyping import Float
 
 from eskin.compiled import Packed, pack
 from eskin.live.encoder_kernels import BLOCK, EncoderWeights, EncoderWorkspace
-from eskin.live.graph_builder import GraphBuilder, PackedTouchNodes
+from eskin.live.graph_builder import GraphBuilder, TouchNodes, join_active
 from eskin.live.graph_features import NODE_SCALARS
-from eskin.live.head_kernels import SCALES, STATISTICS, HeadState, HeadWeights
+from eskin.live.graph_kernels import GraphWorkspace
+from eskin.live.head_kernels import (
+    NO_SLOT,
+    SCALES,
+    STATISTICS,
+    HeadState,
+    HeadWeights,
+)
 from eskin.live.model_config import EDGE_SCALARS, NetworkConfig
 from eskin.live.model_file import (
     Model,
@@ -24,10 +31,7 @@ from eskin.live.model_file import (
     prefix_names,
 )
 from eskin.live.step_kernels import (
-    FREE_ROW,
-    NO_SLOT,
     NetworkParts,
-    SequencePool,
     StepParts,
     step,
     write_probabilities,
@@ -45,9 +49,6 @@ BRANCHES = ("summary", "graph")
 the second, which a network may lack, also the embedding."""
 
 PerClass = Float[np.ndarray, "class"]
-
-INITIAL_SEQUENCES = 8
-"""Number of sequences that there is memory for at first."""
 
 
 @final
@@ -174,35 +175,17 @@ def build_head_weights(weights: Weights) -> HeadWeights:
     )
 
 
-def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState:
-    """Return the state of one sequence, or of a pool, before the first reading."""
+def create_head_state(weights: HeadWeights, slots: int) -> HeadState:
+    """Return the state of a sequence before the first reading."""
     inputs, channels = weights.project_weight.shape
     return HeadState(
-        newest=np.zeros((*pool, inputs), np.float32),
-        seen=np.zeros((*pool, SCALES, slots), np.bool_),
-        values=np.zeros((*pool, SCALES, slots, channels), np.float32),
-        indices=np.zeros((*pool, slots), np.int64),
-        statistics=np.zeros((*pool, SCALES * STATISTICS, channels), np.float32),
+        slot=np.full(1, NO_SLOT),
+        newest=np.zeros(inputs, np.float32),
+        seen=np.zeros((SCALES, slots), np.bool_),
+        values=np.zeros((SCALES, slots, channels), np.float32),
+        indices=np.zeros(slots, np.int64),
+        statistics=np.zeros((SCALES * STATISTICS, channels), np.float32),
     )
-
-
-def create_pool(weights: HeadWeights, slots: int, rows: int) -> SequencePool:
-    """Return a pool with room for so many sequences."""
-    return SequencePool(
-        keys=np.full(rows, FREE_ROW, np.int64),
-        slots=np.full(rows, NO_SLOT, np.int64),
-        state=create_head_state(weights, slots, rows),
-    )
-
-
-def grow_pool(pool: SequencePool, weights: HeadWeights, rows: int) -> SequencePool:
-    """Return a copy of a pool with room for more sequences."""
-    larger = create_pool(weights, pool.state.seen.shape[2], rows)
-    old = (pool.keys, pool.slots, *pool.state)
-    new = (larger.keys, larger.slots, *larger.state)
-    for source, target in zip(old, new, strict=True):
-        target[: len(source)] = source
-    return larger
 
 
 @final
@@ -224,38 +207,34 @@ class LogitStream:
         self.heads = self.network.parts.heads
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
-        self.workspace = builder.workspace
-        self.parts = self.pack_parts()
-        self.pool = create_pool(self.heads, self.network.slots, INITIAL_SEQUENCES)
-        self.packed_pool = pack(self.pool)
+        self.workspace: GraphWorkspace | None = None
+        self.parts: Packed
+        self.states: dict[int, Packed] = {}
 
-    def push(self, reading: Reading, nodes: PackedTouchNodes) -> None:
+    def push(self, reading: Reading, nodes: Mapping[int, TouchNodes]) -> None:
         """Compute the logits at the next reading from the nodes of each sequence.
 
         A sequence that is not among `nodes` has ended.
         """
         self.builder.start_step(reading)
-        keys = nodes.keys
-        if not keys:
-            self.pool.keys.fill(FREE_ROW)
-            self.logits, self.probabilities = {}, {}
-            return
-        self.reserve(nodes)
-        classes = len(self.heads.classify_bias)
-        out = np.empty((len(keys), 2, classes), np.float32)
-        step(self.parts, self.packed_pool, nodes.packed, self.builder.step, out)
-        self.logits = dict(zip(keys, out[:, 0], strict=True))
-        self.probabilities = dict(zip(keys, out[:, 1], strict=True))
+        active, now = join_active(nodes), self.builder.step
+        states, self.states = self.states, {}
+        self.logits, self.probabilities = {}, {}
+        for key, (taxels, earlier, history) in nodes.items():
+            self.reserve(len(taxels) + len(earlier))
+            state = states.get(key) or pack(
+                create_head_state(self.heads, self.network.slots)
+            )
+            self.states[key] = state
+            out = np.empty((2, len(self.heads.classify_bias)), np.float32)
+            step(self.parts, state, active, taxels, earlier, history, now, out)
+            self.logits[key], self.probabilities[key] = out
 
-    def reserve(self, nodes: PackedTouchNodes) -> None:
-        """Allocate more memory where a graph or the number of sequences needs it."""
-        workspace = self.builder.reserve(nodes.max_taxels)
+    def reserve(self, active: int) -> None:
+        """Allocate more memory where a graph of so many active taxels needs it."""
+        workspace = self.builder.reserve(active)
         if workspace is not self.workspace:
             self.workspace, self.parts = workspace, self.pack_parts()
-        count = len(nodes.keys)
-        if count > len(self.pool.keys):
-            self.pool = grow_pool(self.pool, self.heads, 2 * count)
-            self.packed_pool = pack(self.pool)
 
     def pack_parts(self) -> Packed:
         """Pack everything that a step needs, again whenever memory has grown."""

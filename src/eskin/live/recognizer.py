@@ -227,32 +227,3 @@ class Recognizer:
                 f"reading at {sample.stamp} ns has no shear, which the model needs; "
                 "allowed are readings with shear; use a model for pressure alone"
             )
-
-
-WARM_UP_PERIOD = 20_000_000
-"""Time between readings of `warm_up` [ns]."""
-
-
-def warm_up(recognizer: Recognizer) -> None:
-    """Load all compiled code that a recogniser of this kind needs.
-
-    Two others like it process a poke of one patch, one as readings, one as scans of a
-    matrix behind a divider; the recogniser itself does not change.
-    """
-    model, mounted = recognizer.model, recognizer.mounted
-    skin, robot = mounted.skin, mounted.robot
-    pressed = np.arange(skin.count) < 4
-    valid, q = np.ones(skin.count, bool), np.zeros(len(robot.joint_names))
-    calibration = Calibration(
-        np.full(skin.count, 0.1), 4000, curve="divider", exponent=0.8, matrix=True
-    )
-    reading_recognizer = Recognizer(model, mounted, None)
-    scan_recognizer = Recognizer(model, mounted, calibration)
-    shear = np.zeros((skin.count, 2), np.float32) if skin.has_shear else None
-    shear_counts = None if shear is None else shear.astype(np.int32)
-    for number in range(150):
-        stamp, touched = number * WARM_UP_PERIOD, pressed & (120 <= number < 135)
-        pressure = np.where(touched, 30.0, 0.0).astype(np.float32)
-        reading_recognizer.push(Reading(stamp, pressure, valid, q, shear))
-        counts = np.where(touched, 300, 20).astype(np.int32)
-        scan_recognizer.push(Scan(stamp, counts, valid, q, shear_counts))

@@ -24,20 +24,13 @@ from eskin.live.graph_kernels import (
     build_graph,
     update_taxel_history,
 )
-from eskin.live.head_kernels import HeadState, HeadWeights, classify
+from eskin.live.head_kernels import HeadWeights, classify
 from eskin.live.model_config import MAX_DEVIATIONS, SLOT_NS
 from eskin.live.summary_kernels import summarise
 
 CLIP = np.float32(MAX_DEVIATIONS)
 
-FREE_ROW = -1
-"""Key of a row that no sequence uses."""
-
-NO_SLOT = -(2**62)
-"""Slot of the reading before the first, older than any in a window."""
-
-
-Keys = Int[np.ndarray, "sequence"]
+Taxels = Int[np.ndarray, "taxel"]
 Channels = Float[np.ndarray, "channel"]
 
 
@@ -54,14 +47,6 @@ class NetworkParts(NamedTuple):
     features: Channels  # memory for the features of a graph
 
 
-class SequencePool(NamedTuple):
-    """A pool holds the states of all sequences of a stream, one row for each."""
-
-    keys: Int[np.ndarray, "row"]  # key of the sequence that uses the row, or `FREE_ROW`
-    slots: Int[np.ndarray, "row"]  # slot of its latest reading
-    state: HeadState  # arrays with a further first axis, the row
-
-
 class StepParts(NamedTuple):
     """These parts of a step are the same for all touches."""
 
@@ -74,38 +59,36 @@ class StepParts(NamedTuple):
 @compiled_fastmath
 def step(
     packed_parts: Packed,
-    packed_pool: Packed,
-    packed_nodes: Packed,
+    packed_state: Packed,
+    active: Taxels,
+    taxels: Taxels,
+    earlier: Taxels,
+    touch_history: Float[np.ndarray, "column"],
     reading: KernelStep,
-    out: Float[np.ndarray, "sequence 2 class"],
+    out: Float[np.ndarray, "2 class"],
 ) -> None:
-    """Store the loads of a reading, and write logits and probabilities.
+    """Write logits and probabilities of a sequence at the next reading.
 
-    The packed tuples are `StepParts` with room for every graph, a `SequencePool` with a
-    row for every sequence, and the `TouchNodeArrays` of the reading.
+    The packed tuples are `StepParts` with room for its graph, and the `HeadState` of
+    the sequence. `active` are the active taxels of all sequences, `taxels` those of
+    this one, `earlier` those that it had at the previous reading; `touch_history` has
+    the columns `eskin.live.HISTORY`.
     """
-    parts, pool, nodes = packed_parts.parts, packed_pool.parts, packed_nodes.parts
-    slot = reading.stamp // SLOT_NS
-    update_taxel_history(nodes.active, reading, parts.history)
-    free_ended_rows(nodes.keys, pool.keys)
-    for n in range(len(nodes.keys)):
-        now, before = nodes.active_spans[n], nodes.earlier_spans[n]
-        build_graph(
-            nodes.active[now[0] : now[1]],
-            nodes.earlier[before[0] : before[1]],
-            nodes.histories[n],
-            reading,
-            parts.geometry,
-            parts.history,
-            parts.workspace,
-        )
-        network, features = parts.network, parts.network.features
-        compute_features(parts.workspace.graph, network)
-        row = find_row(nodes.keys[n], pool.keys, pool.slots)
-        state, logits = select_row(row, pool.state), out[n, 0]
-        classify(features, pool.slots[row], slot, network.heads, state, logits)
-        pool.slots[row] = slot
-        write_probabilities(logits, network.temperature, out[n, 1])
+    parts, state = packed_parts.parts, packed_state.parts
+    network, features = parts.network, parts.network.features
+    update_taxel_history(active, reading, parts.history)
+    build_graph(
+        taxels,
+        earlier,
+        touch_history,
+        reading,
+        parts.geometry,
+        parts.history,
+        parts.workspace,
+    )
+    compute_features(parts.workspace.graph, network)
+    classify(features, reading.stamp // SLOT_NS, network.heads, state, out[0])
+    write_probabilities(out[0], network.temperature, out[1])
 
 
 @compiled_fastmath
@@ -122,42 +105,6 @@ def compute_features(graph: GraphBatch, network: NetworkParts) -> None:
     if len(out) > len(mean):
         embedding, workspace = out[len(mean) :], network.workspace
         encode(graph, network.shear, network.encoder, workspace, embedding)
-
-
-@compiled_fastmath
-def free_ended_rows(keys: Keys, rows: Keys) -> None:
-    """Free the rows of ended sequences, those that are not among the keys."""
-    for row in range(len(rows)):
-        ended = True
-        for key in keys:
-            ended = ended and rows[row] != key
-        if ended:
-            rows[row] = FREE_ROW
-
-
-@compiled_fastmath
-def find_row(key: int, rows: Keys, slots: Int[np.ndarray, "row"]) -> int:
-    """Return the row of a sequence; a new sequence gets a free row."""
-    free = FREE_ROW
-    for row in range(len(rows)):
-        if rows[row] == key:
-            return row
-        if rows[row] == FREE_ROW and free == FREE_ROW:
-            free = row
-    rows[free], slots[free] = key, NO_SLOT
-    return free
-
-
-@compiled_fastmath
-def select_row(row: int, state: HeadState) -> HeadState:
-    """Return the state in one row of a pool."""
-    return HeadState(
-        state.newest[row],
-        state.seen[row],
-        state.values[row],
-        state.indices[row],
-        state.statistics[row],
-    )
 
 
 @compiled_fastmath

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from eskin.drivers import Clock, Event, SourceInfo
 from eskin.live import Detection
-from eskin.touch import Scan, TouchState, TouchStatus
+from eskin.touch import Scan, TouchRecord, TouchState
 from eskin.units import NS_PER_S
 
 MAX_CLOSED = 256
@@ -34,7 +34,7 @@ class RecognitionState:
     detections: tuple[Detection, ...]
     """Detections of this scan; each has been published by itself before."""
 
-    def add_closed(self, closed: tuple[TouchStatus, ...]) -> "RecognitionState":
+    def add_closed(self, closed: tuple[TouchRecord, ...]) -> "RecognitionState":
         """Return a state that also tells which touches closed before it."""
         tracking = self.state.tracking
         tracking = tracking._replace(closed=(closed + tracking.closed)[-MAX_CLOSED:])
@@ -119,7 +119,7 @@ class BoundedQueue:
         self.size = size
         self.drop = drop
         self.items: deque[Message] = deque()
-        self.closed: tuple[TouchStatus, ...] = ()
+        self.closed: tuple[TouchRecord, ...] = ()
         self.changed = Condition()
         self.ending = False
         self.given = self.taken = self.dropped = self.longest = 0

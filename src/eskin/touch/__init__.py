@@ -8,20 +8,19 @@ from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
 from eskin.touch.records import (
+    NO_CONTACT,
     NO_TOUCHES,
-    TOUCH,
     ContactConfig,
+    ContactRecord,
     TouchConfig,
     TouchRecord,
-    TouchRecords,
-    TouchStatus,
     TrackingResult,
 )
 from eskin.touch.touches import Contact, PressDetector, Touch, TouchState, Track
 
 __all__ = [
+    "NO_CONTACT",
     "NO_TOUCHES",
-    "TOUCH",
     "Adjacency",
     "Calibration",
     "MAX_CALIBRATION_BYTES",
@@ -29,6 +28,7 @@ __all__ = [
     "Calibrator",
     "Contact",
     "ContactConfig",
+    "ContactRecord",
     "CrosstalkCompensator",
     "Fault",
     "FaultConfig",
@@ -42,9 +42,7 @@ __all__ = [
     "TouchConfig",
     "TouchPipeline",
     "TouchRecord",
-    "TouchRecords",
     "TouchState",
-    "TouchStatus",
     "Track",
     "TrackingResult",
 ]

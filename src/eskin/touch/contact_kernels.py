@@ -2,15 +2,15 @@
 # The types of compiled code are those that numba infers.
 # pyright: reportAttributeAccessIssue=false
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.compiled import compiled
+from eskin.compiled import Packed, compiled
+from eskin.touch.belief_kernels import CLEAR_FACTOR
 from eskin.touch.calibration_kernels import SHORTEST_PRESS
 from eskin.touch.records import (
-    CONTACT,
-    LATCHED,
-    LOAD,
     KernelReading,
     TrackerContext,
     TrackerState,
@@ -20,9 +20,17 @@ PA_PER_KPA = 1000.0
 LATCHED_FLOOR = 0.75
 """Floor of the noise of a taxel that is active, or beside one that rises, in units of
 that of others."""
+MIN_NOISE = 0.1
+"""Smallest pressure that is taken for noise [kPa]."""
+BEGIN, END, LINK, PATCH, AGE, FORCE, AREA, PEAK, EVIDENCE = range(9)
+P_WORLD, N_WORLD, P_LINK, NEAR = 9, 12, 15, 18
+"""Columns of a row for each contact: the span of its taxels; link and patch of the most
+loaded one; the longest time for which one is active [ns]; values of `ContactRecord`,
+the first column of three for vectors; and for each contact whether the two are near."""
 Vector = Float[np.ndarray, "3"]
 Indices = Int[np.ndarray, "active"]
 Points = Float[np.ndarray, "point 3"]
+Rows = Float[np.ndarray, "contact column"]
 Box = Float[np.ndarray, "2 3"]
 Transform = Float[np.ndarray, "4 4"]
 
@@ -60,25 +68,12 @@ def transform_to_link(T_world_link: Transform, p_world: Vector, out: Vector) -> 
 
 
 @compiled
-def distance_to_link_point(
-    T_world_link: Transform, p_link: Vector, p_world: Vector
-) -> float:
-    """Return the distance between a point on a link and one in the world [m]."""
-    squared = 0.0
-    for r in range(3):
-        T = T_world_link[r]
-        here = T[0] * p_link[0] + T[1] * p_link[1] + T[2] * p_link[2] + T[3]
-        squared += (p_world[r] - here) ** 2
-    return np.sqrt(squared)
-
-
-@compiled
 def distance(one: Vector, other: Vector) -> float:
     """Return the distance between two points [m]."""
     squared = 0.0
     for r in range(3):
         squared += (one[r] - other[r]) ** 2
-    return np.sqrt(squared)
+    return math.sqrt(squared)
 
 
 @compiled
@@ -230,7 +225,7 @@ def update_latched(
 ) -> None:
     """Hold the active taxels, and keep those not received that were active recently."""
     taxels, latched, count = state.taxels, state.latched, 0
-    for k in range(state.counts[LATCHED]):
+    for k in range(state.count[0]):
         i = latched[k]
         if valid[i] or taxels[i].active_at < since:
             taxels[i].latched = 0
@@ -241,7 +236,7 @@ def update_latched(
         taxels[i].latched = 1
         latched[count] = i
         count += 1
-    state.counts[LATCHED] = count
+    state.count[0] = count
 
 
 @compiled
@@ -360,14 +355,18 @@ def join_near(
 
 @compiled
 def find_contacts(
-    candidates: Indices, reading: KernelReading, context: TrackerContext
-) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
-    """Find the contacts of a reading, their loads, and the positions of the loads.
+    candidates: Indices, reading: KernelReading, packed_context: Packed
+) -> tuple[Rows, Indices]:
+    """Find the contacts of a reading.
+
+    `candidates` are all taxels of enough pressure to be active, by patch, row and
+    column; the context is a `TrackerContext`.
 
     Returns:
-        CONTACT and LOAD records, the loads of a contact sorted by patch, row and
-        column; and the position of each load in the world [m].
+        A row for each contact, and the taxels of all contacts, one contact after the
+        other, each in the order of the candidates.
     """
+    context = packed_context.parts
     geometry, state = context.geometry, context.state
     links, T_world_link = geometry.link, reading.T_world_link
     active = select_active(candidates, reading, context)
@@ -380,60 +379,112 @@ def find_contacts(
         labels = label_components(active, p_world, context)
     n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     update_active(active, reading, context)
-    contacts = allocate_contacts(labels, reading.stamp)
-    loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
-    largest = np.zeros(len(contacts))
+    rows = allocate_rows(labels)
+    taxels, points = np.empty(len(active), np.int64), np.empty((len(active), 3))
+    largest = np.zeros(len(rows))
     for a in range(len(active)):
-        i, contact = active[a], contacts[labels[a]]
-        k = contact.loads[1]
-        contact.loads[1] += 1
-        pressure = reading.pressure[i]
-        loads[k].taxel, loads[k].pressure = i, pressure
-        loads[k].onset = state.taxels[i].onset
+        i, row = active[a], rows[labels[a]]
+        k, pressure = int(row[END]), reading.pressure[i]
+        row[END] += 1
+        row[AGE] = max(row[AGE], float(reading.stamp - state.taxels[i].onset))
+        taxels[k] = i
         force = PA_PER_KPA * pressure * geometry[i].area
-        contact.force += force
-        contact.area += geometry[i].area
-        contact.peak = max(contact.peak, pressure)
+        row[FORCE] += force
+        row[AREA] += geometry[i].area
+        row[PEAK] = max(row[PEAK], pressure)
         for r in range(3):
             points[k, r] = p_world[a, r]
-            contact.p_world[r] += force * p_world[a, r]
-            contact.n_world[r] += force * n_world[a, r]
-        if force > largest[labels[a]] or k == contact.loads[0]:
+            row[P_WORLD + r] += force * p_world[a, r]
+            row[N_WORLD + r] += force * n_world[a, r]
+        if force > largest[labels[a]] or k == row[BEGIN]:
             largest[labels[a]] = force
-            contact.link, contact.patch = geometry[i].link, geometry[i].patch
-    for n in range(len(contacts)):
-        normalise_sums(contacts[n], T_world_link)
-    return contacts, loads, points
+            row[LINK], row[PATCH] = geometry[i].link, geometry[i].patch
+    for row in rows:
+        own = taxels[int(row[BEGIN]) : int(row[END])]
+        row[EVIDENCE] = weigh_contact(own, reading, context)
+        normalise_sums(row, T_world_link[int(row[LINK])])
+    if len(rows) > 1:
+        write_near(points, rows, context.parameters.max_separation)
+    return rows, taxels
 
 
 @compiled
-def allocate_contacts(labels: Indices, stamp: int) -> np.ndarray:
-    """Build a contact for each label, with an empty span where its loads will begin."""
+def allocate_rows(labels: Indices) -> Rows:
+    """Allocate a row for each label, whose span is empty and begins at its taxels."""
     count = 0
     for label in labels:
         count = max(count, label + 1)
-    contacts = np.zeros(count, CONTACT)
+    rows = np.zeros((count, NEAR + count))
     for label in labels:
-        contacts[label].loads[1] += 1
-    end = 0
-    for n in range(len(contacts)):
-        contacts[n].stamp = stamp
-        span = contacts[n].loads
-        size = span[1]
-        span[0] = span[1] = end
-        end += size
-    return contacts
+        rows[label, END] += 1.0
+    end = 0.0
+    for row in rows:
+        begin, end = end, end + row[END]
+        row[BEGIN] = row[END] = begin
+    return rows
 
 
 @compiled
-def normalise_sums(
-    contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]
-) -> None:
+def weigh_contact(
+    taxels: Indices, reading: KernelReading, context: TrackerContext
+) -> float:
+    """Return the evidence of a contact in one reading that it is no noise.
+
+    Each taxel adds the logarithm of its pressure in units of its noise, within limits.
+    Where only one of them is well above its noise, that counts only while its pressure
+    rises above what it was before, since the offset of a taxel may jump, and then stays
+    or swings. In readings without noise every contact is evidence enough.
+    """
+    parameters, state = context.parameters, context.state
+    evidence, clear, strongest, changed = 0.0, 0, 0.0, False
+    for i in taxels:
+        if reading.floor[i] == 0.0:
+            return np.inf
+        noise = max(reading.floor[i], MIN_NOISE)
+        strength = math.log(max(reading.pressure[i] / noise, 1.0))
+        strength = min(strength, parameters.max_taxel_llr)
+        evidence += strength
+        clear += reading.pressure[i] >= CLEAR_FACTOR * noise
+        if strength > strongest:
+            strongest, changed = strength, state.taxels[i].changed != 0
+    return evidence if clear > 1 or changed else 0.0
+
+
+@compiled
+def normalise_sums(row: Float[np.ndarray, "column"], T_world_link: Transform) -> None:
     """Turn the sums of a contact into its centre and its unit normal."""
-    n_world = contact.n_world
-    length = np.sqrt(n_world[0] ** 2 + n_world[1] ** 2 + n_world[2] ** 2)
+    p_world, n_world = row[P_WORLD:N_WORLD], row[N_WORLD:P_LINK]
+    length = math.sqrt(n_world[0] ** 2 + n_world[1] ** 2 + n_world[2] ** 2)
     for r in range(3):
-        contact.p_world[r] /= contact.force
+        p_world[r] /= row[FORCE]
         if length > 0.0:
             n_world[r] /= length
-    transform_to_link(T_world_link[contact.link], contact.p_world, contact.p_link)
+    transform_to_link(T_world_link, p_world, row[P_LINK:NEAR])
+
+
+@compiled
+def write_near(points: Points, rows: Rows, reach: float) -> None:
+    """Write whether the nearest taxels of two contacts are within reach [m]."""
+    boxes = np.empty((len(rows), 2, 3))
+    for n in range(len(rows)):
+        own = points[int(rows[n, BEGIN]) : int(rows[n, END])]
+        compute_box(own, boxes[n])
+        for m in range(n):
+            others = points[int(rows[m, BEGIN]) : int(rows[m, END])]
+            if box_gap(boxes[m], boxes[n]) <= reach:
+                near = are_near(others, own, boxes[n], reach)
+                rows[m, NEAR + n] = rows[n, NEAR + m] = near
+
+
+@compiled
+def are_near(points: Points, others: Points, box: Box, reach: float) -> bool:
+    """Return whether any two points of two sets are within reach [m].
+
+    `box` is the bounding box of the others.
+    """
+    for m in range(len(points)):
+        if point_gap(points[m], box) <= reach:
+            for n in range(len(others)):
+                if distance(points[m], others[n]) <= reach:
+                    return True
+    return False

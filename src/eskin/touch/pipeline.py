@@ -13,18 +13,31 @@ from eskin.touch.adjacency import Adjacency
 from eskin.touch.belief_kernels import CLEAR_FACTOR
 from eskin.touch.calibration import MAX_CONTACT, Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
-from eskin.touch.contact_kernels import find_candidates
+from eskin.touch.contact_kernels import (
+    AGE,
+    BEGIN,
+    END,
+    FORCE,
+    LINK,
+    N_WORLD,
+    NEAR,
+    P_LINK,
+    P_WORLD,
+    PATCH,
+    find_candidates,
+    find_contacts,
+)
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
+from eskin.touch.grouping import TouchGrouper
 from eskin.touch.outages import OutageDetector
 from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
 from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
-    LATCHED,
     NO_TOUCHES,
     ContactConfig,
+    ContactRecord,
     KernelReading,
     TouchConfig,
-    TouchStatus,
     TrackConfig,
     TrackerContext,
     TrackingResult,
@@ -32,8 +45,8 @@ from eskin.touch.records import (
     build_tracker_state,
     build_tracking_parameters,
 )
-from eskin.touch.touch_kernels import track_touches
 from eskin.touch.touches import Touch, TouchState
+from eskin.touch.tracks import TrackFollower
 from eskin.units import NS_PER_S
 
 MAX_MEDIAN_CONTACT = 0.6
@@ -114,8 +127,9 @@ class TouchTracker:
         self.context = pack(
             TrackerContext(parameters, geometry, adjacency.neighbours, self.state)
         )
-        self.no_touches = TrackingResult(pack(NO_TOUCHES), (), ())
-        self.result = self.no_touches
+        self.tracks = TrackFollower(skin.areas, parameters)
+        self.touches = TouchGrouper(parameters)
+        self.result = NO_TOUCHES
         self.first: int | None = None
         self.last: int | None = None
 
@@ -134,8 +148,8 @@ class TouchTracker:
         found = find_candidates(
             reading.pressure, self.least, self.order, self.candidates
         )
-        touched = self.result is not self.no_touches
-        if found or touched or self.state.counts[LATCHED]:
+        touched = self.result is not NO_TOUCHES
+        if found or touched or self.state.count[0]:
             floor = self.no_floor if floor is None else floor
             self.result = self.track(reading, self.candidates[:found], floor)
         self.first = reading.stamp if self.first is None else self.first
@@ -159,23 +173,46 @@ class TouchTracker:
             valid=reading.valid,
             T_world_link=self.poses.get(reading.q),
         )
-        packed, rows, open_count, tracks = track_touches(
-            candidates, kernel_reading, self.context, self.result.packed
-        )
-        if not len(rows) and not tracks:
-            return self.no_touches
-        statuses = tuple(map(TouchStatus._make, rows.tolist()))
-        return TrackingResult(packed, statuses[:open_count], statuses[open_count:])
+        rows, taxels = find_contacts(candidates, kernel_reading, self.context)
+        contacts = build_contacts(stamp, rows, taxels)
+        self.tracks.push(contacts, kernel_reading)
+        self.touches.push(self.tracks, rows[:, NEAR:], kernel_reading)
+        opened, closed = tuple(self.touches.touches.values()), self.touches.closed
+        if not (opened or closed or self.tracks.all):
+            return NO_TOUCHES
+        tracks = (*self.tracks.ongoing, *self.tracks.ended)
+        return TrackingResult(contacts, tracks, opened, tuple(closed))
 
     @property
     def latched(self) -> Int[np.ndarray, "latched"]:
         """Indices of the taxels that were in contact at the last reading."""
-        return self.state.latched[: self.state.counts[LATCHED]]
+        return self.state.latched[: self.state.count[0]]
 
     def finish(self) -> TrackingResult:
         """Drop all tracks and touches, and return the touches of the last reading."""
-        result, self.result = self.result, self.no_touches
+        result, self.result = self.result, NO_TOUCHES
+        self.tracks.clear()
+        self.touches.clear()
         return result
+
+
+def build_contacts(
+    stamp: int,
+    rows: Float[np.ndarray, "contact column"],
+    taxels: Int[np.ndarray, "load"],
+) -> tuple[ContactRecord, ...]:
+    """Build the contacts that `find_contacts` has found at a stamp [ns]."""
+    return tuple(
+        ContactRecord(
+            *(stamp, index, taxels[int(row[BEGIN]) : int(row[END])]),
+            *(int(row[LINK]), int(row[PATCH]), stamp - int(row[AGE])),
+            *row[FORCE:P_WORLD],
+            tuple(row[P_WORLD:N_WORLD]),
+            tuple(row[N_WORLD:P_LINK]),
+            tuple(row[P_LINK:NEAR]),
+        )
+        for index, row in enumerate(rows.tolist())
+    )
 
 
 @dataclass(frozen=True)

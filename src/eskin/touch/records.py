@@ -1,20 +1,19 @@
-"""This module defines the arrays and tuples that the tracking kernels read and write.
+"""This module defines what the tracker reads, keeps and returns.
 
 Links and patches are indices into `robot.links` and `skin.patches`. Ids count from 1; 0
-is none. A span is the begin and the end of a part of another array. The records of a
-reading are not changed once it has been processed.
+is none. The records of a reading are not changed once it has been processed.
 """
 
 import math
 from collections import namedtuple
-from dataclasses import dataclass, fields, replace
-from typing import Annotated, NamedTuple
+from dataclasses import dataclass, field, fields, replace
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 from annotated_types import Interval
+from jaxtyping import Int
 from pydantic import Field
 
-from eskin.compiled import Packed
 from eskin.files import Distance, Duration, Pause, Pressure, Share
 from eskin.skin import MountedSkin
 from eskin.touch.adjacency import MICROMETRE, Adjacency
@@ -38,86 +37,145 @@ def build_dtype(
     )
 
 
-ONGOING, ENDED, PAST = 0, 1, 2
-"""Phases of a track: ongoing, with contact or while its taxels are not received; ended
-with this reading; ended before, but still within the pause of its touch."""
-LOAD = build_dtype("taxel onset", "pressure")
-"""An active taxel, its pressure [kPa], and the stamp from which it is active [ns]."""
+Vector = tuple[float, float, float]
 
-CONTACT = build_dtype(
-    "stamp link patch", "force area peak", "p_world n_world p_link", "loads"
+
+class ContactRecord(NamedTuple):
+    """A connected set of active taxels at one instant; see `Contact`."""
+
+    stamp: int
+    """Stamp of its reading [ns]."""
+    index: int
+    """Its place among the contacts of its reading."""
+    taxels: Int[np.ndarray, "active"]
+    """Indices of its taxels, ordered by patch, row and column."""
+    link: int
+    """Link of the most loaded taxel."""
+    patch: int
+    """Patch of the most loaded taxel."""
+    onset: int
+    """Earliest stamp from which one of its taxels is active [ns]."""
+    force: float
+    """Sum of pressure times area [N]."""
+    area: float
+    """Sum of the taxels' areas [m2]."""
+    peak: float
+    """Greatest pressure [kPa]."""
+    evidence: float
+    """Evidence of this reading that it is no noise; see `TouchConfig.confirm_llr`."""
+    p_world: Vector
+    """Centre, weighted by force [m]."""
+    n_world: Vector
+    """Mean outward normal, weighted by force; unit, or zero where normals cancel."""
+    p_link: Vector
+    """Centre in the frame of `link` [m]."""
+
+
+NO_TAXELS = np.empty(0, np.int64)
+ZERO = (0.0, 0.0, 0.0)
+NO_CONTACT = ContactRecord(
+    *(0, 0, NO_TAXELS, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, ZERO, ZERO, ZERO)
 )
-"""A `Contact`, the stamp of its reading, and the span of its loads."""
-
-TRACK = build_dtype("id onset last parent merged_into phase touch contact", "evidence")
-"""A `Track`, the id of its touch, the index of its latest contact, and the evidence
-that it is no noise."""
-
-TOUCH = build_dtype(
-    "id onset last link contact merged_into closed contacts settled_at confirmed",
-    "impulse peak_force peak force farthest settled evidence",
-    "start latest",
-    "loads before tracks",
-)
-"""A `Touch`, and further values for the recogniser.
-
-`contact` is the index of the strongest of its latest contacts; `force` its force now
-[N]; `contacts` the number of times that it made contact; `farthest` the largest
-distance of its centre from its start [m]. `loads` is the span of its loads now,
-`before` that of its loads in the previous reading, with those of touches that were
-merged into it; `tracks` is the span of the ids of its tracks, ascending.
-"""
+"""A contact without taxels."""
 
 
-TouchRecord = namedtuple("TouchRecord", TOUCH.names or ())
-"""The fields of one TOUCH, in their order."""
-
-
-class TouchRecords(NamedTuple):
-    """Records describe all contacts, tracks and touches at one instant."""
-
-    contacts: np.ndarray
-    """(contact) CONTACT: those of this reading, then older ones still referred to."""
-    tracks: np.ndarray
-    """(track) TRACK: ongoing ones by id, ended ones by id, then past ones."""
-    touches: np.ndarray
-    """(touch) TOUCH: open ones by id, then those closed with this reading."""
-    loads: np.ndarray
-    """(load) LOAD: the spans of contacts and touches refer to it, and may overlap."""
-    members: np.ndarray
-    """(member) ids of tracks: the spans of touches refer to it."""
-
-
-class TouchStatus(NamedTuple):
-    """A status holds the values of a touch that are read at every reading."""
+@dataclass(eq=False)
+class TrackRecord:
+    """A contact through time; see `Track`."""
 
     id: int
     onset: int
+    """Stamp of its first reading [ns]."""
     last: int
-    merged_into: int
-    closed: int
-    confirmed: int = 1
+    """Stamp of its last reading with contact [ns]."""
+    contact: ContactRecord
+    """Contact at `last`."""
+    parent: int = 0
+    """Id of the track that it split off from."""
+    merged_into: int = 0
+    """Id of the track with which it was merged."""
+    ended: bool = False
+    """Whether its contact has ended."""
+    touch: int = 0
+    """Id of its touch, which may have closed."""
+    evidence: float = 0.0
+    """Evidence that it is no noise, which fades."""
+
+
+@dataclass(eq=False)
+class TouchRecord:
+    """All tracks of one gesture, with values for the recogniser; see `Touch`."""
+
+    id: int
+    onset: int
+    """Stamp of its first contact [ns]."""
+    last: int
+    """Stamp of its last contact so far [ns]."""
+    merged_into: int = 0
+    """Id of the touch into which it was merged."""
+    closed: bool = False
+    """Whether no further track can join it."""
+    confirmed: bool = True
+    """Whether there has been enough evidence that it is no noise."""
+    contact: ContactRecord = NO_CONTACT
+    """Strongest of its latest contacts."""
+    link: int = 0
+    """Link of its first contact."""
+    start: Vector = ZERO
+    """Centre of its first contact in the frame of `link` [m]."""
+    latest: Vector = ZERO
+    """Force-weighted centre of its latest contacts in the frame of `link` [m]."""
+    settled_at: int = 0
+    """Stamp at which `settled` was set [ns]."""
+    tracks: tuple[int, ...] = ()
+    """Ids of its tracks, and of those of touches merged into it, ascending."""
+    taxels: Int[np.ndarray, "active"] = field(default_factory=NO_TAXELS.copy)
+    """Indices of its active taxels now; none once it has closed."""
+    before: Int[np.ndarray, "earlier"] = field(default_factory=NO_TAXELS.copy)
+    """Those in the previous reading, and those of touches merged into it since."""
+    contacts: int = 1
+    """Number of times that it made contact."""
+    impulse: float = 0.0
+    """Integral of its force over time [N s]."""
+    peak_force: float = 0.0
+    """Greatest force of all its contacts at one instant [N]."""
+    peak: float = 0.0
+    """Greatest pressure on one taxel [kPa]."""
+    force: float = 0.0
+    """Force now [N]."""
+    farthest: float = 0.0
+    """Largest distance of its centre from its start [m]."""
+    settled: float = 0.0
+    """Greatest force until `settled_at` [N]."""
+    evidence: float = 0.0
+    """Evidence that it is no noise."""
+
+
+AnyRecord = TypeVar("AnyRecord", TrackRecord, TouchRecord)
+
+
+def copy_record(record: AnyRecord) -> AnyRecord:
+    """Return a copy of a record that shares its values, much faster than `copy`."""
+    new = object.__new__(type(record))
+    new.__dict__.update(record.__dict__)
+    return new
 
 
 class TrackingResult(NamedTuple):
-    """A result holds the status of each touch, and a reference to all records."""
+    """A result holds the contacts, tracks and touches of one instant."""
 
-    packed: Packed
-    """Reference to the `TouchRecords`."""
-    open: tuple[TouchStatus, ...]
+    contacts: tuple[ContactRecord, ...] = ()
+    """Contacts of this reading."""
+    tracks: tuple[TrackRecord, ...] = ()
+    """Ongoing tracks by id, then those that ended with this reading by id."""
+    open: tuple[TouchRecord, ...] = ()
     """Open touches, by id."""
-    closed: tuple[TouchStatus, ...]
+    closed: tuple[TouchRecord, ...] = ()
     """Touches that closed with this reading."""
 
 
-NO_TOUCHES = TouchRecords(
-    np.empty(0, CONTACT),
-    np.empty(0, TRACK),
-    np.empty(0, TOUCH),
-    np.empty(0, LOAD),
-    np.empty(0, np.int64),
-)
-"""Records of an untouched skin."""
+NO_TOUCHES = TrackingResult()
+"""The result of an untouched skin."""
 
 TAXEL_GEOMETRY = build_dtype(
     "link patch", "area reach", "position normal", "neighbours"
@@ -134,20 +192,16 @@ that time [kPa], the stamp from which it was active [ns], whether it has not bee
 released since, its highest pressure since it became active [kPa], and an index that
 kernels use as a temporary variable and reset to -1."""
 
-LATCHED, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
-"""Indices of `TrackerState.counts`: number of latched taxels, id of the next track and
-of the next touch."""
-
 
 class TrackerState(NamedTuple):
-    """Arrays hold the state of the tracker, which every reading updates."""
+    """Arrays hold the state of the taxels, which every reading updates."""
 
     taxels: np.ndarray
     """(taxel) TAXEL_STATE."""
     latched: np.ndarray
     """(taxel) indices of the latched taxels, then unused space."""
-    counts: np.ndarray
-    """(3) see `LATCHED`, `NEXT_TRACK`, `NEXT_TOUCH`."""
+    count: np.ndarray
+    """(1) number of the latched taxels."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +292,7 @@ class TouchConfig:
 CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
 TrackingParameters = namedtuple(
     "TrackingParameters",
-    [field.name for config in CONFIGS for field in fields(config)]
+    [one.name for config in CONFIGS for one in fields(config)]
     + ["pause_ns", "settle_ns", "timeout_ns", "calibrated"],
 )
 """Parameters of the tracking kernels: the fields of their configurations, three of its
@@ -314,4 +368,4 @@ def build_tracker_state(count: int) -> TrackerState:
     for name in ("active_at", "peak_at", "risen_at"):
         taxels[name] = -np.inf
     taxels["scratch_index"] = -1
-    return TrackerState(taxels, np.empty(count, np.int64), np.array([0, 1, 1]))
+    return TrackerState(taxels, np.empty(count, np.int64), np.zeros(1, np.int64))

@@ -7,17 +7,13 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.compiled import unpack
 from eskin.skin import MountedSkin
 from eskin.touch.faults import Fault
 from eskin.touch.reading import Reading
 from eskin.touch.records import (
-    ENDED,
-    PAST,
     ContactConfig,
+    ContactRecord,
     TouchRecord,
-    TouchRecords,
-    TouchStatus,
     TrackingResult,
 )
 from eskin.units import NS_PER_S
@@ -117,7 +113,7 @@ class TouchState:
     doubtful: Bool[np.ndarray, "taxel"]
     """Which taxels are faulty, or show signs of a fault."""
     tracking: TrackingResult
-    """Contacts, tracks and touches as the kernels returned them."""
+    """Records of contacts, tracks and touches."""
     mounted: MountedSkin
     use_kinematics: bool = True
     """Whether contacts were found in the robot's pose. Else they were found with every
@@ -126,87 +122,66 @@ class TouchState:
     """Pressure from which a taxel becomes active [kPa]."""
 
     @cached_property
-    def open(self) -> tuple[TouchStatus, ...]:
-        """Status of the open touches that are confirmed."""
+    def open(self) -> tuple[TouchRecord, ...]:
+        """Records of the open touches that are confirmed."""
         return tuple(touch for touch in self.tracking.open if touch.confirmed)
 
     @cached_property
-    def closed(self) -> tuple[TouchStatus, ...]:
-        """Status of the confirmed touches that closed with this reading."""
+    def closed(self) -> tuple[TouchRecord, ...]:
+        """Records of the confirmed touches that closed with this reading."""
         return tuple(touch for touch in self.tracking.closed if touch.confirmed)
 
-    @cached_property
-    def records(self) -> TouchRecords:
-        """All contacts, tracks and touches as arrays."""
-        return unpack(self.tracking.packed)
-
-    @cached_property
+    @property
     def rows(self) -> tuple[TouchRecord, ...]:
         """Records of open touches, then of closed ones."""
-        return tuple(map(TouchRecord._make, self.records.touches.tolist()))
+        return self.tracking.open + self.tracking.closed
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts of this reading."""
-        stamps = self.records.contacts["stamp"]
-        return self.all_contacts[: np.count_nonzero(stamps == self.reading.stamp)]
+        return tuple(map(self.build_contact, self.tracking.contacts))
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
         """Ongoing tracks, and those that ended with this reading."""
         return tuple(
             Track(
-                id=int(row["id"]),
-                onset=int(row["onset"]),
-                last=int(row["last"]),
-                contact=self.all_contacts[row["contact"]],
-                parent=int(row["parent"]) or None,
-                merged_into=int(row["merged_into"]) or None,
-                ended=bool(row["phase"] == ENDED),
+                id=track.id,
+                onset=track.onset,
+                last=track.last,
+                contact=self.build_contact(track.contact),
+                parent=track.parent or None,
+                merged_into=track.merged_into or None,
+                ended=track.ended,
             )
-            for row in self.records.tracks
-            if row["phase"] != PAST
+            for track in self.tracking.tracks
         )
 
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
         """Open touches that are confirmed."""
-        return tuple(
-            self.build_touch(row)
-            for row in self.rows
-            if row.confirmed and not row.closed
-        )
+        return tuple(map(self.build_touch, self.open))
 
     @cached_property
     def closed_touches(self) -> tuple[Touch, ...]:
         """Confirmed touches that closed with this reading."""
-        return tuple(
-            self.build_touch(row) for row in self.rows if row.confirmed and row.closed
-        )
+        return tuple(map(self.build_touch, self.closed))
 
-    @cached_property
-    def all_contacts(self) -> tuple[Contact, ...]:
-        """Contacts of this reading, then older ones of tracks and touches."""
-        if not len(self.records.contacts):
-            return ()
-        patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
-        contacts = tuple(
-            Contact(
-                taxels=taxels[slice(*row["loads"])],
-                force=float(row["force"]),
-                area=float(row["area"]),
-                peak=float(row["peak"]),
-                p_world=row["p_world"].copy(),
-                n_world=row["n_world"].copy(),
-                p_link=row["p_link"].copy(),
-                link=patches[row["patch"]].link,
-                patch=patches[row["patch"]].id,
-            )
-            for row in self.records.contacts
+    def build_contact(self, record: ContactRecord) -> Contact:
+        """Build the contact of a record."""
+        patch = self.mounted.skin.patches[record.patch]
+        contact = Contact(
+            taxels=record.taxels.copy(),
+            force=record.force,
+            area=record.area,
+            peak=record.peak,
+            p_world=np.array(record.p_world),
+            n_world=np.array(record.n_world),
+            p_link=np.array(record.p_link),
+            link=patch.link,
+            patch=patch.id,
         )
-        return (
-            contacts if self.use_kinematics else tuple(map(self.move_to_pose, contacts))
-        )
+        return contact if self.use_kinematics else self.move_to_pose(contact)
 
     def move_to_pose(self, contact: Contact) -> Contact:
         """Move a contact found with every joint at 0 to the robot's pose."""
@@ -225,15 +200,15 @@ class TouchState:
             id=record.id,
             onset=record.onset,
             last=record.last,
-            tracks=tuple(self.records.members[slice(*record.tracks)].tolist()),
+            tracks=record.tracks,
             impulse=record.impulse,
             peak_force=record.peak_force,
             peak=record.peak,
             link=self.mounted.robot.link_names[record.link],
-            start=record.start,
-            latest=record.latest,
-            contact=self.all_contacts[record.contact],
-            closed=bool(record.closed),
+            start=np.array(record.start),
+            latest=np.array(record.latest),
+            contact=self.build_contact(record.contact),
+            closed=record.closed,
             merged_into=record.merged_into or None,
         )
 
