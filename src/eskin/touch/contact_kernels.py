@@ -225,7 +225,7 @@ def update_latched(
 ) -> None:
     """Hold the active taxels, and keep those not received that were active recently."""
     taxels, latched, count = state.taxels, state.latched, 0
-    for k in range(state.count[0]):
+    for k in range(state.held[0]):
         i = latched[k]
         if valid[i] or taxels[i].active_at < since:
             taxels[i].latched = 0
@@ -236,7 +236,7 @@ def update_latched(
         taxels[i].latched = 1
         latched[count] = i
         count += 1
-    state.count[0] = count
+    state.held[0] = count
 
 
 @compiled

@@ -166,7 +166,7 @@ class TouchGrouper:
         if track.parent == other.id or not self.parameters.calibrated:
             return True
         if min(track.last, other.last) == stamp:
-            return bool(self.near[track.contact.index, other.contact.index])
+            return bool(self.near[track.contact.place, other.contact.place])
         if stamp - other.last > self.parameters.pause_ns:
             return False
         gap = measure_gap(other.contact, track.contact, self.reading)
@@ -220,7 +220,7 @@ class TouchGrouper:
             return
         for one, other in combinations(filter(self.is_sure, self.current), 2):
             if one.touch != other.touch:
-                if self.near[one.contact.index, other.contact.index]:
+                if self.near[one.contact.place, other.contact.place]:
                     ids = sorted((one.touch, other.touch))
                     self.merge(*[self.touches[number] for number in ids])
 

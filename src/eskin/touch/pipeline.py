@@ -149,7 +149,7 @@ class TouchTracker:
             reading.pressure, self.least, self.order, self.candidates
         )
         touched = self.result is not NO_TOUCHES
-        if found or touched or self.state.count[0]:
+        if found or touched or self.state.held[0]:
             floor = self.no_floor if floor is None else floor
             self.result = self.track(reading, self.candidates[:found], floor)
         self.first = reading.stamp if self.first is None else self.first
@@ -186,7 +186,7 @@ class TouchTracker:
     @property
     def latched(self) -> Int[np.ndarray, "latched"]:
         """Indices of the taxels that were in contact at the last reading."""
-        return self.state.latched[: self.state.count[0]]
+        return self.state.latched[: self.state.held[0]]
 
     def finish(self) -> TrackingResult:
         """Drop all tracks and touches, and return the touches of the last reading."""

@@ -45,7 +45,7 @@ class ContactRecord(NamedTuple):
 
     stamp: int
     """Stamp of its reading [ns]."""
-    index: int
+    place: int
     """Its place among the contacts of its reading."""
     taxels: Int[np.ndarray, "active"]
     """Indices of its taxels, ordered by patch, row and column."""
@@ -200,7 +200,7 @@ class TrackerState(NamedTuple):
     """(taxel) TAXEL_STATE."""
     latched: np.ndarray
     """(taxel) indices of the latched taxels, then unused space."""
-    count: np.ndarray
+    held: np.ndarray
     """(1) number of the latched taxels."""
 
 
