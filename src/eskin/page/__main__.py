@@ -39,7 +39,7 @@ from eskin.page.server import open_server
 
 PANEL_PERIOD = 0.1
 """Interval between redraws of the panel [s]."""
-ANSWERED = 0.1
+ANSWERED = 0.3
 """Longest time from the event of a click to that of what it hit [s]."""
 TICK = 0.01
 """Interval between checks for scheduled touches [s]."""
@@ -150,9 +150,9 @@ class Page:
         if self.pressed is None:
             self.mouse.tick(now)
         elif now - self.pressed[0] > ANSWERED:
-            (_, is_click), self.pressed = self.pressed, None
+            (then, is_click), self.pressed = self.pressed, None
             if is_click:
-                self.mouse.click(None, now)
+                self.mouse.click(None, then)
             else:
                 self.tell(MISSED)
 
