@@ -104,7 +104,7 @@ OPTIONS = """
 """Options of every training; after a set of `shares` follows its share of the windows
 of a class."""
 
-SHARES, DEVICE_SHARES = ("0.5",), ("0.35", "devices", "0.35")
+SHARES, DEVICE_SHARES = ("0.5",), ("0.3", "devices", "0.3")
 """Shares of recorded people without and with devices."""
 
 

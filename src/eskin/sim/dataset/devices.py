@@ -140,7 +140,7 @@ def draw_device(name: str) -> Device:
     reading = READINGS[rng.integers(len(READINGS))]
     level = between(2.0, 40.0)
     typical = TYPICAL_FORCE / max(pitch**2, TIP_AREA) / 1000
-    binary = typical * between(0.01, 0.3) if rng.random() < 0.15 else 0.0
+    binary = typical * between(0.01, 0.3) if rng.random() < 0.25 else 0.0
     counts = int(rng.choice([255, 1023, 4095]))
     rate = between(9.0, 60.0)
     lag = float(rng.uniform(0.05, 0.5)) if rng.random() < 0.5 else 0.0
@@ -168,8 +168,12 @@ def name_device(session: SessionPlan) -> str:
 
 
 def fit_to_device(plan: ClipPlan, name: str) -> ClipPlan:
-    """Return a plan without a grab where a hand cannot close round the device."""
-    if plan.gesture == "grab" and not draw_device(name).closed:
+    """Return a plan without a grab where it would be a hand that lies on the device.
+
+    It is where no hand can close round it, and where cells are only on or off.
+    """
+    device = draw_device(name)
+    if plan.gesture == "grab" and (device.binary or not device.closed):
         return replace(plan, gesture=NONE)
     return plan
 
