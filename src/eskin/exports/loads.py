@@ -142,8 +142,7 @@ def measure_loads(recording: Recording, limits: Limits) -> RecordingLoads:
                     for kept in (peaks, series):
                         kept.pop(row.id, None)
                 continue
-            loads = state.records.loads[slice(*row.loads)]
-            taxels, pressure = loads["taxel"], loads["pressure"]
+            taxels, pressure = row.taxels, state.reading.pressure[row.taxels]
             own = peaks.setdefault(row.id, np.zeros(skin.count))
             np.maximum.at(own, taxels, pressure)
             force = KPA * pressure * skin.areas[taxels]

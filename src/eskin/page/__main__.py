@@ -83,8 +83,8 @@ class Page:
                 self.register_events(link, discs)
                 self.register_events(link, self.scene.add_pads(link))
             server.on_client_disconnect(lambda _: self.mouse.drag("end", None))
-            for key, is_click in (("M", True), ("T", False)):
-                self.register_press(key, is_click)
+            self.register_press("M", is_click=True)
+            self.register_press("T", is_click=False)
         if setup.calibrates:
             server.on_client_connect(lambda _: send(PageOrder("opened")))
 

@@ -4,6 +4,9 @@ A touch presses: it raises counts above rest, changes them from scan to scan, an
 neighbours along. All that a taxel does below rest, or alone in one step, is its own.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# Fields of records are known to numba only.
+
 from typing import NamedTuple
 
 import numpy as np

@@ -15,8 +15,10 @@ from eskin.touch.calibration import MAX_CONTACT, Calibration
 from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import (
     AGE,
+    AREA,
     BEGIN,
     END,
+    EVIDENCE,
     FORCE,
     LINK,
     N_WORLD,
@@ -24,6 +26,7 @@ from eskin.touch.contact_kernels import (
     P_LINK,
     P_WORLD,
     PATCH,
+    PEAK,
     find_candidates,
     find_contacts,
 )
@@ -206,10 +209,10 @@ def build_contacts(
         ContactRecord(
             *(stamp, index, taxels[int(row[BEGIN]) : int(row[END])]),
             *(int(row[LINK]), int(row[PATCH]), stamp - int(row[AGE])),
-            *row[FORCE:P_WORLD],
-            tuple(row[P_WORLD:N_WORLD]),
-            tuple(row[N_WORLD:P_LINK]),
-            tuple(row[P_LINK:NEAR]),
+            *(row[FORCE], row[AREA], row[PEAK], row[EVIDENCE]),
+            (row[P_WORLD], row[P_WORLD + 1], row[P_WORLD + 2]),
+            (row[N_WORLD], row[N_WORLD + 1], row[N_WORLD + 2]),
+            (row[P_LINK], row[P_LINK + 1], row[P_LINK + 2]),
         )
         for index, row in enumerate(rows.tolist())
     )

@@ -224,7 +224,7 @@ class DeviceSimulator(ClipGenerator):
         truths = ()
         if touch is not None and pressure[lead:].any():
             truths = (self.find_truth(touch, pressure, lead, at, step),)
-        drawn = {} if touch is None else {"kind": touch.kind}
+        drawn: dict[str, float | str] = {} if touch is None else {"kind": touch.kind}
         received = np.ones(counts.shape, dtype=np.bool_)
         q = np.zeros((len(counts), 0))
         return SimulatedClip(counts, received, q, truths, 0, drawn, times)
