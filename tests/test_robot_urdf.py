@@ -252,7 +252,7 @@ def test_mesh_without_trimesh_names_the_extra(write, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     write_stl(tmp_path / "box.stl")
     path = write(MESH.format("box.stl", "1 1 1"))
-    check_refusal(path, "'base'", "box.stl", ".[models]")
+    check_refusal(path, "'base'", "box.stl", "eskin[models]")
 
 
 def test_urdf_is_read_without_its_meshes(write):

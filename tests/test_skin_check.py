@@ -191,7 +191,7 @@ def test_picture_without_matplotlib_names_the_extra(monkeypatch, tmp_path, capsy
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert run(["skin", "show", "ur5", "--out", str(tmp_path / "a.png")]) == 2
     err = capsys.readouterr().err
-    assert ".[train]" in err and "matplotlib" in err and err.count("\n") == 1
+    assert "eskin[train]" in err and "matplotlib" in err and err.count("\n") == 1
 
 
 def check_responses(move):

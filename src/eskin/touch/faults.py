@@ -155,7 +155,7 @@ class FaultConfig:
     offset_seconds: float = 1.0
     """Time above zero after which an offset of a taxel is known."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)
-    """From what noise or evidence on a taxel is noisy or doubtful."""
+    """Noise and evidence from which a taxel is noisy or doubtful."""
 
 
 @final

@@ -92,6 +92,7 @@ class PolarityDetector:
         index = np.asarray(skin.patch_index)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.level = np.full(skin.count, np.nan)
+        self.mask = np.zeros(skin.count, np.bool_)
         self.moves: dict[int, Move] = {}
         self.alone: tuple[set[int], set[int]] = (set(), set())
         self.risen = 0
@@ -110,7 +111,10 @@ class PolarityDetector:
         if self.risen >= ENOUGH or elapsed < PERIOD:
             return self.faults
         self.last = scan.stamp
-        use = scan.received & ~mask & (scan.counts >= 0)
+        # A press the wrong way looks like a fault, which must not hide the rest of it.
+        index = self.skin.patch_index
+        self.mask = np.where(np.isin(index, list(self.moves)), self.mask, mask)
+        use = scan.received & ~self.mask & (scan.counts >= 0)
         new = use & np.isnan(self.level)
         self.level[new] = scan.counts[new]
         away = scan.counts - self.level
