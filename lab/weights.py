@@ -6,14 +6,14 @@
 `ur5-sim` is trained on simulated people alone. `ur5-people` is trained on from
 `ur5-sim`, with touches of the people of SocialTouch beside the same sets, and `ur5`
 from `ur5-people`, with random devices as well, touched by simulated people, those of
-SocialTouch and four of CapFingerId; then it is averaged with `ur5-people`. `p0` and `p1` are trained on with one person of
-SocialTouch each, so that `python -m lab.transfer --people P1 --model
-FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows the 12 groups of
-gestures of SocialTouch instead of the classes of the paper, and starts from `ur5-sim`;
-`groups-p0` and `groups-p1` are trained on one person each (`lab.transfer
-socialtouch-groups`). The decision of `ur5-people` is chosen on streams, that of `ur5`
-is `DECISION`, that of the others the default. Sets and prepared recordings that exist
-are used as they are.
+SocialTouch and four of CapFingerId; then it is averaged with `ur5-people`. `p0` and
+`p1` are trained on with one person of SocialTouch each, so that `python -m lab.transfer
+--people P1 --model FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows
+the 12 groups of gestures of SocialTouch instead of the classes of the paper, and starts
+from `ur5-sim`; `groups-p0` and `groups-p1` are trained on one person each
+(`lab.transfer socialtouch-groups`). The decision of `ur5-people` is chosen on streams,
+that of `ur5` is `DECISION`, that of the others the default. Sets and prepared
+recordings that exist are used as they are.
 """
 
 import subprocess

@@ -93,8 +93,9 @@ class Page:
         scene, taxels, mouse = self.scene, self.scene.taxels[link], self.mouse
 
         def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
-            self.pressed = None
+            # A click beside all of them is told as well, without an index.
             if event.instance_index is not None:
+                self.pressed = None
                 spot = scene.pick_taxel(int(taxels[event.instance_index]))
                 mouse.click(spot, monotonic(), mode)
 
@@ -108,9 +109,9 @@ class Page:
 
         @discs.on_drag("left")
         async def _(event: SceneNodeDragEvent) -> None:
-            self.pressed = None
             eye = np.asarray(event.client.camera.position)
             if event.phase == "start" and event.instance_index is not None:
+                self.pressed = None
                 spot = scene.pick_taxel(int(taxels[event.instance_index]))
             else:
                 ray = np.asarray(event.end_position) - eye
