@@ -34,12 +34,10 @@ LIFT = 0.0012
 """Distance of the discs from the surface [m]."""
 DISC_SHARE = 0.86
 """Radius of a disc as a share of the radius of a circle of the taxel's area."""
-PAD_SHARE = 1.7
-"""Radius of a pad as such a share: it reaches beyond the outermost taxels."""
+PAD_SHARE = 1.26
+"""Radius of a pad as such a share: of the circle around a square of that area."""
 PAD = (196, 200, 206)
 """Colour of the surface under the taxels: red, green and blue, each to 255."""
-THICKNESS = 0.1
-"""Height of a disc over and under its rim, by its radius."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
 FIELD_OF_VIEW = 0.7
@@ -202,7 +200,7 @@ class Scene(PagePart):
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
         """Add pads under and beside the discs, where a touch counts too."""
-        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, LINEAR[[PAD]], 0.0)
+        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, LINEAR[[PAD]])
 
     def add_discs(
         self,
@@ -211,7 +209,6 @@ class Scene(PagePart):
         lift: float,
         share: float,
         colour: UInt8[np.ndarray, "1 3"],
-        thickness: float = THICKNESS,
     ) -> BatchedMeshHandle:
         """Add a disc of a colour on each taxel of a link.
 
@@ -221,13 +218,12 @@ class Scene(PagePart):
             lift: distance of the discs from the surface [m].
             share: radius as a share of the radius of a circle of the taxel's area.
             colour: colour of all discs at first.
-            thickness: height over and under the rim, by the radius.
         """
         setup, taxels = self.setup, self.taxels[link]
         normals = setup.normals[taxels]
         return self.add_instances(
             f"{setup.links[link]}/{name}",
-            build_disc(thickness),
+            build_disc(),
             (compute_rotations_to(normals), setup.positions[taxels] + lift * normals),
             share * np.sqrt(setup.areas[taxels] / np.pi),
             np.repeat(colour, len(taxels), axis=0),
@@ -399,14 +395,11 @@ def compute_arrow_length(force: float) -> float:
     return min(ARROW_BASE + ARROW_PER_NEWTON * force, ARROW_LONGEST)
 
 
-def build_disc(thickness: float) -> Mesh:
-    """Return vertices and faces of a disc of radius 1 that faces z.
-
-    Where its middle has a thickness, the page can outline it under the pointer.
-    """
-    profile = [(0.0, -thickness), (1.0, 0.0), (0.0, thickness)]
-    vertices, faces = revolve(profile, CORNERS)
-    return vertices, faces[[*range(0, CORNERS), *range(3 * CORNERS, 4 * CORNERS)]]
+def build_disc() -> Mesh:
+    """Return vertices and faces of a flat disc of radius 1 that faces z."""
+    vertices, faces = revolve([(1.0, 0.0), (0.0, 0.0)], CORNERS)
+    # The rim, then one vertex in the middle.
+    return vertices[: CORNERS + 1], np.minimum(faces[CORNERS:], CORNERS)
 
 
 def revolve(profile: Sequence[tuple[float, float]], corners: int) -> Mesh:
