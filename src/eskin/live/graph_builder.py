@@ -146,10 +146,12 @@ class GraphBuilder:
 
         After `MAX_REPEAT` they are no longer, so that a touch that is held has graphs.
         """
-        active, history = join_active(nodes), self.taxel_history
-        if not len(active) or reading.stamp - self.step.stamp >= MAX_REPEAT:
+        if reading.stamp - self.step.stamp >= MAX_REPEAT:
             return False
         if any(len(each.taxels) != len(each.earlier) for each in nodes.values()):
+            return False
+        active, history = join_active(nodes), self.taxel_history
+        if not len(active):
             return False
         same = history.pressure[active] == reading.pressure[active]
         same &= history.reading[active] == self.step.reading
