@@ -15,6 +15,7 @@ shown; it is believed where `EvidenceMonitor` lets it command.
 import argparse
 import json
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -43,6 +44,8 @@ from lab.flaws.stream import (
 )
 from lab.tables import format_head, format_row
 
+Found = dict[str, dict[str, float]]
+"""Figures by their names, by row, family and build."""
 SETTLING = 5.0
 """Time after the start that is not counted [s]."""
 LATE = 20.0
@@ -114,16 +117,20 @@ FAULTS: dict[str, Callable[[FaultTarget], skin_faults.Disturbance]] = {
 }
 
 
-def make_worlds(folder: Path, seconds: float, builds: int, touches: int) -> None:
-    """Simulate the worlds, and store each in a file."""
-    folder.mkdir(parents=True, exist_ok=True)
+def list_worlds(
+    seconds: float, builds: int, touches: int
+) -> list[tuple[str, str, int, float, int]]:
+    """List the worlds to simulate, by the arguments of `make_world`."""
+    worlds: list[tuple[str, str, int, float, int]] = []
     for n, family in enumerate(FAMILIES):
-        for k in range(builds):
-            number = n + len(FAMILIES) * k
-            make_world(folder, "rest", ALL, number, seconds, 0)
-            make_world(folder, "touch", ALL, number, SETTLING, touches)
-            make_world(folder, "touch", family, number, SETTLING, touches)
-        make_world(folder, "calm", INTACT, n, 60.0, 0)
+        for number in range(n, len(FAMILIES) * builds, len(FAMILIES)):
+            worlds += [
+                ("rest", ALL, number, seconds, 0),
+                ("touch", ALL, number, SETTLING, touches),
+                ("touch", family, number, SETTLING, touches),
+            ]
+        worlds.append(("calm", INTACT, n, 60.0, 0))
+    return worlds
 
 
 def make_world(
@@ -152,7 +159,6 @@ def make_world(
         arrays[f"force{n}"], arrays[f"centre{n}"] = truth.force, truth.centre
     name = f"{kind}-{row.replace(' ', '_')}-{number}.npz"
     np.savez_compressed(folder / name, **arrays)
-    print(name, len(scans), len(rows), flush=True)
 
 
 class Recorded(BuildRun):
@@ -354,10 +360,10 @@ def press(
     return felt
 
 
-def play_pats(data: dict, row: str, number: int) -> dict[str, dict[str, float]]:
+def play_pats(data: dict, row: str, number: int) -> Found:
     """Pat taxels of a calm world."""
     rng = np.random.default_rng(number)
-    result: dict[str, dict[str, float]] = {}
+    result: Found = {}
     skin = Player(row, number).skin
     pads = choose_pads(skin, rng)
     line = np.flatnonzero(
@@ -385,34 +391,42 @@ def play_pats(data: dict, row: str, number: int) -> dict[str, dict[str, float]]:
     return result
 
 
-def play(
+def list_plays(
     folder: Path, only: list[str], families: list[str], named: str
-) -> dict[str, dict[str, float]]:
-    """Play the worlds of a folder of some kinds and families."""
-    result: dict[str, dict[str, float]] = {}
+) -> list[tuple[Path, str, str, float]]:
+    """List what to play: a world, of which kind, and a fault with its start."""
+    plays: list[tuple[Path, str, str, float]] = []
     for path in sorted(folder.glob("*.npz")):
-        kind, name, number = path.stem.split("-")
-        row, n = name.replace("_", " "), int(number)
-        family = FAMILIES[n % 4]
-        if family not in families:
+        kind, _, number = path.stem.split("-")
+        if FAMILIES[int(number) % 4] not in families:
             continue
-        with np.load(path) as file:
-            data = dict(file)
-        if kind == "rest" and "rest" in only:
-            result[f"rest|{family}|{number}"] = play_rest(data, row, n)
-        if kind == "touch" and "touch" in only:
-            label = "typical" if row == ALL else "as drawn"
-            result[f"touch {label}|{family}|{number}"] = play_touches(data, row, n)
+        if kind in only:
+            plays.append((path, kind, "", 0.0))
         if kind == "calm" and "pats" in only:
-            for what, found in play_pats(data, row, n).items():
-                result[f"{what}|{family}|{number}"] = found
+            plays.append((path, "pats", "", 0.0))
         if kind == "calm" and "faults" in only:
-            for fault in [name for name in FAULTS if named in name]:
-                for start, when in ((0.0, "from the start"), (LATE, "from 20 s")):
-                    found = play_fault(data, row, n, fault, start)
-                    result[f"{fault}, {when}|{family}|{number}"] = found
-        print(path.stem, flush=True)
-    return result
+            names = [name for name in FAULTS if named in name]
+            plays += [(path, "", name, at) for name in names for at in (0.0, LATE)]
+    return plays
+
+
+def play(path: Path, kind: str, fault: str, start: float) -> Found:
+    """Play a world; return what was counted, by row, family and build."""
+    _, name, number = path.stem.split("-")
+    row, n = name.replace("_", " "), int(number)
+    with np.load(path) as file:
+        data = dict(file)
+    if kind == "pats":
+        found = play_pats(data, row, n)
+    elif kind == "touch":
+        label = "typical" if row == ALL else "as drawn"
+        found = {f"touch {label}": play_touches(data, row, n)}
+    elif kind == "rest":
+        found = {"rest": play_rest(data, row, n)}
+    else:
+        when = "from 20 s" if start else "from the start"
+        found = {f"{fault}, {when}": play_fault(data, row, n, fault, start)}
+    return {f"{what}|{FAMILIES[n % 4]}|{n}": one for what, one in found.items()}
 
 
 def compare(paths: list[Path]) -> None:
@@ -453,14 +467,24 @@ def main() -> None:
     kinds = list(FAMILIES)
     parser.add_argument("--families", nargs="+", default=kinds, choices=kinds)
     parser.add_argument("--named", default="", help="part of the names of faults")
+    parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    if options.part == "make":
-        make_worlds(options.paths[0], options.seconds, options.builds, options.touches)
-    elif options.part == "play":
-        found = play(options.paths[0], options.only, options.families, options.named)
-        options.paths[1].write_text(json.dumps(found, indent=1), "utf-8")
-    else:
+    folder = options.paths[0]
+    if options.part == "compare":
         compare(options.paths)
+        return
+    with ProcessPoolExecutor(options.workers) as pool:
+        if options.part == "make":
+            folder.mkdir(parents=True, exist_ok=True)
+            worlds = list_worlds(options.seconds, options.builds, options.touches)
+            list(
+                pool.map(make_world, [folder] * len(worlds), *zip(*worlds, strict=True))
+            )
+            return
+        plays = list_plays(folder, options.only, options.families, options.named)
+        found = list(pool.map(play, *zip(*plays, strict=True)))
+    merged = {key: one for part in found for key, one in part.items()}
+    options.paths[1].write_text(json.dumps(merged, indent=1), "utf-8")
 
 
 if __name__ == "__main__":
