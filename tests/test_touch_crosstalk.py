@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from eskin.sim.sensor.kernels import read_array
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, CrosstalkCompensator, TouchPipeline
+from eskin.touch.calibration_kernels import select
 from helpers.touch import (
     REST,
     build_mounted_grid,
@@ -159,3 +160,9 @@ def test_pipeline_finds_contacts_without_crosstalk_and_faults_with_it():
     assert sum(len(contact.taxels) for contact in plain.contacts) > len(touched)
     [contact] = compensated.contacts
     assert contact.taxels.tolist() == touched.tolist()
+
+
+@given(arrays(np.float64, st.integers(1, 40), elements=st.floats(-3.0, 3.0)), st.data())
+def test_value_at_a_place_is_that_of_the_sorted_values(values, data):
+    place = data.draw(st.integers(0, len(values) - 1))
+    assert select(values.copy(), place) == np.sort(values)[place]

@@ -275,7 +275,10 @@ class CrosstalkCompensator:
         self.patches = [build_matrix_patch(skin, p, calibration) for p in patches]
         self.curve = calibration.pressure_curve
         self.estimate = CrosstalkEstimate(
-            np.zeros(2), np.zeros(2, np.int64), np.zeros((2, MAX_OBSERVATIONS))
+            np.zeros(2),
+            np.zeros(2, np.int64),
+            np.zeros((2, MAX_OBSERVATIONS)),
+            np.zeros(MAX_OBSERVATIONS),
         )
 
     @property
