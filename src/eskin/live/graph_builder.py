@@ -148,16 +148,19 @@ class GraphBuilder:
         """
         if reading.stamp - self.step.stamp >= MAX_REPEAT:
             return False
-        if any(len(each.taxels) != len(each.earlier) for each in nodes.values()):
-            return False
-        active, history = join_active(nodes), self.taxel_history
-        if not len(active):
-            return False
-        same = history.pressure[active] == reading.pressure[active]
-        same &= history.reading[active] == self.step.reading
-        if reading.shear is not None and same.all():
-            same &= (history.shear[active] == reading.shear[active]).all(axis=1)
-        return bool(same.all())
+        history, is_touched = self.taxel_history, False
+        for active, earlier, _ in nodes.values():
+            if (
+                len(active) != len(earlier)
+                or (history.pressure[active] != reading.pressure[active]).any()
+                or (history.reading[active] != self.step.reading).any()
+            ):
+                return False
+            if reading.shear is not None:
+                if (history.shear[active] != reading.shear[active]).any():
+                    return False
+            is_touched |= len(active) > 0
+        return is_touched
 
     def reserve(self, active: int) -> GraphWorkspace:
         """Return memory for a graph of so many taxels active now or one reading ago."""
