@@ -68,7 +68,8 @@ class DecisionFilter:
        done for a poke cannot be taken back. The probabilities that suspend an arm do
        not wait.
     2. When it closes and nothing has been reported, the likeliest class at its last
-       reading is reported, even `none`; or `unknown` where that is below `least`.
+       reading is reported, even `none`; or `unknown` where that is below `least`, or
+       is a gesture while all gestures together are below `deliberate`.
     3. A touch that merges into another counts as reported if either was reported.
     4. On a skin that is not calibrated, contact may never end, as under a tight sleeve.
        There no touch waits. One ends once another class than the reported one, or
@@ -186,9 +187,17 @@ class DecisionFilter:
         """Return the decision about a touch at closing."""
         leader = find_likeliest(probabilities)
         confidence, gesture = probabilities[leader], self.vocabulary[leader]
-        if confidence >= self.config.least:
+        is_deliberate = gesture == NONE or self.is_deliberate(probabilities)
+        if confidence >= self.config.least and is_deliberate:
             return Decision(touch.id, gesture, confidence, onset)
         return Decision(touch.id, UNKNOWN, confidence, onset, gesture)
+
+    def is_deliberate(self, probabilities: list[float]) -> bool:
+        """Return whether a touch is a gesture, whichever, and not `none`."""
+        if NONE not in self.vocabulary:
+            return True
+        other = 1.0 - probabilities[self.vocabulary.index(NONE)]
+        return other >= self.config.deliberate
 
 
 def reset_evidence(evidence: TouchEvidence, touch: AnyTouch, stamp: int) -> None:

@@ -4,10 +4,10 @@ import atexit
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 
+from eskin.compiled import is_kept
 from eskin.live.graph import NO_HISTORY
 from eskin.live.graph_builder import NO_TAXELS, GraphBuilder, TouchNodes
 from eskin.live.model_file import load_model
@@ -71,8 +71,7 @@ def start_helper() -> subprocess.Popen | None:
         The process; None where its result is kept on disk already, or where there is
         but one core.
     """
-    index = Path(step._cache._cache_file._index_path)
-    if index.is_file() or (os.cpu_count() or 1) < 2:
+    if is_kept(step) or (os.cpu_count() or 1) < 2:
         return None
     code = f"from {__name__} import compile_network; compile_network()"
     helper = subprocess.Popen(

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval, MaxLen
 from pydantic import ConfigDict
 
-from eskin.files import Name, NotNegative, Pause
+from eskin.files import Name, NotNegative, Pause, Share
 from eskin.live.graph_builder import GraphConfig
 from eskin.touch import PipelineConfig
 
@@ -81,6 +81,9 @@ class DecisionConfig:
     pats, and waits for its closing [s]."""
     least: NotNegative = 0.3
     """Probability below which a touch is unknown when it closes; 0 never abstains."""
+    deliberate: Share = 0.0
+    """Probability that it is any gesture at all, instead of `none`, below which a touch
+    whose likeliest class is a gesture is unknown when it closes."""
     still: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.02
     """Travel below which a touch has no direction [m]."""
 

@@ -31,6 +31,8 @@ class TuningConfig:
         *(0.8, 0.9, 0.95),
     )
     """Probabilities below which a touch that closes is unknown."""
+    deliberates: tuple[float, ...] = (0.0, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9)
+    """Probabilities of any gesture below which it is unknown, too."""
     holds: tuple[float, ...] = (0.0, 0.03, 0.06, 0.12, 0.2, 0.3, 0.4)
     """Times for which a gesture must stay above its threshold [s]."""
     each: bool = True
@@ -104,6 +106,7 @@ def list_candidates(
         "lift_seconds": config.lifts,
         "hold_seconds": config.holds,
         "least": config.leasts,
+        "deliberate": config.deliberates,
     }
     for name, values in settings.items():
         yield from (Candidate(name, value) for value in values)
