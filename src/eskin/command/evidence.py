@@ -8,7 +8,7 @@ from jaxtyping import Bool, Int
 
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
-from eskin.touch import Adjacency, ContactConfig, TouchRecord
+from eskin.touch import Adjacency, ContactConfig
 from eskin.touch.outage_kernels import MAX_PRESSED, NEARLY_ALL
 from eskin.units import NS_PER_S
 
@@ -33,9 +33,8 @@ class EvidenceConfig:
     """Longest time for which a taxel that a fingertip has slid over counts [s]."""
 
     seconds: float = 0.07
-    """Time for which a touch must be in contact, in all of its contacts together [s]; of
-    476 simulated double pats 9 were shorter, and so were 5 of 11 accidents that were
-    surely taken for one."""
+    """Time for which a touch must be in contact, in all contacts together [s]; of 476
+    simulated double pats 9 were shorter, and 5 of 11 accidents taken for one."""
 
     readings: int = 2
     """Number of readings that no fault explains."""
@@ -46,6 +45,8 @@ class EvidenceConfig:
 
 Pairs = Int[np.ndarray, "2 pair"]
 Taxels = Bool[np.ndarray, "taxel"]
+NEVER = 2.0
+"""Share that no row, column or patch reaches."""
 KEPT = 16
 """Number of plausible readings of a touch that are kept, the latest ones."""
 
@@ -56,6 +57,8 @@ class Evidence:
 
     felt: Taxels
     """Taxels that it has pressed, also those that are doubtful."""
+    full: Bool[np.ndarray, "line"]
+    """Rows and columns of which a large share was active meanwhile."""
     readings: list[tuple[Pairs, int]] = field(default_factory=list)
     """The pairs of taxels of each that no fault explains, and how many it needs."""
     last: int = 0
@@ -103,9 +106,8 @@ class EvidenceMonitor:
         self.lines = number_lines(skin)
         self.sizes = np.bincount(self.lines.ravel())
         self.is_line = np.arange(len(self.sizes)) < self.lines[2].min()
-        small = ~self.is_line & (self.sizes <= MAX_PRESSED)
         self.shares = np.where(self.is_line, config.share, NEARLY_ALL)
-        self.shares[small] = np.inf
+        self.shares[~self.is_line & (self.sizes <= MAX_PRESSED)] = NEVER
         self.doubtful = self.strong = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
         self.strong_since = np.zeros(skin.count, np.int64)
@@ -133,24 +135,33 @@ class EvidenceMonitor:
         if pressed:
             valid = reading.valid & ~state.doubtful
             counts, sizes = self.count(active), self.count(reading.valid)
-            explained = counts > self.shares * sizes
+            full = counts > self.shares * sizes
             interval = min((stamp - before) / NS_PER_S, config.together)
             for row in pressed:
                 taxels = row.taxels
-                evidence = self.touches.setdefault(row.id, Evidence(np.zeros_like(active)))
+                evidence = self.touches.setdefault(row.id, self.begin())
                 evidence.last, evidence.seconds = stamp, evidence.seconds + interval
                 evidence.felt[taxels] |= active[taxels]
                 now = np.zeros_like(active)
                 now[taxels] = active[taxels] & valid[taxels]
-                mixed = (counts > self.count(now)) & self.is_line
-                self.update_touch(evidence, now, strong & now, valid, explained | mixed)
+                own = self.count(now)
+                evidence.full |= (own > self.shares * sizes) & self.is_line
+                mixed = (counts > own) & self.is_line
+                explained = full | mixed | evidence.full
+                self.update_touch(evidence, now, strong & now, valid, explained)
         limit = stamp - config.keep * NS_PER_S
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
+
+    def begin(self) -> Evidence:
+        """Return the evidence of a touch that has pressed nothing."""
+        count, lines = len(self.doubtful), len(self.sizes)
+        return Evidence(np.zeros(count, bool), np.zeros(lines, bool))
 
     def merge(self, ended: Evidence, heir: int) -> None:
         """Let a touch have the evidence of one that merged into it, if that is more."""
         evidence = self.touches.setdefault(heir, ended)
         evidence.felt |= ended.felt
+        evidence.full |= ended.full
         evidence.readings = max(evidence.readings, ended.readings, key=len)
         evidence.seconds = max(evidence.seconds, ended.seconds)
 
@@ -164,7 +175,7 @@ class EvidenceMonitor:
             return False
         lately = self.active_at >= self.stamp - config.keep * NS_PER_S
         known = self.count(self.doubtful & lately)
-        explained = 2 * known > self.shares * self.sizes
+        explained = evidence.full | (2 * known > self.shares * self.sizes)
         left = [
             np.count_nonzero(self.is_left(pairs, explained)) >= least
             for pairs, least in evidence.readings
