@@ -1,6 +1,5 @@
 """This module judges whether a touch can be a fault of the skin."""
 
-from collections.abc import Iterator, Set
 from dataclasses import dataclass, field
 from typing import final
 
@@ -9,405 +8,244 @@ from jaxtyping import Bool, Int
 
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
-from eskin.touch import Adjacency, TouchRecord, TouchState
+from eskin.touch import Adjacency, ContactConfig
+from eskin.touch.outage_kernels import MAX_PRESSED, NEARLY_ALL
 from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
 class EvidenceConfig:
-    """Limits define how much of a touch must be sound, so that no fault explains it."""
+    """Limits say how much of a touch one fault of the skin may explain."""
 
-    strong: float = 1.4
-    """Pressure on one taxel that a touch needs [kPa]; twice the pressure at which
-    contact begins. Where contact begins at more than `weak`, both rise with it."""
+    strong: float = 2.0
+    """Pressure on a taxel that a touch needs, in units of that at which contact begins,
+    or of 0.7 kPa where contact begins below."""
 
-    weak: float = 0.7
-    """Pressure on a taxel beside it that supports it [kPa]."""
+    share: float = 1 / 3
+    """Share of a row or column that is active when a fault of it may explain the touch,
+    and share of the taxels of a touch that are doubtful when nothing of it counts."""
 
     together: float = 0.1
-    """Longest time between the moments from which two taxels that do not lie beside
-    each other, as of two fingers, are strongly pressed [s]."""
+    """Longest time between the moments from which two fingers press strongly, and for
+    which one reading counts [s]."""
 
-    fingers: int = 20
-    """Largest number of strongly pressed taxels that may be of separate fingers."""
-
-    line_share: float = 0.34
-    """Share of a row or column that may be pressed for two of its taxels to count."""
-
-    doubted_share: float = 0.2
-    """Share of a row or column that must be doubtful, and active lately, so that none
-    of its taxels counts in the readings before."""
-
-    readings: int = 2
-    """Number of readings in which it needs all this."""
-
-    path: int = 3
-    """Number of neighbouring taxels that a fingertip has to press one after the other,
-    within `path_seconds`, so that one of them counts as beside the next."""
-
-    path_width: int = 2
-    """Greatest number of taxels that the touch of such a fingertip presses at once."""
-
-    path_seconds: float = 0.5
-    """Time for which a pressed taxel belongs to that path [s]."""
+    slide: float = 0.5
+    """Longest time for which a taxel that a fingertip has slid over counts [s]."""
 
     seconds: float = 0.07
-    """Time for which it must be in contact, in all of its contacts together [s]; of 476
-    simulated double pats 9 were shorter, and so were 5 of 11 accidents that were
-    surely taken for one."""
+    """Time for which a touch must be in contact, in all contacts together [s]; of 476
+    simulated double pats 9 were shorter, and 5 of 11 accidents taken for one."""
 
-    max_interval: float = 0.1
-    """Longest time for which one reading counts [s]."""
+    readings: int = 2
+    """Number of readings that no fault explains."""
 
-    patch_share: float = 0.8
-    """Share of a patch that must not be active at once: hum of a patch is."""
-
-    min_patch: int = 12
-    """Number of taxels of a patch from which that share counts."""
-
-    keep_readings: int = 16
-    """Number of sound readings of a touch that are kept, the latest ones."""
-
-    keep_seconds: float = 3.0
-    """How long after its last contact the evidence of a touch is kept [s]."""
+    keep: float = 3.0
+    """How long the evidence of a touch, and the activity of a taxel, is kept [s]."""
 
 
-@dataclass(frozen=True)
-class PlausibleReading:
-    """A sound reading holds the taxels of a touch that no fault explains."""
-
-    pressed: Int[np.ndarray, "pressed"]
-    """Taxels that were pressed and not doubtful, with those of the path to them."""
-    strong: Int[np.ndarray, "strong"]
-    """Those that were strongly pressed."""
-    since: Int[np.ndarray, "strong"]
-    """Stamps since when these were [ns since the epoch]."""
-    full: Bool[np.ndarray, "line"]
-    """Rows and columns of which two taxels do not support each other."""
+Pairs = Int[np.ndarray, "2 pair"]
+Taxels = Bool[np.ndarray, "taxel"]
+NEVER = 2.0
+"""Share that no row, column or patch reaches."""
+KEPT = 16
+"""Number of plausible readings of a touch that are kept, the latest ones."""
 
 
 @dataclass
 class Evidence:
-    """Evidence holds the readings in which a touch was sound."""
+    """Evidence holds what a touch has pressed, and its latest plausible readings."""
 
-    readings: list[PlausibleReading]
-    """The latest sound readings, without the taxels that became doubtful since."""
-    last: int
+    felt: Taxels
+    """Taxels that it has pressed, also those that are doubtful."""
+    full: Bool[np.ndarray, "line"]
+    """Rows and columns of which a large share was active meanwhile."""
+    readings: list[tuple[Pairs, int]] = field(default_factory=list)
+    """The pairs of taxels of each that no fault explains, and how many it needs."""
+    last: int = 0
     """Stamp of the latest contact [ns since the epoch]."""
+    broad: int = 0
+    """Stamp of the latest reading with several taxels pressed [ns since the epoch]."""
     seconds: float = 0.0
     """Time in contact [s]."""
-    felt: set[int] = field(default_factory=set)
-    """Taxels that it has pressed, also those that are doubtful."""
-    doubted: set[int] = field(default_factory=set)
-    """Those that are or were doubtful."""
-    strong: dict[int, int] = field(default_factory=dict)
-    """Taxels that it presses strongly, each with the stamp since when it does [ns since
-    the epoch]."""
-    path: dict[int, int] = field(default_factory=dict)
-    """Taxels that a fingertip has slid over lately, each with the stamp of its latest
-    pressure [ns since the epoch]."""
 
 
-def number_lines(skin: Skin) -> Int[np.ndarray, "2 taxel"]:
-    """Return the number of the row of each taxel, and that of its column.
+def number_lines(skin: Skin) -> Int[np.ndarray, "3 taxel"]:
+    """Return the numbers of the row, the column and the patch of each taxel.
 
-    No row, of any patch, has the number of another one or of a column.
+    No row, column or patch has the number of another one.
     """
     patches = np.asarray(skin.patch_index)
-    rows, columns = (
-        np.unique(patches * (numbers.max(initial=0) + 1) + numbers, return_inverse=True)
-        for numbers in (np.asarray(skin.rows), np.asarray(skin.columns))
-    )
-    return np.stack([rows[1], columns[1] + len(rows[0])])
+    lines: list[np.ndarray] = []
+    for numbers in (np.asarray(skin.rows), np.asarray(skin.columns), 0 * patches):
+        keys = patches * (numbers.max(initial=0) + 1) + numbers
+        index = np.unique(keys, return_inverse=True)[1]
+        lines.append(index + (lines[-1].max() + 1 if lines else 0))
+    return np.stack(lines)
 
 
 @final
 class EvidenceMonitor:
-    """A monitor collects the evidence of every touch from its readings.
+    """A monitor collects of every touch what no single fault of the skin explains.
 
-    In a sound reading, a taxel is strongly pressed, and a taxel beside it is pressed
-    too, or was lately by a fingertip that slides from taxel to taxel; or another one,
-    of another row and column, became strongly pressed at the same time, and the touch
-    has felt a taxel beside one of the two. Two of one row or column support each other
-    if a small part of it is pressed, all of it by the touch.
+    A fault may be one taxel, one row, one column or one patch. So a touch needs two
+    taxels side by side, one of them strongly pressed, that do not lie in one row,
+    column or patch that a fault may have made active: where a large share of it is
+    active, or a taxel in it that is not of the touch, or doubtful.
 
-    Taxels that are doubtful, as faulty ones are, or of a patch that is active as a
-    whole, do not count. When a taxel becomes doubtful, it no longer counts in the
-    readings before. If the touch presses it, the two taxels must not both lie in its
-    row or its column, and if several taxels of that line are doubtful and active, none
-    of the line counts: a line that is not connected shows itself taxel by taxel.
+    In place of these, the touch of a fingertip may have slid over two pairs of taxels
+    side by side, and two fingers may press two taxels of different rows and columns
+    from the same moment, of which one lies beside a taxel that the touch has felt.
+
+    Doubtful taxels do not count, also in the readings before they became so.
     """
 
     def __init__(self, skin: Skin, config: EvidenceConfig) -> None:
         """Start without touches."""
         self.config = config
-        self.adjacency = Adjacency.build(skin)
-        self.patch_index = np.asarray(skin.patch_index)
+        self.starts, self.neighbours, _ = Adjacency.build(skin)
         self.lines = number_lines(skin)
-        self.line_sizes = np.bincount(self.lines.ravel())
-        self.patch_count = len(skin.patches)
-        self.doubtful = np.zeros(skin.count, bool)
+        self.sizes = np.bincount(self.lines.ravel())
+        self.is_line = np.arange(len(self.sizes)) < self.lines[2].min()
+        self.shares = np.where(self.is_line, config.share, NEARLY_ALL)
+        self.shares[~self.is_line & (self.sizes <= MAX_PRESSED)] = NEVER
+        self.doubtful = self.strong = np.zeros(skin.count, bool)
         self.active_at = np.full(skin.count, np.iinfo(np.int64).min)
-        self.stamp, self.factor = 0, 1.0
+        self.strong_since = np.zeros(skin.count, np.int64)
+        self.stamp = 0
         self.touches: dict[int, Evidence] = {}
 
     def update(self, recognition: RecognitionState) -> None:
         """Update the evidence by the next recognition state."""
-        state = recognition.state
-        stamp = state.reading.stamp
-        before = self.stamp or stamp
-        self.stamp = stamp
-        pressure = state.reading.pressure
-        self.factor = max(1.0, state.contact / self.config.weak)
-        active = pressure >= self.factor * self.config.weak
+        state, config = recognition.state, self.config
+        reading, stamp = state.reading, state.reading.stamp
+        before, self.stamp = self.stamp or stamp, stamp
+        least = max(state.contact, ContactConfig.on)
+        active = reading.pressure >= least
         self.active_at[active] = stamp
-        is_idle = not state.open and not self.touches
-        rows = [] if is_idle else state.rows
-        pressed = [row for row in rows if row.last == stamp and not row.closed]
-        for row in pressed:
-            evidence = self.touches.setdefault(row.id, Evidence([], row.last))
-            taxels = row.taxels
-            felt = taxels[active[taxels]]
-            evidence.felt.update(felt.tolist())
-            doubted = set(felt[state.doubtful[felt]].tolist())
-            if not doubted <= evidence.doubted:
-                self.doubt(evidence, doubted)
-        if state.doubtful is not self.doubtful:
-            new = np.flatnonzero(state.doubtful & ~self.doubtful)
-            self.doubtful = state.doubtful
-            self.reset_doubted(new)
+        self.doubtful = state.doubtful
+        if not state.open and not self.touches:
+            return
+        strong = reading.pressure >= config.strong * least
+        self.strong_since[strong & ~self.strong] = stamp
+        self.strong = np.where(reading.valid, strong, self.strong)
         for touch in state.closed:
             if touch.merged_into and touch.id in self.touches:
                 self.merge(self.touches.pop(touch.id), touch.merged_into)
+        pressed = [row for row in state.rows if row.last == stamp and not row.closed]
         if pressed:
-            sound = self.find_valid(state, active)
-            interval = min((stamp - before) / NS_PER_S, self.config.max_interval)
+            valid = reading.valid & ~state.doubtful
+            counts = self.count(active)
+            sizes = self.sizes - self.count(~reading.valid)
+            full = counts > self.shares * sizes
+            interval = min((stamp - before) / NS_PER_S, config.together)
             for row in pressed:
-                self.update_touch(row, state, sound, active)
-                self.touches[row.id].seconds += interval
-        limit = stamp - self.config.keep_seconds * NS_PER_S
+                taxels = row.taxels
+                evidence = self.touches.setdefault(row.id, self.begin())
+                evidence.last, evidence.seconds = stamp, evidence.seconds + interval
+                evidence.felt[taxels] |= active[taxels]
+                now = np.zeros_like(active)
+                now[taxels] = active[taxels] & valid[taxels]
+                own = self.count(now)
+                evidence.full |= (own > self.shares * sizes) & self.is_line
+                mixed = (counts > own) & self.is_line
+                explained = full | mixed | evidence.full
+                self.update_touch(evidence, now, strong & now, valid, explained)
+        limit = stamp - config.keep * NS_PER_S
         self.touches = {i: one for i, one in self.touches.items() if one.last >= limit}
+
+    def begin(self) -> Evidence:
+        """Return the evidence of a touch that has pressed nothing."""
+        count, lines = len(self.doubtful), len(self.sizes)
+        return Evidence(np.zeros(count, bool), np.zeros(lines, bool))
 
     def merge(self, ended: Evidence, heir: int) -> None:
         """Let a touch have the evidence of one that merged into it, if that is more."""
-        evidence = self.touches.get(heir)
-        if evidence is None:
-            self.touches[heir] = ended
-            return
+        evidence = self.touches.setdefault(heir, ended)
         evidence.felt |= ended.felt
-        evidence.path = evidence.path or ended.path
+        evidence.full |= ended.full
         evidence.readings = max(evidence.readings, ended.readings, key=len)
         evidence.seconds = max(evidence.seconds, ended.seconds)
-        self.doubt(evidence, ended.doubted)
 
     def is_plausible(self, touch: int) -> bool:
         """Return whether a touch is no fault."""
-        evidence = self.touches.get(touch)
-        if evidence is None or evidence.seconds < self.config.seconds:
+        evidence, config = self.touches.get(touch), self.config
+        if evidence is None or evidence.seconds < config.seconds:
             return False
-        return len(evidence.readings) >= self.config.readings
-
-    def reset_doubted(self, taxels: Int[np.ndarray, "doubted"]) -> None:
-        """Take taxels that became doubtful out of the readings before.
-
-        So are the lines of which a share is doubtful and active.
-        """
-        if not self.touches:
-            return
-        believed = np.ones(len(self.patch_index), bool)
-        believed[taxels] = False
-        limit = self.stamp - self.config.keep_seconds * NS_PER_S
-        active = self.doubtful & (self.active_at >= limit)
-        for taxel in taxels.tolist():
-            for line in self.select_lines(taxel):
-                if active[line].mean() >= self.config.doubted_share:
-                    believed &= ~line
-        doubted = set(taxels.tolist())
-        lost = set(np.flatnonzero(~believed).tolist())
-        for evidence in self.touches.values():
-            evidence.doubted |= doubted & evidence.felt
-            if not lost.isdisjoint(evidence.felt):
-                self.reduce_evidence(evidence, believed)
-
-    def doubt(self, evidence: Evidence, taxels: Set[int]) -> None:
-        """Doubt what a touch has pressed, also in the readings before."""
-        evidence.doubted |= taxels
-        believed = np.ones(len(self.patch_index), bool)
-        believed[list(evidence.doubted)] = False
-        self.reduce_evidence(evidence, believed)
-
-    def reduce_evidence(
-        self, evidence: Evidence, believed: Bool[np.ndarray, "taxel"]
-    ) -> None:
-        """Keep what can be believed of the readings of a touch."""
-        evidence.path = {i: at for i, at in evidence.path.items() if believed[i]}
-        evidence.readings = [
-            left
-            for reading in evidence.readings
-            if (left := self.reduce_reading(reading, believed, evidence))
+        doubted, felt = self.doubtful & evidence.felt, evidence.felt
+        if np.count_nonzero(doubted) >= config.share * np.count_nonzero(felt):
+            return False
+        lately = self.active_at >= self.stamp - config.keep * NS_PER_S
+        known = self.count(self.doubtful & lately)
+        explained = evidence.full | (2 * known > self.shares * self.sizes)
+        left = [
+            np.count_nonzero(self.is_left(pairs, explained)) >= least
+            for pairs, least in evidence.readings
         ]
-
-    def reduce_reading(
-        self,
-        reading: PlausibleReading,
-        believed: Bool[np.ndarray, "taxel"],
-        evidence: Evidence,
-    ) -> PlausibleReading | None:
-        """Return what can be believed of a reading; None if that is not sound.
-
-        Where less is believed, two taxels of one row or column are no support.
-        """
-        kept = believed[reading.strong]
-        left = PlausibleReading(
-            reading.pressed[believed[reading.pressed]],
-            reading.strong[kept],
-            reading.since[kept],
-            reading.full | (not believed[reading.pressed].all()),
-        )
-        return left if self.is_sound(left, evidence) else None
+        return bool(sum(left) >= config.readings)
 
     def update_touch(
         self,
-        row: TouchRecord,
-        state: TouchState,
-        sound: Bool[np.ndarray, "taxel"],
-        active: Bool[np.ndarray, "taxel"],
-    ) -> None:
-        """Update the evidence of a touch that is in contact.
-
-        Args:
-            row: record of the touch.
-            state: contacts and touches of the reading.
-            sound: which taxels can be believed.
-            active: which taxels are pressed.
-        """
-        evidence = self.touches[row.id]
-        evidence.last = row.last
-        taxels = row.taxels
-        pressed = taxels[sound[taxels] & active[taxels]]
-        path = self.update_path(evidence, pressed)
-        least = self.factor * self.config.strong
-        strong = pressed[state.reading.pressure[pressed] >= least]
-        self.update_strong(evidence, strong, state.reading.valid)
-        if not len(strong):
-            return
-        since = np.array([evidence.strong[i] for i in strong.tolist()], dtype=np.int64)
-        full = self.find_full_lines(pressed, active)
-        reading = PlausibleReading(path, strong, since, full)
-        if self.is_sound(reading, evidence):
-            kept = evidence.readings[1 - self.config.keep_readings :]
-            evidence.readings = [*kept, reading]
-
-    def update_strong(
-        self,
         evidence: Evidence,
-        strong: Int[np.ndarray, "strong"],
-        valid: Bool[np.ndarray, "taxel"],
+        now: Taxels,
+        strong: Taxels,
+        valid: Taxels,
+        explained: Bool[np.ndarray, "line"],
     ) -> None:
-        """Update since when a touch presses taxels strongly.
-
-        One without valid data goes on as it was.
-        """
-        now = set(strong.tolist())
-        since = {i: at for i, at in evidence.strong.items() if i in now or not valid[i]}
-        evidence.strong = dict.fromkeys(now, self.stamp) | since
-
-    def find_full_lines(
-        self, pressed: Int[np.ndarray, "pressed"], active: Bool[np.ndarray, "taxel"]
-    ) -> Bool[np.ndarray, "line"]:
-        """Find rows and columns of which too much is pressed, or not by the touch.
+        """Add the pairs of a reading to the evidence of a touch that is in contact.
 
         Args:
-            pressed: taxels that the touch presses and that are not doubtful.
-            active: which taxels of the skin are pressed.
+            evidence: evidence of the touch.
+            now: taxels that it presses and that can be believed.
+            strong: those of them that it presses strongly.
+            valid: taxels that can be believed.
+            explained: rows, columns and patches that a fault may have made active.
         """
-        count = len(self.line_sizes)
-        touched, all_active = (
-            np.bincount(self.lines[:, taxels].ravel(), minlength=count)
-            for taxels in (pressed, np.flatnonzero(active))
-        )
-        most = self.config.line_share * self.line_sizes
-        return (all_active > touched) | (all_active > most)
+        if not strong.any():
+            return
+        least = 1
+        if np.count_nonzero(now) > 1:
+            evidence.broad = self.stamp
+            pairs = self.list_pairs(strong, now)
+        else:
+            since = max(self.stamp - self.config.slide * NS_PER_S, evidence.broad + 1)
+            slid = evidence.felt & valid & (self.active_at >= since)
+            pairs, least = self.list_pairs(slid, slid), 2
+            pairs = pairs[:, pairs[0] < pairs[1]]
+        pairs = pairs[:, self.is_left(pairs, explained)]
+        if not pairs.size:
+            pairs = self.list_fingers(strong, evidence.felt & valid)
+            pairs = pairs[:, self.is_left(pairs, explained | self.is_line)]
+        if pairs.shape[1] >= least:
+            evidence.readings = [*evidence.readings[1 - KEPT :], (pairs, least)]
 
-    def update_path(
-        self, evidence: Evidence, pressed: Int[np.ndarray, "pressed"]
-    ) -> Int[np.ndarray, "path"]:
-        """Return pressed taxels, and those of the path that led to them if it counts.
+    def list_pairs(self, taxels: Taxels, others: Taxels) -> Pairs:
+        """Return the pairs of some taxels and of others that lie beside them."""
+        some = np.flatnonzero(taxels)
+        starts, sizes = self.starts[some], self.starts[some + 1] - self.starts[some]
+        places = np.repeat(starts + sizes - np.cumsum(sizes), sizes)
+        beside = self.neighbours[places + np.arange(len(places))]
+        return np.stack([np.repeat(some, sizes), beside])[:, others[beside]]
 
-        Args:
-            evidence: evidence of the touch that presses them.
-            pressed: taxels that are pressed now and not doubtful.
+    def list_fingers(self, strong: Taxels, felt: Taxels) -> Pairs:
+        """Return pairs of taxels that are strongly pressed since about one moment.
+
+        Beside the first one of each lies a taxel that the touch has felt.
         """
-        if len(pressed) > self.config.path_width:
-            evidence.path = {}
-            return pressed
-        limit = self.stamp - self.config.path_seconds * NS_PER_S
-        path = {i: at for i, at in evidence.path.items() if at >= limit}
-        known, now = set(path), set(pressed.tolist())
-        if not all(self.has_neighbour(taxel, known) for taxel in now - known):
-            path = {}
-        evidence.path = path | dict.fromkeys(now, self.stamp)
-        if len(evidence.path) < self.config.path:
-            return pressed
-        return np.array(list(evidence.path), dtype=np.int64)
+        rooted = np.unique(self.list_pairs(strong, felt)[0])
+        pairs = np.stack(np.meshgrid(rooted, np.flatnonzero(strong))).reshape(2, -1)
+        since = self.strong_since[pairs]
+        longest = self.config.together * NS_PER_S
+        return pairs[:, np.abs(since[0] - since[1]) <= longest]
 
-    def is_sound(self, reading: PlausibleReading, evidence: Evidence) -> bool:
-        """Return whether a pressed taxel supports a strongly pressed one.
+    def is_left(
+        self, pairs: Pairs, explained: Bool[np.ndarray, "line"]
+    ) -> Bool[np.ndarray, "pair"]:
+        """Tell which pairs are sound and do not lie in one line that is explained."""
+        lines, others = self.lines[:, pairs[0]], self.lines[:, pairs[1]]
+        hidden = ((lines == others) & explained[lines]).any(axis=0)
+        return ~hidden & ~self.doubtful[pairs].any(axis=0)
 
-        Two that both lie in the rows, or both in the columns, of doubtful taxels that
-        the touch has pressed are no support.
-        """
-        suspect = np.zeros(len(self.line_sizes), bool)
-        suspect[self.lines[:, list(evidence.doubted)]] = True
-        strong, others = self.list_pairs(reading.strong)
-        pressed = np.zeros(len(self.patch_index), bool)
-        pressed[reading.pressed] = True
-        pairs = pressed[others]
-        lines, other_lines = self.lines[:, strong[pairs]], self.lines[:, others[pairs]]
-        hidden = (lines == other_lines) & reading.full[lines]
-        hidden |= suspect[lines] & suspect[other_lines]
-        if not hidden.any(axis=0).all():
-            return True
-        if len(reading.strong) > self.config.fingers:
-            return False
-        felt = np.isin(others, list(evidence.felt - evidence.doubted))
-        anchored = np.isin(reading.strong, strong[felt])
-        lines, since = self.lines[:, reading.strong], reading.since
-        hidden = lines[:, :, None] == lines[:, None]
-        hidden |= suspect[lines][:, :, None] & suspect[lines][:, None]
-        together = np.abs(since[:, None] - since) <= self.config.together * NS_PER_S
-        apart = together & ~hidden.any(axis=0)
-        return bool(apart[anchored].any())
-
-    def list_pairs(
-        self, taxels: Int[np.ndarray, "some"]
-    ) -> tuple[Int[np.ndarray, "pair"], Int[np.ndarray, "pair"]]:
-        """Return each of some taxels as often as taxels lie beside it, and those."""
-        lists = [self.list_neighbours(taxel) for taxel in taxels.tolist()]
-        others = np.array([i for each in lists for i in each], dtype=np.int64)
-        return np.repeat(taxels, [len(each) for each in lists]), others
-
-    def has_neighbour(self, taxel: int, others: set[int]) -> bool:
-        """Return whether a taxel lies beside one of some others."""
-        return not others.isdisjoint(self.list_neighbours(taxel))
-
-    def list_neighbours(self, taxel: int) -> list[int]:
-        """Return the taxels beside one."""
-        starts, neighbours = self.adjacency.starts, self.adjacency.neighbours
-        return neighbours[starts[taxel] : starts[taxel + 1]].tolist()
-
-    def select_lines(self, taxel: int) -> Iterator[Bool[np.ndarray, "taxel"]]:
-        """Yield the taxels of the row of a taxel, then those of its column."""
-        for numbers in self.lines:
-            yield numbers == numbers[taxel]
-
-    def find_valid(
-        self, state: TouchState, active: Bool[np.ndarray, "taxel"]
-    ) -> Bool[np.ndarray, "taxel"]:
-        """Find the taxels whose pressure can be believed."""
-        reading, config = state.reading, self.config
-        count = self.patch_count
-        sizes = np.bincount(self.patch_index[reading.valid], minlength=count)
-        shares = np.bincount(self.patch_index[active], minlength=count)
-        whole = (sizes >= config.min_patch) & (shares >= config.patch_share * sizes)
-        return reading.valid & ~state.doubtful & ~whole[self.patch_index]
+    def count(self, taxels: Taxels) -> Int[np.ndarray, "line"]:
+        """Return how many of some taxels lie in each row, column and patch."""
+        lines = self.lines[:, np.flatnonzero(taxels)]
+        return np.bincount(lines.ravel(), minlength=len(self.sizes))
