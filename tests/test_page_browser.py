@@ -358,8 +358,8 @@ def visit(browser):
 def touch_until_executed(visit, touch, line, condition):
     """Touch until the arm executes it and the page logs it: recognition may fail."""
     for _ in range(TRIES):
-        visit.let_go()
-        visit.wait_calm()
+        if visit.demo.state["hold_reason"]:
+            visit.press_resume()
         before, count = visit.demo.state, visit.text().count(line)
         touch()
         if becomes(

@@ -38,7 +38,7 @@ HEADERS = {
 LOOK = b"""<script>
   if (matchMedia("(prefers-color-scheme: dark)").matches && !location.search)
     history.replaceState(null, "", "?darkMode");
-  let at = null;
+  let at = null, told = 0;
   addEventListener("pointerdown", (event) => {
     const isScene = event.button === 0 && event.target.dataset?.engine;
     at = isScene ? [event.clientX, event.clientY] : null;
@@ -47,8 +47,9 @@ LOOK = b"""<script>
     if (at === null) return;
     const moved = Math.hypot(event.clientX - at[0], event.clientY - at[1]) > 4;
     const key = moved ? "T" : "M";
-    document.documentElement.dispatchEvent(
-      new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true}));
+    clearTimeout(told);
+    told = setTimeout(() => document.documentElement.dispatchEvent(
+      new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true})), 60);
     at = null;
   }, true);
 </script>
@@ -70,8 +71,8 @@ LOOK = b"""<script>
 </style>"""
 """What is added to viser's page: it is dark where the browser prefers that; each click
 and drag in the scene is told by a key, M or T, so that those beside the skin are
-answered too; the sky is pale or dark; and on a phone the panel is as wide as the
-window, and lower."""
+answered too, after 60 ms, because what it hit is told within 50 ms; the sky is pale or
+dark; and on a phone the panel is as wide as the window, and lower."""
 
 
 @final
