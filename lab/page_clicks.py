@@ -6,7 +6,7 @@ A browser shows `eskin demo`, and the mouse acts on the forearm where the pointe
 hand: a click or a double click pauses the arm at work, a drag slows it, and after each
 a click with shift makes it go on. A touch is answered where the log tells of it, named
 rightly where the first gesture that the log names is the one that was made, and obeyed
-where the arm does it, each within `WAIT`. What the log tells of other touches follows.
+where the arm does it, each within `WAIT`. What the log tells of others is printed.
 """
 
 import re
@@ -75,22 +75,21 @@ class Count:
 def main() -> None:
     """Touch, and print a table of counts and median times."""
     command = tyro.cli(Command)
-    counts, notes = {kind: Count() for kind in GESTURES}, []
+    counts = {kind: Count() for kind in GESTURES}
     with visit_demo(command.seed, command.pace, SIZE, command.scale) as visit:
         for kind in ROUND * command.touches:
-            notes += touch_once(visit, kind, counts[kind])
+            touch_once(visit, kind, counts[kind])
     print(format_head(["mouse", "touches", "answered", "named rightly", "obeyed"]))
     for kind, count in counts.items():
         print(count.format(kind))
-    print("\n".join(notes))
 
 
-def touch_once(visit: Visit, kind: str, count: Count) -> list[str]:
-    """Touch the arm, count what comes of it, and return what is to be told of it."""
+def touch_once(visit: Visit, kind: str, count: Count) -> None:
+    """Touch the arm, and count what comes of it."""
     prepare(visit, kind)
     before, known = visit.demo.state, set(ENTRY.findall(visit.text()))
     if kind == "shift-click" and not before["paused"] and before["speed"] == 1.0:
-        return []  # Nothing was paused or slowed that could go on.
+        return  # Nothing was paused or slowed that could go on.
     act: dict[str, Callable[[], None]] = {
         "click": visit.click,
         "double click": visit.double_click,
@@ -122,7 +121,8 @@ def touch_once(visit: Visit, kind: str, count: Count) -> list[str]:
     for what, seconds in found.items():
         count.seconds.setdefault(what, []).append(seconds)
     visit.demo.rest(REST)
-    return [] if len(found) == 3 else [f"{kind}, only {list(found)}: {read_new()}"]
+    if len(found) < 3:
+        print(f"{kind} only {' and '.join(found)}: {read_new()}", flush=True)
 
 
 def prepare(visit: Visit, kind: str) -> None:
