@@ -126,7 +126,7 @@ SOME = np.arange(0, 2112, 3)
 """Taxels used to find out which parts are hidden."""
 CALM = 4.0
 """Longest motion of the forearm in 0.2 s at which a click hits it [px]."""
-LENGTH = 0.16
+LENGTH = 0.12
 """Length of a stroke [m]."""
 CURSOR = "document.querySelector('canvas[data-engine]').style.cursor"
 NOTICED = 3000
@@ -169,23 +169,20 @@ class Visit:
             button.click()
         self.tab.wait_for_timeout(1000)
 
-    def aim(self, share: float = 0.0) -> tuple[float, float]:
+    def aim(self, share: float = 0.0) -> None:
         """Move the mouse to the forearm, until the pointer is a hand.
 
         Args:
             share: as of `along`.
-
-        Returns:
-            The place of the mouse [px].
         """
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
-            place = self.along(share)
+            x, y = self.along(share)
             # A browser looks for what is under a mouse only when that has moved.
-            self.tab.mouse.move(place[0] + 1, place[1])
-            self.tab.mouse.move(*place)
+            self.tab.mouse.move(x + 1, y)
+            self.tab.mouse.move(x, y)
             if self.tab.evaluate(CURSOR) == "pointer":
-                return place
+                return
         raise AssertionError("the pointer becomes no hand")
 
     @property
@@ -196,13 +193,21 @@ class Visit:
         step = np.subtract(self.along(0.0), before)
         return bool(np.linalg.norm(step) < CALM and self.seen()[0].max() > 0.5)
 
+    def press(self) -> None:
+        """Press and release the mouse where it is."""
+        self.tab.mouse.down()
+        self.tab.mouse.up()
+
     def click(self) -> None:
         """Poke by a click."""
-        self.tab.mouse.click(*self.aim())
+        self.aim()
+        self.press()
 
     def double_click(self) -> None:
         """Pat twice by a double click."""
-        self.tab.mouse.dblclick(*self.aim())
+        self.aim()
+        self.press()
+        self.press()
 
     def choose(self, mode: str) -> None:
         """Choose what a click makes, as on a phone."""
@@ -211,18 +216,18 @@ class Visit:
 
     def grab(self) -> None:
         """Grab by a click with shift held."""
-        place = self.aim()
+        self.aim()
         self.tab.keyboard.down("Shift")
-        self.tab.mouse.click(*place)
+        self.press()
         self.tab.keyboard.up("Shift")
 
     def drag(self) -> None:
-        """Stroke along the forearm as fast as the browser allows."""
-        mouse = self.tab.mouse
+        """Stroke along the forearm, as it moves."""
         self.aim(-0.5)
-        mouse.down()
-        mouse.move(*self.along(0.5))
-        mouse.up()
+        self.tab.mouse.down()
+        for share in (-0.25, 0.0, 0.25, 0.5):
+            self.tab.mouse.move(*self.along(share))
+        self.tab.mouse.up()
 
     def along(self, share: float) -> tuple[float, float]:
         """Return where a point of a stroke along the forearm is drawn [px].

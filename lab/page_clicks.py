@@ -26,6 +26,8 @@ REST = 1.5
 """Simulated time between two touches: an arm resumes after a second untouched [s]."""
 SIZE = (1000, 500)
 """Width and height of the window [px]; software draws a larger one slowly."""
+VISIBLE = 0.3
+"""Least visibility of the forearm at which it is clicked."""
 ENTRY = re.compile(r"(\d+:\d\d\.\d)\s+(.+)")
 """Time and text of a line of the log."""
 GESTURES = {
@@ -126,9 +128,10 @@ def touch_once(visit: Visit, kind: str, count: Count) -> None:
 
 
 def prepare(visit: Visit, kind: str) -> None:
-    """Make the arm pausable or resumable by its buttons."""
-    state = visit.demo.state
-    if state["hold_reason"] or (state["paused"] and kind != "shift-click"):
+    """Make the arm pausable by its button, and so where no forearm is seen."""
+    state, is_seen = visit.demo.state, visit.seen()[0].max() > VISIBLE
+    resumes = kind == "shift-click" and is_seen
+    if state["hold_reason"] or (state["paused"] and not resumes):
         visit.press_resume()
 
 
