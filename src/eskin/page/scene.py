@@ -32,8 +32,8 @@ PAD_SHARE = 1.26
 """Radius of a pad as such a share: of the circle around a square of that area."""
 PAD = (196, 200, 206)
 """Colour of the surface under the taxels: red, green and blue, each to 255."""
-THICKNESS = 0.1
-"""Height of a disc over and under its rim, by its radius; pads are flat."""
+DEPTH = 0.5
+"""Depth of the cone under a disc, by its radius; pads have none."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
 FIELD_OF_VIEW = 0.7
@@ -209,7 +209,7 @@ class Scene(PagePart):
         lift: float,
         share: float,
         colour: UInt8[np.ndarray, "1 3"],
-        thickness: float = THICKNESS,
+        depth: float = DEPTH,
     ) -> BatchedMeshHandle:
         """Add a disc of a colour on each taxel of a link.
 
@@ -223,13 +223,13 @@ class Scene(PagePart):
             lift: distance of the discs from the surface [m].
             share: radius as a share of the radius of a circle of the taxel's area.
             colour: colour of all discs at first.
-            thickness: height over and under the rim, by the radius.
+            depth: depth of the cone under it, by the radius.
         """
         setup, taxels = self.setup, self.taxels[link]
         normals = setup.normals[taxels]
         radii = share * np.sqrt(setup.areas[taxels] / np.pi)
         size = np.float32(radii.max())
-        vertices, faces = build_disc(thickness)
+        vertices, faces = build_disc(depth)
         return self.add_instances(
             f"{setup.links[link]}/{name}",
             (size * vertices, faces),
@@ -367,19 +367,20 @@ def place_camera(
     return middle + lower + distance * direction, middle + lower
 
 
-def build_disc(thickness: float) -> Mesh:
-    """Return vertices and faces of a disc of radius 1 that faces z.
+def build_disc(depth: float) -> Mesh:
+    """Return vertices and faces of a flat disc of radius 1 that faces z.
 
-    One with a thickness has a lower side, too, so that it can be outlined.
+    One with a depth has a cone under it, which is all that is seen of its outline.
     """
-    vertices, faces = revolve([(1.0, 0.0), (0.0, thickness)], CORNERS)
+    vertices, faces = revolve([(1.0, 0.0), (0.0, 0.0)], CORNERS)
     # The rim, then one vertex in the middle.
     vertices, faces = vertices[: CORNERS + 1], np.minimum(faces[CORNERS:], CORNERS)
-    if thickness:
-        below = faces[:, ::-1] + (faces[:, ::-1] == CORNERS).astype(faces.dtype)
-        faces = np.concatenate([faces, below])
-        vertices = np.concatenate([vertices, vertices[-1:] * np.float32(-1.0)])
-    return vertices, faces
+    if not depth:
+        return vertices, faces
+    lower = vertices.copy()
+    lower[CORNERS, 2] = -depth
+    faces = np.concatenate([faces, faces[:, ::-1] + np.uint32(CORNERS + 1)])
+    return np.concatenate([vertices, lower]), faces
 
 
 def revolve(profile: Sequence[tuple[float, float]], corners: int) -> Mesh:
