@@ -16,8 +16,8 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(CORE)
 	$(BIN)/eskin demo
 
-touches: $(READY)
-	$(BIN)/python examples/01_real_touches.py --data "$(DATA)"
+touches: $(CORE)
+	$(BIN)/python examples/01_real_touches.py --data "$(SOCIALTOUCH)"
 
 test: $(READY)
 	$(BIN)/pytest

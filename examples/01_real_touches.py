@@ -1,14 +1,12 @@
 """Recognise touches that real people made.
 
-    python examples/01_real_touches.py --data Annotated-dataset
+    python examples/01_real_touches.py --data SocialTouch
 
-Converts the public sleeve recordings, trains on all sessions but the last, then replays
-that session one reading at a time, as live, and prints what is recognised beside what
-was done. `make touches` runs it, in a minute or two.
+Plays the touches of a public set to the recogniser, one reading at a time, as live. Its
+weights have learned from simulated people only. `make touches` runs it, in two minutes.
 """
 
 import sys
-import tempfile
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,14 +16,13 @@ import tyro
 
 import eskin
 from eskin.errors import EskinError
-from eskin.learn.checkpoint import to_model
-from eskin.learn.dataset import prepare
-from eskin.learn.sets import convert_sleeve
-from eskin.learn.training import TrainConfig, Trainer
-from eskin.recording import find_recordings, label_instants
+from eskin.learn.sets import socialtouch as social
+from eskin.skin import build_grid_skin
+from eskin.touch import Calibration
 
-HELP = """no recordings in {data}; get the folder Annotated-dataset of \
-github.com/mdethmers/Social-Touch-Research and run: make touches DATA=that/folder"""
+HELP = """no recordings in {data}; get the files touch_*.csv of \
+github.com/yliess86/SocialTouch and run: make touches SOCIALTOUCH=that/folder"""
+BEFORE, AFTER = 20, 10  # Scans at rest before and after each touch.
 
 
 @dataclass(frozen=True)
@@ -33,63 +30,66 @@ class Demo:
     """Recognise touches that real people made."""
 
     data: Path
-    """The public sleeve recordings, as downloaded."""
-
-    train: TrainConfig = TrainConfig(encoded=8, readings=12, validation=0.0)
-    """Encodes few graphs, which is quick; `eskin train` gets a little further."""
+    """The SocialTouch recordings, as downloaded."""
 
 
 def main(demo: Demo) -> None:
-    """Convert, train, replay, count."""
-    if not any(demo.data.rglob("*.json*")):
+    """Replay touches that have a class of the weights, and count."""
+    paths = sorted(demo.data.rglob("touch_*.csv*"))
+    if not paths:
         raise EskinError(HELP.format(data=demo.data))
-    with tempfile.TemporaryDirectory() as folder:
-        done = convert_sleeve(demo.data, Path(folder))
-        print(f"{done.recordings} recordings, {done.labels} labelled touches")
-        paths = find_recordings((Path(folder),))
-        sessions = {p: eskin.read_recording(p).metadata.session for p in paths}
-        held = max(sessions.values())
-        model = train([p for p in paths if sessions[p] != held], demo.train)
-        counts = Counter()
-        for path in (p for p in paths if sessions[p] == held):
-            counts += replay(model, eskin.read_recording(path))
-    chance = counts["detections"] / (len(model.card.vocabulary) - 1)
+    touches = [touch for path in paths for touch in social.read_repetitions(path)]
+    named = [(t, name) for t in touches if (name := social.classify_repetition(t))]
+    skin = build_grid_skin(social.ROWS, social.COLUMNS, 0.004, calibrated=True)
+    worn = eskin.MountedSkin(skin, eskin.load_robot("table"))
+    calibration = Calibration.uniform(skin.count, social.FULL_SCALE, 40.0)
+    model, right, truths = eskin.load_model("ur5-sim"), Counter(), Counter()
+    for touch, truth in named:
+        answer = recognise(eskin.Recognizer(model, worn, calibration), touch)
+        print(f"  P{touch.person} {touch.gesture:27} {truth:10} taken for {answer}")
+        right += Counter({truth: int(answer == truth)})
+        truths[truth] += 1
+    print("\nright:", ", ".join(f"{n} {right[n]} of {truths[n]}" for n in truths))
+    count, often = len(named), truths.most_common(1)[0]
     print(
-        f"\nSession {held}, never trained on: {counts['labels']} touches, "
-        f"{counts['detections']} found, {counts['right']} right, {chance:.0f} by chance"
+        f"{right.total() / count:.0%} of {count} touches; {1 / len(truths):.0%} by "
+        f"chance, {often[1] / count:.0%} by always {often[0]}, "
+        f"{count_nearest(named) / count:.0%} by duration, force and path"
     )
 
 
-def train(paths: list[Path], config: TrainConfig) -> eskin.Model:
-    """Train a recogniser."""
-    print(f"training on {len(paths)} recordings ...")
-    dataset = prepare(paths)
-    network = Trainer(dataset, dataset.vocabulary, config).run()
-    card = eskin.ModelCard(vocabulary=dataset.vocabulary, network=config.network)
-    return to_model(network, card)
+def recognise(recognizer: eskin.Recognizer, touch: social.Repetition) -> str:
+    """Push every scan; return the last answer to the contact of largest impulse."""
+    rows = np.pad(touch.counts, ((BEFORE, AFTER), (0, 0))).astype(np.int32)
+    received, answers, impulses = np.ones(rows.shape[1], bool), {-1: "none"}, {-1: 0}
+    for number, row in enumerate(rows, 1):
+        stamp = number * social.PERIOD_NS
+        recognizer.push(eskin.Scan(stamp, row, received, np.empty(0)))
+        for each in recognizer.state.open:
+            best = recognizer.probabilities[each.id].argmax()
+            answers[each.id] = recognizer.model.card.vocabulary[best]
+        impulses |= {row.id: row.impulse for row in recognizer.state.rows}
+    return answers[max(answers, key=lambda id: impulses[id])]
 
 
-def replay(model: eskin.Model, recording: eskin.Recording) -> Counter[str]:
-    """Push every scan and print each detection beside the label at its time."""
-    mounted = eskin.MountedSkin(recording.skin, eskin.load_robot(recording.robot_name))
-    decision = eskin.DecisionConfig(threshold=0.35)
-    recognizer = eskin.Recognizer(model, mounted, recording.calibration, decision)
-    detections = [d for scan in recording.scans() for d in recognizer.push(scan)]
-    counts = Counter(labels=len(recording.labels))
-    print(f"\n{recording.path.stem}")
-    for found in (d for d in detections + recognizer.finish() if d.gesture != "none"):
-        seconds = (found.stamp - recording.start) * 1e-9
-        truth = label_at(recording, found.stamp)
-        sure = f"{found.confidence:.0%} sure"
-        print(f"  {seconds:6.1f} s  {found.gesture:8} {sure:9} label: {truth}")
-        counts += Counter(detections=1, right=int(truth == found.gesture))
-    return counts
-
-
-def label_at(recording: eskin.Recording, stamp: int) -> str:
-    """The gesture that was made at a stamp."""
-    names = ["none", *sorted({label.gesture for label in recording.labels})]
-    return names[label_instants(recording.labels, np.array([stamp]), names)[0]]
+def count_nearest(named: list[tuple[social.Repetition, str]]) -> int:
+    """Count touches that are nearest to the mean of their class of other people."""
+    grid = np.indices((social.ROWS, social.COLUMNS)).reshape(2, -1).T
+    values, right = [], 0
+    for touch, _ in named:
+        counts = touch.counts[touch.touched].astype(float)
+        force = counts.sum(axis=1)
+        middles = counts @ grid / force[:, None]
+        path = np.linalg.norm(np.diff(middles, axis=0), axis=1).sum()
+        values.append((np.ptp(touch.seconds[touch.touched]), force.max(), path))
+    values = np.log1p(values) / np.maximum(np.log1p(values).std(axis=0), 1e-9)
+    people, truths = np.array([(touch.person, truth) for touch, truth in named]).T
+    for row, person, truth in zip(values, people, truths, strict=True):
+        names = np.unique(truths[people != person])
+        rows = [values[(people != person) & (truths == name)] for name in names]
+        away = [np.linalg.norm(part.mean(axis=0) - row) for part in rows]
+        right += bool(away) and names[np.argmin(away)] == truth
+    return right
 
 
 if __name__ == "__main__":

@@ -126,8 +126,11 @@ SOME = np.arange(0, 2112, 3)
 """Taxels used to find out which parts are hidden."""
 CALM = 4.0
 """Longest motion of the forearm in 0.2 s at which a click hits it [px]."""
-LENGTH = 0.16
+LENGTH = 0.12
 """Length of a stroke [m]."""
+CURSOR = "document.querySelector('canvas[data-engine]').style.cursor"
+NOTICED = 3000
+"""Time until the page shows its notices [ms]."""
 
 
 @final
@@ -154,31 +157,57 @@ class Visit:
         shot = self.tab.screenshot(clip=self.canvas.box, scale="css")
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=np.int64)
 
-    def let_go(self) -> None:
-        """Press the button that resumes the task, if the arm is held."""
-        if self.demo.state["hold_reason"]:
-            self.tab.get_by_role("button", name="resume").click()
-            becomes(lambda: not self.demo.state["hold_reason"], PATIENCE)
+    def press_resume(self) -> None:
+        """Press the button that resumes the task."""
+        self.tab.get_by_role("button", name="resume").click()
+        assert becomes(lambda: not self.demo.state["paused"], PATIENCE)
 
-    def wait_calm(self) -> None:
-        """Wait until the forearm is visible and hardly moves in the picture."""
-        becomes(lambda: self.is_calm, PATIENCE)
+    def close_notices(self) -> None:
+        """Close the notice about software rendering, which comes after a moment."""
+        self.tab.wait_for_timeout(NOTICED)
+        for button in self.tab.locator(".mantine-Notification-closeButton").all():
+            button.click()
+        self.tab.wait_for_timeout(1000)
+
+    def aim(self, share: float = 0.0) -> None:
+        """Move the mouse to the forearm, until the pointer is a hand.
+
+        Args:
+            share: as of `along`.
+        """
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            x, y = self.along(share)
+            # A browser looks for what is under a mouse only when that has moved.
+            self.tab.mouse.move(x + 1, y)
+            self.tab.mouse.move(x, y)
+            if self.tab.evaluate(CURSOR) == "pointer":
+                return
+        raise AssertionError("the pointer becomes no hand")
 
     @property
     def is_calm(self) -> bool:
         """Return whether the forearm is visible and hardly moves in the picture."""
-        before = self.middle()
+        before = self.along(0.0)
         self.demo.wait(0.2)
-        step = np.subtract(self.middle(), before)
+        step = np.subtract(self.along(0.0), before)
         return bool(np.linalg.norm(step) < CALM and self.seen()[0].max() > 0.5)
+
+    def press(self) -> None:
+        """Press and release the mouse where it is."""
+        self.tab.mouse.down()
+        self.tab.mouse.up()
 
     def click(self) -> None:
         """Poke by a click."""
-        self.tab.mouse.click(*self.middle())
+        self.aim()
+        self.press()
 
     def double_click(self) -> None:
         """Pat twice by a double click."""
-        self.tab.mouse.dblclick(*self.middle())
+        self.aim()
+        self.press()
+        self.press()
 
     def choose(self, mode: str) -> None:
         """Choose what a click makes, as on a phone."""
@@ -187,21 +216,18 @@ class Visit:
 
     def grab(self) -> None:
         """Grab by a click with shift held."""
+        self.aim()
         self.tab.keyboard.down("Shift")
-        self.tab.mouse.click(*self.middle())
+        self.press()
         self.tab.keyboard.up("Shift")
 
     def drag(self) -> None:
-        """Stroke along the forearm as fast as the browser allows."""
-        mouse = self.tab.mouse
-        mouse.move(*self.along(-0.5))
-        mouse.down()
-        mouse.move(*self.along(0.5))
-        mouse.up()
-
-    def middle(self) -> tuple[float, float]:
-        """Return where the middle of the forearm is drawn [px]."""
-        return self.along(0.0)
+        """Stroke along the forearm, as it moves."""
+        self.aim(-0.5)
+        self.tab.mouse.down()
+        for share in (-0.25, 0.0, 0.25, 0.5):
+            self.tab.mouse.move(*self.along(share))
+        self.tab.mouse.up()
 
     def along(self, share: float) -> tuple[float, float]:
         """Return where a point of a stroke along the forearm is drawn [px].
@@ -233,6 +259,24 @@ class Visit:
         facing = -np.einsum("ti,ti->t", rays, n_world)
         aside = np.linalg.norm(p_world - p_world.mean(0), axis=1)
         return np.where(hidden, -1.0, facing - 4.0 * aside), p_world
+
+
+@contextmanager
+def visit_demo(
+    seed: int, pace: float, size: tuple[int, int] = (1280, 800), scale: float = 1.0
+) -> Iterator[Visit]:
+    """Serve `eskin demo`, and visit its page.
+
+    Args:
+        seed: seed, as of `eskin demo`.
+        pace: seconds of simulated time per second of real time.
+        size: width and height of the window [px].
+        scale: as of `new_tab`.
+    """
+    with chromium() as browser, ServedDemo(seed, pace) as demo:
+        tab = new_tab(browser, size, scale)
+        see(tab, demo.link)
+        yield Visit(tab, demo)
 
 
 @cache

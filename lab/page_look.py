@@ -10,20 +10,20 @@ move between two readings. What breaks a rule is printed below.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import tyro
 from playwright.sync_api import Page
 
-from lab.browser import chromium, new_tab, see
-from lab.served_demo import ServedDemo
+from lab.browser import see, visit_demo
 from lab.tables import format_head, format_row
 
 SIZES = ((1440, 900), (390, 844), (1024, 768))
 RULES = ("contrast", "overlap", "clipped", "wrapped", "small", "accent", "moved")
 SETTLED = 4000
-"""Time for the page to draw [ms]."""
+"""Time between two readings [ms]."""
 
 FIND = r"""() => {
   const rgb = (text) => {
@@ -116,27 +116,24 @@ def main() -> None:
     command.out.mkdir(parents=True, exist_ok=True)
     print(format_head(["size", "scheme", *RULES]))
     notes = []
-    with chromium() as browser, ServedDemo(command.seed, command.pace) as demo:
-        for width, height in SIZES:
-            for scheme in ("light", "dark"):
-                tab = new_tab(browser, (width, height))
-                tab.emulate_media(color_scheme=scheme)
-                see(tab, demo.link)
-                found = measure(tab)
-                name = f"{width}x{height}-{scheme}"
-                tab.screenshot(path=command.out / f"{name}.png")
-                tab.close()
-                counts = [str(len(found[rule])) for rule in RULES]
-                print(format_row([f"{width} x {height}", scheme, *counts]), flush=True)
-                notes += [f"{name}: {rule}: {found[rule]}" for rule in RULES]
+    with visit_demo(command.seed, command.pace) as visit:
+        for (width, height), scheme in product(SIZES, ("light", "dark")):
+            tab = visit.tab
+            tab.set_viewport_size({"width": width, "height": height})
+            tab.emulate_media(color_scheme=scheme)
+            see(tab, visit.demo.link)
+            visit.close_notices()
+            found = measure(tab)
+            name = f"{width}x{height}-{scheme}"
+            tab.screenshot(path=command.out / f"{name}.png")
+            counts = [str(len(found[rule])) for rule in RULES]
+            print(format_row([f"{width} x {height}", scheme, *counts]), flush=True)
+            notes += [f"{name}: {rule}: {found[rule]}" for rule in RULES]
     print("\n".join(note for note in notes if not note.endswith("[]")))
 
 
 def measure(tab: Page) -> dict[str, list[str]]:
     """Return what breaks each rule, now and between two readings."""
-    for button in tab.locator("button.mantine-Notification-closeButton").all():
-        button.click()
-    tab.wait_for_timeout(SETTLED)
     first: dict[str, Any] = tab.evaluate(FIND)
     tab.wait_for_timeout(SETTLED)
     second: dict[str, Any] = tab.evaluate(FIND)

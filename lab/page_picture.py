@@ -17,10 +17,8 @@ from typing import final
 import numpy as np
 import tyro
 from PIL import Image
-from playwright.sync_api import Page
 
-from lab.browser import Visit, becomes, chromium, new_tab, see
-from lab.served_demo import ServedDemo
+from lab.browser import Visit, becomes, visit_demo
 
 SEED, PACE, SCALE = 7, 0.06, 0.75
 TRIES = 5
@@ -108,12 +106,9 @@ class Film:
 def main() -> None:
     """Serve the demonstration, touch the arm and record the animation."""
     command = tyro.cli(Command)
-    with ServedDemo(SEED, PACE) as demo, chromium() as browser:
-        tab = new_tab(browser, scale=SCALE)
-        see(tab, demo.link)
-        tab.evaluate(ARROW)
-        clear(tab)
-        visit = Visit(tab, demo)
+    with visit_demo(SEED, PACE, scale=SCALE) as visit:
+        visit.tab.evaluate(ARROW)
+        visit.close_notices()
         for number in range(TRIES):
             film = Film(visit)
             failed = play(film)
@@ -123,14 +118,6 @@ def main() -> None:
             print(f"take {number + 1} failed at {failed}", flush=True)
             begin_again(visit)
     raise SystemExit("no take succeeded")
-
-
-def clear(tab: Page) -> None:
-    """Close the notification about software rendering."""
-    tab.wait_for_timeout(3000)
-    for button in tab.locator("button.mantine-Notification-closeButton").all():
-        button.click()
-    tab.wait_for_timeout(1000)
 
 
 def play(film: Film) -> str | None:
@@ -161,7 +148,7 @@ def play(film: Film) -> str | None:
 
 def begin_again(visit: Visit) -> None:
     """Resume the task at full speed."""
-    visit.tab.get_by_role("button", name="resume").click()
+    visit.press_resume()
     if visit.demo.state["speed"] < 1.0:
         visit.grab()
         visit.demo.wait(3.0 / PACE)

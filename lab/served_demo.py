@@ -130,12 +130,23 @@ class ServedDemo:
         return self.states[-1]
 
     @property
+    def seconds(self) -> float:
+        """Simulated time [s]."""
+        return self.state["stamp"] / 1e9
+
+    @property
     def q_shown(self) -> Float[np.ndarray, "joint"]:
         """Approximate joint positions that a browser shows now [rad]."""
         late = self.states[-1]["stamp"] - LAG * self.pace * 1e9
         with self.changed:
             shown = [state for state in self.states if state["stamp"] <= late]
             return np.array((shown or self.states)[-1]["q"])
+
+    def rest(self, seconds: float) -> None:
+        """Wait for a simulated time [s]."""
+        end = self.seconds + seconds
+        while self.seconds < end:
+            self.wait(TICK)
 
     def wait(self, seconds: float) -> None:
         """Wait while the process runs."""

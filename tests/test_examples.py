@@ -1,6 +1,5 @@
 """Tests of the examples: each runs on a tiny budget and refuses missing data."""
 
-import json
 import re
 import subprocess
 import sys
@@ -8,7 +7,6 @@ from dataclasses import replace
 from importlib.machinery import SourceFileLoader
 from types import ModuleType
 
-import numpy as np
 import pytest
 from cyclonedds.core import DDSException
 
@@ -18,9 +16,9 @@ from eskin.live import Recognizer
 from eskin.recording.messages import DETECTION
 from eskin.stream import Recognition, Stream
 from helpers.examples import EXAMPLES
-from helpers.learning import FLAGS
 from helpers.live import VOCABULARY, Press, calibration_of, mounted, say_always, scans
 from helpers.ros2 import PATIENCE, start_when_heard
+from helpers.socialtouch import pressed, text_of, write_socialtouch
 from helpers.streams import INFO, played
 
 pytestmark = pytest.mark.slow
@@ -30,35 +28,20 @@ ROS2_SUBSCRIBER = "06_ros2_subscriber.py"
 ONNX_STEP = "07_onnx_step.py"  # run by `test_cli_export.py`, which exports a network
 
 
-def write_sleeve(folder, gesture, stamp):
-    """Write nine seconds of the sleeve, touched from 4 to 6 s and from 7 to 8 s."""
-    frames = []
-    for index in range(90):
-        touched = 40 <= index < 60 or 70 <= index < 80
-        data = np.full((19, 27), 1.5)
-        row, size = (4, 8) if gesture == "Grab" else (4 + index % 9, 2)
-        data[row : row + size, 5 : 5 + size] += 150.0 * touched
-        label = gesture if touched else "None"
-        frames.append({"label": label, "data": data.tolist()})
-    folder.mkdir(exist_ok=True)
-    text = json.dumps({"timestamp": stamp, "frames": frames})
-    (folder / f"{gesture}_{stamp}_annotated.json").write_text(text)
-
-
-def prepare_sleeve(folder):
-    """Write two sessions of the sleeve; return the arguments that train on one."""
-    for day in ("20250521", "20250528"):
-        write_sleeve(folder, "Grab", f"{day}150000")
-        write_sleeve(folder, "Stroke", f"{day}150100")
-    return "--data", folder, *FLAGS, "--train.validation", 0
+def prepare_people(folder):
+    """Write a poke and a resting hand of each of two people of the SocialTouch set."""
+    for person, gesture in ((0, 6), (0, 0), (1, 6), (1, 0)):
+        name = f"touch_p{person}_g{gesture}-20_4_17h_5m_23s.csv"
+        touch = pressed() if gesture else pressed((2, 20), 22, slice(0, 12))
+        write_socialtouch(folder, name, text_of([touch], person, gesture))
+    return "--data", folder
 
 
 RUNS = {
     REAL_TOUCHES: (
-        prepare_sleeve,
-        r"4 recordings, 8 labelled touches\ntraining on 2 (?s:.*)"
-        r"\nStroke_20250528150100_annotated\n(?s:.*)"
-        r"Session 20250528-1500, never trained on: 4 touches, \d+ found",
+        prepare_people,
+        r"  P0 poke_short +poke +taken for (?s:.*)"
+        r"\n\d+% of 4 touches; 50% by chance, 50% by always \w+, 100% by duration",
     ),
     "02_simulated_touches.py": (
         lambda _: ("--seconds", 6),
@@ -107,21 +90,18 @@ def test_example_runs_without_hardware(name, tmp_path, run_example):
     assert code == 0 and re.search(pattern, out.strip()), out
 
 
-@pytest.mark.parametrize("content", ["nothing", "folder", "other", "one session"])
+@pytest.mark.parametrize("content", ["nothing", "folder", "other"])
 def test_real_touches_refuses_missing_data_in_one_line(content, tmp_path, run_example):
     data = tmp_path / "data"
     if content != "nothing":
         data.mkdir()
     if content == "other":
         (data / "notes.txt").write_text("no recordings here")
-    if content == "one session":
-        write_sleeve(data, "Grab", "20250521150000")
-    code, out, err = run_example(REAL_TOUCHES, "--data", data, *FLAGS)
+    code, out, err = run_example(REAL_TOUCHES, "--data", data)
     assert code == 2 and len(err.splitlines()) == 1
-    if content != "one session":
-        assert out == "" and str(data) in err
-        assert "github.com/mdethmers/Social-Touch-Research" in err
-        assert "make touches DATA=" in err
+    assert out == "" and str(data) in err
+    assert "github.com/yliess86/SocialTouch" in err
+    assert "make touches SOCIALTOUCH=" in err
 
 
 def test_ros2_subscriber_prints_the_detections_of_a_running_stream(domain):

@@ -113,9 +113,9 @@ class FedPage:
         near = np.abs(scene - np.array(colour)).max(axis=-1) < tolerance
         return np.argwhere(near)[:, ::-1]
 
-    def place(self, taxel):
+    def place(self, taxel, q=Q):
         """Return where a taxel is drawn in the page [px]."""
-        p_world, _ = mounted().place_taxels(Q, np.array([taxel]))
+        p_world, _ = mounted().place_taxels(q, np.array([taxel]))
         return Canvas.of(self.tab).drawn_at(p_world[0])
 
     def shows_skin(self):
@@ -127,10 +127,10 @@ def becomes_after(action, condition):
     return any(action() or becomes(condition, 5.0) for _ in range(12))
 
 
-def find_facing_taxel(patch):
+def find_facing_taxel(patch, q=Q):
     """Return the taxel of a patch that faces the camera most."""
     taxels = mounted().skin.find_taxels(patch)
-    p_world, n_world = mounted().place_taxels(Q, taxels)
+    p_world, n_world = mounted().place_taxels(q, taxels)
     return int(taxels[np.argmax(np.einsum("ti,ti->t", n_world, EYE - p_world))])
 
 
@@ -177,6 +177,24 @@ def test_click_on_forearm_touches_forearm(page):
     assert (order.kind, order.link) == ("poke", "forearm_link")
     place = mounted().skin.positions[TARGET]
     assert np.linalg.norm(np.array(order.p_link) - place) < 0.02
+
+
+def test_click_hits_the_forearm_from_behind(page):
+    """The planes of the links, seen from behind, are no part of the skin."""
+    q = Q + np.array([0.4, 0, 0, 0, 0, 0])
+    taxel = find_facing_taxel("forearm_back", q)
+    page.content = {"q": q}
+    try:
+        assert becomes(lambda: np.ptp(page.pixels()) > 150, PATIENCE)
+        time.sleep(5.0)
+        page.orders.clear()
+        assert becomes_after(
+            lambda: page.tab.mouse.click(*page.place(taxel, q)), lambda: page.orders
+        )
+        place = mounted().skin.positions[taxel]
+        assert np.linalg.norm(np.array(page.orders[0].p_link) - place) < 0.02
+    finally:
+        page.content = {}
 
 
 @pytest.mark.long
@@ -358,8 +376,8 @@ def visit(browser):
 def touch_until_executed(visit, touch, line, condition):
     """Touch until the arm executes it and the page logs it: recognition may fail."""
     for _ in range(TRIES):
-        visit.let_go()
-        visit.wait_calm()
+        if visit.demo.state["hold_reason"]:
+            visit.press_resume()
         before, count = visit.demo.state, visit.text().count(line)
         touch()
         if becomes(

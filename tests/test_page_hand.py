@@ -1,7 +1,10 @@
 """Tests of what the page is made of: colours, the mouse as a hand, and its server."""
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
+from viser import BatchedMeshHandle, ViserServer
 
 from eskin.page import ColourScale
 from eskin.page.hand import (
@@ -17,7 +20,7 @@ from eskin.page.html import (
     REST_COLOUR,
     choose_gesture_colours,
 )
-from eskin.page.scene import SurfacePoint
+from eskin.page.scene import Scene, SurfacePoint
 from helpers.viewer import make_setup, mounted
 
 FOREARM = 1200
@@ -254,3 +257,17 @@ def test_drag_paints_balls_of_one_stroke_as_far_apart_as_the_brush_wants():
     brush.keeps_out = True
     brush.click(start, 0.0)
     assert (sent[-1].stroke, sent[-1].keeps_out) == (2, True)
+
+
+def test_disc_is_of_the_size_of_its_taxel_before_it_is_scaled():
+    """A copy of the mesh that is not scaled takes clicks: viser's outline."""
+    server = MagicMock(ViserServer, scene=MagicMock())
+    add = server.scene.add_batched_meshes_simple
+    add.return_value = MagicMock(BatchedMeshHandle)
+    scene = Scene(server, make_setup(), ColourScale(60.0))
+    for link in scene.discs:
+        scene.add_pads(link)
+    widest = 2 * np.sqrt(mounted().skin.areas.max() / np.pi)
+    for call in add.call_args_list:
+        assert np.linalg.norm(call.args[1], axis=1).max() < widest
+        assert 0.5 < call.kwargs["batched_scales"].max() < 1.01

@@ -26,6 +26,7 @@ from viser import (
 
 from eskin.errors import DeviceError
 from eskin.page.hand import MISSED, Mouse, MouseHand, PaintBrush, TouchMode
+from eskin.page.marks import GripperModel, Marks, TargetMark
 from eskin.page.messages import (
     MessageKind,
     Order,
@@ -34,13 +35,11 @@ from eskin.page.messages import (
     ViewUpdate,
 )
 from eskin.page.panel import GuidePanel, Key, PaintPanel, Panel, TouchPanel
-from eskin.page.scene import GripperModel, Marks, Scene, TargetMark, lay_out
+from eskin.page.scene import Scene, lay_out
 from eskin.page.server import open_server
 
 PANEL_PERIOD = 0.1
 """Interval between redraws of the panel [s]."""
-ANSWERED = 0.3
-"""Longest time from the event of a click to that of what it hit [s]."""
 TICK = 0.01
 """Interval between checks for scheduled touches [s]."""
 
@@ -51,6 +50,7 @@ class Page:
 
     Attributes:
         parts: what shows the updates, in this order; the panel is the last.
+        hit: whether a click or drag has hit since the last key that tells of one.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Page:
         self.parts = [self.scene, *marks, *grippers, self.panel]
         self.drawn, self.guide = -np.inf, None
         self.seconds = 0.0
-        self.pressed: tuple[float, bool] | None = None
+        self.hit = False
         self.mouse.tell = self.tell
         if setup.touchable or setup.paints:
             for link, discs in self.scene.discs.items():
@@ -93,9 +93,9 @@ class Page:
         scene, taxels, mouse = self.scene, self.scene.taxels[link], self.mouse
 
         def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
-            # A click beside all of them is told as well, without an index.
+            # What is hit without an index is the outline of another disc.
             if event.instance_index is not None:
-                self.pressed = None
+                self.hit = True
                 spot = scene.pick_taxel(int(taxels[event.instance_index]))
                 mouse.click(spot, monotonic(), mode)
 
@@ -109,24 +109,30 @@ class Page:
 
         @discs.on_drag("left")
         async def _(event: SceneNodeDragEvent) -> None:
-            eye = np.asarray(event.client.camera.position)
-            if event.phase == "start" and event.instance_index is not None:
-                self.pressed = None
+            if event.instance_index is None:
+                return
+            if event.phase == "start":
+                self.hit = True
                 spot = scene.pick_taxel(int(taxels[event.instance_index]))
             else:
+                eye = np.asarray(event.client.camera.position)
                 ray = np.asarray(event.end_position) - eye
                 spot = scene.pick_along_ray(eye, ray)
             mouse.drag(event.phase, spot)
 
     def register_press(self, key: Key, is_click: bool) -> None:
-        """Note clicks or drags in the scene, which the browser tells by a key."""
+        """Answer clicks or drags that hit nothing; the browser tells each by a key."""
         what = "click" if is_click else "drag"
         command = self.server.gui.add_command(f"answer a {what}", hotkey=key)
 
         @command.on_trigger
         async def _(event: object) -> None:
-            # What a press hits is told just after the press itself.
-            self.pressed = monotonic(), is_click
+            # The key comes after what the press has hit.
+            hit, self.hit = self.hit, False
+            if not hit and is_click:
+                self.mouse.click(None, monotonic())
+            elif not hit:
+                self.tell(MISSED)
 
     def tell(self, text: str) -> None:
         """Answer in the log what was done with the mouse, which then needs no hint."""
@@ -144,18 +150,6 @@ class Page:
             if guide != self.guide or not 0.0 <= passed < PANEL_PERIOD:
                 self.drawn, self.guide = update.seconds, guide
                 self.panel.render(update)
-
-    def tick(self) -> None:
-        """Send the touches that are due, and answer a press that hit nothing."""
-        now = monotonic()
-        if self.pressed is None:
-            self.mouse.tick(now)
-        elif now - self.pressed[0] > ANSWERED:
-            (then, is_click), self.pressed = self.pressed, None
-            if is_click:
-                self.mouse.click(None, then)
-            else:
-                self.tell(MISSED)
 
 
 def build_panel(
@@ -205,7 +199,7 @@ def serve(connection: Connection) -> None:
         if connection.poll(TICK):
             page.show(connection.recv())
             send("shown")
-        page.tick()
+        page.mouse.tick(monotonic())
 
 
 if __name__ == "__main__":

@@ -162,7 +162,7 @@ def render_arm(summary: ArmSummary) -> str:
         f"margin:4px 0 8px;padding:4px 8px;border-radius:6px;background:{LINE}",
         f'<b style="color:{STATE_COLOURS[summary.state]}">{escape(state)}</b>',
         f"<br>{escape(summary.remedy)}" if summary.remedy else "",
-        f"<br>{span(f'color:{PALE}', escape(rest))}",
+        f"<br>{span(f'color:{PALE};font-size:11px', escape(rest))}",
     )
 
 

@@ -38,7 +38,7 @@ HEADERS = {
 LOOK = b"""<script>
   if (matchMedia("(prefers-color-scheme: dark)").matches && !location.search)
     history.replaceState(null, "", "?darkMode");
-  let at = null;
+  let at = null, told = 0;
   addEventListener("pointerdown", (event) => {
     const isScene = event.button === 0 && event.target.dataset?.engine;
     at = isScene ? [event.clientX, event.clientY] : null;
@@ -47,8 +47,9 @@ LOOK = b"""<script>
     if (at === null) return;
     const moved = Math.hypot(event.clientX - at[0], event.clientY - at[1]) > 4;
     const key = moved ? "T" : "M";
-    document.documentElement.dispatchEvent(
-      new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true}));
+    clearTimeout(told);
+    told = setTimeout(() => document.documentElement.dispatchEvent(
+      new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true})), 60);
     at = null;
   }, true);
 </script>
@@ -61,6 +62,7 @@ LOOK = b"""<script>
       light-dark(#e0e7f0, #2a313b), light-dark(#fafbfd, #14181d));
   }
   .mantine-Button-root { min-height: 28px; }
+  .mantine-Tabs-tab[data-active] { color: light-dark(#14677a, #5fd0e3); }
   @media (pointer: coarse) { .mantine-Button-root { min-height: 40px; } }
   @media (max-width: 36em) {
     [style*="max-height: 60%"] { width: 100% !important;
@@ -70,8 +72,8 @@ LOOK = b"""<script>
 </style>"""
 """What is added to viser's page: it is dark where the browser prefers that; each click
 and drag in the scene is told by a key, M or T, so that those beside the skin are
-answered too; the sky is pale or dark; and on a phone the panel is as wide as the
-window, and lower."""
+answered too, after 60 ms, because what it hit is told within 50 ms; the sky is pale or
+dark; and on a phone the panel is as wide as the window, and lower."""
 
 
 @final

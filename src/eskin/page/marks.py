@@ -1,0 +1,308 @@
+"""This module draws what is on the robot: its gripper, and the marks of touches."""
+
+from collections import deque
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+from viser import BatchedMeshHandle, LabelHandle, MeshHandle, ViserServer
+
+from eskin.page.html import to_words
+from eskin.page.messages import (
+    ContactMarker,
+    LogEntry,
+    PressPlace,
+    SceneDescription,
+    ViewUpdate,
+)
+from eskin.page.scene import (
+    CAMERA_DIRECTION,
+    CORNERS,
+    LINEAR,
+    PART,
+    Mesh,
+    PagePart,
+    Scene,
+    compute_rotations_to,
+    revolve,
+)
+from eskin.transforms import apply, rotate
+
+METAL, RUBBER = (206, 209, 214), (52, 56, 64)
+PART_COLOUR = (0, 114, 178)
+FINGER_OFFSETS = {"open": 0.042, "closed": 0.011}
+"""Distance of a finger from the middle of the gripper, by state [m]."""
+
+
+@final
+class GripperModel(PagePart):
+    """Draws a gripper on the last link of the robot; only its fingers move."""
+
+    def __init__(self, server: ViserServer, setup: SceneDescription) -> None:
+        """Draw the gripper open."""
+        at = f"/robot/{setup.links[-1]}/gripper"
+        scene = server.scene
+        scene.add_cylinder(
+            f"{at}/flange", 0.034, 0.02, color=METAL, position=(0, 0, 0.01)
+        )
+        scene.add_box(
+            f"{at}/palm",
+            dimensions=(0.105, 0.045, 0.035),
+            color=METAL,
+            position=(0, 0, 0.037),
+        )
+        self.fingers = {
+            side: scene.add_box(
+                f"{at}/finger_{side}",
+                dimensions=(0.014, 0.026, 0.06),
+                color=RUBBER,
+                position=(side * FINGER_OFFSETS["open"], 0, 0.084),
+            )
+            for side in (-1, 1)
+        }
+        self.part = scene.add_box(
+            f"{at}/part",
+            dimensions=(0.02, PART, PART),
+            color=PART_COLOUR,
+            position=(0.0, 0.0, 0.1),
+            visible=False,
+        )
+        self.shown = "open"
+
+    def update(self, update: ViewUpdate) -> None:
+        """Open or close the gripper, and show the part in it."""
+        if update.arm is None:
+            return
+        state, carrying = update.arm.gripper, update.arm.carrying
+        if self.part.visible != carrying:
+            self.part.visible = carrying
+        if state != self.shown and state in FINGER_OFFSETS:
+            self.shown = state
+            for side, finger in self.fingers.items():
+                finger.position = (side * FINGER_OFFSETS[state], 0.0, 0.084)
+
+
+MAX_RINGS = 4
+"""Greatest number of rings on one link."""
+HIDDEN_RADIUS = 1e-6
+"""Radius of a ring that is not in use [m]."""
+RING_LIFT = 0.006
+"""Distance of the rings from the skin [m]."""
+SEGMENTS = 40
+"""Number of segments of a ring."""
+RING_PROFILE = ((0.84, 0.0), (1.0, 0.0))
+ARROW_PROFILE = ((0.0, 0.0), (0.12, 0.3), (0.04, 0.3), (0.04, 1.0), (0.0, 1.0))
+"""Profiles of a flat ring of radius 1 across z, and of an arrow of length 1 down z with
+its tip at zero: the head, its underside, the shaft, and the end."""
+RING = (0, 90, 181)
+"""Blue, distinct from the whole colour scale for people of any colour vision."""
+ARROW_BASE, ARROW_PER_NEWTON, ARROW_LONGEST = 0.03, 0.006, 0.15
+"""Length of the arrow of a force: without force, for each newton, at most [m]."""
+NAMED = 3
+"""Greatest number of contacts with their name."""
+RING_MARGIN = 0.008
+"""Difference between the radii of a ring and its contact [m]."""
+LABEL_SECONDS = 2.0
+"""Time that a floating label is shown [s]."""
+
+
+@final
+class Marks(PagePart):
+    """Draws rings around contacts and labels at detections."""
+
+    def __init__(self, server: ViserServer, scene: Scene) -> None:
+        """Start without touches."""
+        self.server = server
+        self.scene = scene
+        self.ringed: set[int] = set()
+        self.count = 0
+        self.labels: deque[tuple[float, LabelHandle, int]] = deque()
+        ring, arrow = revolve(RING_PROFILE, SEGMENTS), revolve(ARROW_PROFILE, CORNERS)
+        self.rings = {n: self.add_marks("contacts", n, ring) for n in scene.discs}
+        self.arrows = {n: self.add_marks("forces", n, arrow) for n in scene.discs}
+        self.names = [
+            server.scene.add_label(f"/contact_{number}", "", visible=False)
+            for number in range(NAMED)
+        ]
+
+    def add_marks(self, name: str, link: int, mesh: Mesh) -> BatchedMeshHandle:
+        """Add marks of a shape to a link, too small to see until they are used."""
+        return self.scene.add_instances(
+            f"{self.scene.setup.links[link]}/{name}",
+            mesh,
+            (np.tile([1.0, 0.0, 0.0, 0.0], (MAX_RINGS, 1)), np.zeros((MAX_RINGS, 3))),
+            np.full(MAX_RINGS, HIDDEN_RADIUS),
+            tuple(LINEAR[list(RING)].tolist()),
+            side="double",
+        )
+
+    def update(self, update: ViewUpdate) -> None:
+        """Draw the contacts and detections of an update, and remove old labels."""
+        self.draw_marks(update.contacts)
+        self.draw_names(update.contacts)
+        for entry in update.log_entries:
+            if entry.kind == "detection":
+                self.add_label(entry)
+        while self.labels and update.seconds - self.labels[0][0] > LABEL_SECONDS:
+            self.labels.popleft()[1].remove()
+
+    def draw_marks(self, contacts: tuple[ContactMarker, ...]) -> None:
+        """Draw a ring and the force of each contact; unused marks are too small."""
+        for link in self.ringed | {contact.link for contact in contacts}:
+            here = [contact for contact in contacts if contact.link == link][:MAX_RINGS]
+            wxyz = np.tile(np.array([1, 0, 0, 0], np.float32), (MAX_RINGS, 1))
+            places = np.zeros((MAX_RINGS, 3), np.float32)
+            radii = np.full(MAX_RINGS, HIDDEN_RADIUS, np.float32)
+            lengths = np.full(MAX_RINGS, HIDDEN_RADIUS, np.float32)
+            for row, contact in enumerate(here):
+                places[row] = contact.p_link + RING_LIFT * contact.n_link
+                wxyz[row] = compute_rotations_to(contact.n_link[None])[0]
+                radii[row] = contact.radius + RING_MARGIN
+                lengths[row] = compute_arrow_length(contact.force)
+            for marks, scales in ((self.rings, radii), (self.arrows, lengths)):
+                marks[link].batched_positions = places
+                marks[link].batched_wxyzs = wxyz
+                marks[link].batched_scales = scales
+        self.ringed = {contact.link for contact in contacts}
+
+    def draw_names(self, contacts: tuple[ContactMarker, ...]) -> None:
+        """Write patch and force beside the arrows of the strongest contacts."""
+        for label in self.names[len(contacts) :]:
+            if label.visible:
+                label.visible = False
+        for label, contact in zip(self.names, contacts, strict=False):
+            length = compute_arrow_length(contact.force) + 0.01
+            end = contact.p_link + length * contact.n_link
+            text = f"{to_words(contact.patch)} {contact.force:.0f} N"
+            if label.text != text:
+                label.text = text
+            label.position = apply(self.scene.T_world_link[contact.link], end)
+            if not label.visible:
+                label.visible = True
+
+    def add_label(self, entry: LogEntry) -> None:
+        """Add a floating label where a touch was recognised."""
+        if entry.link < 0:
+            return
+        self.count += 1
+        link = self.scene.setup.links[entry.link]
+        for previous in [found for found in self.labels if found[2] == entry.link]:
+            previous[1].remove()
+            self.labels.remove(previous)
+        label = self.server.scene.add_label(
+            f"/robot/{link}/detection_{self.count}",
+            entry.text.partition(",")[0],
+            position=entry.p_link,
+            font_screen_scale=1.25,
+            anchor="bottom-center",
+        )
+        self.labels.append((entry.seconds, label, entry.link))
+
+
+def compute_arrow_length(force: float) -> float:
+    """Return the length of the arrow of a force [N], in metres."""
+    return min(ARROW_BASE + ARROW_PER_NEWTON * force, ARROW_LONGEST)
+
+
+TARGET = (231, 41, 138)
+"""Pink, distinct from skin at rest, lids and rings around contacts (Brewer's Dark2)."""
+TARGET_RADIUS = 0.02
+"""Radius of the ring around the place to press [m]."""
+LABEL_HEIGHT = 0.06
+"""Height of the label of that place over the skin [m]."""
+HINT_FACING = 0.4
+"""Cosine to the camera below which another place is hinted at."""
+TARGET_DISTANCE = 0.9
+"""Distance of the camera from the place to press [m]."""
+SLANT = 0.4
+"""Share of `CAMERA_DIRECTION` that is added to the normal there, so that the camera
+never looks straight down."""
+CAMERA_HEIGHT = 0.05
+"""Least height of the camera over the ground, where the place is higher [m]."""
+
+
+@final
+class TargetMark(PagePart):
+    """Marks the place to press next, and turns the camera to it.
+
+    Attributes:
+        hints: whether it marks where to click while no place is to be pressed.
+    """
+
+    def __init__(self, server: ViserServer, scene: Scene, hints: bool = False) -> None:
+        """Start without a place."""
+        self.server, self.scene, self.hints = server, scene, hints
+        self.place: PressPlace | None = None
+        self.hinted: int | None = None
+        self.handles: tuple[MeshHandle, LabelHandle] | None = None
+
+    def update(self, update: ViewUpdate) -> None:
+        """Mark the place of the guide, or where to click, if there is one."""
+        place = None if update.guide is None else update.guide.place
+        if place is None and self.hints:
+            place = self.find_hint()
+        if place != self.place:
+            for handle in self.handles or ():
+                handle.remove()
+            self.place, self.handles = place, None
+            if place is not None:
+                text = "click here" if update.guide is None else "press here"
+                self.handles = self.add_mark(place, text)
+                if update.guide is not None:
+                    self.turn_camera(place)
+        if place is not None and self.handles is not None:
+            above = place.p_link + LABEL_HEIGHT * np.array(place.n_link)
+            T = self.scene.T_world_link[place.link]
+            self.handles[1].position = apply(T, above)
+
+    def add_mark(self, place: PressPlace, text: str) -> tuple[MeshHandle, LabelHandle]:
+        """Add a ring around a place, and a label that is seen through the robot."""
+        scene, normal = self.server.scene, np.array(place.n_link)
+        at = f"/robot/{self.scene.setup.links[place.link]}"
+        middle = place.p_link + RING_LIFT * normal
+        ring = scene.add_mesh_simple(
+            f"{at}/target",
+            *revolve(RING_PROFILE, SEGMENTS),
+            color=TARGET,
+            side="double",
+            scale=TARGET_RADIUS,
+            wxyz=compute_rotations_to(normal[None])[0],
+            position=middle,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        label = scene.add_label("/target_label", text, anchor="bottom-center")
+        return ring, label
+
+    def find_hint(self) -> PressPlace:
+        """Return a place on the skin that faces the camera, the same while it does."""
+        setup, facing = self.scene.setup, self.measure_facing()
+        if self.hinted is None or facing[self.hinted] < HINT_FACING:
+            # The taxel that faces the camera most, of the patch that is seen most.
+            seen = np.bincount(setup.patch_index, np.maximum(facing, 0.0))
+            own = setup.patch_index == seen.argmax()
+            self.hinted = int(np.argmax(np.where(own, facing, -1.0)))
+        taxel = self.hinted
+        p_link, n_link = (
+            (float(x), float(y), float(z))
+            for x, y, z in (setup.positions[taxel], setup.normals[taxel])
+        )
+        patch = setup.patches[setup.patch_index[taxel]]
+        return PressPlace(patch, int(setup.taxel_link[taxel]), p_link, n_link)
+
+    def measure_facing(self) -> Float[np.ndarray, "taxel"]:
+        """Return the cosine between each normal and the way to the first camera."""
+        middle, distance, direction = self.scene.camera
+        positions, normals = self.scene.place_taxels()
+        rays = middle + distance * direction - positions
+        return np.einsum("ti,ti->t", rays, normals) / np.linalg.norm(rays, axis=1)
+
+    def turn_camera(self, place: PressPlace) -> None:
+        """Look at a place from outside, and from above the ground."""
+        T = self.scene.T_world_link[place.link]
+        p_world = apply(T, np.array(place.p_link))
+        direction = rotate(T, np.array(place.n_link)) + SLANT * CAMERA_DIRECTION
+        direction /= np.linalg.norm(direction)
+        room = max(p_world[2] - CAMERA_HEIGHT, CAMERA_HEIGHT)
+        distance = min(TARGET_DISTANCE, room / max(-direction[2], 1e-9))
+        self.scene.set_camera(p_world, distance, direction)
