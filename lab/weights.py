@@ -85,7 +85,7 @@ class Recipe:
 WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
     "ur5-people": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
-    "ur5": Recipe("ur5-people", (0, 1), 6, 200, devices=True),
+    "ur5": Recipe("ur5-people", (0, 1), 8, 200, devices=True),
     "p0": Recipe("ur5-sim", (0,), 8, 200),
     "p1": Recipe("ur5-sim", (1,), 8, 200),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
@@ -107,14 +107,18 @@ OPTIONS = """
 """Options of every training; after a set of `shares` follows its share of the windows
 of a class."""
 
-SHARES, DEVICE_SHARES = ("0.5",), ("0.3", "devices", "0.2")
+SHARES, DEVICE_SHARES = ("0.5",), ("0.3", "devices", "0.25")
 """Shares of recorded people without and with devices."""
 
-KEPT = 0.35
+KEPT = 0.2
 """Weight of the weights that training on devices starts from in the mean that is
 shipped: much of what devices teach, and most of what was known before, is in it."""
 
-DECISION = {"least": 0.6, "thresholds": {"double_pat": 0.98, "poke": 0.98}}
+DECISION = {
+    "least": 0.5,
+    "deliberate": 0.75,
+    "thresholds": {"double_pat": 0.98, "poke": 0.98},
+}
 """What the decision of `ur5` has instead of that of `ur5-people`."""
 
 
