@@ -51,10 +51,11 @@ logger = logging.getLogger(__name__)
 
 def choose_processor() -> None:
     """Let numba compile for `LEVEL` on such a processor, unless told otherwise."""
+    settings: Any = config  # whose names are made at its import
     features = binding.get_host_cpu_features()
     is_level = all(features.get(name) for name in LEVEL_FEATURES)
-    if is_level and config.CPU_NAME is None and config.CPU_FEATURES is None:
-        config.CPU_NAME, config.CPU_FEATURES = LEVEL, ""
+    if is_level and settings.CPU_NAME is None and settings.CPU_FEATURES is None:
+        settings.CPU_NAME, settings.CPU_FEATURES = LEVEL, ""
 
 
 choose_processor()
