@@ -81,6 +81,7 @@ def main() -> None:
     command = tyro.cli(Command)
     counts = {kind: Count() for kind in GESTURES}
     with visit_demo(command.seed, command.pace, SIZE, command.scale) as visit:
+        visit.close_notices()
         for kind in ROUND * command.touches:
             touch_once(visit, kind, counts[kind])
     print(format_head(["mouse", "touches", *ANSWERS]))
