@@ -22,7 +22,7 @@ from eskin.touch import Calibration
 
 HELP = """no recordings in {data}; get the files touch_*.csv of \
 github.com/yliess86/SocialTouch and run: make touches SOCIALTOUCH=that/folder"""
-BEFORE, AFTER = 20, 10  # Scans at rest before and after each touch.
+BEFORE, AFTER, PERIOD = 20, 10, social.PERIOD_NS  # Scans at rest; period [ns].
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,14 @@ def main(demo: Demo) -> None:
 def recognise(recognizer: eskin.Recognizer, touch: social.Repetition) -> str:
     """Push every scan; return the last answer to the contact of largest impulse."""
     rows = np.pad(touch.counts, ((BEFORE, AFTER), (0, 0))).astype(np.int32)
-    received, answers, impulses = np.ones(rows.shape[1], bool), {-1: "none"}, {-1: 0}
+    received, names = np.ones(rows.shape[1], bool), recognizer.model.card.vocabulary
+    answers, impulses = {-1: "none"}, {-1: 0.0}
     for number, row in enumerate(rows, 1):
-        stamp = number * social.PERIOD_NS
-        recognizer.push(eskin.Scan(stamp, row, received, np.empty(0)))
-        for each in recognizer.state.open:
-            best = recognizer.probabilities[each.id].argmax()
-            answers[each.id] = recognizer.model.card.vocabulary[best]
-        impulses |= {row.id: row.impulse for row in recognizer.state.rows}
+        recognizer.push(eskin.Scan(number * PERIOD, row, received, np.empty(0)))
+        assert (state := recognizer.state) is not None
+        for each in state.open:
+            answers[each.id] = names[recognizer.probabilities[each.id].argmax()]
+        impulses |= {row.id: row.impulse for row in state.rows}
     return answers[max(answers, key=lambda id: impulses[id])]
 
 

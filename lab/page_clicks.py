@@ -4,10 +4,10 @@
 
 A browser shows `eskin demo`, and the mouse acts on the forearm where the pointer is a
 hand: a click or a double click pauses the arm at work, a drag slows it, and after each
-a click with shift makes it go on. A touch is answered where the log tells of it, a hit
-where the arm had not moved on meanwhile, as under a slow browser, named rightly where
-the first gesture that the log names is the one that was made, and obeyed where the arm
-does it, each within `WAIT`. What the log tells of others is printed.
+a click with shift makes it go on. A touch is answered where the log tells of it, and a
+hit unless the arm has gone away meanwhile, as in a slow browser. It is named rightly
+where the first gesture that the log names was made, and obeyed where the arm does what
+it asks for, each within `WAIT`. What the log tells of others is printed.
 """
 
 import re
@@ -81,6 +81,7 @@ def main() -> None:
     command = tyro.cli(Command)
     counts = {kind: Count() for kind in GESTURES}
     with visit_demo(command.seed, command.pace, SIZE, command.scale) as visit:
+        visit.close_notices()
         for kind in ROUND * command.touches:
             touch_once(visit, kind, counts[kind])
     print(format_head(["mouse", "touches", *ANSWERS]))
