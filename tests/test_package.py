@@ -164,6 +164,8 @@ def find_requirements(wanted, found):
     if key in found:
         return
     found[key] = requirement
+    if requirement.name == "torch":
+        return  # What it needs differs from build to build: those for GPUs need CUDA.
     try:
         needs = requires(requirement.name) or []
     except PackageNotFoundError:
