@@ -140,7 +140,9 @@ class EvidenceMonitor:
             interval = min((stamp - before) / NS_PER_S, config.together)
             for row in pressed:
                 taxels = row.taxels
-                evidence = self.touches.setdefault(row.id, self.begin())
+                if row.id not in self.touches:
+                    self.touches[row.id] = self.begin()
+                evidence = self.touches[row.id]
                 evidence.last, evidence.seconds = stamp, evidence.seconds + interval
                 evidence.felt[taxels] |= active[taxels]
                 now = np.zeros_like(active)

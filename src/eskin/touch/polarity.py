@@ -112,8 +112,10 @@ class PolarityDetector:
             return self.faults
         self.last = scan.stamp
         # A press the wrong way looks like a fault, which must not hide the rest of it.
-        index = self.skin.patch_index
-        self.mask = np.where(np.isin(index, list(self.moves)), self.mask, mask)
+        if self.moves:
+            moving = np.isin(self.skin.patch_index, list(self.moves))
+            mask = np.where(moving, self.mask, mask)
+        self.mask = mask
         use = scan.received & ~self.mask & (scan.counts >= 0)
         new = use & np.isnan(self.level)
         self.level[new] = scan.counts[new]
