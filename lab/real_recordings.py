@@ -43,6 +43,7 @@ from eskin.learn.sets import (
 )
 from eskin.learn.sets.socialtouch import find_group
 from eskin.learn.training import TrainConfig, Trainer
+from eskin.live import PRESSURE_SUMMARY, compute_summary
 from eskin.recording import NONE, find_recordings
 from eskin.skin import MountedSkin
 from lab.baselines import FitConfig, SkinWindows, build_baseline
@@ -55,6 +56,7 @@ from lab.baselines.estimators import (
 )
 from lab.baselines.hand import compute_features
 from lab.baselines.interface import READINGS, STEP_NS
+from lab.baselines.series import COLUMNS, SERIES
 from lab.tables import format_head, format_row
 
 
@@ -78,6 +80,8 @@ ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
     "kNN": Standardised(NearestNeighbours()),
 }
 """Estimators compared with the recogniser on features of whole segments, by name."""
+ON_SERIES = {name: SERIES[name] for name in ("minirocket", "quant")}
+"""The same on series over whole segments."""
 
 OURS = "eskin"
 """Name of the recogniser."""
@@ -180,7 +184,12 @@ def classify_segments(
     features = np.array(
         [compute_features(dataset, np.arange(s.first, s.end), shear) for s in segments]
     )
-    methods = (OURS, *ON_FEATURES, CNN)
+    series = np.stack([compute_series(dataset, each, shear) for each in segments])
+    given = {
+        **{name: (make, features) for name, make in ON_FEATURES.items()},
+        **{name: (make, series) for name, make in ON_SERIES.items()},
+    }
+    methods = (OURS, *given, CNN)
     predicted = {name: np.zeros_like(truth) for name in methods}
     windows, segment_index = cut_skin_windows(dataset, segments)
     for held, network in networks.items():
@@ -188,9 +197,9 @@ def classify_segments(
         chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
         scores = score_segments(network, dataset, chosen)
         predicted[OURS][out] = scores[:, columns].argmax(axis=1)
-        for name, make in ON_FEATURES.items():
-            model = make(seed).fit(features[~out], truth[~out])
-            predicted[name][out] = model.predict(features[out])
+        for name, (make, rows) in given.items():
+            model = make(seed).fit(rows[~out], truth[~out])
+            predicted[name][out] = model.predict(rows[out])
         within = out[segment_index]
         known, labels = np.unique(truth[segment_index[~within]], return_inverse=True)
         cnn = build_baseline("3d-cnn", mount_skin(dataset), CNN_FIT)
@@ -200,6 +209,20 @@ def classify_segments(
         sums = np.add.reduceat(found, starts, axis=0)
         predicted[CNN][out] = known[sums.argmax(axis=1)]
     return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+
+
+def compute_series(
+    dataset: Dataset, segment: Segment, shear: bool
+) -> Float[np.ndarray, "channel 100"]:
+    """Return the series of a segment, its duration as `READINGS` steps."""
+    rows = np.arange(segment.first, segment.end)
+    summary = compute_summary(dataset.graphs.select(rows), shear)
+    shears = range(len(PRESSURE_SUMMARY), summary.shape[1])
+    times = (dataset.stamps[rows] - dataset.stamps[segment.first]) * 1e-9
+    steps = np.linspace(0.0, times[-1], READINGS)
+    return np.stack(
+        [np.interp(steps, times, summary[:, k]) for k in (*COLUMNS, *shears)]
+    )
 
 
 def mount_skin(dataset: Dataset) -> MountedSkin:
