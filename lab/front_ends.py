@@ -392,7 +392,7 @@ def play_pats(data: dict, row: str, number: int) -> Found:
 
 
 def list_plays(
-    folder: Path, only: list[str], families: list[str], named: str
+    folder: Path, only: list[str], families: list[str], named: list[str]
 ) -> list[tuple[Path, str, str, float]]:
     """List what to play: a world, of which kind, and a fault with its start."""
     plays: list[tuple[Path, str, str, float]] = []
@@ -405,7 +405,7 @@ def list_plays(
         if kind == "calm" and "pats" in only:
             plays.append((path, "pats", "", 0.0))
         if kind == "calm" and "faults" in only:
-            names = [name for name in FAULTS if named in name]
+            names = [name for name in FAULTS if any(part in name for part in named)]
             plays += [(path, "", name, at) for name in names for at in (0.0, LATE)]
     return plays
 
@@ -466,7 +466,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=parts, choices=parts)
     kinds = list(FAMILIES)
     parser.add_argument("--families", nargs="+", default=kinds, choices=kinds)
-    parser.add_argument("--named", default="", help="part of the names of faults")
+    parser.add_argument("--named", nargs="+", default=[""], help="parts of fault names")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     folder = options.paths[0]

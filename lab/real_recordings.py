@@ -43,6 +43,7 @@ from eskin.learn.sets import (
 )
 from eskin.learn.sets.socialtouch import find_group
 from eskin.learn.training import TrainConfig, Trainer
+from eskin.live import PRESSURE_SUMMARY, SLOT_NS, compute_summary
 from eskin.recording import NONE, find_recordings
 from eskin.skin import MountedSkin
 from lab.baselines import FitConfig, SkinWindows, build_baseline
@@ -55,6 +56,7 @@ from lab.baselines.estimators import (
 )
 from lab.baselines.hand import compute_features
 from lab.baselines.interface import READINGS, STEP_NS
+from lab.baselines.series import COLUMNS, SERIES, align_series
 from lab.tables import format_head, format_row
 
 
@@ -78,6 +80,8 @@ ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
     "kNN": Standardised(NearestNeighbours()),
 }
 """Estimators compared with the recogniser on features of whole segments, by name."""
+ON_SERIES = {name: SERIES[name] for name in ("minirocket", "quant")}
+"""Classifiers of series, on the windows in which the recogniser scores a segment."""
 
 OURS = "eskin"
 """Name of the recogniser."""
@@ -180,7 +184,8 @@ def classify_segments(
     features = np.array(
         [compute_features(dataset, np.arange(s.first, s.end), shear) for s in segments]
     )
-    methods = (OURS, *ON_FEATURES, CNN)
+    series = cut_series(dataset, segments, shear)
+    methods = (OURS, *ON_FEATURES, *ON_SERIES, CNN)
     predicted = {name: np.zeros_like(truth) for name in methods}
     windows, segment_index = cut_skin_windows(dataset, segments)
     for held, network in networks.items():
@@ -192,14 +197,41 @@ def classify_segments(
             model = make(seed).fit(features[~out], truth[~out])
             predicted[name][out] = model.predict(features[out])
         within = out[segment_index]
+        for name, make in ON_SERIES.items():
+            model = make(seed).fit(series[~within], truth[segment_index[~within]])
+            found = model.predict_proba(series[within])
+            best = sum_windows(found, segment_index[within]).argmax(axis=1)
+            predicted[name][out] = model.classes_[best]
         known, labels = np.unique(truth[segment_index[~within]], return_inverse=True)
         cnn = build_baseline("3d-cnn", mount_skin(dataset), CNN_FIT)
         cnn.fit(windows.select(~within), labels, seed)
-        found = np.log(cnn.predict_probabilities(windows.select(within)) + 1e-9)
-        starts = np.unique(segment_index[within], return_index=True)[1]
-        sums = np.add.reduceat(found, starts, axis=0)
-        predicted[CNN][out] = known[sums.argmax(axis=1)]
+        found = cnn.predict_probabilities(windows.select(within))
+        best = sum_windows(found, segment_index[within]).argmax(axis=1)
+        predicted[CNN][out] = known[best]
     return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+
+
+def sum_windows(
+    probabilities: Float[np.ndarray, "window class"], segment: Int[np.ndarray, "window"]
+) -> Float[np.ndarray, "segment class"]:
+    """Return the sums of log-probabilities over the windows of each segment."""
+    starts = np.unique(segment, return_index=True)[1]
+    return np.add.reduceat(np.log(probabilities + 1e-9), starts, axis=0)
+
+
+def cut_series(
+    dataset: Dataset, segments: Sequence[Segment], shear: bool
+) -> Float[np.ndarray, "window channel 100"]:
+    """Return the series in the windows of segments, those of `cut_skin_windows`."""
+    series = []
+    for segment in segments:
+        rows = np.arange(segment.first, segment.end)
+        summary = compute_summary(dataset.graphs.select(rows), shear)
+        columns = [*COLUMNS, *range(len(PRESSURE_SUMMARY), summary.shape[1])]
+        slots = dataset.stamps[rows] // SLOT_NS
+        for end in find_window_ends(dataset, segment) - segment.first + 1:
+            series.append(align_series(summary[:end, columns], slots[:end]))
+    return np.stack(series)
 
 
 def mount_skin(dataset: Dataset) -> MountedSkin:

@@ -172,7 +172,7 @@ def test_corrupt_zeros_in_noise_do_not_lower_the_baseline():
         return np.where(rng.random(SKIN.count) < 0.03, 0, counts)
 
     push_signal(signal, 40.0, 50, calibrator)
-    assert np.median(calibrator.state.baseline) == pytest.approx(REST, abs=0.5)
+    assert np.median(calibrator.rest) == pytest.approx(REST, abs=0.5)
 
 
 def test_patch_silent_for_long_is_tared_again():
@@ -276,7 +276,8 @@ def test_counts_and_pressure_are_inverse_for_every_curve(curve):
     pressure = np.array([[0.0, 0.5, 3.0], [5.0, 20.0, 80.0]])
     counts = calibration.compute_counts(pressure)
     assert (counts >= 0).all() and (counts <= 4095).all()
-    np.testing.assert_allclose(calibration.compute_pressure(counts), pressure)
+    found = calibration.compute_pressure(counts)
+    np.testing.assert_allclose(found, pressure, rtol=1e-6)  # as of float32
     felt = np.maximum(pressure - calibration.unfelt, pressure / 2)
     conductance = (felt / (0.02 * 4095)) ** calibration.exponent
     shares = {

@@ -142,7 +142,7 @@ def test_hand_is_not_taken_for_noise(force):
             counts = 200 + rng.standard_normal(SKIN.count)
             counts += share * force(t) * PAD * (t >= 6.6)
             pipeline.push(scan_at(t, np.round(counts)))
-        floors.append(pipeline.faults.noise.floor)
+        floors.append(pipeline.faults.noise.limits.floor)
     assert (floors[1] <= 1.5 * floors[0]).all()
 
 

@@ -26,7 +26,7 @@ def find_faults(change, seconds=12.0, rate=50, noise=2.0, rest=200):
         change(t, counts, received)
         scan = scan_at(t, np.clip(counts, -1, 1000), received)
         mask, faults = detector.push(
-            scan, calibrator.push(scan).pressure, calibrator.state.baseline
+            scan, calibrator.push(scan).pressure, calibrator.rest
         )
         found.append((t, mask.copy(), faults))
     return found
@@ -235,7 +235,7 @@ def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
         counts = np.full(SKIN.count, 200)
         counts[TAXEL] += round(5 * rng.standard_normal())
         scan = scan_at(t, counts)
-        rest = calibrator.state.baseline
+        rest = calibrator.rest
         detector.push(scan, calibrator.push(scan).pressure, rest)
         doubted.append(bool(detector.doubtful[TAXEL]))
         masked.append(bool(detector.mask[TAXEL]))
@@ -253,7 +253,7 @@ def find_doubtful(change, skin=SKIN, seconds=3.0):
         if t > 2.5:
             change(counts)
         scan = scan_at(t, counts)
-        rest = calibrator.state.baseline
+        rest = calibrator.rest
         detector.push(scan, calibrator.push(scan).pressure, rest)
     return detector.doubtful
 

@@ -43,16 +43,16 @@ Rows = Float[np.ndarray, "touch feature"]
 
 
 def align_series(
-    summary: Float[np.ndarray, "reading feature"], slots: Int[np.ndarray, "reading"]
+    summary: Float[np.ndarray, "reading channel"], slots: Int[np.ndarray, "reading"]
 ) -> Float[np.ndarray, "channel 100"]:
-    """Return the series of one touch by its summaries, and their time bins of 20 ms.
+    """Return the series of one touch by those of its readings, in bins of 20 ms.
 
     They end with the last reading; a missing reading repeats the one before, and before
     the touch all are zero.
     """
     bins = np.arange(slots[-1] - READINGS + 1, slots[-1] + 1)
     latest = np.searchsorted(slots, bins, side="right") - 1
-    return np.where(latest >= 0, summary[latest][:, COLUMNS].T, 0.0)
+    return np.where(latest >= 0, summary[latest].T, 0.0)
 
 
 KERNELS = np.full((84, 9), -1.0)

@@ -170,7 +170,7 @@ def read_pressures(
     pipeline = TouchPipeline(mounted, recording.calibration)
     for scan in recording.scans():
         reading, _ = pipeline.calibrate(scan)
-        above = reading.pressure >= pipeline.faults.noise.floor
+        above = reading.pressure >= pipeline.faults.noise.limits.floor
         bounded = np.minimum(reading.pressure, LARGEST_PRESSURE)
         felt = np.where(reading.valid & above, bounded, 0.0)
         yield reading.stamp, felt, reading.q

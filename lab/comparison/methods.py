@@ -24,7 +24,7 @@ from lab.baselines import (
 )
 from lab.baselines.estimators import Estimator, GradientBoosting
 from lab.baselines.hand import compute_features, compute_statistics
-from lab.baselines.series import SERIES, align_series
+from lab.baselines.series import COLUMNS, SERIES, align_series
 from lab.comparison.examples import Examples
 
 Predictor = Callable[[Examples], Float[np.ndarray, "clip class"]]
@@ -90,7 +90,7 @@ def compute_touch_series(
     """Return the series of a touch, whose last row in the data set is `end`."""
     rows = np.arange(dataset.starts[end], end + 1)
     summary = compute_summary(dataset.graphs.select(rows), shear=False)
-    return align_series(summary, dataset.stamps[rows] // SLOT_NS)
+    return align_series(summary[:, COLUMNS], dataset.stamps[rows] // SLOT_NS)
 
 
 def compute_touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:

@@ -24,6 +24,7 @@ import ast
 import hashlib
 import logging
 import re
+import time
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -46,6 +47,11 @@ LEVEL = "x86-64-v3"
 LEVEL_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 """What distinguishes a processor of that level."""
 
+REPORT_SECONDS = 5.0
+"""Time between two reports of how far compiling has come [s]."""
+USUAL_COUNT = 13
+"""Number of entries that a recogniser compiles in its own process."""
+
 logger = logging.getLogger(__name__)
 
 
@@ -63,29 +69,40 @@ choose_processor()
 
 @final
 class CompilationReporter(Listener):
-    """Logs once in a process that code is compiled, and how long that may take.
+    """Logs that code is compiled, how long that may take, and how far it has come.
 
     Code that is ready on disk is loaded without an event.
 
     Attributes:
-        reported: whether it has been logged.
+        count: number of entries that were compiled, or are being compiled.
+        depth: number of functions that are being compiled, each for the one before.
+        last: time of the last report [s].
     """
 
     def __init__(self) -> None:
         """Report the first compilation."""
-        self.reported = False
+        self.count = self.depth = 0
+        self.last = 0.0
 
     def on_start(self, event: Event) -> None:
-        """Report the beginning of a compilation."""
-        if not self.reported:
-            self.reported = True
+        """Report the first compilation, and a later one after a while."""
+        self.depth += 1
+        if self.depth > 1:
+            return
+        self.count += 1
+        if self.count == 1:
+            self.last = time.monotonic()
             logger.info(
                 "compiling code, which is then kept on disk; the first time this takes "
-                "a minute or two"
+                "half a minute or a whole one"
             )
+        elif time.monotonic() - self.last >= REPORT_SECONDS:
+            self.last = time.monotonic()
+            logger.info("compiling part %d of about %d", self.count, USUAL_COUNT)
 
     def on_end(self, event: Event) -> None:
-        """Do nothing."""
+        """Forget the function that was compiled."""
+        self.depth -= 1
 
 
 register("numba:compile", CompilationReporter())

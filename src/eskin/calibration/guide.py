@@ -393,7 +393,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             return self.restart_rest(text, scan.stamp)
         self.began = scan.stamp if self.began is None else self.began
         self.record.append(scan)
-        baseline = self.pipeline.calibrator.state.baseline
+        baseline = self.pipeline.calibrator.rest
         self.faults.push(scan, state.reading.pressure, baseline)
         if self.rest_share < 1.0:
             return None
@@ -426,7 +426,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             pressure = state.reading.pressure[contact.taxels]
             if np.count_nonzero(pressure >= self.touched_from) >= TOUCH_TAXELS:
                 return f"patch '{contact.patch}' is touched"
-        above = scan.counts - self.pipeline.calibrator.state.baseline
+        above = scan.counts - self.pipeline.calibrator.rest
         low = scan.received & (above < -self.min_touch_counts)
         if np.count_nonzero(low) >= LIFTED_TAXELS:
             lifted = np.bincount(self.skin.patch_index[low])
@@ -578,7 +578,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             calibration,
             self.rest,
             self.faults.faults,
-            self.faults.code.copy(),
+            self.faults.history["code"].copy(),
             tuple(self.presses),
             gains,
         )

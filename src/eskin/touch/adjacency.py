@@ -1,6 +1,5 @@
 """This module finds neighbouring taxels, and groups taxels by row, column and patch."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -92,9 +91,11 @@ def find_pairs(
     return np.stack([np.concatenate([a, b]), np.concatenate([b, a])])
 
 
-@dataclass(frozen=True, eq=False)
-class TaxelGroups:
-    """A grouping assigns each taxel to one row, one column or one whole patch."""
+class TaxelGroups(NamedTuple):
+    """A grouping assigns each taxel to one row, one column or one whole patch.
+
+    The taxels of group n are `order[starts[n] : starts[n + 1]]`, ascending.
+    """
 
     group_index: Int[np.ndarray, "taxel"]
     """Group of each taxel."""
@@ -102,6 +103,8 @@ class TaxelGroups:
     patches: Int[np.ndarray, "group"]
     numbers: Int[np.ndarray, "group"]
     """Row or column number of each group; for a patch its index."""
+    order: Int[np.ndarray, "taxel"]
+    starts: Int[np.ndarray, "group_and_one"]
 
     @classmethod
     def build(cls, skin: Skin, numbers: Int[np.ndarray, "taxel"]) -> "TaxelGroups":
@@ -110,7 +113,10 @@ class TaxelGroups:
         kinds, index, sizes = np.unique(
             keys, axis=1, return_inverse=True, return_counts=True
         )
-        return cls(index.reshape(-1), sizes, kinds[0], kinds[1])
+        index = index.reshape(-1)
+        order = np.argsort(index, kind="stable")
+        starts = np.append(0, np.cumsum(sizes))
+        return cls(index, sizes, kinds[0].copy(), kinds[1].copy(), order, starts)
 
     def flagged_share(
         self, flags: Bool[np.ndarray, "taxel"]

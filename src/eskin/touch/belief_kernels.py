@@ -1,4 +1,4 @@
-"""A compiled kernel that follows what each taxel does at rest, and what no touch does.
+"""Compiled kernels that follow what each taxel does at rest, and what no touch does.
 
 A touch presses: it raises counts above rest, changes them from scan to scan, and takes
 neighbours along. All that a taxel does below rest, or alone in one step, is its own.
@@ -7,16 +7,25 @@ neighbours along. All that a taxel does below rest, or alone in one step, is its
 # pyright: reportAttributeAccessIssue=false
 # Fields of records are known to numba only.
 
+from collections import namedtuple
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
-from eskin.touch.adjacency import Adjacency
-from eskin.touch.calibration_kernels import find_near
+from eskin.touch.adjacency import Adjacency, TaxelGroups
+from eskin.touch.calibration_kernels import (
+    PressureCurve,
+    add_unfelt,
+    find_near,
+    linearise_counts,
+    select,
+)
 
 Taxels = Int[np.ndarray, "some"]
+Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
 
 CLEAR_FACTOR = 2.0
@@ -66,6 +75,23 @@ which flat counts tell anything [s]."""
 NEVER = -1e9
 """Time before all others [s]."""
 
+MIN_NOISE, MIN_NOISE_CONTACTS = (2.0, 4.0), 2.0
+"""Limits of the smallest difference from rest that may be noise [counts], and what it
+is between them, in units of the counts at which contact begins: converters round, and
+coarse ones would feel no light touch."""
+NOISE_SIGMAS, WANDER_SIGMAS = 6.0, 5.0
+"""Signal that may be noise, in standard deviations of the noise from scan to scan, and
+of wandering about rest."""
+WANDER_SHARE = 0.7
+"""Smallest wandering of a taxel, in units of the median of its patch: where rest was
+learned too low, none is seen below it."""
+MAX_BAND, MAX_WANDER_BAND = 4.0, 1.5
+"""Largest distance from rest that is left to noise, and to wandering, in units of the
+counts at which contact begins: a patch that swings further feels no touch."""
+MIN_LEARNED = 0.3
+"""Time from which the noise is known well enough to tell what is away from rest [s]."""
+LEARN_SCANS = 40
+"""Number of scans from which noise is known well enough for a fault."""
 BELIEF = np.dtype(
     [
         (name, np.float64)
@@ -81,6 +107,83 @@ not known; standard deviations of its noise from scan to scan, of that as calibr
 for none), and of its wandering about rest [counts]; the evidence that it is faulty;
 when it was last above rest [s]; and since when it has been flat after a lone step [s],
 at which counts, after which step."""
+
+
+@dataclass(frozen=True)
+class BeliefConfig:
+    """Thresholds say from what noise or evidence on a taxel is not believed."""
+
+    start_floor: float = 7.0
+    """Pressure that may be noise while the noise is neither calibrated nor learned yet
+    [kPa]."""
+    noisy: float = 0.55
+    """Noise that makes a taxel a fault, in units of the counts at which contact
+    begins; and at least `noisy_counts`."""
+    noisy_counts: float = 2.4
+    """The same in counts: converters have a noise of one or two."""
+    noisier: float = 2.5
+    """Smallest ratio of the noise of such a taxel to the median of its patch."""
+    hides: float = 0.025
+    """Noise that is a fault also where all of the patch has it, in units of full scale;
+    the noisiest sensor measured has 0.017."""
+    faulty: float = 1.5
+    """Evidence from which a taxel is a fault."""
+    faulty_share: float = 0.34
+    """Share of a row or column that is faulty from which all of it is: it is not
+    connected, though some of its taxels show it at zero or full scale alone."""
+    doubtful_noise: float = 0.5
+    """Share of the noise of a fault from which a taxel is doubtful: it may stop an arm,
+    and nothing else."""
+    doubtful: float = 1.2
+    """Evidence from which it is."""
+    swing_share: float = 0.25
+    """Share of a patch that is above rest by more than noise, and soon after below it,
+    as no hand does."""
+    line_share: float = 0.2
+    """Share of a row or column above rest by more than noise, and another below it,
+    that makes it doubtful: it is not connected."""
+    line_size: int = 6
+    """Number of taxels of a row or column from which it must not be pressed evenly."""
+    line_spread: float = 0.2
+    """Standard deviation of the counts above rest along a row or column, in units of
+    their mean, below which it is pressed evenly, as by hum and by no hand."""
+
+
+BeliefParameters = namedtuple(
+    "BeliefParameters", [field.name for field in fields(BeliefConfig)]
+)
+"""The fields of a `BeliefConfig` for compiled code."""
+
+
+class BeliefContext(NamedTuple):
+    """A context holds the arguments of the kernels that are kept between scans."""
+
+    contact: np.ndarray  # (taxel) counts above rest at which contact begins
+    least: np.ndarray  # (taxel) smallest counts above rest that may be noise
+    gain: np.ndarray  # (taxel) gain [kPa/count]
+    curve: PressureCurve  # Relation of pressure and counts
+    full_scale: float  # Counts at which the converter saturates
+    parameters: BeliefParameters  # Thresholds
+    patches: TaxelGroups  # Patches of the taxels
+    belief: np.ndarray  # (taxel) `BELIEF`
+    last_doubted: np.ndarray  # (taxel) time at which it was last doubtful [s]
+
+
+class NoiseLimits(NamedTuple):
+    """Limits (taxel) tell what may be noise, and which taxels are noisy."""
+
+    counts: np.ndarray
+    """Counts above rest up to which they are noise."""
+    band: np.ndarray
+    """Counts from which a taxel is away from rest, for faults."""
+    floor: np.ndarray
+    """Pressure up to which it is noise, larger while noise is learned [kPa]."""
+    noisy: np.ndarray
+    """Whether the taxel is faulty."""
+    lifted: np.ndarray
+    """Whether the taxel has been below rest in the latest scans. A hand was on it when
+    the skin was switched on, and has lifted: its pressure was taken for the rest, and
+    its noise for that of the taxel."""
 
 
 class CountScan(NamedTuple):
@@ -248,3 +351,62 @@ def is_alone(i: int, step: float, adjacency: Adjacency, belief: np.ndarray) -> b
         if change >= FOLLOWS * step:
             return False
     return True
+
+
+@compiled(error_model="numpy")
+def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> None:
+    """Write what may be noise, by the medians of each patch, and what is faulty."""
+    belief, parameters, now = context.belief, context.parameters, scan.now
+    usual, patch_index = find_usual(context), context.patches.group_index
+    contacts, least = context.contact, context.least
+    gain, curve, last_doubted = context.gain, context.curve, context.last_doubted
+    learnt = max(START_SECONDS, LEARN_SCANS * scan.elapsed)
+    for i in range(len(belief)):
+        taxel, contact, patch = belief[i], contacts[i], patch_index[i]
+        noise, since = taxel.noise, now - scan.first_received[i]
+        share = noise / max(parameters.noisy * contact, parameters.noisy_counts)
+        is_noisier = noise >= parameters.noisier * usual[0, patch]
+        noisy = share >= 1.0 and is_noisier
+        noisy |= noise >= parameters.hides * context.full_scale
+        noisy = taxel.odds >= parameters.faulty or (since >= learnt and noisy)
+        restless = since >= learnt / 2.0 and share >= parameters.doubtful_noise
+        restless &= is_noisier
+        if noisy or restless or taxel.odds >= parameters.doubtful:
+            last_doubted[i] = now
+        fast = max(NOISE_SIGMAS * noise, least[i])
+        wander = max(taxel.wander / contact, WANDER_SHARE * usual[1, patch])
+        slow = WANDER_SIGMAS * wander * contact
+        counts = max(fast, slow)
+        band = max(fast, min(slow, MAX_WANDER_BAND * contact))
+        band = min(max(band, contact / 2.0), MAX_BAND * contact)
+        floor = linearise_counts(counts, curve) * gain[i]
+        floor = add_unfelt(floor, curve)
+        if since < START_SECONDS and taxel.start_noise == 0.0:
+            floor = max(floor, parameters.start_floor)
+        highest = -np.inf
+        for each in (taxel.first, taxel.second, taxel.third):
+            if each > highest:
+                highest = each
+        out.counts[i], out.band[i], out.floor[i] = counts, band, floor
+        out.noisy[i] = noisy
+        out.lifted[i] = -np.inf < highest < scan.rest[i] - band
+
+
+@compiled
+def find_usual(context: BeliefContext) -> Float[np.ndarray, "2 patch"]:
+    """Return the medians of noise and wandering of each patch.
+
+    That of the noise is in counts, the other in units of the counts at which contact
+    begins.
+    """
+    patches, belief, contact = context.patches, context.belief, context.contact
+    usual, ranked = np.empty((2, len(patches.sizes))), np.empty((2, len(belief)))
+    for patch in range(len(patches.sizes)):
+        count = 0
+        for i in patches.order[patches.starts[patch] : patches.starts[patch + 1]]:
+            ranked[0, count] = belief[i].noise
+            ranked[1, count] = belief[i].wander / contact[i]
+            count += 1
+        for row in range(2):
+            usual[row, patch] = select(ranked[row, :count], count // 2)
+    return usual

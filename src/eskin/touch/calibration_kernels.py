@@ -1,5 +1,8 @@
 """Compiled kernels that convert counts to pressure and subtract crosstalk."""
 
+# pyright: reportAttributeAccessIssue=false
+# Fields of records are known to numba only.
+
 import math
 from collections import namedtuple
 from dataclasses import dataclass, fields
@@ -92,38 +95,26 @@ BaselineParameters = namedtuple(
 """The fields of a `CalibrationConfig` for compiled code."""
 
 
-class BaselineState(NamedTuple):
-    """Arrays (taxel) hold the state of the baselines, in counts and seconds."""
-
-    baseline: np.ndarray
-    """Counts at rest."""
-    above: np.ndarray
-    """Counts above the baseline at the last scan."""
-    confirmed: np.ndarray
-    """The same, the lesser of those of the last two scans if they are less than
-    `SHORTEST_PRESS` apart: one alone may be corrupt."""
-    peak: np.ndarray
-    """Recent peak of `confirmed` of it and its neighbours, which decays."""
-    low: np.ndarray
-    """Counts of the last scan where they were below the baseline, else infinite."""
-    low_since: np.ndarray
-    """Time from which they are below the baseline; infinite while they are not."""
-    last_received: np.ndarray
-    """Time at which the taxel was last received."""
-    touched_since: np.ndarray
-    """Time from which it is touched; infinite while it is not."""
-    last_touched: np.ndarray
-    """Time at which it or a neighbour was last touched."""
-    steady_level: np.ndarray
-    """Counts near which the latest ones have stayed."""
-    steady_since: np.ndarray
-    """Time from which they have stayed near `steady_level`."""
-    next_sample: np.ndarray
-    """Time at which the next sample of the tare is taken."""
-    sample_count: np.ndarray
-    """Number of samples taken for the tare."""
-    samples: np.ndarray
-    """(taxel, sample) samples of the tare, ascending."""
+BASELINE = np.dtype(
+    [("sample_count", np.int64)]
+    + [
+        (name, np.float64)
+        for name in (
+            *("baseline", "above", "confirmed", "peak", "low", "low_since"),
+            *("last_received", "touched_since", "last_touched"),
+            *("steady_level", "steady_since", "next_sample"),
+        )
+    ]
+)
+"""The state of the baseline of a taxel, in counts and seconds: the number of samples
+taken for the tare; the counts at rest; the counts above them at the last scan;
+`confirmed`, the lesser of those of the last two scans if they are less than
+`SHORTEST_PRESS` apart, as one alone may be corrupt; the recent peak of that of it and
+its neighbours, which decays; the counts of the last scan where they were below the
+baseline, and since when they are, infinite while they are not; when it was last
+received; since when it is touched, infinite while it is not; when it or a neighbour was
+last touched; the counts near which the latest ones have stayed, and since when; and
+when the next sample of the tare is taken."""
 
 
 class BaselineContext(NamedTuple):
@@ -132,7 +123,8 @@ class BaselineContext(NamedTuple):
     gain: np.ndarray  # (taxel) gain [kPa/count]
     curve: PressureCurve  # Relation of pressure and counts
     adjacency: Adjacency  # Neighbours of each taxel
-    state: BaselineState  # State of the baselines, which is updated
+    state: np.ndarray  # (taxel) `BASELINE`, which is updated
+    samples: np.ndarray  # (taxel, sample) samples of the tare, ascending
     parameters: BaselineParameters  # How baselines are tared and tracked
 
 
@@ -164,7 +156,9 @@ def linearise_counts(above: float, curve: PressureCurve) -> float:
         share = min(above / curve.full_scale, MAX_SCALE_SHARE)
         conductance = share / (1.0 - share)
     if curve.exponent != 1.0:
-        conductance **= 1.0 / curve.exponent
+        # Pressures are kept in float32, whose powers take a third of the time.
+        exponent = np.float32(1.0 / curve.exponent)
+        conductance = float(np.float32(conductance) ** exponent)
     return curve.full_scale * conductance
 
 
@@ -229,34 +223,32 @@ def calibrate(
     """
     # Local references to the arrays make the compiled loops faster.
     gain, curve, state = context.gain, context.curve, context.state
-    baseline, peak = state.baseline, state.peak
-    last_received, sample_count = state.last_received, state.sample_count
-    touched_since = state.touched_since
     after = context.parameters.after_fraction
     silence = context.parameters.silence_seconds
-    size = state.samples.shape[1]
+    size = context.samples.shape[1]
     for i in range(len(counts)):
+        taxel = state[i]
         if not use[i]:
             out[i] = 0.0
-            if now - last_received[i] > STALE_SECONDS:
-                state.above[i], touched_since[i] = 0.0, np.inf
+            if now - taxel.last_received > STALE_SECONDS:
+                taxel.above, taxel.touched_since = 0.0, np.inf
             continue
-        if sample_count[i] < size or now - last_received[i] > silence:
+        if taxel.sample_count < size or now - taxel.last_received > silence:
             update_tare(i, counts[i], now, margin[i], context)
-        above = counts[i] - baseline[i]
-        is_fast = now - last_received[i] <= SHORTEST_PRESS
-        state.confirmed[i] = min(above, state.above[i]) if is_fast else above
-        state.above[i] = above
+        above = counts[i] - taxel.baseline
+        is_fast = now - taxel.last_received <= SHORTEST_PRESS
+        taxel.confirmed = min(above, taxel.above) if is_fast else above
+        taxel.above = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
-        if above > margin[i] and above > after * peak[i]:
-            if touched_since[i] == np.inf:
-                touched_since[i] = now
+        if above > margin[i] and above > after * taxel.peak:
+            if taxel.touched_since == np.inf:
+                taxel.touched_since = now
             if not is_residual(i, above, now, margin[i], context):
                 mark_touched(i, now, context)
         else:
-            touched_since[i] = np.inf
+            taxel.touched_since = np.inf
     for i in latched:
-        above = counts[i] - baseline[i]
+        above = counts[i] - state[i].baseline
         if use[i] and not is_residual(i, above, now, margin[i], context):
             mark_touched(i, now, context)
     update_baselines(counts, use, now, margin, context)
@@ -265,11 +257,12 @@ def calibrate(
 @compiled
 def mark_touched(i: int, now: float, context: BaselineContext) -> None:
     """Mark a taxel and its neighbours as touched, and raise their peaks."""
-    state = context.state
-    state.last_touched[i] = now
+    taxel = context.state[i]
+    taxel.last_touched = now
     for j in find_near(i, context.adjacency):
-        state.last_touched[j] = now
-        state.peak[j] = max(state.peak[j], state.confirmed[i])
+        near = context.state[j]
+        near.last_touched = now
+        near.peak = max(near.peak, taxel.confirmed)
 
 
 @compiled
@@ -277,28 +270,27 @@ def update_tare(
     i: int, count: int, now: float, margin: float, context: BaselineContext
 ) -> None:
     """Take a sample of the tare if one is due, and restart it after a long silence."""
-    state, parameters = context.state, context.parameters
-    if now - state.last_received[i] > parameters.silence_seconds:
-        state.sample_count[i] = 0
-        state.next_sample[i] = now
-        state.peak[i] = 0.0
-        state.touched_since[i] = np.inf
-        state.low[i] = state.low_since[i] = np.inf
-    size = state.sample_count[i]
-    if now < state.next_sample[i]:
+    taxel, parameters = context.state[i], context.parameters
+    samples = context.samples[i]
+    if now - taxel.last_received > parameters.silence_seconds:
+        taxel.sample_count, taxel.next_sample = 0, now
+        taxel.peak, taxel.touched_since = 0.0, np.inf
+        taxel.low = taxel.low_since = np.inf
+    size = taxel.sample_count
+    if now < taxel.next_sample:
         return
     sample = float(count)
-    if size >= MIN_TARE_SAMPLES and sample > state.baseline[i] + margin:
-        sample = state.baseline[i]
+    if size >= MIN_TARE_SAMPLES and sample > taxel.baseline + margin:
+        sample = taxel.baseline
     k = size
-    while k > 0 and state.samples[i, k - 1] > sample:
-        state.samples[i, k] = state.samples[i, k - 1]
+    while k > 0 and samples[k - 1] > sample:
+        samples[k] = samples[k - 1]
         k -= 1
-    state.samples[i, k] = sample
-    state.sample_count[i] = size + 1
+    samples[k] = sample
+    taxel.sample_count = size + 1
     rank = min(max(parameters.tare_rank, 0.0), 1.0) * (size + 1)
-    state.baseline[i] = state.samples[i, min(int(rank), size)]
-    state.next_sample[i] = now + parameters.tare_seconds / parameters.tare_samples
+    taxel.baseline = samples[min(int(rank), size)]
+    taxel.next_sample = now + parameters.tare_seconds / parameters.tare_samples
 
 
 @compiled
@@ -310,19 +302,20 @@ def is_residual(
     They are the residual of a touch that pressed far more, or the offset of a single
     taxel.
     """
-    state, parameters = context.state, context.parameters
-    steady = now - state.steady_since[i]
+    taxel, parameters = context.state[i], context.parameters
+    steady = now - taxel.steady_since
     if steady <= parameters.steady_seconds:
         return False
     if above <= parameters.steady_band * margin:
         return False
     is_alone, is_pressed = True, False
     for j in find_near(i, context.adjacency):
-        is_alone &= state.touched_since[j] == np.inf
-        is_pressed |= state.above[j] > PRESSED_SHARE * state.peak[i]
+        near = context.state[j]
+        is_alone &= near.touched_since == np.inf
+        is_pressed |= near.above > PRESSED_SHARE * taxel.peak
     if is_alone and steady > parameters.alone_seconds:
         return True
-    limit = min(parameters.residual * state.peak[i], parameters.kept * margin)
+    limit = min(parameters.residual * taxel.peak, parameters.kept * margin)
     return above < limit and not is_pressed
 
 
@@ -332,56 +325,58 @@ def update_baselines(
 ) -> None:
     """Move each baseline towards the counts while the taxel is untouched."""
     state, parameters = context.state, context.parameters
-    baseline, peak = state.baseline, state.peak
-    low, low_since = state.low, state.low_since
-    last_received, sample_count = state.last_received, state.sample_count
-    touched_since, last_touched = state.touched_since, state.last_touched
-    steady_level, steady_since = state.steady_level, state.steady_since
     drift, relearn = parameters.drift_seconds, parameters.relearn_seconds
     freeze, fade = parameters.freeze_seconds, parameters.fade_seconds
-    size = state.samples.shape[1]
+    band, dip_share = parameters.steady_band, parameters.dip_share
+    size = context.samples.shape[1]
     dt, drift_step, fading = 0.0, 0.0, 1.0
     for i in range(len(counts)):
         if not use[i]:
             continue
-        if now - last_received[i] != dt:
+        taxel, least = state[i], margin[i]
+        if now - taxel.last_received != dt:
             # Taxels of one patch have the same dt; divisions are expensive.
-            dt = now - last_received[i]
+            dt = now - taxel.last_received
             drift_step, fading = dt / (drift + dt), fade / (fade + dt)
-        last_received[i] = now
-        if sample_count[i] < size:
+        taxel.last_received = now
+        if taxel.sample_count < size:
             continue
-        above = counts[i] - baseline[i]
-        if abs(counts[i] - steady_level[i]) > parameters.steady_band * margin[i]:
-            steady_level[i], steady_since[i] = counts[i], now
-        was_low, since = low[i], low_since[i]
-        low[i] = low_since[i] = np.inf
+        above = counts[i] - taxel.baseline
+        if abs(counts[i] - taxel.steady_level) > band * least:
+            taxel.steady_level, taxel.steady_since = counts[i], now
+        if abs(above) <= least and taxel.peak == 0.0 and taxel.low_since == np.inf:
+            # Nearly all taxels of nearly all scans.
+            if above <= band * least and now - taxel.last_touched > freeze:
+                taxel.baseline += drift_step * above
+                continue
+        was_low, since = taxel.low, taxel.low_since
+        taxel.low = taxel.low_since = np.inf
         step = 0.0
-        lowered = now - last_touched[i] <= parameters.dip_seconds
-        dip = max(margin[i], parameters.dip_share * peak[i]) if lowered else margin[i]
+        lowered = now - taxel.last_touched <= parameters.dip_seconds
+        dip = max(least, dip_share * taxel.peak) if lowered else least
         if above < -dip or (now - dt - since >= LOW_SECONDS and above < 0.0):
-            low[i], low_since[i] = counts[i], min(since, now)
+            taxel.low, taxel.low_since = counts[i], min(since, now)
             if now - since >= LOW_SECONDS:
-                above = max(above, was_low - baseline[i])
+                above = max(above, was_low - taxel.baseline)
                 step = dt / (parameters.low_seconds + dt)
         elif (
             # Most taxels fail at this, before the context is handed over.
-            above > parameters.steady_band * margin[i]
-            and last_touched[i] < now
-            and is_residual(i, above, now, margin[i], context)
+            above > band * least
+            and taxel.last_touched < now
+            and is_residual(i, above, now, least, context)
         ):
             step = dt / (parameters.settle_seconds + dt)
-        elif touched_since[i] < np.inf:
-            if now - touched_since[i] > parameters.longest_seconds:
+        elif taxel.touched_since < np.inf:
+            if now - taxel.touched_since > parameters.longest_seconds:
                 step = dt / (parameters.stale_seconds + dt)
-        elif now - last_touched[i] > freeze:
-            step = drift_step if above <= margin[i] else dt / (relearn + dt)
-        baseline[i] += step * above
-        peak[i] *= fading
-        if above > margin[i]:
-            peak[i] = max(peak[i], state.confirmed[i])
-        elif peak[i] < margin[i]:
-            peak[i] = 0.0
+        elif now - taxel.last_touched > freeze:
+            step = drift_step if above <= least else dt / (relearn + dt)
+        taxel.baseline += step * above
+        taxel.peak *= fading
+        if above > least:
+            taxel.peak = max(taxel.peak, taxel.confirmed)
+        elif taxel.peak < least:
+            taxel.peak = 0.0
 
 
 MIN_OTHERS = 0.3

@@ -12,11 +12,11 @@ from eskin.touch.adjacency import Adjacency
 from eskin.touch.belief_kernels import CLEAR_FACTOR
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibration_kernels import (
+    BASELINE,
     GHOST,
     LEAK,
     BaselineContext,
     BaselineParameters,
-    BaselineState,
     CalibrationConfig,
     CrosstalkEstimate,
     MatrixPatch,
@@ -133,12 +133,13 @@ class Calibrator:
         self.margin = self.least_margin
         self.noise: np.ndarray | None = None
         self.known_rest = KnownRest(skin, calibration)
-        self.state = build_baseline_state(skin.count, self.config.tare_samples)
+        self.state = build_baseline_state(skin.count)
         self.context = BaselineContext(
             np.asarray(calibration.gain, np.float64),
             calibration.pressure_curve,
             self.adjacency,
             self.state,
+            np.zeros((skin.count, self.config.tare_samples)),
             BaselineParameters(**vars(self.config)),
         )
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
@@ -190,14 +191,19 @@ class Calibrator:
         return Reading(scan.stamp, pressure, use.copy(), scan.q, shear)
 
     @property
+    def rest(self) -> Values:
+        """Counts of each taxel at rest, its baseline."""
+        return self.state["baseline"]
+
+    @property
     def is_tared(self) -> Flags:
         """Which taxels have a baseline from a whole tare, or a calibrated rest."""
-        return self.state.sample_count >= self.config.tare_samples
+        return self.state["sample_count"] >= self.config.tare_samples
 
     def restart(self, taxels: Int[np.ndarray, "some"]) -> None:
         """Tare some taxels anew, as if they had not been received yet."""
-        self.state.last_received[taxels] = -np.inf
-        self.state.sample_count[taxels] = 0
+        self.state["last_received"][taxels] = -np.inf
+        self.state["sample_count"][taxels] = 0
 
     def start_from_rest(self, counts: Counts, use: Flags, seconds: float) -> None:
         """Start baselines from a known rest where a taxel has its first data.
@@ -206,20 +212,20 @@ class Calibrator:
         it is not plausible, the taxel is tared.
         """
         state = self.state
-        starts = use & (seconds - state.last_received > self.config.silence_seconds)
+        starts = use & (seconds - state["last_received"] > self.config.silence_seconds)
         if not starts.any():
             return
         known = self.known_rest
-        known.rest = np.where(self.is_tared, state.baseline, known.rest)
+        known.rest = np.where(self.is_tared, self.rest, known.rest)
         rest, plausible = known.compare(counts, use, self.margin, self.adjacency)
         found = starts & plausible
-        state.baseline[found] = rest[found]
-        state.sample_count[found] = self.config.tare_samples
-        state.peak[found] = 0.0
-        state.touched_since[found] = np.inf
-        state.low[found] = state.low_since[found] = np.inf
+        state["baseline"][found] = rest[found]
+        state["sample_count"][found] = self.config.tare_samples
+        state["peak"][found] = 0.0
+        for name in ("touched_since", "low", "low_since"):
+            state[name][found] = np.inf
         # They have been received, so the kernel does not tare them for their silence.
-        state.last_received[found] = seconds
+        state["last_received"][found] = seconds
 
     def calibrate_shear(
         self,
@@ -230,7 +236,7 @@ class Calibrator:
     ) -> Float[np.ndarray, "taxel 2"]:
         """Calibrate shear, and track its baseline while the taxel is untouched."""
         above = counts - self.shear_rest
-        idle = use & (seconds - self.state.last_touched > self.config.freeze_seconds)
+        idle = use & (seconds - self.state["last_touched"] > self.config.freeze_seconds)
         step = elapsed / (self.config.drift_seconds + elapsed)
         self.shear_rest[idle] += step * above[idle]
         shear = (above * self.calibration.shear_gain).astype(np.float32)
@@ -238,24 +244,14 @@ class Calibrator:
         return shear
 
 
-def build_baseline_state(count: int, samples: int) -> BaselineState:
-    """Build the state of a skin before its first scan."""
-    return BaselineState(
-        baseline=np.zeros(count),
-        above=np.zeros(count),
-        confirmed=np.zeros(count),
-        peak=np.zeros(count),
-        low=np.full(count, np.inf),
-        low_since=np.full(count, np.inf),
-        last_received=np.full(count, -np.inf),
-        touched_since=np.full(count, np.inf),
-        last_touched=np.full(count, -np.inf),
-        steady_level=np.full(count, np.inf),
-        steady_since=np.full(count, -np.inf),
-        next_sample=np.full(count, -np.inf),
-        sample_count=np.zeros(count, np.int64),
-        samples=np.zeros((count, samples)),
-    )
+def build_baseline_state(count: int) -> np.ndarray:
+    """Build the state of a skin before its first scan, of dtype `BASELINE`."""
+    state = np.zeros(count, BASELINE)
+    for name in ("low", "low_since", "touched_since", "steady_level"):
+        state[name] = np.inf
+    for name in ("last_received", "last_touched", "steady_since", "next_sample"):
+        state[name] = -np.inf
+    return state
 
 
 @final

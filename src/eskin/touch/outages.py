@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
-from eskin.touch.fault_kernels import CountLimits
+from eskin.touch.faults import FaultDetector
 from eskin.touch.outage_kernels import (
     REFUSED,
     RESTARTED,
@@ -41,12 +41,14 @@ class OutageDetector:
     that it has sent from the start, soon after it.
     """
 
-    def __init__(self, skin: Skin, limits: CountLimits) -> None:
-        """Start before the first scan."""
+    def __init__(self, skin: Skin, faults: FaultDetector) -> None:
+        """Start before the first scan; `faults` is the fault detector of the skin."""
         self.patch_index = np.asarray(skin.patch_index)
         self.sizes = np.bincount(self.patch_index, minlength=len(skin.patches))
         self.limits = MoveLimits(
-            MOVE_CONTACTS * limits.contact, limits.full_scale, limits.silence_seconds
+            MOVE_CONTACTS * faults.contact,
+            faults.full_scale,
+            faults.config.silence_seconds,
         )
         self.state = build_patch_state(skin.count, len(self.sizes))
         self.outcome = np.zeros(len(self.sizes), np.int64)

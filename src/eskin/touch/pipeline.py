@@ -284,8 +284,8 @@ class TouchPipeline:
         self.contact = contacts.on
         self.insensitive = find_insensitive(mounted.skin, calibration, contacts.on)
         if calibration.noise is not None:
-            self.calibrator.set_noise(self.faults.noise.counts)
-        self.outages = OutageDetector(mounted.skin, self.faults.limits)
+            self.calibrator.set_noise(self.faults.noise.limits.counts)
+        self.outages = OutageDetector(mounted.skin, self.faults)
         self.polarity = PolarityDetector(
             mounted.skin,
             "rising" if self.given.falling else "falling",
@@ -309,7 +309,7 @@ class TouchPipeline:
             ReadingError: The scan is of another skin or robot, or not later than the
                 last one. The state is then unchanged.
         """
-        return self.push_reading(*self.calibrate(scan), self.faults.noise.floor)
+        return self.push_reading(*self.calibrate(scan), self.faults.noise.limits.floor)
 
     def calibrate(self, scan: Scan) -> tuple[Reading, tuple[Fault, ...]]:
         """Calibrate the next scan, and mark data that cannot be trusted as not valid.
@@ -323,9 +323,9 @@ class TouchPipeline:
         # The fault detector needs the pressure of this scan, so faults are masked by
         # those of the last one; negative counts are invalid at once.
         invalid = self.faults.mask | (scan.counts < 0)
-        rest = self.calibrator.state.baseline
+        rest = self.calibrator.rest
         refused, restarted = self.outages.push(
-            scan, rest, self.faults.noise.counts, self.calibrator.is_tared
+            scan, rest, self.faults.noise.limits.counts, self.calibrator.is_tared
         )
         if len(restarted):
             self.calibrator.restart(restarted)
@@ -334,11 +334,10 @@ class TouchPipeline:
         if refused is not None:
             used = replace(scan, received=scan.received & ~refused)
         reading = self.calibrator.push(used, invalid, self.find_latched())
-        dip = self.config.calibration.dip_share * self.calibrator.state.peak
+        dip = self.config.calibration.dip_share * self.calibrator.state["peak"]
         mask, faults = self.faults.push(scan, reading.pressure, rest, refused, dip)
-        self.calibrator.set_noise(self.faults.noise.counts)
-        if mask.any():
-            reading = replace(reading, valid=reading.valid & ~mask)
+        self.calibrator.set_noise(self.faults.noise.limits.counts)
+        reading.valid[mask] = False
         faults += self.polarity.push(scan, self.calibrator.margin, mask)
         reading = self.crosstalk.compensate(reading)
         if len(self.insensitive):
@@ -353,7 +352,7 @@ class TouchPipeline:
         Taxels that need more by their calibration have it from a share of full scale.
         """
         taxels = self.insensitive
-        above = counts[taxels] - self.calibrator.state.baseline[taxels]
+        above = counts[taxels] - self.calibrator.rest[taxels]
         high = above >= MAX_CONTACT * self.faults.full_scale
         raised = taxels[high & reading.valid[taxels]]
         if not len(raised):
@@ -372,7 +371,7 @@ class TouchPipeline:
 
     def find_latched(self) -> Int[np.ndarray, "latched"]:
         """Find the taxels that are in contact, and clearly above their noise."""
-        latched, floor = self.tracker.latched, self.faults.noise.floor
+        latched, floor = self.tracker.latched, self.faults.noise.limits.floor
         if self.reading is None or not len(latched):
             return latched
         pressure = self.reading.pressure[latched]

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
-from eskin.touch.faults import MIN_LINE, Fault, FaultKind
+from eskin.touch.fault_kernels import MIN_LINE
+from eskin.touch.faults import Fault, FaultKind
 from eskin.touch.reading import Scan
 from eskin.units import NS_PER_S
 
@@ -113,8 +114,10 @@ class PolarityDetector:
         self.last = scan.stamp
         # A press the wrong way looks like a fault, which must not hide the rest of it.
         if self.moves:
-            moving = np.isin(self.skin.patch_index, list(self.moves))
-            mask = np.where(moving, self.mask, mask)
+            mask = mask.copy()
+            for patch in self.moves:
+                own = self.members[patch]
+                mask[own] = self.mask[own]
         self.mask = mask
         use = scan.received & ~self.mask & (scan.counts >= 0)
         new = use & np.isnan(self.level)
