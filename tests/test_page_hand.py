@@ -257,6 +257,10 @@ def test_drag_paints_balls_of_one_stroke_as_far_apart_as_the_brush_wants():
     brush.keeps_out = True
     brush.click(start, 0.0)
     assert (sent[-1].stroke, sent[-1].keeps_out) == (2, True)
+    brush.matrix = (16, 16, 0.006)
+    for phase in ("start", "update", "end"):
+        brush.drag(phase, start)
+    assert (len(sent), sent[-1].matrix) == (len(places) + 2, brush.matrix)
 
 
 def test_disc_is_of_the_size_of_its_taxel_before_it_is_scaled():
