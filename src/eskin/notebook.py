@@ -1,6 +1,6 @@
 """This module gives a notebook recordings as tables, and draws values of a skin."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
@@ -42,9 +42,11 @@ def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") 
         EskinError: a recording or the model cannot be used.
     """
     model = model if isinstance(model, Model) else load_model(model)
-    recordings: Iterable[Recording] = (recording,)
-    if not isinstance(recording, Recording):
-        recordings = map(read_recording, find_recordings([recording]))
+    recordings = (
+        [recording]
+        if isinstance(recording, Recording)
+        else map(read_recording, find_recordings([recording]))
+    )
     rows = [row for each in recordings for row in list_touches(each, model)]
     if find_spec("pandas") is None:
         return rows

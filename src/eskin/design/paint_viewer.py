@@ -22,8 +22,8 @@ PAINTED = 60.0
 """Pressure that shows a painted point [kPa]; a point of a keep-out zone is shown as a
 taxel that is not valid."""
 REQUEST = (
-    "Drag over the robot to paint, or click; drag beside it to turn the view. To place "
-    "a ready-made matrix, choose it below, and click where its middle is to lie."
+    "Drag over the robot to paint, or click to place a matrix where that is chosen; "
+    "drag beside it to turn the view."
 )
 
 

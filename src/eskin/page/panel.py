@@ -486,17 +486,21 @@ class PaintPanel(Panel):
         )
         kind = gui.add_dropdown("paint", options=KINDS, initial_value=KINDS[0])
         obey(radius.on_update, lambda mm: setattr(brush, "radius", 1e-3 * float(mm)))
-        rows, columns, pitch = (
-            gui.add_number(name, value, min=1, max=200, step=step)
+        sizes = rows, columns, pitch = tuple(
+            gui.add_number(name, value, min=1, max=200, step=step, visible=False)
             for name, value, step in MATRIX
         )
 
         def choose(_: object) -> None:
             brush.keeps_out = kind.value == KINDS[1]
             matrix = int(rows.value), int(columns.value), 1e-3 * float(pitch.value)
-            brush.matrix = matrix if kind.value == KINDS[2] else None
+            is_matrix = kind.value == KINDS[2]
+            brush.matrix = matrix if is_matrix else None
+            radius.visible = not is_matrix
+            for control in sizes:
+                control.visible = is_matrix
 
-        for control in (kind, rows, columns, pitch):
+        for control in (kind, *sizes):
             obey(control.on_update, choose)
         buttons: tuple[tuple[PageKind, IconName], ...] = (
             ("undo", Icon.ARROW_BACK_UP),
