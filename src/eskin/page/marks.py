@@ -211,7 +211,7 @@ TARGET_RADIUS = 0.02
 """Radius of the ring around the place to press [m]."""
 LABEL_HEIGHT = 0.06
 """Height of the label of that place over the skin [m]."""
-HINT_FACING = 0.4
+HINT_FACING = 0.6
 """Cosine to the camera below which another place is hinted at."""
 ASIDE, BEFORE, SOME = 0.03, 0.06, 4
 """Distance from the ray to the camera, and along it, at which a part of the robot hides
