@@ -85,7 +85,7 @@ class FirstHour:
     """Run the page, and time it by step."""
 
     port: int = int(PORT)
-    """UDP port for the packets of the panel."""
+    """UDP port for the packets of the matrix."""
 
     show: bool = False
     """Print what the commands print, too."""

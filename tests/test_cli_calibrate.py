@@ -160,6 +160,16 @@ def test_unfelt_presses_are_told_with_what_would_be_felt():
         guide.finish()
 
 
+def test_presses_that_cannot_be_used_are_told_with_the_reason():
+    nominal, _, scans = presses_of(12, force=4.0)
+    guide = CalibrationGuide(MOUNTED, nominal)
+    guide.describe_refusal = lambda press, taxel: "the finger moved"
+    for scan in scans:
+        guide.push(scan)
+    with pytest.raises(ValueError, match="used, the last since the finger moved"):
+        guide.finish()
+
+
 def test_calibration_without_a_press_writes_nothing(tmp_path, capsys):
     out = tmp_path / "calibration.json"
     path = record(tmp_path / "light.mcap", make_scans(rest(REST_SCANS + 50)))

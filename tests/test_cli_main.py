@@ -16,7 +16,7 @@ import pytest
 import eskin
 import eskin.cli.main as main_module
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
-from eskin.cli.options import list_options
+from eskin.cli.options import NO_WIDTH, list_options
 from eskin.cli.parse_errors import rewrite_parse_error
 
 ARGUMENTS = {
@@ -97,6 +97,15 @@ def test_help_of_a_group_lists_its_commands(capsys):
     assert (code, err) == (0, "")
     listed = re.findall(r"^  eskin (.*?)  ", out, re.MULTILINE)
     assert [one.strip() for one in listed] == [c for c in COMMANDS if c[:5] == "skin "]
+
+
+def test_help_in_a_terminal_breaks_between_words(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    with pytest.raises(SystemExit):
+        run(["skin", "paint", "--help"])
+    words = capsys.readouterr().out.partition("The page")[2]
+    lines = words.partition("a link has one")[0].splitlines()
+    assert max(map(len, lines)) <= 80 + len(NO_WIDTH)
 
 
 def test_first_interrupt_stops_and_a_hasty_second_one_does_not_hang(monkeypatch):

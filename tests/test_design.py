@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -217,9 +218,12 @@ def test_painted_region_is_read_back_and_covered(robots, tmp_path):
     assert not keep_outs[0].contains(design.skin.positions).any()
 
 
-def test_saving_again_replaces_what_was_painted_and_keeps_what_was_there(tmp_path):
+def test_saving_again_replaces_what_was_painted_and_keeps_what_was_there(
+    robots, tmp_path
+):
     before = SpecFile(regions=[RegionEntry(link="foot")])
-    draft = SpecDraft(tmp_path / "spec.yaml", before, 0.5)
+    spec, folder = tmp_path / "spec.yaml", tmp_path / "skin"
+    draft = SpecDraft(spec, before, 0.5, robots["box"], folder)
     places = [(0.0, 0.0, 0.1 * n) for n in range(3)]
     orders = [PaintOrder(n, "body", p, 0.03, False) for n, p in enumerate(places)]
     for count in (3, 1):
@@ -648,6 +652,24 @@ def test_matrix_is_laid_on_the_surface_with_its_own_distances(
     assert check_skin(skin, load_urdf(urdf)) == []
     across = np.cross(grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0])
     assert (skin.normals @ across > 0).all()
+
+
+def test_click_places_the_matrix_that_the_command_places(tmp_path, capsys):
+    urdf = write_urdf(tmp_path, SHAPES["box"])
+    spec, folder, out = tmp_path / "spec.yaml", tmp_path / "skin", tmp_path / "same"
+    draft = SpecDraft(spec, SpecFile(), None, load_urdf(urdf), folder)
+    orders = tuple(
+        PaintOrder(n, "body", (0.04, 0.0, z), 0.04, False, (4, 5, 0.006))
+        for n, z in enumerate((0.01, 0.0))
+    )
+    with pytest.raises(SkinError, match="does not lie on link 'body'"):
+        draft.place(replace(orders[0], matrix=(90, 90, 0.006)))
+    assert draft.save(orders) == f"saved: {folder}" and not spec.exists()
+    words = ("--link", "body", "--rows", 4, "--columns", 5, "--pitch-mm", 6)
+    call(capsys, "skin", "place", urdf, *words, "--at", 40, 0, 0, "--out", out)
+    # The later click on a link moves its matrix.
+    found, same = load_skin(str(folder)), load_skin(str(out))
+    assert np.array_equal(found.positions, same.positions)
 
 
 def test_matrices_of_other_patches_are_added_and_one_is_replaced(tmp_path, capsys):

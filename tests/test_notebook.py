@@ -1,4 +1,14 @@
-"""Tests of what a notebook calls: pressures, touches as rows, values on a skin."""
+"""Tests of what a notebook calls: pressures, touches as rows, values on a skin.
+
+Ten tasks of a notebook import nothing of eskin but what the reference documents.
+"""
+
+import ast
+import inspect
+import math
+import textwrap
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +18,8 @@ from eskin.skin import load_skin
 from helpers.live import Press, mounted, record, scans
 
 pytestmark = pytest.mark.slow
+
+API = Path(__file__).parents[1] / "docs" / "api"
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +68,92 @@ def test_skin_is_shown_in_a_cell_without_a_server():
 def test_names_of_eskin_are_those_that_are_public():
     assert set(dir(eskin)) == {*eskin.__all__, "__version__"}
     assert all(getattr(eskin, name) is not None for name in dir(eskin))
+
+
+def do_ten_tasks(folder):
+    """Do what a notebook is used for, on a panel that is tapped six times."""
+    from eskin.app import nominal_calibration
+    from eskin.calibration import CalibrationGuide
+    from eskin.exports.tables import write_tables
+    from eskin.live import save_model
+    from eskin.recording import Label, Metadata, write_calibration
+    from eskin.skin import Patch, Plane, TaxelGrid, build_skin, check_skin, save_skin
+
+    # 1. A skin of one's own, from a grid.
+    grid = TaxelGrid(rows=12, columns=16, row_pitch=0.01, column_pitch=0.01)
+    patch = Patch("top", link="table", address=1, rows=12, columns=16)
+    skin = build_skin("panel", [(patch, grid, Plane(np.eye(4)))])
+    table = eskin.load_robot("table")
+    assert not check_skin(skin, table)
+    save_skin(skin, folder / "panel")
+    assert eskin.load_skin(folder / "panel").count == 192
+
+    # 2. Where the taxels are at some positions of the joints.
+    arm = eskin.MountedSkin(eskin.load_skin("ur5"), eskin.load_robot("ur5"))
+    bent = arm.place_taxels(np.array([0.0, -1.2, 1.0, 0.0, 0.5, 0.0]))[0]
+    assert np.ptp(bent - arm.place_taxels(np.zeros(6))[0]) > 0.1
+
+    # 3. Touches of a simulated person.
+    config = eskin.SourceConfig(robot="table", pace=math.inf)
+    with eskin.open_source(f"sim:{folder / 'panel'}", config=config) as source:
+        assert all(len(scan.counts) == 192 for scan in islice(source, 5))
+
+    # 4. A recording of one's own touches.
+    calibration, rng = nominal_calibration(skin), np.random.default_rng(0)
+    away = np.linalg.norm(skin.positions - skin.positions[100], axis=1)
+    taps = [(7.0 + 3 * n, 7.5 + 3 * n) for n in range(6)]
+    path, second = folder / "taps.mcap", 10**9
+    origin = Metadata("taps", "me", "today")
+    with eskin.RecordingWriter(path, "table", skin, calibration, origin) as writer:
+        for number in range(50 * 24):
+            t = number / 50
+            share = sum(math.sin(math.pi * (t - a) / 0.5) for a, b in taps if a < t < b)
+            kpa = 80 * share * np.exp(-((away / 0.009) ** 2))
+            counts = 200 + rng.normal(0, 1.5, 192) + calibration.compute_counts(kpa)
+            stamp = round((t + 1) * second)
+            writer.write(
+                eskin.Scan(stamp, np.int32(counts), np.ones(192, bool), np.zeros(0))
+            )
+        for a, b in taps:
+            label = Label(round((a + 1) * second), round((b + 1) * second), "poke")
+            writer.write_label(label)
+
+    # 5. What is recognised in it, and when.
+    tapped, model = eskin.read_recording(path), eskin.load_model("ur5")
+    on = {"skin": tapped.skin, "robot": table, "calibration": tapped.calibration}
+    recognizer = eskin.Recognizer.load("ur5", **on)
+    found = [one for scan in tapped.scans() for one in recognizer.push(scan)]
+    times = [(one.onset - tapped.start) / second for one in found]
+    assert np.allclose(times, [a for a, _ in taps], atol=0.1)
+
+    # 6. Other thresholds.
+    strict = eskin.DecisionConfig(threshold=1.0, least=1.0)
+    recognizer = eskin.Recognizer.load("ur5", **on, decision=strict)
+    shy = [one.gesture for scan in tapped.scans() for one in recognizer.push(scan)]
+    assert shy == ["unknown"] * 6
+
+    # 7. All touches of a set of recordings as a table, and how many are right.
+    rows = eskin.find_touches(folder, model)
+    right = [row["detected"] == row["gesture"] for row in rows]
+    assert len(right) == 6 and np.mean(right) > 0.8
+
+    # 8. A calibration from counts: rest, then presses.
+    guide = CalibrationGuide(eskin.MountedSkin(skin, table), calibration)
+    events = [guide.push(scan) for scan in tapped.scans()]
+    assert [one.kind for one in events if one] == ["rested", *["pressed"] * 5]
+    write_calibration(folder / "panel" / "calibration.json", guide.finish().calibration)
+
+    # 9. A model as a file.
+    save_model(folder / "mine.safetensors", model)
+    assert eskin.load_model(folder / "mine.safetensors").digest == model.digest
+
+    # 10. A recording for other programs.
+    assert write_tables([tapped], folder / "tables")["touches"] == 6
+
+
+def test_ten_tasks_are_done_with_documented_modules_alone(tmp_path):
+    do_ten_tasks(tmp_path)
+    source = ast.parse(textwrap.dedent(inspect.getsource(do_ten_tasks)))
+    used = {n.module for n in ast.walk(source) if isinstance(n, ast.ImportFrom)}
+    pages = "".join(page.read_text() for page in API.glob("*.md"))
+    assert used <= {line.removeprefix("::: ") for line in pages.splitlines()}

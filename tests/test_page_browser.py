@@ -325,7 +325,7 @@ def test_drag_over_robot_paints_what_is_saved(browser):
 
     earlier = np.zeros((2, mounted().skin.count), bool)
     config = ViewerConfig(free_port(0))
-    viewer = PaintViewer(mounted(), save, earlier, 100, config)
+    viewer = PaintViewer(mounted(), save, earlier, 100, pytest.fail, config)
     tab = new_slow_tab(browser)
     link = int(mounted().taxel_link_index[TARGET])
     p_world = mounted().kinematics.poses(np.zeros(6))[link] @ np.append(

@@ -20,7 +20,9 @@ from eskin.page.html import (
     REST_COLOUR,
     choose_gesture_colours,
 )
+from eskin.page.marks import TargetMark
 from eskin.page.scene import Scene, SurfacePoint
+from eskin.transforms import apply, rotate
 from helpers.viewer import make_setup, mounted
 
 FOREARM = 1200
@@ -257,6 +259,10 @@ def test_drag_paints_balls_of_one_stroke_as_far_apart_as_the_brush_wants():
     brush.keeps_out = True
     brush.click(start, 0.0)
     assert (sent[-1].stroke, sent[-1].keeps_out) == (2, True)
+    brush.matrix = (16, 16, 0.006)
+    for phase in ("start", "update", "end"):
+        brush.drag(phase, start)
+    assert (len(sent), sent[-1].matrix) == (len(places) + 2, brush.matrix)
 
 
 def test_disc_is_of_the_size_of_its_taxel_before_it_is_scaled():
@@ -271,3 +277,26 @@ def test_disc_is_of_the_size_of_its_taxel_before_it_is_scaled():
     for call in add.call_args_list:
         assert np.linalg.norm(call.args[1], axis=1).max() < widest
         assert 0.5 < call.kwargs["batched_scales"].max() < 1.01
+
+
+def test_place_where_to_click_is_seen_in_every_pose():
+    """No other taxel is drawn before it, and it faces the camera."""
+    server = MagicMock(ViserServer, scene=MagicMock())
+    server.scene.add_batched_meshes_simple.return_value = MagicMock(BatchedMeshHandle)
+    setup = make_setup()
+    scene = Scene(server, setup, ColourScale(60.0))
+    scene.set_camera(np.array(setup.middle), setup.distance)
+    target, rng = TargetMark(server, scene, hints=True), np.random.default_rng(0)
+    for turn in np.linspace(-3.0, 3.0, 12):
+        bend = rng.uniform((-2.2, 0.6, -2.2), (-1.0, 2.2, -0.6))
+        q = np.array([turn, *bend, -1.5, 0.0])
+        scene.T_world_link = mounted().kinematics.poses(q)
+        place = target.find_hint()
+        T = scene.T_world_link[place.link]
+        at, to = apply(T, np.array(place.p_link)), rotate(T, np.array(place.n_link))
+        ray = target.eye - at
+        ray /= np.linalg.norm(ray)
+        away = scene.place_taxels()[0] - at
+        along = away @ ray
+        aside = np.linalg.norm(away - along[:, None] * ray, axis=1)
+        assert ray @ to > 0.59 and not np.any((along > 0.08) & (aside < 0.01))

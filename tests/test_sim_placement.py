@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from eskin.sim.constants import MM
+from eskin.robot import load_robot
+from eskin.sim.constants import MM, load_constants
 from eskin.sim.scene import build_environment, compute_joint_limits
 from eskin.sim.scene.environment import compute_surface_axes
 from eskin.sim.scene.folds import find_fold_sites
@@ -25,7 +26,7 @@ from eskin.sim.scene.poses import (
 )
 from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
 from eskin.sim.scene.validity import are_poses_valid, find_self_contact_sites
-from eskin.skin import Tube
+from eskin.skin import MountedSkin, Tube, build_grid_skin
 from helpers.worlds import EVERY, people, poses, world
 
 pytestmark = pytest.mark.slow
@@ -167,6 +168,16 @@ def test_sites_lie_on_a_taxel_or_between_two_edges(gesture):
             assert isinstance(chart.surface, Tube)
             assert np.ptp(chart.unrolled[:, 1]) > 0.2
             assert site.radius == chart.radius
+
+
+@pytest.mark.parametrize(("rows", "columns", "pitch"), [(12, 16, 0.01), (1, 8, 0.02)])
+def test_skin_too_small_for_a_gesture_is_touched_all_the_same(rows, columns, pitch):
+    panel = MountedSkin(build_grid_skin(rows, columns, pitch), load_robot("table"))
+    env = build_environment(panel, load_constants())
+    rng = np.random.default_rng(1)
+    for gesture in PLACEMENT_LAWS:
+        site = draw_site(env, np.zeros(0), people(1)[0], gesture, rng)
+        assert np.all(np.abs(site.centre) <= pitch * np.array([columns, rows]))
 
 
 def test_regions_are_touched_as_often_as_stated():

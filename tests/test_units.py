@@ -44,6 +44,7 @@ def find_bare_plurals(path, plurals):
         ("reading", ("0 readings", "1 reading", "2 readings")),
         ("patch", ("0 patches", "1 patch", "2 patches")),
         ("press", ("0 presses", "1 press", "2 presses")),
+        ("epoch", ("0 epochs", "1 epoch", "2 epochs")),
         (
             "unasked command",
             ("0 unasked commands", "1 unasked command", "2 unasked commands"),

@@ -1,5 +1,6 @@
 """This module gives a notebook recordings as tables, and draws values of a skin."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eskin.live import Model, Recognizer, load_model, mount_skin
-from eskin.recording import Recording, read_recording
+from eskin.recording import Recording, find_recordings, read_recording
 from eskin.recording.records import select_labels
 from eskin.recording.tables import describe_touch
 from eskin.skin import MountedSkin, Skin, load_skin
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 
 
 def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") -> Any:  # noqa: ANN401
-    """Find the touches of a recording, with what a model makes of them.
+    """Find the touches of recordings, with what a model makes of them.
 
     Args:
-        recording: recording, or its path.
+        recording: recording, its path, or a folder of recordings.
         model: model, its name, or the path of its file.
 
     Returns:
@@ -38,11 +39,22 @@ def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") 
         None without one.
 
     Raises:
-        EskinError: the recording or the model cannot be used.
+        EskinError: a recording or the model cannot be used.
     """
-    if not isinstance(recording, Recording):
-        recording = read_recording(Path(recording))
     model = model if isinstance(model, Model) else load_model(model)
+    recordings = (
+        [recording]
+        if isinstance(recording, Recording)
+        else map(read_recording, find_recordings([recording]))
+    )
+    rows = [row for each in recordings for row in list_touches(each, model)]
+    if find_spec("pandas") is None:
+        return rows
+    return import_module("pandas").DataFrame(rows)
+
+
+def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a recording's touches, as `find_touches` describes them."""
     mounted = MountedSkin(recording.skin, recording.load_robot())
     recognizer = Recognizer(model, mounted, recording.calibration)
     labels, features = select_labels(recording.labels), {}
@@ -59,26 +71,19 @@ def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") 
     detected |= {each.touch: each for each in recognizer.finish()}
     state = recognizer.state
     closed += () if state is None else state.touches
-    rows = []
     for touch in {each.id: each for each in closed}.values():
         if touch.merged_into is None:
             one, shares = detected.get(touch.id), probabilities.get(touch.id)
-            rows.append(
-                describe_touch(recording, touch, labels)
-                | {
-                    "detected": None if one is None else one.gesture,
-                    "confidence": None if one is None else one.confidence,
-                    "probabilities": None
-                    if shares is None
-                    else dict(zip(model.card.vocabulary, shares.tolist(), strict=True)),
-                    "embedding": np.mean(features[touch.id], axis=0)
-                    if touch.id in features
-                    else None,
-                }
-            )
-    if find_spec("pandas") is None:
-        return rows
-    return import_module("pandas").DataFrame(rows)
+            yield describe_touch(recording, touch, labels) | {
+                "detected": None if one is None else one.gesture,
+                "confidence": None if one is None else one.confidence,
+                "probabilities": None
+                if shares is None
+                else dict(zip(model.card.vocabulary, shares.tolist(), strict=True)),
+                "embedding": np.mean(features[touch.id], axis=0)
+                if touch.id in features
+                else None,
+            }
 
 
 def plot_skin(

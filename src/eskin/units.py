@@ -13,4 +13,4 @@ def format_count(count: object, noun: str) -> str:
     """
     if count == 1:
         return f"1 {noun}"
-    return f"{count} {noun}{'es' if noun.endswith(('ch', 's', 'x')) else 's'}"
+    return f"{count} {noun}{'es' if noun.endswith(('tch', 'uch', 's', 'x')) else 's'}"

@@ -168,6 +168,7 @@ class PressGuide(ABC, Generic[Press]):
         rest_seconds: time without touch that is asked for first [s].
         state: contacts and pressures at the latest scan; None before the first.
         began: stamp at which rest began; None before.
+        refusal: why the last press that was refused was; empty before.
     """
 
     def __init__(
@@ -182,6 +183,7 @@ class PressGuide(ABC, Generic[Press]):
         self.detector, self.pressing = PressDetector(), PressSummary()
         self.state: TouchState | None = None
         self.began: int | None = None
+        self.refusal = ""
         self.is_turned = False
 
     @property
@@ -234,8 +236,8 @@ class PressGuide(ABC, Generic[Press]):
         ended, self.pressing = self.pressing, PressSummary()
         if taxel is None or self.phase == "done":
             return None
-        text = self.describe_refusal(ended, taxel)
-        if text:
+        if text := self.describe_refusal(ended, taxel):
+            self.refusal = text
             return GuideEvent("refused", text, taxel)
         self.presses.append(self.build_press(ended, taxel))
         self.phase = "done" if self.request is None else "press"
@@ -532,7 +534,12 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         self.skipped.discard(press.patch)
 
     def describe_unfelt(self) -> str:
-        """Describe by how much no press was felt, and what may be done about it."""
+        """Describe why no press was felt or used, and what may be done about it."""
+        if self.refusal:
+            return (
+                f"no press could be used, the last since {self.refusal}; allowed is "
+                "one fingertip that keeps its place; press so, for a second"
+            )
         press = replace(self.assumed, gain=self.assumed.gain[[self.strongest]])
         pressure = float(press.compute_pressure(np.array([self.largest]))[0])
         bits, remedy = self.fewer_bits, "press more firmly"

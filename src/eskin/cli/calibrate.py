@@ -130,8 +130,10 @@ class CalibrationDialogue(Dialogue["CalibrationGuide"]):
         )
 
     def describe_skip(self, request: "PressRequest") -> str:
-        """Describe that a patch is left out."""
-        return f"patch '{request.name}' is left out"
+        """Describe that a patch is left out, and why light presses may not be felt."""
+        bits = self.guide.fewer_bits
+        why = "" if bits is None else f"; for a converter of {bits} bits --bits {bits}"
+        return f"patch '{request.name}' is left out{why}"
 
 
 def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from itertools import pairwise
-from textwrap import fill
+from textwrap import wrap
 from types import NoneType, UnionType
 from typing import (
     Annotated,
@@ -30,8 +30,8 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
-WIDTH = 80
-"""Width of the help [characters]."""
+WIDTH, NO_WIDTH = 80, "\x1b[m"
+"""Width of the help [characters], and a sequence of a terminal that shows nothing."""
 
 registry = ConstructorRegistry()
 """What tyro is told of the classes of commands."""
@@ -110,9 +110,14 @@ def describe_kind(hint: Any) -> str | None:  # noqa: ANN401
 
 
 def describe_command(command: type) -> str:
-    """Return the docstring of a command, as wide as its help."""
+    """Return the docstring of a command, in a terminal as wide as its help.
+
+    Tyro joins lines that begin with a letter; here they begin with an empty sequence.
+    """
     paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
-    return "\n\n".join(fill(" ".join(each.split()), WIDTH) for each in paragraphs)
+    lines = [wrap(" ".join(each.split()), WIDTH) for each in paragraphs]
+    end = f"\n{NO_WIDTH}" if sys.stdout.isatty() else " "
+    return "\n\n".join(map(end.join, lines))
 
 
 def list_options(command: type, group: str = "") -> list[str]:

@@ -8,17 +8,23 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Bool
+from scipy.spatial import KDTree
 
+from eskin.design.painting import SPACING
+from eskin.errors import EskinError
 from eskin.page import GuideBoard, Order, PageOrder, PaintOrder
 from eskin.page.appearance import describe_scene
 from eskin.page.process import PageProcess
 from eskin.page.viewer import ViewerConfig, build_still
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, Skin
 
 PAINTED = 60.0
 """Pressure that shows a painted point [kPa]; a point of a keep-out zone is shown as a
 taxel that is not valid."""
-REQUEST = "Drag over the robot to paint, or click; drag beside it to turn the view."
+REQUEST = (
+    "Drag over the robot to paint, or click to place a matrix where that is chosen; "
+    "drag beside it to turn the view."
+)
 
 
 @final
@@ -26,7 +32,7 @@ class PaintViewer:
     """Shows points of a robot's surface, and keeps what a person paints on them.
 
     Attributes:
-        balls: balls painted so far, in their order.
+        balls: balls and matrices so far, in their order.
         closed: flag set once the person has closed the page by its button.
     """
 
@@ -36,6 +42,7 @@ class PaintViewer:
         on_save: Callable[[tuple[PaintOrder, ...]], str],
         previous: Bool[np.ndarray, "2 taxel"],
         max_balls: int,
+        on_place: Callable[[PaintOrder], Skin],
         config: ViewerConfig | None = None,
     ) -> None:
         """Start the page's process.
@@ -45,6 +52,8 @@ class PaintViewer:
             on_save: function that writes the balls; it returns a line that says so.
             previous: points that are painted already, and points of keep-out zones.
             max_balls: largest number of balls.
+            on_place: function that returns a matrix as a skin of one patch; it raises
+                an `EskinError` where there is no room for it.
             config: configuration of the page.
 
         Raises:
@@ -52,7 +61,7 @@ class PaintViewer:
         """
         config = config or ViewerConfig()
         self.mounted, self.on_save, self.previous = mounted, on_save, previous
-        self.max_balls, self.note = max_balls, ""
+        self.max_balls, self.on_place, self.note = max_balls, on_place, ""
         self.balls: list[PaintOrder] = []
         self.closed, self.lock = Flag(), RLock()
         title = f"{mounted.robot.name}: paint the skin"
@@ -61,12 +70,12 @@ class PaintViewer:
         self.show()
 
     def take_order(self, order: Order) -> None:
-        """Paint a ball, remove the last stroke, save, or end the page."""
+        """Paint a ball, place a matrix, undo the last, save, or end the page."""
         with self.lock:
             self.note = ""
             match order:
                 case PaintOrder() if len(self.balls) < self.max_balls:
-                    self.balls.append(order)
+                    self.add(order)
                 case PaintOrder():
                     self.note = (
                         f"not painted: {self.max_balls} balls are painted, and no more "
@@ -81,14 +90,31 @@ class PaintViewer:
                     self.closed.set()
             self.show()
 
+    def add(self, order: PaintOrder) -> None:
+        """Add a ball, or a matrix where it has room."""
+        if order.matrix is not None:
+            self.note = f"the matrix is laid on {order.link}, which takes seconds"
+            self.show()
+            place = " ".join(f"{1e3 * value:.0f}" for value in order.p_link)
+            try:
+                self.on_place(order)
+            except EskinError as error:
+                self.note = f"not placed: {error}"
+                return
+            self.note = f"on {order.link} at {place} mm; Save writes it"
+        self.balls.append(order)
+
     def find_painted(self) -> Bool[np.ndarray, "2 taxel"]:
         """Return which points are painted, and which lie in keep-out zones."""
         found = self.previous.copy()
         names = np.array(self.mounted.robot.link_names)
         links = names[self.mounted.taxel_link_index]
         for ball in self.balls:
-            offsets = self.mounted.skin.positions - np.array(ball.p_link)
-            inside = np.linalg.norm(offsets, axis=1) <= ball.radius
+            middles, radius = np.array([ball.p_link]), ball.radius
+            if ball.matrix is not None:
+                middles, radius = self.on_place(ball).positions, SPACING
+            away, _ = KDTree(middles).query(self.mounted.skin.positions)
+            inside = away <= radius
             found[int(ball.keeps_out)] |= inside & (links == ball.link)
         return found
 
@@ -97,11 +123,7 @@ class PaintViewer:
         painted, kept_out = self.find_painted()
         area = 1e4 * float(self.mounted.skin.areas[painted & ~kept_out].sum())
         strokes = len({ball.stroke for ball in self.balls})
-        lines = [f"about {area:.0f} cm2 painted; strokes: {strokes}"]
-        if self.balls:
-            link, p_link = self.balls[-1].link, self.balls[-1].p_link
-            place = " ".join(f"{1e3 * value:.0f}" for value in p_link)
-            lines.append(f"a matrix there: eskin skin place --link {link} --at {place}")
+        lines = [f"about {area:.0f} cm2 covered; strokes: {strokes}"]
         board = GuideBoard(REQUEST, 0.0, None, (*lines, *filter(None, [self.note])))
         q = np.zeros(len(self.mounted.robot.joint_names))
         pressure = np.where(painted, PAINTED, 0.0).astype(np.float16)

@@ -242,12 +242,14 @@ class PaintBrush(Mouse):
     Attributes:
         radius: radius of the next balls [m].
         keeps_out: whether they mark a zone without skin.
+        matrix: rows, columns and pitch [m] of the matrix that is placed instead.
     """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
         """Start without strokes."""
         super().__init__(setup, send)
         self.radius, self.keeps_out = 0.04, False
+        self.matrix: tuple[int, int, float] | None = None
         self.strokes = 0
         self.pressed: SurfacePoint | None = None
         self.last: SurfacePoint | None = None
@@ -261,7 +263,14 @@ class PaintBrush(Mouse):
             self.paint(spot)
 
     def drag(self, phase: DragPhase, spot: SurfacePoint | None) -> None:
-        """Paint along a drag, which begins when the mouse moves."""
+        """Paint along a drag, which begins when the mouse moves.
+
+        A matrix lies where the drag ends.
+        """
+        if self.matrix is not None:
+            if phase == "end":
+                self.click(spot, 0.0)
+            return
         if phase == "start":
             self.strokes += 1
             self.pressed, self.last = spot, None
@@ -282,7 +291,8 @@ class PaintBrush(Mouse):
         self.last = spot
         x, y, z = spot.p_link.tolist()
         place = self.setup.links[spot.link], (x, y, z)
-        self.send(PaintOrder(self.strokes, *place, self.radius, self.keeps_out))
+        what = self.radius, self.keeps_out, self.matrix
+        self.send(PaintOrder(self.strokes, *place, *what))
 
     def tick(self, now: float) -> None:
         """Do nothing: every ball is sent at once."""

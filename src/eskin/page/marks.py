@@ -1,10 +1,11 @@
 """This module draws what is on the robot: its gripper, and the marks of touches."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from viser import BatchedMeshHandle, LabelHandle, MeshHandle, ViserServer
 
 from eskin.page.html import to_words
@@ -210,8 +211,11 @@ TARGET_RADIUS = 0.02
 """Radius of the ring around the place to press [m]."""
 LABEL_HEIGHT = 0.06
 """Height of the label of that place over the skin [m]."""
-HINT_FACING = 0.4
+HINT_FACING = 0.6
 """Cosine to the camera below which another place is hinted at."""
+ASIDE, BEFORE, SOME = 0.03, 0.06, 4
+"""Distance from the ray to the camera, and along it, at which a part of the robot hides
+a place [m]; one of so many points is looked at."""
 TARGET_DISTANCE = 0.9
 """Distance of the camera from the place to press [m]."""
 SLANT = 0.4
@@ -275,14 +279,22 @@ class TargetMark(PagePart):
         return ring, label
 
     def find_hint(self) -> PressPlace:
-        """Return a place on the skin that faces the camera, the same while it does."""
+        """Return a place on the skin that the camera sees, the same while it does."""
         setup, facing = self.scene.setup, self.measure_facing()
-        if self.hinted is None or facing[self.hinted] < HINT_FACING:
-            # The taxel that faces the camera most, of the patch that is seen most.
-            seen = np.bincount(setup.patch_index, np.maximum(facing, 0.0))
-            own = setup.patch_index == seen.argmax()
-            self.hinted = int(np.argmax(np.where(own, facing, -1.0)))
-        taxel = self.hinted
+        last = self.hinted
+        if last is None or facing[last] < HINT_FACING or self.find_hidden([last])[0]:
+            # The middle of what is seen of the patch that is seen most.
+            some = np.flatnonzero(facing >= HINT_FACING)[::SOME]
+            seen = some[~self.find_hidden(some)]
+            if len(seen):
+                patches = setup.patch_index[seen]
+                seen = seen[patches == np.bincount(patches).argmax()]
+                places = self.scene.place_taxels()[0][seen]
+                away = np.linalg.norm(places - places.mean(axis=0), axis=1)
+                self.hinted = int(seen[away.argmin()])
+            elif last is None:
+                self.hinted = int(facing.argmax())
+        taxel = self.hinted or 0
         p_link, n_link = (
             (float(x), float(y), float(z))
             for x, y, z in (setup.positions[taxel], setup.normals[taxel])
@@ -292,10 +304,29 @@ class TargetMark(PagePart):
 
     def measure_facing(self) -> Float[np.ndarray, "taxel"]:
         """Return the cosine between each normal and the way to the first camera."""
-        middle, distance, direction = self.scene.camera
         positions, normals = self.scene.place_taxels()
-        rays = middle + distance * direction - positions
+        rays = self.eye - positions
         return np.einsum("ti,ti->t", rays, normals) / np.linalg.norm(rays, axis=1)
+
+    @property
+    def eye(self) -> Float[np.ndarray, "3"]:
+        """Position of the first camera [m]."""
+        middle, distance, direction = self.scene.camera
+        return middle + distance * direction
+
+    def find_hidden(self, taxels: Sequence[int] | np.ndarray) -> Bool[np.ndarray, "_"]:
+        """Return which taxels have a part of the robot before them."""
+        scene, (positions, _) = self.scene, self.scene.place_taxels()
+        parts = [
+            apply(scene.T_world_link[solid.link], solid.vertices[::SOME])
+            for solid in scene.setup.solids
+        ]
+        bodies, places = np.concatenate([*parts, positions[::SOME]]), positions[taxels]
+        rays = (self.eye - places) / np.linalg.norm(self.eye - places, axis=1)[:, None]
+        away = bodies - places[:, None]
+        along = np.einsum("tpi,ti->tp", away, rays)
+        aside = np.linalg.norm(away - along[..., None] * rays[:, None], axis=2)
+        return np.any((along > BEFORE) & (aside < ASIDE), axis=1)
 
     def turn_camera(self, place: PressPlace) -> None:
         """Look at a place from outside, and from above the ground."""

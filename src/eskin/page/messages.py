@@ -271,7 +271,7 @@ class CorrectionOrder:
 
 @dataclass(frozen=True)
 class PaintOrder:
-    """Requests a ball of paint on the surface of a link."""
+    """Requests a ball of paint, or a matrix, on the surface of a link."""
 
     stroke: int
     """Number of the stroke that it belongs to."""
@@ -283,6 +283,8 @@ class PaintOrder:
     """Radius [m]."""
     keeps_out: bool
     """Whether no skin is to lie there."""
+    matrix: tuple[int, int, float] | None = None
+    """Rows, columns and pitch [m] of a matrix with its middle there; None paints."""
 
 
 Order = TouchOrder | PageOrder | CorrectionOrder | PaintOrder

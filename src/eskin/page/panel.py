@@ -465,7 +465,11 @@ class GuidePanel(Panel):
 
 RADII_MM = (5, 150)
 """Smallest and largest radius of the brush [mm]."""
-KINDS = ("skin", "keep out")
+KINDS = ("skin", "keep out", "matrix")
+
+
+MATRIX = (("rows", 16, 1), ("columns", 16, 1), ("pitch [mm]", 6.0, 0.1))
+"""Controls of a matrix, with their first values and steps."""
 
 
 @final
@@ -482,7 +486,22 @@ class PaintPanel(Panel):
         )
         kind = gui.add_dropdown("paint", options=KINDS, initial_value=KINDS[0])
         obey(radius.on_update, lambda mm: setattr(brush, "radius", 1e-3 * float(mm)))
-        obey(kind.on_update, lambda k: setattr(brush, "keeps_out", k == KINDS[1]))
+        sizes = rows, columns, pitch = tuple(
+            gui.add_number(name, value, min=1, max=200, step=step, visible=False)
+            for name, value, step in MATRIX
+        )
+
+        def choose(_: object) -> None:
+            brush.keeps_out = kind.value == KINDS[1]
+            matrix = int(rows.value), int(columns.value), 1e-3 * float(pitch.value)
+            is_matrix = kind.value == KINDS[2]
+            brush.matrix = matrix if is_matrix else None
+            radius.visible = not is_matrix
+            for control in sizes:
+                control.visible = is_matrix
+
+        for control in (kind, *sizes):
+            obey(control.on_update, choose)
         buttons: tuple[tuple[PageKind, IconName], ...] = (
             ("undo", Icon.ARROW_BACK_UP),
             ("save", Icon.DEVICE_FLOPPY),

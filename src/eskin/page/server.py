@@ -62,7 +62,8 @@ LOOK = b"""<script>
       light-dark(#e0e7f0, #2a313b), light-dark(#fafbfd, #14181d));
   }
   .mantine-Button-root { min-height: 28px; }
-  .mantine-Tabs-tab[data-active] { color: light-dark(#14677a, #5fd0e3); }
+  [role="tab"][aria-selected="true"] {
+    color: light-dark(#14677a, #5fd0e3) !important; }
   @media (pointer: coarse) { .mantine-Button-root { min-height: 40px; } }
   @media (max-width: 36em) {
     [style*="max-height: 60%"] { width: 100% !important;

@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Annotated, final
 import numpy as np
 import tyro
 
-from eskin.cli.checks import Range, check_writable
+from eskin.cli.checks import Range, check_folder, check_writable
 from eskin.design.commands.design import check_packages
-from eskin.errors import DeviceError
+from eskin.design.commands.place import save_matrix
+from eskin.errors import DeviceError, EskinError
+from eskin.page import PaintOrder
 from eskin.page.process import DEFAULT_PORT
-from eskin.robot import load_robot
+from eskin.robot import Robot, load_robot
+from eskin.skin import Skin
 from eskin.units import format_count
 
 if TYPE_CHECKING:
     from eskin.design.paint_viewer import PaintViewer
     from eskin.design.spec import SpecFile
-    from eskin.page import PaintOrder
 
 WAIT = 60.0
 """Longest time until the page is served [s]."""
@@ -30,7 +32,8 @@ class PaintCommand:
 
     The page shows the robot. Drag over it to paint with a round brush, or click; undo
     and save by the buttons. What is painted on a link is one region of the
-    specification that `eskin skin design --spec` reads.
+    specification that `eskin skin design --spec` reads. A click places a ready-made
+    matrix, as `eskin skin place` does, where that is chosen; a link has one.
     """
 
     robot: tyro.conf.Positional[str]
@@ -39,6 +42,9 @@ class PaintCommand:
     spec: Path
     """YAML file to write. What it holds already is kept, below what is painted; its
     comments are not."""
+
+    skin: Path | None = None
+    """Folder of the skin of matrices; by default SPEC_skin beside the specification."""
 
     links: tuple[str, ...] = ()
     """Links to paint on; all that have a shape where none are given."""
@@ -61,7 +67,10 @@ def run(command: PaintCommand) -> dict[str, object]:
 
     check_writable(command.spec)
     original = read_spec_file(command.spec) if command.spec.exists() else SpecFile()
-    draft = SpecDraft(command.spec, original, command.density)
+    skin = command.skin or command.spec.with_name(f"{command.spec.stem}_skin")
+    check_folder(skin)
+    robot = load_robot(command.robot, mimics=not command.no_mimics)
+    draft = SpecDraft(command.spec, original, command.density, robot, skin)
     page = open_page(command, draft)
     try:
         print(f"paint at {page.page.wait_ready(WAIT)}", flush=True)
@@ -72,15 +81,19 @@ def run(command: PaintCommand) -> dict[str, object]:
     finally:
         page.close()
     written, is_saved = draft.written, draft.written is not original
-    print(
-        f"{command.spec}: {format_count(len(written.regions), 'region')}, "
-        f"{format_count(len(written.keep_out), 'keep-out zone')}"
-        if is_saved
-        else "nothing was saved"
-    )
+    if is_saved:
+        print(
+            f"{command.spec}: {format_count(len(written.regions), 'region')}, "
+            f"{format_count(len(written.keep_out), 'keep-out zone')}"
+        )
+    if draft.taxels:
+        print(f"{skin}: {format_count(draft.taxels, 'taxel')}")
+    elif not is_saved:
+        print("nothing was saved")
     return {
+        "skin": str(skin) if draft.taxels else None,
         "spec": str(command.spec),
-        "saved": is_saved,
+        "saved": is_saved or bool(draft.taxels),
         "regions": len(written.regions),
         "keep_out": len(written.keep_out),
         "balls": len(page.balls),
@@ -97,8 +110,7 @@ def open_page(command: PaintCommand, draft: "SpecDraft") -> "PaintViewer":
     from eskin.skin import MountedSkin
 
     config = ViewerConfig(free_port(command.port))
-    robot = load_robot(command.robot, mimics=not command.no_mimics)
-    points = sample_surfaces(robot, command.links)
+    points = sample_surfaces(draft.robot, command.links)
     original = draft.original
     regions, keep_outs = original.build(PER_CM2)
     zones = [region.zone for region in regions], keep_outs
@@ -106,8 +118,9 @@ def open_page(command: PaintCommand, draft: "SpecDraft") -> "PaintViewer":
     used = sum(
         len(zone.balls_mm or ()) for zone in (*original.regions, *original.keep_out)
     )
-    mounted = MountedSkin(points, robot)
-    return PaintViewer(mounted, draft.save, existing, MAX_BALLS - used, config)
+    mounted = MountedSkin(points, draft.robot)
+    room = MAX_BALLS - used
+    return PaintViewer(mounted, draft.save, existing, room, draft.place, config)
 
 
 @final
@@ -117,9 +130,17 @@ class SpecDraft:
     Attributes:
         original: specification before anything was painted.
         written: specification as it was saved last; `original` until then.
+        taxels: number of taxels of the skin of matrices, once one was saved.
     """
 
-    def __init__(self, path: Path, original: "SpecFile", density: float | None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        original: "SpecFile",
+        density: float | None,
+        robot: Robot,
+        skin: Path,
+    ) -> None:
         """Start with nothing painted.
 
         Args:
@@ -127,24 +148,51 @@ class SpecDraft:
             original: what it holds already.
             density: density of the painted regions [1/cm2]; None for that of the
                 command that designs the skin.
+            robot: robot that is painted on.
+            skin: folder of the skin of matrices.
         """
         self.path, self.density = path, density
+        self.robot, self.skin, self.taxels = robot, skin, 0
+        self.placed: dict[PaintOrder, Skin] = {}
         self.original = self.written = original
 
-    def save(self, orders: "tuple[PaintOrder, ...]") -> str:
-        """Write what was painted; return a line that says whether it could be."""
+    def place(self, order: PaintOrder) -> Skin:
+        """Return the matrix of an order as a skin of one patch.
+
+        Raises:
+            EskinError: it has no room there.
+        """
+        from eskin.design.placing import MatrixSpec, place_matrix
+
+        if order not in self.placed:
+            assert order.matrix is not None
+            spec = MatrixSpec(order.link, *order.matrix, order.link, order.p_link)
+            self.placed[order] = place_matrix(self.robot, spec)[0]
+        return self.placed[order]
+
+    def save(self, orders: tuple[PaintOrder, ...]) -> str:
+        """Write what was painted and placed; return a line that says if it could be."""
         from eskin.design.painting import PaintedBall, add_painted
         from eskin.design.spec import PER_CM2, write_spec_file
 
         balls = [
             PaintedBall(order.link, order.p_link, order.radius, order.keeps_out)
             for order in orders
+            if order.matrix is None
         ]
+        matrices = [order for order in orders if order.matrix is not None]
         density = None if self.density is None else PER_CM2 * self.density
         entries = add_painted(self.original, balls, density)
+        saved = []
         try:
-            write_spec_file(self.path, entries)
-        except OSError as error:
-            return f"not saved: {error.strerror}; give another file with --spec"
-        self.written = entries
-        return f"saved: {self.path}"
+            for order in matrices:
+                self.taxels = save_matrix(self.place(order), self.skin).count
+                saved = [str(self.skin)]
+            if balls or not matrices:
+                write_spec_file(self.path, entries)
+                self.written = entries
+                saved.append(str(self.path))
+        except (OSError, EskinError) as error:
+            why = getattr(error, "strerror", None) or error
+            return f"not saved: {why}; give another with --spec or --skin"
+        return f"saved: {', '.join(saved)}"

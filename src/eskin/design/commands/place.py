@@ -11,7 +11,7 @@ from eskin.cli.checks import Range, check_folder, check_picture
 from eskin.cli.skin import draw_picture
 from eskin.design.commands.design import MAX_COUNT, check_packages
 from eskin.robot import load_robot
-from eskin.skin import load_skin, save_skin
+from eskin.skin import Skin, load_skin, save_skin
 from eskin.skin.files import MANIFEST
 from eskin.units import format_count
 
@@ -75,7 +75,7 @@ class PlaceCommand:
 def run(command: PlaceCommand) -> dict[str, object]:
     """Place one matrix, write the skin, and return where its corners are."""
     check_packages()
-    from eskin.design.placing import MatrixSpec, add_patch, place_matrix
+    from eskin.design.placing import MatrixSpec, place_matrix
 
     check_folder(command.out)
     if command.picture is not None:
@@ -103,10 +103,7 @@ def run(command: PlaceCommand) -> dict[str, object]:
         for row in sorted({0, command.rows - 1})
         for column in sorted({0, command.columns - 1})
     }
-    skin = replace(skin, name=command.out.absolute().name)
-    if (command.out / MANIFEST).exists():
-        skin = add_patch(load_skin(str(command.out)), skin)
-    save_skin(skin, command.out)
+    skin = save_matrix(skin, command.out)
     print(
         f"{command.out}: {format_count(skin.count, 'taxel')} of "
         f"{format_count(len(skin.patches), 'patch')}; distances of '{spec.name}' are "
@@ -124,3 +121,18 @@ def run(command: PlaceCommand) -> dict[str, object]:
         "distortion": round(distortion, 4),
         "corners": corners,
     }
+
+
+def save_matrix(skin: Skin, folder: Path) -> Skin:
+    """Write a matrix as a skin, or add it to the one that the folder holds.
+
+    Returns:
+        The skin that was written.
+    """
+    from eskin.design.placing import add_patch
+
+    skin = replace(skin, name=folder.absolute().name)
+    if (folder / MANIFEST).exists():
+        skin = add_patch(load_skin(str(folder)), skin)
+    save_skin(skin, folder)
+    return skin

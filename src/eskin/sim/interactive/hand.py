@@ -180,7 +180,7 @@ class InteractiveHand:
             Id of the touch.
 
         Raises:
-            ValueError: there is no such gesture or kind, or no place for it.
+            ValueError: there is no such gesture or kind.
         """
         with self.planning:
             person = person or self.person

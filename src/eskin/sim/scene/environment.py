@@ -61,11 +61,6 @@ class SimEnvironment:
         return self.mounted.kinematics.poses(q)
 
     @property
-    def has_sheets(self) -> bool:
-        """Tell whether the skin is charted by sheets, patch by patch."""
-        return any(isinstance(chart.surface, Sheet) for chart in self.charts)
-
-    @property
     def is_arm(self) -> bool:
         """Tell whether the robot stands on its base, not on its legs."""
         return self.collision.ground == 0.0

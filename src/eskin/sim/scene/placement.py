@@ -98,10 +98,7 @@ def draw_site(
 
     Gestures without a placement law take one of those of poke, double pat, grab and
     stroke at random, so that the place does not distinguish them. Some kinds need a
-    certain kind of place.
-
-    Raises:
-        ValueError: the skin has no place for the gesture.
+    certain kind of place; where the skin has none such, they take any.
     """
     law = choose_placement_law(gesture, kind, rng)
     view = build_view(env, q, person)
@@ -116,8 +113,7 @@ def draw_site(
             site = build_reached_site(env, view, chart, centre)
             if has_room_for_hand(env, site, law, view.T_world_link):
                 return site
-    if site is None:
-        raise ValueError(f"no place for '{law}' on skin '{env.mounted.skin.name}'")
+    assert site is not None
     return site
 
 
@@ -159,22 +155,24 @@ def draw_target(
 ) -> int | None:
     """Draw a target by region, by kind, and by area, reach and facing.
 
-    It is None if no target of the drawn region and kind can be touched.
+    It is None if no target of the drawn region and kind is in reach.
     """
     needed = NEEDS.get(law, 0)
-    if env.has_sheets and needed > max(env.targets.allows):
-        # A hand that cannot close round anything lies on the skin.
-        needed = max(env.targets.allows)
+    # A hand that cannot close round anything lies on the skin.
+    needed = min(needed, max(env.targets.allows))
     by_kind = env.targets.by_kind
     prior = env.constants.weights("place.regions")
-    chances = np.array(
-        [
-            prior[name] * (len(by_kind[region, INNER, needed]) > 0)
-            for region, name in enumerate(REGIONS)
-        ]
+    inner, edge = (
+        np.array(
+            [
+                prior[name] * (len(by_kind[region, kind, needed]) > 0)
+                for region, name in enumerate(REGIONS)
+            ]
+        )
+        for kind in (INNER, EDGE)
     )
-    if not chances.any():
-        return None
+    # All of a narrow skin is near an edge.
+    chances = inner if inner.any() else edge
     region = int(rng.choice(len(REGIONS), p=chances / chances.sum()))
     drawn, seam = rng.random(), env.constants.value("place.seam")
     kind = EDGE if drawn < seam + env.constants.value("place.edge") else INNER
