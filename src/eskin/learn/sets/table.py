@@ -26,6 +26,7 @@ from eskin.learn.sets.conversion import (
     write_clips,
 )
 from eskin.learn.sets.shearsense import ARCHIVE_ERRORS, check_unpacked
+from eskin.learn.sets.socialtouch import PITCH
 from eskin.recording.records import NONE, Label, Metadata
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
@@ -132,8 +133,11 @@ def convert_table(
         raise ImportSourceError(
             f"no file in {source} ends with {', '.join(SUFFIXES)}; give the set"
         )
-    grid = (layout.rows, layout.columns, *([] if pitch is None else [pitch]))
-    skin = build_grid_skin(*grid, name=name, calibrated=pitch is not None)
+    skin = build_grid_skin(
+        *(layout.rows, layout.columns, PITCH if pitch is None else pitch),
+        name=name,
+        calibrated=pitch is not None,
+    )
     nominal = Calibration.uniform(skin.count, MOST, full_scale_kpa)
     clips = (
         clip
