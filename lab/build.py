@@ -57,8 +57,8 @@ SMOKE = {
 """Commands of the core, and one or two of each extra."""
 LEFT_OUT = ("dev",)
 """Extras that are for clones."""
-URDF = """<robot name="box"><link name="link"><visual><geometry>
-<box size="0.1 0.1 0.1"/></geometry></visual></link></robot>"""
+URDF = """<robot name="box"><link name="link"><collision><geometry>
+<box size="0.1 0.1 0.1"/></geometry></collision></link></robot>"""
 
 
 @dataclass(frozen=True)

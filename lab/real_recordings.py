@@ -3,8 +3,11 @@
     python -m lab.real_recordings sleeve --data ../shared/data/sleeve
     python -m lab.real_recordings shearsense --data ../shared/data/shearsense
     python -m lab.real_recordings socialtouch --data ../shared/data/socialtouch
+    python -m lab.real_recordings capfingerid --data ../shared/data/capfingerid
+    python -m lab.real_recordings recordings --data FOLDER
 
-One session (sleeve) or one participant (ShearSense, SocialTouch) is held out at a time.
+The same with `cost` and `haart`; `recordings` are those of `eskin convert`. One session
+(sleeve) or one person (all others) is held out at a time.
 The recogniser is trained with the defaults of `eskin train` on the others and tested on
 the held-out one; classical classifiers are tested on the same examples with hand-made
 features, and a convolutional network on the pressures of all taxels. The command prints
@@ -15,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, final
 
@@ -37,9 +41,11 @@ from eskin.learn.metrics import (
 )
 from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.sets import (
+    LAYOUTS,
     convert_shearsense,
     convert_sleeve,
     convert_socialtouch,
+    convert_table,
 )
 from eskin.learn.sets.socialtouch import find_group
 from eskin.learn.training import TrainConfig, Trainer
@@ -277,7 +283,17 @@ def cut_skin_windows(
 class Command:
     """Cross-validate on the public recordings, with people or sessions held out."""
 
-    kind: tyro.conf.Positional[Literal["sleeve", "shearsense", "socialtouch"]]
+    kind: tyro.conf.Positional[
+        Literal[
+            "sleeve",
+            "shearsense",
+            "socialtouch",
+            "cost",
+            "haart",
+            "capfingerid",
+            "recordings",
+        ]
+    ]
     """Data set."""
     data: Path
     """Folder of the data set, as downloaded."""
@@ -293,10 +309,13 @@ def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
     started = time.monotonic()
-    convert, measure = KINDS[command.kind]
-    with tempfile.TemporaryDirectory() as folder:
-        convert(command.data, Path(folder))
-        measure(find_recordings((Path(folder),)), command)
+    if command.kind == "recordings":
+        people(find_recordings((command.data,)), command)
+    else:
+        convert, measure = KINDS[command.kind]
+        with tempfile.TemporaryDirectory() as folder:
+            convert(command.data, Path(folder))
+            measure(find_recordings((Path(folder),)), command)
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
@@ -330,6 +349,13 @@ def socialtouch(paths: tuple[Path, ...], command: Command) -> None:
     grouped = rename_gestures(dataset, find_group)
     groups = cross_validate(grouped, "subject", command, command.train)
     print(table("Repetitions, groups of gestures", groups))
+
+
+def people(paths: tuple[Path, ...], command: Command) -> None:
+    """Classify labelled repetitions, with one person held out."""
+    config = replace(command.train, shear=False)
+    dataset = prepare(paths, graph=config.select_graph())
+    print(table("Repetitions", cross_validate(dataset, "subject", command, config)))
 
 
 def rename_gestures(dataset: Dataset, rename: Callable[[str], str]) -> Dataset:
@@ -395,6 +421,9 @@ KINDS = {
     "sleeve": (convert_sleeve, sleeve),
     "shearsense": (convert_shearsense, shearsense),
     "socialtouch": (convert_socialtouch, socialtouch),
+} | {
+    name: (partial(convert_table, layout=layout, name=name), people)
+    for name, layout in LAYOUTS.items()
 }
 """Conversion and measurement of each data set, by name."""
 

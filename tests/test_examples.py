@@ -1,5 +1,6 @@
 """Tests of the examples: each runs on a tiny budget and refuses missing data."""
 
+import json
 import re
 import subprocess
 import sys
@@ -74,6 +75,16 @@ def test_examples_are_seven_short_numbered_and_say_how_they_are_run():
             line.startswith(f"    python examples/{path.name}") for line in lines
         )
     assert len(paths) == 7
+
+
+def test_cells_of_the_notebook_run_in_order():
+    notebook = json.loads((EXAMPLES / "touches.ipynb").read_text())
+    cells = [c for c in notebook["cells"] if c["cell_type"] == "code"]
+    assert not any(cell["outputs"] or cell["execution_count"] for cell in cells)
+    space: dict = {}
+    for cell in cells:
+        exec(compile("".join(cell["source"]), "touches.ipynb", "exec"), space)
+    assert len(space["touches"]) >= 1 and space["found"]
 
 
 def test_examples_are_named_in_the_table_of_the_documentation():

@@ -1,5 +1,6 @@
 """Who is answered for was never learned from."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from eskin.errors import RecordingError
 from eskin.learn.dataset import prepare
 from eskin.learn.training import Trainer
+from eskin.recording import find_recordings
 from helpers.learning import AS_RECORDED, TINY, record_people
 from lab import real_recordings
 from lab.baselines.estimators import RandomForest
@@ -36,6 +38,7 @@ LEARNED = replace(
     validation=0.0,
     augment=replace(AS_RECORDED, crop=0.5),
 )
+BRIEF = replace(LEARNED, steps=2)
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +133,23 @@ def test_a_single_group_is_refused(dataset):
     one = replace(dataset, recordings=dataset.recordings[:1])
     with pytest.raises(RecordingError, match="all recordings have subject 'ann'"):
         find_groups(one, "subject")
+
+
+def test_table_of_people_is_answered_for_with_each_person_held_out(
+    tmp_path, few_trees, capsys
+):
+    lines = ["subject,variant,gesture,frame," + ",".join(f"ch{n}" for n in range(64))]
+    for person, gesture in itertools.product((1, 2), (6, 12) * 3):
+        for frame in range(70):
+            row = np.zeros(64, int)
+            if 15 < frame < 50:
+                row[27 if gesture == 6 else 24 + frame // 10] = 700
+            lines.append(",".join(map(str, (person, 1, gesture, frame, *row))))
+    (tmp_path / "CoST.csv").write_text("\n".join(lines))
+    convert, measure = real_recordings.KINDS["cost"]
+    convert(tmp_path / "CoST.csv", tmp_path / "out")
+    command = real_recordings.Command("cost", tmp_path, workers=1, train=BRIEF)
+    measure(find_recordings([tmp_path / "out"]), command)
+    out = capsys.readouterr().out
+    assert "Repetitions** (12 examples, 2 classes)" in out
+    assert all(f"| {name} |" in out for name in (real_recordings.OURS, *ON_FEATURES))

@@ -1,7 +1,7 @@
 """`eskin convert` converts a public data set to recordings."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,10 +10,13 @@ import tyro
 from eskin.cli.checks import Range
 from eskin.errors import RecordingError
 from eskin.learn.sets import (
+    LAYOUTS,
     ConversionResult,
+    TableLayout,
     convert_shearsense,
     convert_sleeve,
     convert_socialtouch,
+    convert_table,
 )
 from eskin.units import format_count
 
@@ -23,10 +26,20 @@ NOMINAL = Range(0, 1000, is_open=True)
 
 @dataclass(frozen=True)
 class ConvertCommand:
-    """Convert a public dataset of touch gestures to recordings."""
+    """Convert a public dataset of touch gestures, or a table, to recordings."""
 
-    dataset: tyro.conf.Positional[Literal["sleeve", "shearsense", "socialtouch"]]
-    """Name of the dataset."""
+    dataset: tyro.conf.Positional[
+        Literal[
+            "sleeve",
+            "shearsense",
+            "socialtouch",
+            "cost",
+            "haart",
+            "capfingerid",
+            "table",
+        ]
+    ]
+    """Name of the dataset, or table for frames of any CSV or npz file."""
 
     src: tyro.conf.Positional[Path]
     """Folder with the dataset's own files."""
@@ -36,22 +49,65 @@ class ConvertCommand:
     missing."""
 
     pitch_mm: Annotated[float | None, NOMINAL] = None
-    """Distance of neighbouring taxels [mm], of socialtouch alone, which states none. By
-    default it is taken as unknown, and all contacts at a time are one touch."""
+    """Distance of neighbouring taxels [mm], not of sleeve and shearsense. By default it
+    is taken as unknown, and all contacts at a time are one touch."""
 
     full_scale_kpa: Annotated[float | None, NOMINAL] = None
-    """Pressure at full scale [kPa], of socialtouch alone; 100 by default."""
+    """Pressure at full scale [kPa], not of sleeve and shearsense; 100 by default."""
+
+    rows: Annotated[int | None, Range(1, 1000)] = None
+    """Rows of the grid of a table; of a known one it changes them, as do all below."""
+
+    columns: Annotated[int | None, Range(1, 1000)] = None
+    """Columns of the grid: the last rows x columns columns of a CSV file."""
+
+    rate: Annotated[float | None, Range(1, 10_000)] = None
+    """Readings a second [Hz]."""
+
+    label: str | None = None
+    """Column of the gesture; its name, or the beginning of one alone, in any case."""
+
+    person: str | None = None
+    """Column of the person; without one, the name of the file."""
+
+    trial: tuple[str, ...] | None = None
+    """Columns that change with each repetition, beside label and person."""
+
+    frame: str | None = None
+    """Column that counts the readings of a repetition from its start."""
+
+    full_scale: Annotated[float | None, Range(0, is_open=True)] = None
+    """Greatest value; by default the least 2^n - 1 that none exceeds, of fractions the
+    greatest."""
+
+
+GEOMETRY = ("pitch_mm", "full_scale_kpa")
+"""Options of all sets that state no geometry and units."""
+COLUMNS = tuple(each.name for each in fields(TableLayout) if each.name != "names")
+"""Options of tables."""
+ASSUMED: dict[str, tuple[str, ...]] = {
+    "sleeve": (),
+    "shearsense": (),
+    "socialtouch": GEOMETRY,
+}
+"""Options of the sets that are no tables."""
 
 
 def run(command: ConvertCommand) -> dict[str, object]:
     """Convert, and return the numbers of recordings, taxels, readings and labels."""
+    name = command.dataset
+    check_given(command)
     options = get_geometry_options(command)
     convert: dict[str, Callable[..., ConversionResult]] = {
         "sleeve": convert_sleeve,
         "shearsense": convert_shearsense,
         "socialtouch": convert_socialtouch,
     }
-    result = convert[command.dataset](command.src, command.out, **options)
+    if name in convert:
+        result = convert[name](command.src, command.out, **options)
+    else:
+        layout = choose_layout(command)
+        result = convert_table(command.src, command.out, layout, name, **options)
     print(
         f"{command.out}: {format_count(result.recordings, 'recording')} of "
         f"{format_count(result.taxels, 'taxel')}, "
@@ -61,18 +117,42 @@ def run(command: ConvertCommand) -> dict[str, object]:
     return asdict(result)
 
 
-def get_geometry_options(command: ConvertCommand) -> dict[str, float]:
-    """Return what was given of pitch [m] and full scale [kPa]; raise if it is wrong."""
-    options = {}
-    for name, unit in (("pitch_mm", 1e-3), ("full_scale_kpa", 1.0)):
-        value = getattr(command, name)
-        if value is None:
-            continue
-        option = "--" + name.replace("_", "-")
-        if command.dataset != "socialtouch":
+def check_given(command: ConvertCommand) -> None:
+    """Raise if an option is given that the set does not take."""
+    allowed = ASSUMED.get(command.dataset, (*GEOMETRY, *COLUMNS))
+    for name in (*GEOMETRY, *COLUMNS):
+        if getattr(command, name) is not None and name not in allowed:
+            names = [key for key, takes in ASSUMED.items() if name in takes]
             raise RecordingError(
-                f"{option} is given for {command.dataset}; allowed is socialtouch; "
-                "leave it out"
+                f"{to_option(name)} is given for {command.dataset}; allowed are "
+                f"{', '.join((*names, *LAYOUTS, 'table'))}; leave it out"
             )
-        options[name.removesuffix("_mm")] = value * unit
-    return options
+
+
+def get_geometry_options(command: ConvertCommand) -> dict[str, float]:
+    """Return what was given of pitch [m] and full scale [kPa]."""
+    given = {"pitch": command.pitch_mm, "full_scale_kpa": command.full_scale_kpa}
+    units = {"pitch": 1e-3, "full_scale_kpa": 1.0}
+    return {name: value * units[name] for name, value in given.items() if value}
+
+
+def choose_layout(command: ConvertCommand) -> TableLayout:
+    """Return the layout of the set with what was given, or that of a table."""
+    given = {name: getattr(command, name) for name in COLUMNS}
+    given = {name: value for name, value in given.items() if value is not None}
+    known = LAYOUTS.get(command.dataset)
+    if known is not None:
+        names = () if "label" in given else known.names
+        return replace(known, **given, names=names)
+    missing = [n for n in ("rows", "columns", "rate", "label") if n not in given]
+    if missing:
+        raise RecordingError(
+            f"a table without {', '.join(map(to_option, missing))}; give what its "
+            "files are"
+        )
+    return TableLayout(**given)
+
+
+def to_option(name: str) -> str:
+    """Return the option of a field."""
+    return "--" + name.replace("_", "-")

@@ -35,6 +35,8 @@ class ImportedClip:
     """Scans in the order of time."""
     labels: tuple[Label, ...]
     """Labels in the order of time."""
+    calibration: Calibration | None = None
+    """Calibration of its own; None for that of the set."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,8 @@ def write_clips(
                 raise ImportSourceError(
                     f"two source files would become {path.name}; keep one of them"
                 )
-            writer = RecordingWriter(path, ROBOT, skin, calibration, clip.metadata, ())
+            own = clip.calibration or calibration
+            writer = RecordingWriter(path, ROBOT, skin, own, clip.metadata, ())
             with writer:
                 readings += write_all(writer, clip.scans, clip.labels)
             recordings += 1

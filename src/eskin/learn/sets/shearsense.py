@@ -125,14 +125,14 @@ def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
     return [np.rint(a).astype(np.int32).reshape(length, -1) for a in arrays]
 
 
-def check_unpacked(file: BinaryIO) -> None:
+def check_unpacked(file: BinaryIO, allowed: int = MAX_SOURCE_BYTES) -> None:
     """Raise a ValueError where an archive unpacks to too many bytes."""
     if zipfile.is_zipfile(file):
         with zipfile.ZipFile(file) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
-        if unpacked > MAX_SOURCE_BYTES:
+        if unpacked > allowed:
             raise ValueError(
-                f"it unpacks to {unpacked:,} bytes, allowed are {MAX_SOURCE_BYTES:,}"
+                f"it unpacks to {unpacked:,} bytes, allowed are {allowed:,}"
             )
     file.seek(0)
 
