@@ -84,7 +84,6 @@ class Belief:
             least,
             np.asarray(calibration.gain, np.float64),
             calibration.pressure_curve,
-            self.full_scale,
             BeliefParameters(**vars(config)),
             patches,
             self.taxels,

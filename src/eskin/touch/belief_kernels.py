@@ -123,9 +123,6 @@ class BeliefConfig:
     """The same in counts: converters have a noise of one or two."""
     noisier: float = 2.5
     """Smallest ratio of the noise of such a taxel to the median of its patch."""
-    hides: float = 0.025
-    """Noise that is a fault also where all of the patch has it, in units of full scale;
-    the noisiest sensor measured has 0.017."""
     faulty: float = 1.5
     """Evidence from which a taxel is a fault."""
     faulty_share: float = 0.34
@@ -162,7 +159,6 @@ class BeliefContext(NamedTuple):
     least: np.ndarray  # (taxel) smallest counts above rest that may be noise
     gain: np.ndarray  # (taxel) gain [kPa/count]
     curve: PressureCurve  # Relation of pressure and counts
-    full_scale: float  # Counts at which the converter saturates
     parameters: BeliefParameters  # Thresholds
     patches: TaxelGroups  # Patches of the taxels
     belief: np.ndarray  # (taxel) `BELIEF`
@@ -366,9 +362,8 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
         noise, since = taxel.noise, now - scan.first_received[i]
         share = noise / max(parameters.noisy * contact, parameters.noisy_counts)
         is_noisier = noise >= parameters.noisier * usual[0, patch]
-        noisy = share >= 1.0 and is_noisier
-        noisy |= noise >= parameters.hides * context.full_scale
-        noisy = taxel.odds >= parameters.faulty or (since >= learnt and noisy)
+        noisy = since >= learnt and share >= 1.0 and is_noisier
+        noisy |= taxel.odds >= parameters.faulty
         restless = since >= learnt / 2.0 and share >= parameters.doubtful_noise
         restless &= is_noisier
         if noisy or restless or taxel.odds >= parameters.doubtful:
