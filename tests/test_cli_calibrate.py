@@ -272,7 +272,7 @@ def test_page_skips_the_patch_that_it_showed_and_no_other(capsys):
     guide = guide_in_page(page, rest(REST_SCANS) + only)
     assert [one.patch for one in guide.presses] == [1] * 5
     assert guide.skipped == {0} and guide.phase == "done"
-    assert "patch 'p0' is left out" in page.lines
+    assert any("patch 'p0' is left out" in line for line in page.lines)
     assert "nothing felt" not in capsys.readouterr().out
 
 
@@ -309,7 +309,7 @@ def test_patch_that_was_skipped_is_asked_for_again_where_its_press_is_repeated()
     assert guide.phase == "done" and not guide.skipped
     assert (guide.count_presses(0), guide.count_presses(1)) == (5, 5)
     assert page.list_places() == ["p0", "p1", "p0", "p1"]
-    assert page.lines.count("patch 'p0' is left out") == 1
+    assert sum("patch 'p0' is left out" in line for line in page.lines) == 1
 
 
 @pytest.mark.parametrize(("action", "counts"), [("skip", (1, 0)), ("withdraw", (0, 0))])
