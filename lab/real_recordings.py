@@ -42,6 +42,7 @@ from eskin.learn.metrics import (
 from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.sets import (
     LAYOUTS,
+    SetName,
     convert_shearsense,
     convert_sleeve,
     convert_socialtouch,
@@ -283,17 +284,7 @@ def cut_skin_windows(
 class Command:
     """Cross-validate on the public recordings, with people or sessions held out."""
 
-    kind: tyro.conf.Positional[
-        Literal[
-            "sleeve",
-            "shearsense",
-            "socialtouch",
-            "cost",
-            "haart",
-            "capfingerid",
-            "recordings",
-        ]
-    ]
+    kind: tyro.conf.Positional[Literal[SetName, "recordings"]]
     """Data set."""
     data: Path
     """Folder of the data set, as downloaded."""

@@ -219,7 +219,8 @@ def test_dragged_finger_follows_its_target_at_limited_speed():
 
 def test_unplugged_patch_is_not_received_and_the_others_are_unchanged():
     one, other = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
-    out = one.mounted.skin.patch_index == one.find_patch("forearm_back")
+    skin = one.mounted.skin
+    out = skin.patch_index == skin.find_patches(("forearm_back",))[0]
     for live in (one, other):
         live.hand.grab(find_point(live, "forearm_back", 90), 20.0, 0.5)
     one.unplug("forearm_back")

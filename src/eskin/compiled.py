@@ -50,7 +50,7 @@ LEVEL_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 REPORT_SECONDS = 5.0
 """Time between two reports of how far compiling has come [s]."""
 USUAL_COUNT = 20
-"""Number of entries that a recogniser or a demonstration compiles in its own process."""
+"""Number of entries that a recogniser or a demonstration compiles in one process."""
 
 logger = logging.getLogger(__name__)
 

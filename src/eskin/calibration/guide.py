@@ -348,7 +348,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         """
         self.config = config or GuideConfig()
         super().__init__(mounted, calibration, self.config.seconds)
-        self.wanted = find_patches(self.skin, self.config.patches)
+        self.wanted = self.skin.find_patches(self.config.patches)
         self.adjacency = Adjacency.build(self.skin)
         self.on = self.pipeline.config.contacts.with_floor(calibration.floor).on
         self.touched_from = TOUCH_PRESSURE + calibration.floor
@@ -589,19 +589,3 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             tuple(self.presses),
             gains,
         )
-
-
-def find_patches(skin: Skin, names: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the indices of patches, of all where none is named.
-
-    Raises:
-        ValueError: the skin has no patch of a name.
-    """
-    known = [patch.id for patch in skin.patches]
-    unknown = sorted(set(names) - set(known))
-    if unknown:
-        raise ValueError(
-            f"no patch '{unknown[0]}'; allowed are {', '.join(known)}; name some of "
-            "them"
-        )
-    return tuple(n for n, name in enumerate(known) if not names or name in names)

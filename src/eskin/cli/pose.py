@@ -97,14 +97,13 @@ class PointsCommand:
 
 def run_points(command: PointsCommand) -> dict[str, object]:
     """Write the places to press, and return how many there are."""
-    from eskin.calibration.guide import find_patches
     from eskin.calibration.pose import choose_taxels
     from eskin.skin import load_skin
 
     check_writable(command.out)
     skin = load_skin(command.skin)
     lines = ["patch,row,column,x_mm,y_mm,z_mm"]
-    for number in find_patches(skin, command.patch):
+    for number in skin.find_patches(command.patch):
         patch = skin.patches[number].id
         for taxel in choose_taxels(skin, patch, command.presses).tolist():
             x, y, z = (f"{1e3 * each:.2f}" for each in skin.positions[taxel])

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float
-from viser import BatchedMeshHandle, LabelHandle, MeshHandle, ViserServer
+from viser import BatchedMeshHandle, LabelHandle, ViserServer
 
 from eskin.page.html import to_words
 from eskin.page.messages import (
@@ -209,8 +209,8 @@ TARGET = (231, 41, 138)
 """Pink, distinct from skin at rest, lids and rings around contacts (Brewer's Dark2)."""
 TARGET_RADIUS = 0.02
 """Radius of the ring around the place to press [m]."""
-LABEL_HEIGHT = 0.06
-"""Height of the label of that place over the skin [m]."""
+LABEL_HEIGHT = 0.03
+"""Height of the label over that place [m]."""
 HINT_FACING = 0.6
 """Cosine to the camera below which another place is hinted at."""
 ASIDE, BEFORE, SOME = 0.03, 0.06, 4
@@ -238,7 +238,20 @@ class TargetMark(PagePart):
         self.server, self.scene, self.hints = server, scene, hints
         self.place: PressPlace | None = None
         self.hinted: int | None = None
-        self.handles: tuple[MeshHandle, LabelHandle] | None = None
+        self.ring = server.scene.add_mesh_simple(
+            "/target",
+            *revolve(RING_PROFILE, SEGMENTS),
+            color=TARGET,
+            side="double",
+            scale=TARGET_RADIUS,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+        )
+        # A label is seen through the robot.
+        self.label = server.scene.add_label(
+            "/target_label", "", anchor="bottom-center", visible=False
+        )
 
     def update(self, update: ViewUpdate) -> None:
         """Mark the place of the guide, or where to click, if there is one."""
@@ -246,37 +259,19 @@ class TargetMark(PagePart):
         if place is None and self.hints:
             place = self.find_hint()
         if place != self.place:
-            for handle in self.handles or ():
-                handle.remove()
-            self.place, self.handles = place, None
-            if place is not None:
-                text = "click here" if update.guide is None else "press here"
-                self.handles = self.add_mark(place, text)
-                if update.guide is not None:
-                    self.turn_camera(place)
-        if place is not None and self.handles is not None:
-            above = place.p_link + LABEL_HEIGHT * np.array(place.n_link)
+            self.place = place
+            self.ring.visible = self.label.visible = place is not None
+            self.label.text = "click here" if update.guide is None else "press here"
+            if place is not None and update.guide is not None:
+                self.turn_camera(place)
+        if place is not None:
             T = self.scene.T_world_link[place.link]
-            self.handles[1].position = apply(T, above)
-
-    def add_mark(self, place: PressPlace, text: str) -> tuple[MeshHandle, LabelHandle]:
-        """Add a ring around a place, and a label that is seen through the robot."""
-        scene, normal = self.server.scene, np.array(place.n_link)
-        at = f"/robot/{self.scene.setup.links[place.link]}"
-        middle = place.p_link + RING_LIFT * normal
-        ring = scene.add_mesh_simple(
-            f"{at}/target",
-            *revolve(RING_PROFILE, SEGMENTS),
-            color=TARGET,
-            side="double",
-            scale=TARGET_RADIUS,
-            wxyz=compute_rotations_to(normal[None])[0],
-            position=middle,
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-        label = scene.add_label("/target_label", text, anchor="bottom-center")
-        return ring, label
+            normal = rotate(T, np.array(place.n_link))
+            middle = apply(T, np.array(place.p_link)) + RING_LIFT * normal
+            self.ring.position = middle
+            self.ring.wxyz = compute_rotations_to(normal[None])[0]
+            # Above the ring in the picture, which it would else cover.
+            self.label.position = middle + np.array([0.0, 0.0, LABEL_HEIGHT])
 
     def find_hint(self) -> PressPlace:
         """Return a place on the skin that the camera sees, the same while it does."""

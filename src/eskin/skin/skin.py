@@ -1,5 +1,6 @@
 """This module describes skins, and computes the poses of their taxels on a robot."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, final
 
@@ -86,14 +87,27 @@ class Skin:
         return any(patch.kind == "shear" for patch in self.patches)
 
     def find_taxels(self, patch_id: str) -> Int[np.ndarray, "part"]:
-        """Return the indices of the taxels of one patch, in order."""
-        ids = [patch.id for patch in self.patches]
-        if patch_id not in ids:
+        """Return the indices of the taxels of one patch, in order.
+
+        Raises:
+            ValueError: The skin has no such patch.
+        """
+        return np.flatnonzero(self.patch_index == self.find_patches((patch_id,))[0])
+
+    def find_patches(self, names: Sequence[str]) -> tuple[int, ...]:
+        """Return the indices of patches, of all where none is named.
+
+        Raises:
+            ValueError: The skin has no patch of a name.
+        """
+        known = [patch.id for patch in self.patches]
+        unknown = sorted(set(names) - set(known))
+        if unknown:
             raise ValueError(
-                f"skin '{self.name}' has no patch '{patch_id}'; "
-                f"its patches: {', '.join(ids)}"
+                f"no patch '{unknown[0]}'; allowed are {', '.join(known)}; name some "
+                "of them"
             )
-        return np.flatnonzero(self.patch_index == ids.index(patch_id))
+        return tuple(n for n, name in enumerate(known) if not names or name in names)
 
 
 @final

@@ -211,7 +211,7 @@ class FaultDetector:
             *(pressure, self.last_check, elapsed, scan, noisy, lifted, self.context)
         )
         self.last_check = now
-        code = self.history["code"].copy()
+        code = self.history["code"]
         if (code == NOISY).any():
             spread = self.noise.spread_lines(code == NOISY)
             code = np.where((code < 0) & spread, NOISY, code)

@@ -12,6 +12,7 @@ from eskin.errors import RecordingError
 from eskin.learn.sets import (
     LAYOUTS,
     ConversionResult,
+    SetName,
     TableLayout,
     convert_shearsense,
     convert_sleeve,
@@ -28,17 +29,7 @@ NOMINAL = Range(0, 1000, is_open=True)
 class ConvertCommand:
     """Convert a public dataset of touch gestures, or a table, to recordings."""
 
-    dataset: tyro.conf.Positional[
-        Literal[
-            "sleeve",
-            "shearsense",
-            "socialtouch",
-            "cost",
-            "haart",
-            "capfingerid",
-            "table",
-        ]
-    ]
+    dataset: tyro.conf.Positional[Literal[SetName, "table"]]
     """Name of the dataset, or table for frames of any CSV or npz file."""
 
     src: tyro.conf.Positional[Path]

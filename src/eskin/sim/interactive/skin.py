@@ -193,7 +193,7 @@ class InteractiveSkin:
         Raises:
             ValueError: the skin has no such patch.
         """
-        self.unplugged[self.find_patch(patch)] = True
+        self.unplugged[self.mounted.skin.find_patches((patch,))[0]] = True
 
     def plug(self, patch: str) -> None:
         """Plug the cable of a patch in again.
@@ -201,7 +201,7 @@ class InteractiveSkin:
         Raises:
             ValueError: the skin has no such patch.
         """
-        self.unplugged[self.find_patch(patch)] = False
+        self.unplugged[self.mounted.skin.find_patches((patch,))[0]] = False
 
     def kill(self, share: float) -> tuple[int, ...]:
         """Make a random part of the taxels dead from now on.
@@ -227,15 +227,6 @@ class InteractiveSkin:
     def restore(self) -> None:
         """Restore all taxels that were killed."""
         self.sensor.readout.sensitivity[:] = self.sensitivity
-
-    def find_patch(self, patch: str) -> int:
-        """Return the index of a patch of the skin."""
-        ids = [each.id for each in self.mounted.skin.patches]
-        if patch not in ids:
-            raise ValueError(
-                f"no patch '{patch}'; allowed are {', '.join(ids)}; name one of them"
-            )
-        return ids.index(patch)
 
 
 def round_period(build: SensorBuild) -> SensorBuild:
