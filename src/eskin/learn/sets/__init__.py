@@ -14,7 +14,6 @@ SetName = Literal["sleeve", "shearsense", "socialtouch", "cost", "haart", "capfi
 __all__ = [
     "LAYOUTS",
     "ConversionResult",
-    "SetName",
     "TableLayout",
     "convert_shearsense",
     "convert_sleeve",
