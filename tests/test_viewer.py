@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +23,8 @@ from eskin.errors import DeviceError, StreamError
 from eskin.live import Detection, Recognizer
 from eskin.page import CorrectionOrder, PageOrder, PaintOrder, TouchOrder
 from eskin.page.appearance import build_link_meshes
+from eskin.page.html import render_log
+from eskin.page.messages import LogEntry
 from eskin.page.process import (
     MAX_IN_FLIGHT,
     MAX_ORDERS,
@@ -183,6 +186,19 @@ def test_commands_and_events_are_logged():
 )
 def test_log_says_what_was_done_and_what_it_was_probably(why, text):
     assert describe_command(CommandEvent(START, "pause", 4, None, True, why)) == text
+
+
+def test_log_is_shown_while_an_answer_is_added():
+    log: deque[LogEntry] = deque(maxlen=2)
+
+    class Kind(str):
+        def __hash__(self):
+            log.appendleft(LogEntry(2.0, "note", "your click"))
+            return super().__hash__()
+
+    log.append(LogEntry(1.0, Kind("note"), "paused"))
+
+    assert "paused" in render_log(log)
 
 
 def test_busy_computer_asks_for_nothing_but_how_to_go_on():

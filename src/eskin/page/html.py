@@ -334,6 +334,7 @@ def render_log(
         colours: colour of each gesture, which marks detections.
     """
     marks = {name: render_dot(colour) for name, colour in (colours or {}).items()}
+    # Answers to the mouse are added meanwhile, in the thread of the server.
     rows = "".join(
         div(
             f"{ROW};border-bottom:1px solid {LINE};padding:1px 0",
@@ -348,7 +349,7 @@ def render_log(
                 escape(entry.text),
             ),
         )
-        for entry in log_entries
+        for entry in tuple(log_entries)
     )
     inside = rows or span(f"color:{PALE}", "nothing has happened yet")
     return render_block(
