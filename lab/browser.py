@@ -162,6 +162,10 @@ class Visit:
         self.tab.get_by_role("button", name="resume").click()
         assert becomes(lambda: not self.demo.state["paused"], PATIENCE)
 
+    def face_skin(self) -> None:
+        """Turn the view back, from where a drag beside the skin has turned it."""
+        self.tab.keyboard.press("r")
+
     def close_notices(self) -> None:
         """Close the notice about software rendering, which comes after a moment."""
         self.tab.wait_for_timeout(NOTICED)

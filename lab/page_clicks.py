@@ -136,6 +136,8 @@ def touch_once(visit: Visit, kind: str, count: Count) -> None:
     becomes(is_over, PATIENCE)
     for what, seconds in found.items():
         count.seconds.setdefault(what, []).append(seconds)
+    if kind == "drag" and "hit" not in found:
+        visit.face_skin()
     visit.demo.rest(REST)
     if len(found) < len(ANSWERS):
         print(f"{kind} only {' and '.join(found)}: {read_new()}", flush=True)
