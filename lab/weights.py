@@ -96,7 +96,7 @@ WEIGHTS = {
 
 OPTIONS = """
 --skins 0 --train.batch 96 --train.encoded 32 --train.readings 10 --train.decay 0.1
---train.smoothing 0.05 --train.patience 99 --train.network.dropout 0.1
+--train.smoothing 0.05 --train.patience 99 --train.ridge 0 --train.network.dropout 0.1
 --train.augment.gain 0.9 --train.augment.taxel-gain 0.05 --train.augment.dead 0.03
 --train.augment.offset 0.25 --train.augment.crop 0 --train.augment.stretch 0.1
 --train.augment.lost 0.3 --train.augment.halved 0.1 --train.augment.patch 0.05

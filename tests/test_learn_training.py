@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from sklearn.linear_model import Ridge
 
 from eskin.errors import ModelError, RecordingError
 from eskin.learn import training
@@ -12,6 +13,7 @@ from eskin.learn.batches import Sampler, build_sampler
 from eskin.learn.checkpoint import EarlyStopping
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import predict_clips, score_instants, score_segments
+from eskin.learn.last_layer import regress
 from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
 from eskin.live import Model, ModelCard
 from helpers.clips import generated
@@ -187,7 +189,7 @@ def test_training_resumed_at_any_step_gives_the_same_weights(
 ):
     """Also cut again and again, and with what is drawn by torch."""
     network = replace(TINY.network, dropout=0.5)
-    config = replace(TINY, epochs=3, validation=0.25, network=network)
+    config = replace(TINY, epochs=3, validation=0.25, ridge=0.1, network=network)
     monkeypatch.setattr(training, "SAVE_PERIOD", -1.0)
     whole = Trainer(dataset, VOCABULARY, config)
     wanted = weights(whole.run(quiet=True))
@@ -329,6 +331,31 @@ def test_training_stops_early_with_the_weights_of_its_best_epoch(dataset, monkey
     network = trainer.run(quiet=True)
     assert trainer.epochs == 4
     assert torch.equal(weights(network), seen[1])
+
+
+def test_regression_is_that_of_scikit_learn():
+    rng = np.random.default_rng(0)
+    x, labels = rng.normal(2.0, 3.0, (50, 6)), rng.integers(0, 3, 50)
+    x[:, 5] = 1.0  # what never varies counts nothing
+    weights, offsets = regress(torch.as_tensor(x), torch.as_tensor(labels), 4, 0.1)
+    z = (x[:, :5] - x[:, :5].mean(axis=0)) / x[:, :5].std(axis=0, ddof=1)
+    reference = Ridge(alpha=0.1 * 50).fit(z, np.eye(4)[labels])
+    found = x @ weights.numpy().T + offsets.numpy()
+    np.testing.assert_allclose(found, reference.predict(z), atol=1e-5)
+    np.testing.assert_allclose(weights[:, 5], 0.0)
+
+
+def test_last_layer_is_kept_as_trained_where_the_regression_is_worse(dataset):
+    trainer = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.5, ridge=0.1))
+    last = trainer.network.summary_head.classify.weight
+    trained, first = last.clone(), trainer.network.summary_head.project.weight.clone()
+    trainer.refine_last_layer()
+    assert not torch.equal(last, trained)
+    assert torch.equal(trainer.network.summary_head.project.weight, first)
+    found, losses = last.clone(), iter([1.0, 2.0])
+    trainer.validation_loss = lambda: next(losses)
+    trainer.refine_last_layer()
+    assert torch.equal(last, found)
 
 
 def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):

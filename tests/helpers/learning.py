@@ -19,11 +19,13 @@ FIRST, LASTS, EVERY = 2.4, 1.2, 2.0  # [s] onset of the first, length, onset to 
 
 NETWORK = NetworkConfig(width=4, layers=1, channels=8, dropout=0.0)
 AS_RECORDED = replace(NO_AUGMENTATION, crop=1.0)
-TINY = TrainConfig(epochs=1, steps=2, batch=8, encoded=8, readings=4, network=NETWORK)
+TINY = TrainConfig(
+    epochs=1, steps=2, batch=8, encoded=8, readings=4, ridge=0.0, network=NETWORK
+)
 FLAGS = tuple(
     "--train.epochs 1 --train.steps 2 --train.batch 8 --train.encoded 8 "
-    "--train.readings 4 --train.network.width 4 --train.network.layers 1 "
-    "--train.network.channels 8".split()
+    "--train.readings 4 --train.ridge 0 --train.network.width 4 "
+    "--train.network.layers 1 --train.network.channels 8".split()
 )
 
 

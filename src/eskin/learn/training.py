@@ -2,6 +2,8 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from eskin.learn.checkpoint import EarlyStopping, TrainingState
 from eskin.learn.config import NO_AUGMENTATION, AugmentConfig, TrainConfig
 from eskin.learn.dataset import Dataset, find_gestures, find_sessions, hold_out
 from eskin.learn.evaluation import predict_clips
+from eskin.learn.last_layer import fit_last_layer
 from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.processes import ALONE, Processes
 from eskin.live import (
@@ -161,7 +164,19 @@ class Trainer:
                     raise
                 self.stopped = True
         best.restore(network)
+        if config.ridge and processes.is_first and not self.stopped:
+            self.refine_last_layer()
         return network.eval()
+
+    def refine_last_layer(self) -> None:
+        """Fit the last layer, unless the validation loss is higher with it."""
+        trained, has_held_out = deepcopy(self.network.state_dict()), self.held_out
+        loss = self.validation_loss() if has_held_out else 0.0
+        plain, config = replace(self.batches, config=NO_AUGMENTATION), self.config
+        rng = self.rngs[0]
+        fit_last_layer(self.network, plain, config.readings, config.ridge, rng)
+        if has_held_out and self.validation_loss() > loss:
+            self.network.load_state_dict(trained)
 
     def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:
         """Take a step by the mean gradient of the parts of a batch of all workers."""

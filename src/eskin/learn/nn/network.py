@@ -83,6 +83,14 @@ class TemporalHead(nn.Module):
         present: Float[Tensor, "window slot"],
     ) -> Float[Tensor, "window class"]:
         """Return the logits of windows; `present` is 1 where a slot holds a reading."""
+        return self.classify(self.dropout(self.summarise(e, present)))
+
+    def summarise(
+        self,
+        e: Float[Tensor, "window slot input"],
+        present: Float[Tensor, "window slot"],
+    ) -> Float[Tensor, "window statistic"]:
+        """Return the statistics of windows, which the last layer takes."""
         mask = present[:, None]
         fine = silu(self.project(e)).transpose(1, 2) * mask
         short, short_mask = self.short(fine, mask)
@@ -92,7 +100,7 @@ class TemporalHead(nn.Module):
         share = begun.mean(dim=1, keepdim=True)
         scales = (fine, mask), (short, short_mask), (long, long_mask)
         statistics = [compute_statistics(x, seen, share) for x, seen in scales]
-        return self.classify(self.dropout(torch.cat(statistics, dim=1)))
+        return torch.cat(statistics, dim=1)
 
 
 def compute_statistics(
@@ -190,11 +198,15 @@ class RecogniserNetwork(nn.Module):
         present: Float[Tensor, "window slot"],
     ) -> Float[Tensor, "branch window class"]:
         """Return the logits of each branch and window from its slots' features."""
-        summary = e[:, :, : len(self.summary_mean)]
-        branches = [self.summary_head(summary, present)]
+        return torch.stack([head(e[:, :, :n], present) for head, n in self.heads])
+
+    @property
+    def heads(self) -> list[tuple[TemporalHead, int]]:
+        """Heads of the branches, and of how many features each takes the first."""
+        heads = [(self.summary_head, len(self.summary_mean))]
         if self.config.width:
-            branches.append(self.graph_head(e, present))
-        return torch.stack(branches)
+            heads.append((self.graph_head, self.graph_head.project.in_features))
+        return heads
 
     def standardise(
         self, summary: Float[Tensor, "reading summary"]
