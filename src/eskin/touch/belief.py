@@ -9,7 +9,9 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.belief_kernels import (
     BELIEF,
+    LINE_SHARE,
     MIN_LEARNED,
+    MIN_LINE,
     MIN_NOISE,
     MIN_NOISE_CONTACTS,
     MOST_ODDS,
@@ -29,10 +31,6 @@ from eskin.touch.calibration import MAX_CONTACT, Calibration
 
 Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
-MIN_MIXED = 3
-"""Number of taxels of a row or column that are away from rest, where some are above and
-some below it, from which it is doubtful: beside a pressed taxel, one that was released
-may be below rest for a while."""
 
 
 @final
@@ -120,11 +118,11 @@ class Belief:
     def doubt_mixed_lines(self, high: Flags, low: Flags, now: float) -> None:
         """Doubt rows and columns that are partly above rest and partly below it.
 
-        So does a line that is not connected, of which at least `MIN_MIXED` taxels are
+        So does a line that is not connected, of which at least `MIN_LINE` taxels are
         away from rest; a hand presses, and presses nothing below rest.
         """
         for lines in self.lines:
-            mixed = lines.flagged_count(high | low) >= MIN_MIXED
+            mixed = lines.flagged_count(high | low) >= MIN_LINE
             for flags in (high, low):
                 mixed &= lines.flagged_share(flags) >= self.config.line_share
             if mixed.any():
@@ -159,7 +157,7 @@ class Belief:
         """Return taxels that are faulty, or on a row or column that is in part."""
         result = faulty.copy()
         for lines in self.lines:
-            out = lines.flagged_share(faulty) >= self.config.faulty_share
-            out &= lines.flagged_count(faulty) >= MIN_MIXED
+            out = lines.flagged_share(faulty) > LINE_SHARE
+            out &= lines.flagged_count(faulty) >= MIN_LINE
             result |= out[lines.group_index]
         return result

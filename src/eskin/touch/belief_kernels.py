@@ -31,12 +31,11 @@ Values = Float[np.ndarray, "taxel"]
 CLEAR_FACTOR = 2.0
 """Smallest signal that is clearly no noise, in units of what may be noise."""
 NOISE_SECONDS, WANDER_SECONDS = 1.0, 20.0
-"""Time constants of the estimates of fast noise and of wandering about rest [s]."""
+"""Time constants of the estimates of fast noise and of wandering about rest [s]. Noise
+that is not calibrated is learned for the first of them after the first data."""
 MOST_PART = 0.04
 """Largest weight of one scan in the estimate of the noise; of wandering in
 proportion: no memory moves far by one scan, however long ago the last one was."""
-START_SECONDS = 1.0
-"""Time after the first data in which noise that is not calibrated is learned [s]."""
 OUTLIER, LEAST_OUTLIER = 3.0, 0.5
 """Largest value that an estimate takes in as it is, in units of itself, and of the
 counts at which contact begins."""
@@ -88,6 +87,14 @@ learned too low, none is seen below it."""
 MAX_BAND, MAX_WANDER_BAND = 4.0, 1.5
 """Largest distance from rest that is left to noise, and to wandering, in units of the
 counts at which contact begins: a patch that swings further feels no touch."""
+LINE_SHARE = 1 / 3
+"""Share of a row or column above which what its taxels do is taken for its own: more
+are faulty, or active. It is not connected, though some taxels do not show it at zero
+or full scale."""
+MIN_LINE = 3
+"""Number of taxels from which a row or column can be faulty as a whole, and of its
+taxels away from rest or faulty from which it is doubted: beside a pressed taxel, one
+that was released may be below rest for a while."""
 MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 LEARN_SCANS = 40
@@ -125,9 +132,6 @@ class BeliefConfig:
     """Smallest ratio of the noise of such a taxel to the median of its patch."""
     faulty: float = 1.5
     """Evidence from which a taxel is a fault."""
-    faulty_share: float = 0.34
-    """Share of a row or column that is faulty from which all of it is: it is not
-    connected, though some of its taxels show it at zero or full scale alone."""
     doubtful_noise: float = 0.5
     """Share of the noise of a fault from which a taxel is doubtful: it may stop an arm,
     and nothing else."""
@@ -249,7 +253,7 @@ def update_belief(
         bend = taxel.first - 2.0 * taxel.second + taxel.third
         lowest = min(taxel.first, taxel.second, taxel.third) - rest
         learns = taxel.start_noise == 0.0
-        starts = learns and since < START_SECONDS
+        starts = learns and since < NOISE_SECONDS
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
         rests = max(taxel.first, taxel.third) - rest <= band or lowest < -band
@@ -266,7 +270,7 @@ def update_belief(
             if depth > 0.0 and now - taxel.above_at < LOW_SECONDS:
                 part = max(slow, elapsed / (since + elapsed))
                 taxel.wander = follow(taxel.wander, depth, limit, part)
-        if not follows or since < START_SECONDS:
+        if not follows or since < NOISE_SECONDS:
             taxel.flat_since = NEVER
         elif taxel.flat_since > NEVER or abs(taxel.second - taxel.third) >= band:
             alone[count_alone] = i
@@ -356,7 +360,7 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
     usual, patch_index = find_usual(context), context.patches.group_index
     contacts, least = context.contact, context.least
     gain, curve, last_doubted = context.gain, context.curve, context.last_doubted
-    learnt = max(START_SECONDS, LEARN_SCANS * scan.elapsed)
+    learnt = max(NOISE_SECONDS, LEARN_SCANS * scan.elapsed)
     for i in range(len(belief)):
         taxel, contact, patch = belief[i], contacts[i], patch_index[i]
         noise, since = taxel.noise, now - scan.first_received[i]
@@ -376,7 +380,7 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
         band = min(max(band, contact / 2.0), MAX_BAND * contact)
         floor = linearise_counts(counts, curve) * gain[i]
         floor = add_unfelt(floor, curve)
-        if since < START_SECONDS and taxel.start_noise == 0.0:
+        if since < NOISE_SECONDS and taxel.start_noise == 0.0:
             floor = max(floor, parameters.start_floor)
         highest = -np.inf
         for each in (taxel.first, taxel.second, taxel.third):

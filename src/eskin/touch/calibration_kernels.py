@@ -50,8 +50,6 @@ class CalibrationConfig:
     as far below, the baseline is too high."""
     drift_seconds: Duration = 10.0
     """Time constant of tracking the drift of an untouched taxel."""
-    low_seconds: Duration = 0.3
-    """Time constant of lowering a baseline that is too high."""
     freeze_seconds: Duration = 3.0
     """How long after a touch the baselines of a taxel and its neighbours stay fixed."""
     longest_seconds: Duration = 120.0
@@ -64,14 +62,11 @@ class CalibrationConfig:
     fade_seconds: Duration = 20.0
     """Time constant of the decay of the recent peak."""
     steady_seconds: Duration = 1.0
-    """Time without change above the baseline from which a taxel counts as at rest. No
-    finger keeps so still, while the residual after a touch, or the response to a bend
-    of the skin, remains."""
+    """Time without change above the baseline from which a taxel counts as at rest, with
+    the residual of a touch, or with a new offset where it is alone. No finger keeps so
+    still, while these remain."""
     residual: Share = 0.25
     """Largest residual of a touch, in units of its peak."""
-    alone_seconds: Duration = 1.0
-    """Time without change from which a single taxel above the baseline, beside which
-    none is touched, has a new offset [s]."""
     dip_seconds: Pause = 20.0
     """Time after a touch in which counts may be below the baseline, to which they
     recover [s]."""
@@ -82,11 +77,10 @@ class CalibrationConfig:
     kept: Factor = 5.0
     """Largest residual that is expected of a sensor, in units of `margin`."""
     settle_seconds: Duration = 0.3
-    """Time constant of tracking counts that do not change."""
+    """Time constant of tracking counts that do not change, and of lowering a baseline
+    that is too high."""
     relearn_seconds: Duration = 2.0
     """Time constant of tracking the residual of a released taxel."""
-    silence_seconds: Annotated[float, Interval(ge=1.0, le=86_400.0)] = 10.0
-    """Time without data after which a taxel is tared again: its patch may be new."""
 
 
 BaselineParameters = namedtuple(
@@ -128,6 +122,9 @@ class BaselineContext(NamedTuple):
     parameters: BaselineParameters  # How baselines are tared and tracked
 
 
+SILENCE_SECONDS = 10.0
+"""Time without data after which a taxel has no history, and is tared again [s]: its
+patch may be new."""
 PRESSED_SHARE = 0.5
 """Smallest part of its recent peak at which a neighbour is still pressed."""
 STALE_SECONDS = 0.5
@@ -224,7 +221,6 @@ def calibrate(
     # Local references to the arrays make the compiled loops faster.
     gain, curve, state = context.gain, context.curve, context.state
     after = context.parameters.after_fraction
-    silence = context.parameters.silence_seconds
     size = context.samples.shape[1]
     for i in range(len(counts)):
         taxel = state[i]
@@ -233,7 +229,7 @@ def calibrate(
             if now - taxel.last_received > STALE_SECONDS:
                 taxel.above, taxel.touched_since = 0.0, np.inf
             continue
-        if taxel.sample_count < size or now - taxel.last_received > silence:
+        if taxel.sample_count < size or now - taxel.last_received > SILENCE_SECONDS:
             update_tare(i, counts[i], now, margin[i], context)
         above = counts[i] - taxel.baseline
         is_fast = now - taxel.last_received <= SHORTEST_PRESS
@@ -272,7 +268,7 @@ def update_tare(
     """Take a sample of the tare if one is due, and restart it after a long silence."""
     taxel, parameters = context.state[i], context.parameters
     samples = context.samples[i]
-    if now - taxel.last_received > parameters.silence_seconds:
+    if now - taxel.last_received > SILENCE_SECONDS:
         taxel.sample_count, taxel.next_sample = 0, now
         taxel.peak, taxel.touched_since = 0.0, np.inf
         taxel.low = taxel.low_since = np.inf
@@ -303,8 +299,7 @@ def is_residual(
     taxel.
     """
     taxel, parameters = context.state[i], context.parameters
-    steady = now - taxel.steady_since
-    if steady <= parameters.steady_seconds:
+    if now - taxel.steady_since <= parameters.steady_seconds:
         return False
     if above <= parameters.steady_band * margin:
         return False
@@ -313,10 +308,8 @@ def is_residual(
         near = context.state[j]
         is_alone &= near.touched_since == np.inf
         is_pressed |= near.above > PRESSED_SHARE * taxel.peak
-    if is_alone and steady > parameters.alone_seconds:
-        return True
     limit = min(parameters.residual * taxel.peak, parameters.kept * margin)
-    return above < limit and not is_pressed
+    return is_alone or (above < limit and not is_pressed)
 
 
 @compiled
@@ -358,7 +351,7 @@ def update_baselines(
             taxel.low, taxel.low_since = counts[i], min(since, now)
             if now - since >= LOW_SECONDS:
                 above = max(above, was_low - taxel.baseline)
-                step = dt / (parameters.low_seconds + dt)
+                step = dt / (parameters.settle_seconds + dt)
         elif (
             # Most taxels fail at this, before the context is handed over.
             above > band * least

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
 from eskin.touch.adjacency import Adjacency, TaxelGroups
-from eskin.touch.belief_kernels import NEVER, CountScan
-from eskin.touch.calibration_kernels import find_near, select
+from eskin.touch.belief_kernels import MIN_LINE, NEVER, CountScan
+from eskin.touch.calibration_kernels import SILENCE_SECONDS, find_near, select
 
 Values = Float[np.ndarray, "taxel"]
 Flags = Bool[np.ndarray, "taxel"]
@@ -21,8 +21,6 @@ Index = Int[np.ndarray, "taxel"]
 
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
 """Codes of the faults of a taxel; -1 for none."""
-MIN_LINE = 3
-"""Number of taxels from which a row or column can be faulty as a whole."""
 SAME_SECONDS = 0.5
 """Time without a change of the counts in which a still taxel remains a fault [s]."""
 
@@ -76,8 +74,6 @@ class FaultConfig:
     line_seconds: float = 0.5
     """Time at zero from which a row or column with an offset is dead, and time without
     data from which a patch is silent."""
-    silence_seconds: float = 10.0
-    """Time without data after which the history restarts: the patch may be new."""
     recover_seconds: float = 30.0
     """Time without evidence after which a taxel is valid again, or no longer
     doubtful."""
@@ -121,20 +117,19 @@ def build_history(count: int) -> np.ndarray:
 def update_history(
     scan: CountScan,
     full_scale: int,
-    silence_seconds: float,
     saturated_seconds: float,
     history: np.ndarray,
 ) -> None:
     """Update the history with a scan, and mask negative counts at once.
 
-    The times are those of a `FaultConfig`.
+    At full scale for `saturated_seconds` is no fault.
     """
     counts, now = scan.counts, scan.now
     for i in range(len(counts)):
         if not scan.received[i]:
             continue
         taxel, count = history[i], counts[i]
-        if now - taxel.last_received > silence_seconds:
+        if now - taxel.last_received > SILENCE_SECONDS:
             reset_taxel(i, count, now, history)
         taxel.last_received = now
         if count != taxel.counts:

@@ -101,10 +101,9 @@ class TouchGrouper:
         """Close the touches whose last contact was longer ago than the pause."""
         parameters, ongoing = self.parameters, {one.touch for one in self.ongoing}
         for touch in list(self.touches.values()):
-            pause = parameters.timeout_ns
-            if touch.confirmed:
-                pause = parameters.pause_ns
-            elif touch.evidence < parameters.least_evidence and touch.id not in ongoing:
+            pause = parameters.pause_ns
+            weak = not touch.confirmed and touch.evidence < parameters.least_evidence
+            if weak and touch.id not in ongoing:
                 pause = min(pause, MIN_LIFT_NS)
             if self.reading.stamp - touch.last > pause:
                 self.close(touch, 0)

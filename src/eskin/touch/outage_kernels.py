@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
 from eskin.touch.belief_kernels import NEVER
+from eskin.touch.calibration_kernels import SILENCE_SECONDS
 
 Taxels = Int[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
@@ -63,8 +64,6 @@ class MoveLimits(NamedTuple):
     """(taxel) smallest move that counts [counts]."""
     full_scale: int
     """Counts at which the converter saturates."""
-    silence_seconds: float
-    """Time without data after which any counts are used [s]: the patch may be new."""
 
 
 class PatchMoves(NamedTuple):
@@ -156,7 +155,7 @@ def check_patches(
         only_zeros, since = state.only_zeros[p], state.refused_since[p]
         state.only_zeros[p] = only_zeros and moves.positive[p] == 0
         state.refused_since[p] = np.inf
-        if now - state.last_seen[p] > limits.silence_seconds:
+        if now - state.last_seen[p] > SILENCE_SECONDS:  # Then any counts are used.
             state.first_seen[p] = now
             state.only_zeros[p] = moves.positive[p] == 0
             outcome[p] = REFUSED if is_full else USED

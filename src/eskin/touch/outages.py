@@ -45,11 +45,7 @@ class OutageDetector:
         """Start before the first scan; `faults` is the fault detector of the skin."""
         self.patch_index = np.asarray(skin.patch_index)
         self.sizes = np.bincount(self.patch_index, minlength=len(skin.patches))
-        self.limits = MoveLimits(
-            MOVE_CONTACTS * faults.contact,
-            faults.full_scale,
-            faults.config.silence_seconds,
-        )
+        self.limits = MoveLimits(MOVE_CONTACTS * faults.contact, faults.full_scale)
         self.state = build_patch_state(skin.count, len(self.sizes))
         self.outcome = np.zeros(len(self.sizes), np.int64)
         self.first: int | None = None
