@@ -56,9 +56,6 @@ class CalibrationConfig:
     """Duration from which an uninterrupted touch counts as a change of the baseline."""
     stale_seconds: Duration = 5.0
     """Time constant of tracking such a change."""
-    after_fraction: Share = 0.1
-    """Residual of a released taxel that is no touch, over its recent peak above the
-    baseline in counts."""
     fade_seconds: Duration = 20.0
     """Time constant of the decay of the recent peak."""
     steady_seconds: Duration = 1.0
@@ -220,7 +217,6 @@ def calibrate(
     """
     # Local references to the arrays make the compiled loops faster.
     gain, curve, state = context.gain, context.curve, context.state
-    after = context.parameters.after_fraction
     size = context.samples.shape[1]
     for i in range(len(counts)):
         taxel = state[i]
@@ -236,7 +232,7 @@ def calibrate(
         taxel.confirmed = min(above, taxel.above) if is_fast else above
         taxel.above = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
-        if above > margin[i] and above > after * taxel.peak:
+        if above > margin[i]:
             if taxel.touched_since == np.inf:
                 taxel.touched_since = now
             if not is_residual(i, above, now, margin[i], context):
