@@ -76,8 +76,6 @@ class CalibrationConfig:
     settle_seconds: Duration = 0.3
     """Time constant of tracking counts that do not change, and of lowering a baseline
     that is too high."""
-    relearn_seconds: Duration = 2.0
-    """Time constant of tracking the residual of a released taxel."""
 
 
 BaselineParameters = namedtuple(
@@ -314,8 +312,8 @@ def update_baselines(
 ) -> None:
     """Move each baseline towards the counts while the taxel is untouched."""
     state, parameters = context.state, context.parameters
-    drift, relearn = parameters.drift_seconds, parameters.relearn_seconds
-    freeze, fade = parameters.freeze_seconds, parameters.fade_seconds
+    drift, fade = parameters.drift_seconds, parameters.fade_seconds
+    freeze = parameters.freeze_seconds
     band, dip_share = parameters.steady_band, parameters.dip_share
     size = context.samples.shape[1]
     dt, drift_step, fading = 0.0, 0.0, 1.0
@@ -359,7 +357,7 @@ def update_baselines(
             if now - taxel.touched_since > parameters.longest_seconds:
                 step = dt / (parameters.stale_seconds + dt)
         elif now - taxel.last_touched > freeze:
-            step = drift_step if above <= least else dt / (relearn + dt)
+            step = drift_step
         taxel.baseline += step * above
         taxel.peak *= fading
         if above > least:
