@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from eskin.compiled import compiled
-from eskin.files import Duration, Factor, Pause, Pressure, Share
+from eskin.files import Duration, Factor, Pressure, Share
 from eskin.touch.adjacency import Adjacency
 
 Taxels = Int[np.ndarray, "taxel"]
@@ -64,11 +64,9 @@ class CalibrationConfig:
     still, while these remain."""
     residual: Share = 0.25
     """Largest residual of a touch, in units of its peak."""
-    dip_seconds: Pause = 20.0
-    """Time after a touch in which counts may be below the baseline, to which they
-    recover [s]."""
     dip_share: Share = 0.15
-    """Largest such dip, in units of the peak of the touch."""
+    """Largest dip below the baseline after a touch, from which counts recover, in units
+    of its peak, which fades."""
     steady_band: Annotated[Factor, Field(alias="still")] = 0.25
     """Largest difference that counts as no change, in units of `margin`."""
     kept: Factor = 5.0
@@ -339,8 +337,7 @@ def update_baselines(
         was_low, since = taxel.low, taxel.low_since
         taxel.low = taxel.low_since = np.inf
         step = 0.0
-        lowered = now - taxel.last_touched <= parameters.dip_seconds
-        dip = max(least, dip_share * taxel.peak) if lowered else least
+        dip = max(least, dip_share * taxel.peak)
         if above < -dip or (now - dt - since >= LOW_SECONDS and above < 0.0):
             taxel.low, taxel.low_since = counts[i], min(since, now)
             if now - since >= LOW_SECONDS:
