@@ -365,8 +365,6 @@ def update_baselines(
 
 MIN_OTHERS = 0.3
 """Smallest conductance of the others, relative to half scale, for an observation."""
-MAX_DETOUR_SHARE = 0.02
-"""Ratio of detours to lines below which a taxel shows leakage only."""
 MAX_CONDUCTANCE = 6.0
 """Conductance, relative to half scale, above which the resolution is too low to observe
 shares."""
@@ -510,8 +508,7 @@ def update_estimate(
     """Observe leakage where detours are negligible, and ghosts where they are not."""
     lines, detours, count = patch.lines, patch.detours, 0
     for k in range(len(patch.taxels)):
-        direct = lines[k] > MIN_OTHERS and detours[k] < MAX_DETOUR_SHARE * lines[k]
-        if direct and valid[patch.taxels[k]]:
+        if lines[k] > MIN_OTHERS and valid[patch.taxels[k]]:
             shown = patch.shown[patch.rows[k], patch.columns[k]]
             patch.shares[count] = shown / lines[k]
             count += 1
