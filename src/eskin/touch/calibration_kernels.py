@@ -365,9 +365,6 @@ def update_baselines(
 
 MIN_OTHERS = 0.3
 """Smallest conductance of the others, relative to half scale, for an observation."""
-MAX_CONDUCTANCE = 6.0
-"""Conductance, relative to half scale, above which the resolution is too low to observe
-shares."""
 MIN_SHARES = 8
 """Smallest number of taxels for an observation."""
 MAX_TOUCHED_SHARE = 0.25
@@ -441,8 +438,7 @@ def compensate_patch(
         i, j = patch.rows[k], patch.columns[k]
         patch.own[i, j] = max(patch.shown[i, j] - leak * patch.lines[k], 0.0)
     sum_others(patch)
-    few = compute_touched_share(patch, largest) <= MAX_TOUCHED_SHARE
-    if largest < MAX_CONDUCTANCE and few:
+    if compute_touched_share(patch, largest) <= MAX_TOUCHED_SHARE:
         update_estimate(valid, patch, estimate)
     leak, ghost = estimate.value[LEAK], estimate.value[GHOST]
     for k in range(len(patch.taxels)):
