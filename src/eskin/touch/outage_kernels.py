@@ -19,8 +19,9 @@ MAX_PRESSED = 12
 START_SECONDS = 10.0
 """Time after the first data in which zeros may come from a board that starts [s]; later
 they are rest, and what leaves them is a press."""
-RETURN_FACTOR = 4.0
-"""Factor by which a move is smaller that keeps a patch refused."""
+MOVE_CONTACTS = 4.0
+"""Smallest move of a taxel that counts, in units of the counts at which contact begins;
+a move by one of these keeps a patch refused."""
 USED, REFUSED, RESTARTED = range(3)
 """Outcomes of the check of a patch."""
 
@@ -60,8 +61,8 @@ class MovedScan(NamedTuple):
 class MoveLimits(NamedTuple):
     """Limits tell which moves of a taxel count."""
 
-    step: np.ndarray
-    """(taxel) smallest move that counts [counts]."""
+    contact: np.ndarray
+    """(taxel) counts above rest at which contact begins."""
     full_scale: int
     """Counts at which the converter saturates."""
 
@@ -110,9 +111,9 @@ def count_moves(
         if not scan.received[i]:
             continue
         count, last, p = scan.counts[i], state.accepted[i], patch_index[i]
-        step = limits.step[i]
-        if state.refused_since[p] < np.inf:
-            step /= RETURN_FACTOR
+        step = limits.contact[i]
+        if state.refused_since[p] == np.inf:
+            step *= MOVE_CONTACTS
         received[p] += 1
         positive[p] += count > 0
         known[p] += scan.tared[i]
