@@ -118,8 +118,6 @@ class BaselineContext(NamedTuple):
 SILENCE_SECONDS = 10.0
 """Time without data after which a taxel has no history, and is tared again [s]: its
 patch may be new."""
-PRESSED_SHARE = 0.5
-"""Smallest part of its recent peak at which a neighbour is still pressed."""
 STALE_SECONDS = 0.5
 """Time without data, as of a faulty taxel, after which it is no longer touched."""
 MIN_TARE_SAMPLES = 4
@@ -295,13 +293,12 @@ def is_residual(
         return False
     if above <= parameters.steady_band * margin:
         return False
-    is_alone, is_pressed = True, False
+    if above < min(parameters.residual * taxel.peak, parameters.kept * margin):
+        return True
     for j in find_near(i, context.adjacency):
-        near = context.state[j]
-        is_alone &= near.touched_since == np.inf
-        is_pressed |= near.above > PRESSED_SHARE * taxel.peak
-    limit = min(parameters.residual * taxel.peak, parameters.kept * margin)
-    return is_alone or (above < limit and not is_pressed)
+        if context.state[j].touched_since < np.inf:
+            return False
+    return True
 
 
 @compiled
