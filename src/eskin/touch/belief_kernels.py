@@ -55,17 +55,13 @@ MOST_ODDS = 2.0
 """Largest evidence, as of a lone step after which a taxel stays flat; a lone step that
 lasts two scans, or is gone after one, counts for one."""
 FOLLOWS = 0.2
-"""Smallest change of a neighbour that takes part in a step, in units of the step."""
+"""Smallest change that counts beside a step, in units of it: of a neighbour that takes
+part in it, or of counts that were flat after a lone rise. A rise of which noise hides
+such a change tells nothing."""
 STEP_SIGMAS, FLAT = 6.6, 0.25
 """Smallest lone step, in standard deviations of the noise, and largest change of the
 counts in the scan before it and in that after it, in units of the step. One end of it
 is as near to rest: a hand that is on a taxel changes its counts as it moves."""
-LONG_STEP, LONG_SIGMAS = 16.0, 33.0
-"""Smallest lone rise of which a taxel may stay flat: in counts, and in standard
-deviations of the noise, which hides whether it does after a smaller one."""
-LONG_FLAT, LONG_FLAT_SIGMAS = 0.2, 7.0
-"""Largest change of flat counts, in units of the step, and in standard deviations of
-the noise."""
 FLAT_SECONDS, FLAT_SCANS = 0.15, 7
 """Time [s] and number of scans with flat counts after which such a step is no touch."""
 MAX_STEP_INTERVAL, MAX_FLAT_INTERVAL = 0.03, 0.042
@@ -317,8 +313,7 @@ def follow_steps(
     if taxel.first >= full_scale:
         taxel.flat_since = NEVER
     if taxel.flat_since > NEVER:
-        flat = max(LONG_FLAT * taxel.flat_step, LONG_FLAT_SIGMAS * taxel.noise)
-        if abs(taxel.first - taxel.flat_level) > flat:
+        if abs(taxel.first - taxel.flat_level) > FOLLOWS * taxel.flat_step:
             taxel.flat_since = NEVER
         elif scan.now - taxel.flat_since >= max(
             FLAT_SECONDS, FLAT_SCANS * scan.elapsed
@@ -335,7 +330,7 @@ def follow_steps(
         if scan.elapsed <= MAX_STEP_INTERVAL:
             if goes_on or abs(taxel.first - taxel.third) <= flat:
                 taxel.odds = min(taxel.odds + 1.0, MOST_ODDS)
-        least = max(least, LONG_STEP, LONG_SIGMAS * taxel.noise)
+        least = max(least, STEP_SIGMAS / FOLLOWS * taxel.noise)
         if goes_on and min(step, taxel.second - rest) >= least:
             if taxel.first < full_scale:
                 taxel.flat_since, taxel.flat_step = scan.now - scan.elapsed, step
