@@ -121,9 +121,7 @@ class BeliefConfig:
     [kPa]."""
     noisy: float = 0.55
     """Noise that makes a taxel a fault, in units of the counts at which contact
-    begins; and at least `noisy_counts`."""
-    noisy_counts: float = 2.4
-    """The same in counts: converters have a noise of one or two."""
+    begins."""
     noisier: float = 2.5
     """Smallest ratio of the noise of such a taxel to the median of its patch."""
     faulty: float = 1.5
@@ -359,7 +357,7 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
     for i in range(len(belief)):
         taxel, contact, patch = belief[i], contacts[i], patch_index[i]
         noise, since = taxel.noise, now - scan.first_received[i]
-        share = noise / max(parameters.noisy * contact, parameters.noisy_counts)
+        share = noise / (parameters.noisy * contact)
         is_noisier = noise >= parameters.noisier * usual[0, patch]
         noisy = since >= learnt and share >= 1.0 and is_noisier
         noisy |= taxel.odds >= parameters.faulty
