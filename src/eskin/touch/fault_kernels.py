@@ -21,8 +21,6 @@ Index = Int[np.ndarray, "taxel"]
 
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
 """Codes of the faults of a taxel; -1 for none."""
-SAME_SECONDS = 0.5
-"""Time without a change of the counts in which a still taxel remains a fault [s]."""
 
 HISTORY = np.dtype(
     [("counts", np.int64), ("code", np.int64)]
@@ -256,7 +254,7 @@ def update_codes(
                 lost_rows[row_index[i]] += 1
                 lost_columns[column_index[i]] += 1
     for i in range(len(history)):
-        taxel, patch, code = history[i], patch_index[i], history[i].code
+        taxel, patch = history[i], patch_index[i]
         count, is_known = taxel.counts, taxel.last_received > NEVER
         if not noisy[i]:
             taxel.last_sound = now
@@ -265,7 +263,6 @@ def update_codes(
         has_rest = offsets[patch] / patches.sizes[patch] >= parameters.offset_share
         still = (count > 0 or has_rest) and age > stuck_seconds[patch]
         still |= taxel.unanswered >= parameters.ignored_seconds
-        still |= (code == STUCK or code == DEAD) and age > SAME_SECONDS
         still &= inside
         row, column = row_index[i], column_index[i]
         lost = lost_rows[row] == rows.sizes[row] >= MIN_LINE
