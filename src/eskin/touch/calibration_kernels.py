@@ -69,8 +69,6 @@ class CalibrationConfig:
     of its peak, which fades."""
     steady_band: Annotated[Factor, Field(alias="still")] = 0.25
     """Largest difference that counts as no change, in units of `margin`."""
-    kept: Factor = 5.0
-    """Largest residual that is expected of a sensor, in units of `margin`."""
     settle_seconds: Duration = 0.3
     """Time constant of tracking counts that do not change, and of lowering a baseline
     that is too high."""
@@ -293,7 +291,7 @@ def is_residual(
         return False
     if above <= parameters.steady_band * margin:
         return False
-    if above < min(parameters.residual * taxel.peak, parameters.kept * margin):
+    if above < parameters.residual * taxel.peak:
         return True
     for j in find_near(i, context.adjacency):
         if context.state[j].touched_since < np.inf:
