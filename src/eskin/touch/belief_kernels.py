@@ -7,8 +7,6 @@ neighbours along. All that a taxel does below rest, or alone in one step, is its
 # pyright: reportAttributeAccessIssue=false
 # Fields of records are known to numba only.
 
-from collections import namedtuple
-from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -95,6 +93,26 @@ MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 LEARN_SCANS = 40
 """Number of scans from which noise is known well enough for a fault."""
+START_FLOOR = 7.0
+"""Pressure that may be noise while the noise is neither calibrated nor learned yet
+[kPa]."""
+NOISY_CONTACTS, DOUBTFUL_SHARE = 0.55, 0.5
+"""Noise that makes a taxel a fault, in units of the counts at which contact begins, and
+share of it from which a taxel is doubtful: it may stop an arm, and nothing else."""
+NOISIER = 2.5
+"""Smallest ratio of the noise of such a taxel to the median of its patch."""
+FAULTY, DOUBTFUL = 1.5, 1.2
+"""Evidence from which a taxel is a fault, and from which it is doubtful."""
+SWING_SHARE = 0.25
+"""Share of a patch that is above rest by more than noise, and soon after below it, as
+no hand does."""
+MIXED_SHARE = 0.2
+"""Share of a row or column above rest by more than noise, and another below it, that
+makes it doubtful: it is not connected."""
+EVEN_SIZE, EVEN_SPREAD = 6, 0.2
+"""Number of taxels of a row or column from which it must not be pressed evenly, and
+standard deviation of its counts above rest, in units of their mean, below which it is
+pressed evenly, as by hum and by no hand."""
 BELIEF = np.dtype(
     [
         (name, np.float64)
@@ -112,44 +130,6 @@ when it was last above rest [s]; and since when it has been flat after a lone st
 at which counts, after which step."""
 
 
-@dataclass(frozen=True)
-class BeliefConfig:
-    """Thresholds say from what noise or evidence on a taxel is not believed."""
-
-    start_floor: float = 7.0
-    """Pressure that may be noise while the noise is neither calibrated nor learned yet
-    [kPa]."""
-    noisy: float = 0.55
-    """Noise that makes a taxel a fault, in units of the counts at which contact
-    begins."""
-    noisier: float = 2.5
-    """Smallest ratio of the noise of such a taxel to the median of its patch."""
-    faulty: float = 1.5
-    """Evidence from which a taxel is a fault."""
-    doubtful_noise: float = 0.5
-    """Share of the noise of a fault from which a taxel is doubtful: it may stop an arm,
-    and nothing else."""
-    doubtful: float = 1.2
-    """Evidence from which it is."""
-    swing_share: float = 0.25
-    """Share of a patch that is above rest by more than noise, and soon after below it,
-    as no hand does."""
-    line_share: float = 0.2
-    """Share of a row or column above rest by more than noise, and another below it,
-    that makes it doubtful: it is not connected."""
-    line_size: int = 6
-    """Number of taxels of a row or column from which it must not be pressed evenly."""
-    line_spread: float = 0.2
-    """Standard deviation of the counts above rest along a row or column, in units of
-    their mean, below which it is pressed evenly, as by hum and by no hand."""
-
-
-BeliefParameters = namedtuple(
-    "BeliefParameters", [field.name for field in fields(BeliefConfig)]
-)
-"""The fields of a `BeliefConfig` for compiled code."""
-
-
 class BeliefContext(NamedTuple):
     """A context holds the arguments of the kernels that are kept between scans."""
 
@@ -157,7 +137,6 @@ class BeliefContext(NamedTuple):
     least: np.ndarray  # (taxel) smallest counts above rest that may be noise
     gain: np.ndarray  # (taxel) gain [kPa/count]
     curve: PressureCurve  # Relation of pressure and counts
-    parameters: BeliefParameters  # Thresholds
     patches: TaxelGroups  # Patches of the taxels
     belief: np.ndarray  # (taxel) `BELIEF`
     last_doubted: np.ndarray  # (taxel) time at which it was last doubtful [s]
@@ -349,7 +328,7 @@ def is_alone(i: int, step: float, adjacency: Adjacency, belief: np.ndarray) -> b
 @compiled(error_model="numpy")
 def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> None:
     """Write what may be noise, by the medians of each patch, and what is faulty."""
-    belief, parameters, now = context.belief, context.parameters, scan.now
+    belief, now = context.belief, scan.now
     usual, patch_index = find_usual(context), context.patches.group_index
     contacts, least = context.contact, context.least
     gain, curve, last_doubted = context.gain, context.curve, context.last_doubted
@@ -357,13 +336,13 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
     for i in range(len(belief)):
         taxel, contact, patch = belief[i], contacts[i], patch_index[i]
         noise, since = taxel.noise, now - scan.first_received[i]
-        share = noise / (parameters.noisy * contact)
-        is_noisier = noise >= parameters.noisier * usual[0, patch]
+        share = noise / (NOISY_CONTACTS * contact)
+        is_noisier = noise >= NOISIER * usual[0, patch]
         noisy = since >= learnt and share >= 1.0 and is_noisier
-        noisy |= taxel.odds >= parameters.faulty
-        restless = since >= learnt / 2.0 and share >= parameters.doubtful_noise
+        noisy |= taxel.odds >= FAULTY
+        restless = since >= learnt / 2.0 and share >= DOUBTFUL_SHARE
         restless &= is_noisier
-        if noisy or restless or taxel.odds >= parameters.doubtful:
+        if noisy or restless or taxel.odds >= DOUBTFUL:
             last_doubted[i] = now
         fast = max(NOISE_SIGMAS * noise, least[i])
         wander = max(taxel.wander / contact, WANDER_SHARE * usual[1, patch])
@@ -374,7 +353,7 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
         floor = linearise_counts(counts, curve) * gain[i]
         floor = add_unfelt(floor, curve)
         if since < NOISE_SECONDS and taxel.start_noise == 0.0:
-            floor = max(floor, parameters.start_floor)
+            floor = max(floor, START_FLOOR)
         highest = -np.inf
         for each in (taxel.first, taxel.second, taxel.third):
             if each > highest:

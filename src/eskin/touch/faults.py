@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.skin import Skin
 from eskin.touch.adjacency import TaxelGroups
 from eskin.touch.belief import Belief
-from eskin.touch.belief_kernels import MIN_LINE, NEVER, BeliefConfig, CountScan
+from eskin.touch.belief_kernels import MIN_LINE, NEVER, CountScan
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
     NOISY,
@@ -137,7 +137,6 @@ class FaultDetector:
         self.noise = Belief(
             *(skin, calibration, self.contact, grouper.patches),
             (grouper.rows, grouper.columns),
-            BeliefConfig(),
         )
         self.context = FaultContext(
             *(self.full_scale, FaultParameters(**vars(self.config))),
