@@ -43,8 +43,6 @@ pressed there when the skin was switched on has lifted, and its noise was that o
 hand."""
 BEND_SIGMAS = 6.0**0.5
 """Standard deviation of the second difference of white noise, in units of its own."""
-LOW_SECONDS = 2.0
-"""Longest time below rest that is wandering, and not another rest [s]."""
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
 ODDS_SECONDS = 10.0
@@ -119,14 +117,14 @@ BELIEF = np.dtype(
         for name in (
             *("first", "second", "third", "fourth"),
             *("noise", "start_noise", "wander", "odds"),
-            *("above_at", "flat_since", "flat_level", "flat_step"),
+            *("flat_since", "flat_level", "flat_step"),
         )
     ]
 )
 """What is believed of a taxel: its counts in the latest four scans, NaN where they are
 not known; standard deviations of its noise from scan to scan, of that as calibrated (0
 for none), and of its wandering about rest [counts]; the evidence that it is faulty;
-when it was last above rest [s]; and since when it has been flat after a lone step [s],
+and since when it has been flat after a lone step [s],
 at which counts, after which step."""
 
 
@@ -235,12 +233,10 @@ def update_belief(
             if above < -band and seen < taxel.noise:
                 part = min(BELOW_FACTOR * part, 1.0)
             taxel.noise = follow(taxel.noise, seen, limit, part)
-        if above >= 0.0:
-            taxel.above_at = now
-        else:
+        if above < 0.0:
             low += above < -band
             depth = -above - scan.dip[i]
-            if depth > 0.0 and now - taxel.above_at < LOW_SECONDS:
+            if depth > 0.0:
                 part = max(slow, elapsed / (since + elapsed))
                 taxel.wander = follow(taxel.wander, depth, limit, part)
         if not follows or since < NOISE_SECONDS:
@@ -260,7 +256,7 @@ def reset_belief(i: int, belief: np.ndarray) -> None:
     taxel.first = taxel.second = taxel.third = taxel.fourth = np.nan
     taxel.noise = taxel.start_noise
     taxel.wander = taxel.odds = 0.0
-    taxel.above_at = taxel.flat_since = NEVER
+    taxel.flat_since = NEVER
 
 
 @compiled
