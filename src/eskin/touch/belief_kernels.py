@@ -222,12 +222,11 @@ def update_belief(
         above = taxel.first - rest
         since = now - scan.first_received[i]
         bend = taxel.first - 2.0 * taxel.second + taxel.third
-        lowest = min(taxel.first, taxel.second, taxel.third) - rest
         learns = taxel.start_noise == 0.0
         starts = learns and since < NOISE_SECONDS
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
-        rests = max(taxel.first, taxel.third) - rest <= band or lowest < -band
+        rests = max(taxel.first, taxel.third) - rest <= band
         if starts or rests or calms or scan.mask[i]:
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -band and seen < taxel.noise:
