@@ -191,10 +191,10 @@ def update_belief(
     """Update what is believed of each taxel by a scan.
 
     The noise is the root mean square of second differences, as of white noise, where no
-    touch can cause them: the first and third scan within the band about rest, or one
-    below it; and where the noise of a noisy taxel falls, or it is masked. The
-    depth below rest, beyond the dip after a press, gives the wandering. Lone steps are
-    evidence of a fault.
+    touch can cause them: the first and third scan not above the band about rest; and
+    where the noise of a noisy taxel falls, or it is masked. The depth below rest,
+    beyond the dip after a press, gives the wandering. Lone steps are evidence of a
+    fault.
 
     Returns:
         How many taxels are away from rest, below it.
