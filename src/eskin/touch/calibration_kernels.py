@@ -360,6 +360,8 @@ def update_baselines(
 
 MIN_OTHERS = 0.3
 """Smallest conductance of the others, relative to half scale, for an observation."""
+MAX_DETOUR_SHARE = 0.02
+"""Ratio of detours to lines below which a taxel shows leakage only."""
 MIN_SHARES = 8
 """Smallest number of taxels for an observation."""
 MAX_TOUCHED_SHARE = 0.25
@@ -499,7 +501,8 @@ def update_estimate(
     """Observe leakage where detours are negligible, and ghosts where they are not."""
     lines, detours, count = patch.lines, patch.detours, 0
     for k in range(len(patch.taxels)):
-        if lines[k] > MIN_OTHERS and valid[patch.taxels[k]]:
+        direct = lines[k] > MIN_OTHERS and detours[k] < MAX_DETOUR_SHARE * lines[k]
+        if direct and valid[patch.taxels[k]]:
             shown = patch.shown[patch.rows[k], patch.columns[k]]
             patch.shares[count] = shown / lines[k]
             count += 1
