@@ -99,8 +99,8 @@ NOISY_CONTACTS, DOUBTFUL_SHARE = 0.55, 0.5
 share of it from which a taxel is doubtful: it may stop an arm, and nothing else."""
 NOISIER = 2.5
 """Smallest ratio of the noise of such a taxel to the median of its patch."""
-FAULTY, DOUBTFUL = 1.5, 1.2
-"""Evidence from which a taxel is a fault, and from which it is doubtful."""
+FAULTY = 1.5
+"""Evidence from which a taxel is a fault."""
 SWING_SHARE = 0.25
 """Share of a patch that is above rest by more than noise, and soon after below it, as
 no hand does."""
@@ -337,7 +337,7 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
         noisy |= taxel.odds >= FAULTY
         restless = since >= learnt / 2.0 and share >= DOUBTFUL_SHARE
         restless &= is_noisier
-        if noisy or restless or taxel.odds >= DOUBTFUL:
+        if noisy or restless:
             last_doubted[i] = now
         fast = max(NOISE_SIGMAS * noise, least[i])
         wander = max(taxel.wander / contact, WANDER_SHARE * usual[1, patch])
