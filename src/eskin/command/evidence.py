@@ -9,6 +9,7 @@ from jaxtyping import Bool, Int
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
 from eskin.touch import Adjacency, ContactConfig
+from eskin.touch.belief_kernels import LINE_SHARE
 from eskin.touch.outage_kernels import MAX_PRESSED, NEARLY_ALL
 from eskin.units import NS_PER_S
 
@@ -21,7 +22,7 @@ class EvidenceConfig:
     """Pressure on a taxel that a touch needs, in units of that at which contact begins,
     or of 0.7 kPa where contact begins below."""
 
-    share: float = 1 / 3
+    share: float = LINE_SHARE
     """Share of a row or column that is active when a fault of it may explain the touch,
     and share of the taxels of a touch that are doubtful when nothing of it counts."""
 

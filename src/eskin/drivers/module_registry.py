@@ -13,7 +13,7 @@ from eskin.drivers.events import EventKind, EventLog
 from eskin.drivers.packet import Hello
 from eskin.errors import SkinError
 from eskin.skin import Patch, Skin
-from eskin.touch import CalibrationConfig
+from eskin.touch import SILENCE_SECONDS
 from eskin.units import NS_PER_S
 
 MAX_SCAN_RATE = 10_000
@@ -28,7 +28,7 @@ CONFLICT_TIMEOUT = 3 * NS_PER_S
 """Time for which only one module must send until a conflict is over [ns]."""
 CONFLICT_REORDERING = NS_PER_S // 20
 """A module that sends this long after another one appeared is still there [ns]."""
-HOLD_TIME = round((CalibrationConfig().silence_seconds + 0.5) * NS_PER_S)
+HOLD_TIME = round((SILENCE_SECONDS + 0.5) * NS_PER_S)
 """Time for which the data of a replacement module is held back [ns]: after that long
 without data of its taxels, the calibrator tares them again."""
 MAX_CLAIMS = 8

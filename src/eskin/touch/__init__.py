@@ -2,7 +2,7 @@
 
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import MAX_CALIBRATION_BYTES, Calibration
-from eskin.touch.calibration_kernels import CalibrationConfig
+from eskin.touch.calibration_kernels import SILENCE_SECONDS, CalibrationConfig
 from eskin.touch.calibrator import Calibrator, CrosstalkCompensator
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
@@ -21,6 +21,7 @@ from eskin.touch.touches import Contact, PressDetector, Touch, TouchState, Track
 __all__ = [
     "NO_CONTACT",
     "NO_TOUCHES",
+    "SILENCE_SECONDS",
     "Adjacency",
     "Calibration",
     "MAX_CALIBRATION_BYTES",

@@ -9,16 +9,21 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.belief_kernels import (
     BELIEF,
+    EVEN_SIZE,
+    EVEN_SPREAD,
+    LINE_SHARE,
     MIN_LEARNED,
+    MIN_LINE,
     MIN_NOISE,
     MIN_NOISE_CONTACTS,
+    MIXED_SHARE,
     MOST_ODDS,
     NEVER,
     NOISE_SIGMAS,
     ODDS_SECONDS,
-    BeliefConfig,
+    START_FLOOR,
+    SWING_SHARE,
     BeliefContext,
-    BeliefParameters,
     CountScan,
     NoiseLimits,
     judge_noise,
@@ -29,10 +34,6 @@ from eskin.touch.calibration import MAX_CONTACT, Calibration
 
 Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
-MIN_MIXED = 3
-"""Number of taxels of a row or column that are away from rest, where some are above and
-some below it, from which it is doubtful: beside a pressed taxel, one that was released
-may be below rest for a while."""
 
 
 @final
@@ -52,7 +53,6 @@ class Belief:
         contact: Values,
         patches: TaxelGroups,
         lines: tuple[TaxelGroups, ...],
-        config: BeliefConfig,
     ) -> None:
         """Start with the calibrated noise, or with what is assumed without one.
 
@@ -61,7 +61,7 @@ class Belief:
         """
         self.adjacency = Adjacency.build(skin)
         self.full_scale, self.contact = float(calibration.full_scale), contact
-        self.config, self.patches, self.lines = config, patches, lines
+        self.patches, self.lines = patches, lines
         self.taxels = np.zeros(len(contact), BELIEF)
         if calibration.noise is not None:
             most = MAX_CONTACT * self.full_scale / NOISE_SIGMAS
@@ -72,7 +72,7 @@ class Belief:
         self.limits = NoiseLimits(
             counts=np.maximum(NOISE_SIGMAS * self.taxels["noise"], least),
             band=contact / 2.0,
-            floor=np.full(len(contact), config.start_floor),
+            floor=np.full(len(contact), START_FLOOR),
             noisy=np.zeros(len(contact), np.bool_),
             lifted=np.zeros(len(contact), np.bool_),
         )
@@ -84,7 +84,6 @@ class Belief:
             least,
             np.asarray(calibration.gain, np.float64),
             calibration.pressure_curve,
-            BeliefParameters(**vars(config)),
             patches,
             self.taxels,
             self.last_doubted,
@@ -105,9 +104,9 @@ class Belief:
 
     def follow_swings(self, high: Flags, low: Flags, now: float) -> None:
         """Take turns of whole patches about rest, as of mains hum, for evidence."""
-        share, patches = self.config.swing_share, self.patches
-        sign = np.where(patches.flagged_share(high) >= share, 1, 0)
-        sign = np.where(patches.flagged_share(low) >= share, -1, sign)
+        patches = self.patches
+        sign = np.where(patches.flagged_share(high) >= SWING_SHARE, 1, 0)
+        sign = np.where(patches.flagged_share(low) >= SWING_SHARE, -1, sign)
         turned = (sign != 0) & (sign != self.sign)
         for n in np.flatnonzero(turned & (self.sign != 0)):
             own = self.patches.group_index == n
@@ -120,13 +119,13 @@ class Belief:
     def doubt_mixed_lines(self, high: Flags, low: Flags, now: float) -> None:
         """Doubt rows and columns that are partly above rest and partly below it.
 
-        So does a line that is not connected, of which at least `MIN_MIXED` taxels are
+        So does a line that is not connected, of which at least `MIN_LINE` taxels are
         away from rest; a hand presses, and presses nothing below rest.
         """
         for lines in self.lines:
-            mixed = lines.flagged_count(high | low) >= MIN_MIXED
+            mixed = lines.flagged_count(high | low) >= MIN_LINE
             for flags in (high, low):
-                mixed &= lines.flagged_share(flags) >= self.config.line_share
+                mixed &= lines.flagged_share(flags) >= MIXED_SHARE
             if mixed.any():
                 self.last_doubted[mixed[lines.group_index]] = now
 
@@ -135,18 +134,18 @@ class Belief:
 
         That is where all taxels of one are about as far above rest.
         """
-        above, size = scan.counts - scan.rest, self.config.line_size
+        above = scan.counts - scan.rest
         high = scan.received & (above > self.limits.band)
-        if np.count_nonzero(high) < size:
+        if np.count_nonzero(high) < EVEN_SIZE:
             return
         for lines in self.lines:
-            even = (lines.flagged_share(high) == 1.0) & (lines.sizes >= size)
+            even = (lines.flagged_share(high) == 1.0) & (lines.sizes >= EVEN_SIZE)
             if even.any():
                 means, squares = (
                     np.bincount(lines.group_index, values) / lines.sizes
                     for values in (above, above**2)
                 )
-                even &= squares <= (1.0 + self.config.line_spread**2) * means**2
+                even &= squares <= (1.0 + EVEN_SPREAD**2) * means**2
                 self.last_doubted[even[lines.group_index]] = scan.now
 
     def check(self, scan: CountScan) -> None:
@@ -159,7 +158,7 @@ class Belief:
         """Return taxels that are faulty, or on a row or column that is in part."""
         result = faulty.copy()
         for lines in self.lines:
-            out = lines.flagged_share(faulty) >= self.config.faulty_share
-            out &= lines.flagged_count(faulty) >= MIN_MIXED
+            out = lines.flagged_share(faulty) > LINE_SHARE
+            out &= lines.flagged_count(faulty) >= MIN_LINE
             result |= out[lines.group_index]
         return result

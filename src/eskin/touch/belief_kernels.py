@@ -7,8 +7,6 @@ neighbours along. All that a taxel does below rest, or alone in one step, is its
 # pyright: reportAttributeAccessIssue=false
 # Fields of records are known to numba only.
 
-from collections import namedtuple
-from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -31,12 +29,11 @@ Values = Float[np.ndarray, "taxel"]
 CLEAR_FACTOR = 2.0
 """Smallest signal that is clearly no noise, in units of what may be noise."""
 NOISE_SECONDS, WANDER_SECONDS = 1.0, 20.0
-"""Time constants of the estimates of fast noise and of wandering about rest [s]."""
+"""Time constants of the estimates of fast noise and of wandering about rest [s]. Noise
+that is not calibrated is learned for the first of them after the first data."""
 MOST_PART = 0.04
 """Largest weight of one scan in the estimate of the noise; of wandering in
 proportion: no memory moves far by one scan, however long ago the last one was."""
-START_SECONDS = 1.0
-"""Time after the first data in which noise that is not calibrated is learned [s]."""
 OUTLIER, LEAST_OUTLIER = 3.0, 0.5
 """Largest value that an estimate takes in as it is, in units of itself, and of the
 counts at which contact begins."""
@@ -46,8 +43,6 @@ pressed there when the skin was switched on has lifted, and its noise was that o
 hand."""
 BEND_SIGMAS = 6.0**0.5
 """Standard deviation of the second difference of white noise, in units of its own."""
-LOW_SECONDS = 2.0
-"""Longest time below rest that is wandering, and not another rest [s]."""
 MAX_GAP = 0.15
 """Largest time between two scans whose counts are compared [s]."""
 ODDS_SECONDS = 10.0
@@ -56,17 +51,13 @@ MOST_ODDS = 2.0
 """Largest evidence, as of a lone step after which a taxel stays flat; a lone step that
 lasts two scans, or is gone after one, counts for one."""
 FOLLOWS = 0.2
-"""Smallest change of a neighbour that takes part in a step, in units of the step."""
+"""Smallest change that counts beside a step, in units of it: of a neighbour that takes
+part in it, or of counts that were flat after a lone rise. A rise of which noise hides
+such a change tells nothing."""
 STEP_SIGMAS, FLAT = 6.6, 0.25
 """Smallest lone step, in standard deviations of the noise, and largest change of the
 counts in the scan before it and in that after it, in units of the step. One end of it
 is as near to rest: a hand that is on a taxel changes its counts as it moves."""
-LONG_STEP, LONG_SIGMAS = 16.0, 33.0
-"""Smallest lone rise of which a taxel may stay flat: in counts, and in standard
-deviations of the noise, which hides whether it does after a smaller one."""
-LONG_FLAT, LONG_FLAT_SIGMAS = 0.2, 7.0
-"""Largest change of flat counts, in units of the step, and in standard deviations of
-the noise."""
 FLAT_SECONDS, FLAT_SCANS = 0.15, 7
 """Time [s] and number of scans with flat counts after which such a step is no touch."""
 MAX_STEP_INTERVAL, MAX_FLAT_INTERVAL = 0.03, 0.042
@@ -88,68 +79,53 @@ learned too low, none is seen below it."""
 MAX_BAND, MAX_WANDER_BAND = 4.0, 1.5
 """Largest distance from rest that is left to noise, and to wandering, in units of the
 counts at which contact begins: a patch that swings further feels no touch."""
+LINE_SHARE = 1 / 3
+"""Share of a row or column above which what its taxels do is taken for its own: more
+are faulty, or active. It is not connected, though some taxels do not show it at zero
+or full scale."""
+MIN_LINE = 3
+"""Number of taxels from which a row or column can be faulty as a whole, and of its
+taxels away from rest or faulty from which it is doubted: beside a pressed taxel, one
+that was released may be below rest for a while."""
 MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]."""
 LEARN_SCANS = 40
 """Number of scans from which noise is known well enough for a fault."""
+START_FLOOR = 7.0
+"""Pressure that may be noise while the noise is neither calibrated nor learned yet
+[kPa]."""
+NOISY_CONTACTS, DOUBTFUL_SHARE = 0.55, 0.5
+"""Noise that makes a taxel a fault, in units of the counts at which contact begins, and
+share of it from which a taxel is doubtful: it may stop an arm, and nothing else."""
+NOISIER = 2.5
+"""Smallest ratio of the noise of such a taxel to the median of its patch."""
+FAULTY = 1.5
+"""Evidence from which a taxel is a fault."""
+SWING_SHARE = 0.25
+"""Share of a patch that is above rest by more than noise, and soon after below it, as
+no hand does."""
+MIXED_SHARE = 0.2
+"""Share of a row or column above rest by more than noise, and another below it, that
+makes it doubtful: it is not connected."""
+EVEN_SIZE, EVEN_SPREAD = 6, 0.2
+"""Number of taxels of a row or column from which it must not be pressed evenly, and
+standard deviation of its counts above rest, in units of their mean, below which it is
+pressed evenly, as by hum and by no hand."""
 BELIEF = np.dtype(
     [
         (name, np.float64)
         for name in (
             *("first", "second", "third", "fourth"),
             *("noise", "start_noise", "wander", "odds"),
-            *("above_at", "flat_since", "flat_level", "flat_step"),
+            *("flat_since", "flat_level", "flat_step"),
         )
     ]
 )
 """What is believed of a taxel: its counts in the latest four scans, NaN where they are
 not known; standard deviations of its noise from scan to scan, of that as calibrated (0
 for none), and of its wandering about rest [counts]; the evidence that it is faulty;
-when it was last above rest [s]; and since when it has been flat after a lone step [s],
+and since when it has been flat after a lone step [s],
 at which counts, after which step."""
-
-
-@dataclass(frozen=True)
-class BeliefConfig:
-    """Thresholds say from what noise or evidence on a taxel is not believed."""
-
-    start_floor: float = 7.0
-    """Pressure that may be noise while the noise is neither calibrated nor learned yet
-    [kPa]."""
-    noisy: float = 0.55
-    """Noise that makes a taxel a fault, in units of the counts at which contact
-    begins; and at least `noisy_counts`."""
-    noisy_counts: float = 2.4
-    """The same in counts: converters have a noise of one or two."""
-    noisier: float = 2.5
-    """Smallest ratio of the noise of such a taxel to the median of its patch."""
-    faulty: float = 1.5
-    """Evidence from which a taxel is a fault."""
-    faulty_share: float = 0.34
-    """Share of a row or column that is faulty from which all of it is: it is not
-    connected, though some of its taxels show it at zero or full scale alone."""
-    doubtful_noise: float = 0.5
-    """Share of the noise of a fault from which a taxel is doubtful: it may stop an arm,
-    and nothing else."""
-    doubtful: float = 1.2
-    """Evidence from which it is."""
-    swing_share: float = 0.25
-    """Share of a patch that is above rest by more than noise, and soon after below it,
-    as no hand does."""
-    line_share: float = 0.2
-    """Share of a row or column above rest by more than noise, and another below it,
-    that makes it doubtful: it is not connected."""
-    line_size: int = 6
-    """Number of taxels of a row or column from which it must not be pressed evenly."""
-    line_spread: float = 0.2
-    """Standard deviation of the counts above rest along a row or column, in units of
-    their mean, below which it is pressed evenly, as by hum and by no hand."""
-
-
-BeliefParameters = namedtuple(
-    "BeliefParameters", [field.name for field in fields(BeliefConfig)]
-)
-"""The fields of a `BeliefConfig` for compiled code."""
 
 
 class BeliefContext(NamedTuple):
@@ -159,7 +135,6 @@ class BeliefContext(NamedTuple):
     least: np.ndarray  # (taxel) smallest counts above rest that may be noise
     gain: np.ndarray  # (taxel) gain [kPa/count]
     curve: PressureCurve  # Relation of pressure and counts
-    parameters: BeliefParameters  # Thresholds
     patches: TaxelGroups  # Patches of the taxels
     belief: np.ndarray  # (taxel) `BELIEF`
     last_doubted: np.ndarray  # (taxel) time at which it was last doubtful [s]
@@ -216,10 +191,10 @@ def update_belief(
     """Update what is believed of each taxel by a scan.
 
     The noise is the root mean square of second differences, as of white noise, where no
-    touch can cause them: the first and third scan within the band about rest, or one
-    below it; and where the noise of a noisy taxel falls, or it is masked. The
-    depth below rest, beyond the dip after a press, gives the wandering. Lone steps are
-    evidence of a fault.
+    touch can cause them: the first and third scan not above the band about rest; and
+    where the noise of a noisy taxel falls, or it is masked. The depth below rest,
+    beyond the dip after a press, gives the wandering. Lone steps are evidence of a
+    fault.
 
     Returns:
         How many taxels are away from rest, below it.
@@ -247,26 +222,23 @@ def update_belief(
         above = taxel.first - rest
         since = now - scan.first_received[i]
         bend = taxel.first - 2.0 * taxel.second + taxel.third
-        lowest = min(taxel.first, taxel.second, taxel.third) - rest
         learns = taxel.start_noise == 0.0
-        starts = learns and since < START_SECONDS
+        starts = learns and since < NOISE_SECONDS
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
-        rests = max(taxel.first, taxel.third) - rest <= band or lowest < -band
+        rests = max(taxel.first, taxel.third) - rest <= band
         if starts or rests or calms or scan.mask[i]:
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -band and seen < taxel.noise:
                 part = min(BELOW_FACTOR * part, 1.0)
             taxel.noise = follow(taxel.noise, seen, limit, part)
-        if above >= 0.0:
-            taxel.above_at = now
-        else:
+        if above < 0.0:
             low += above < -band
             depth = -above - scan.dip[i]
-            if depth > 0.0 and now - taxel.above_at < LOW_SECONDS:
+            if depth > 0.0:
                 part = max(slow, elapsed / (since + elapsed))
                 taxel.wander = follow(taxel.wander, depth, limit, part)
-        if not follows or since < START_SECONDS:
+        if not follows or since < NOISE_SECONDS:
             taxel.flat_since = NEVER
         elif taxel.flat_since > NEVER or abs(taxel.second - taxel.third) >= band:
             alone[count_alone] = i
@@ -283,7 +255,7 @@ def reset_belief(i: int, belief: np.ndarray) -> None:
     taxel.first = taxel.second = taxel.third = taxel.fourth = np.nan
     taxel.noise = taxel.start_noise
     taxel.wander = taxel.odds = 0.0
-    taxel.above_at = taxel.flat_since = NEVER
+    taxel.flat_since = NEVER
 
 
 @compiled
@@ -313,8 +285,7 @@ def follow_steps(
     if taxel.first >= full_scale:
         taxel.flat_since = NEVER
     if taxel.flat_since > NEVER:
-        flat = max(LONG_FLAT * taxel.flat_step, LONG_FLAT_SIGMAS * taxel.noise)
-        if abs(taxel.first - taxel.flat_level) > flat:
+        if abs(taxel.first - taxel.flat_level) > FOLLOWS * taxel.flat_step:
             taxel.flat_since = NEVER
         elif scan.now - taxel.flat_since >= max(
             FLAT_SECONDS, FLAT_SCANS * scan.elapsed
@@ -331,7 +302,7 @@ def follow_steps(
         if scan.elapsed <= MAX_STEP_INTERVAL:
             if goes_on or abs(taxel.first - taxel.third) <= flat:
                 taxel.odds = min(taxel.odds + 1.0, MOST_ODDS)
-        least = max(least, LONG_STEP, LONG_SIGMAS * taxel.noise)
+        least = max(least, STEP_SIGMAS / FOLLOWS * taxel.noise)
         if goes_on and min(step, taxel.second - rest) >= least:
             if taxel.first < full_scale:
                 taxel.flat_since, taxel.flat_step = scan.now - scan.elapsed, step
@@ -352,21 +323,21 @@ def is_alone(i: int, step: float, adjacency: Adjacency, belief: np.ndarray) -> b
 @compiled(error_model="numpy")
 def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> None:
     """Write what may be noise, by the medians of each patch, and what is faulty."""
-    belief, parameters, now = context.belief, context.parameters, scan.now
+    belief, now = context.belief, scan.now
     usual, patch_index = find_usual(context), context.patches.group_index
     contacts, least = context.contact, context.least
     gain, curve, last_doubted = context.gain, context.curve, context.last_doubted
-    learnt = max(START_SECONDS, LEARN_SCANS * scan.elapsed)
+    learnt = max(NOISE_SECONDS, LEARN_SCANS * scan.elapsed)
     for i in range(len(belief)):
         taxel, contact, patch = belief[i], contacts[i], patch_index[i]
         noise, since = taxel.noise, now - scan.first_received[i]
-        share = noise / max(parameters.noisy * contact, parameters.noisy_counts)
-        is_noisier = noise >= parameters.noisier * usual[0, patch]
+        share = noise / (NOISY_CONTACTS * contact)
+        is_noisier = noise >= NOISIER * usual[0, patch]
         noisy = since >= learnt and share >= 1.0 and is_noisier
-        noisy |= taxel.odds >= parameters.faulty
-        restless = since >= learnt / 2.0 and share >= parameters.doubtful_noise
+        noisy |= taxel.odds >= FAULTY
+        restless = since >= learnt / 2.0 and share >= DOUBTFUL_SHARE
         restless &= is_noisier
-        if noisy or restless or taxel.odds >= parameters.doubtful:
+        if noisy or restless:
             last_doubted[i] = now
         fast = max(NOISE_SIGMAS * noise, least[i])
         wander = max(taxel.wander / contact, WANDER_SHARE * usual[1, patch])
@@ -376,8 +347,8 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
         band = min(max(band, contact / 2.0), MAX_BAND * contact)
         floor = linearise_counts(counts, curve) * gain[i]
         floor = add_unfelt(floor, curve)
-        if since < START_SECONDS and taxel.start_noise == 0.0:
-            floor = max(floor, parameters.start_floor)
+        if since < NOISE_SECONDS and taxel.start_noise == 0.0:
+            floor = max(floor, START_FLOOR)
         highest = -np.inf
         for each in (taxel.first, taxel.second, taxel.third):
             if each > highest:

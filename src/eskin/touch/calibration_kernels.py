@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from eskin.compiled import compiled
-from eskin.files import Duration, Factor, Pause, Pressure, Share
+from eskin.files import Duration, Factor, Pressure, Share
 from eskin.touch.adjacency import Adjacency
 
 Taxels = Int[np.ndarray, "taxel"]
@@ -50,43 +50,28 @@ class CalibrationConfig:
     as far below, the baseline is too high."""
     drift_seconds: Duration = 10.0
     """Time constant of tracking the drift of an untouched taxel."""
-    low_seconds: Duration = 0.3
-    """Time constant of lowering a baseline that is too high."""
     freeze_seconds: Duration = 3.0
     """How long after a touch the baselines of a taxel and its neighbours stay fixed."""
     longest_seconds: Duration = 120.0
     """Duration from which an uninterrupted touch counts as a change of the baseline."""
     stale_seconds: Duration = 5.0
     """Time constant of tracking such a change."""
-    after_fraction: Share = 0.1
-    """Residual of a released taxel that is no touch, over its recent peak above the
-    baseline in counts."""
     fade_seconds: Duration = 20.0
     """Time constant of the decay of the recent peak."""
     steady_seconds: Duration = 1.0
-    """Time without change above the baseline from which a taxel counts as at rest. No
-    finger keeps so still, while the residual after a touch, or the response to a bend
-    of the skin, remains."""
+    """Time without change above the baseline from which a taxel counts as at rest, with
+    the residual of a touch, or with a new offset where it is alone. No finger keeps so
+    still, while these remain."""
     residual: Share = 0.25
     """Largest residual of a touch, in units of its peak."""
-    alone_seconds: Duration = 1.0
-    """Time without change from which a single taxel above the baseline, beside which
-    none is touched, has a new offset [s]."""
-    dip_seconds: Pause = 20.0
-    """Time after a touch in which counts may be below the baseline, to which they
-    recover [s]."""
     dip_share: Share = 0.15
-    """Largest such dip, in units of the peak of the touch."""
+    """Largest dip below the baseline after a touch, from which counts recover, in units
+    of its peak, which fades."""
     steady_band: Annotated[Factor, Field(alias="still")] = 0.25
     """Largest difference that counts as no change, in units of `margin`."""
-    kept: Factor = 5.0
-    """Largest residual that is expected of a sensor, in units of `margin`."""
     settle_seconds: Duration = 0.3
-    """Time constant of tracking counts that do not change."""
-    relearn_seconds: Duration = 2.0
-    """Time constant of tracking the residual of a released taxel."""
-    silence_seconds: Annotated[float, Interval(ge=1.0, le=86_400.0)] = 10.0
-    """Time without data after which a taxel is tared again: its patch may be new."""
+    """Time constant of tracking counts that do not change, and of lowering a baseline
+    that is too high."""
 
 
 BaselineParameters = namedtuple(
@@ -128,8 +113,9 @@ class BaselineContext(NamedTuple):
     parameters: BaselineParameters  # How baselines are tared and tracked
 
 
-PRESSED_SHARE = 0.5
-"""Smallest part of its recent peak at which a neighbour is still pressed."""
+SILENCE_SECONDS = 10.0
+"""Time without data after which a taxel has no history, and is tared again [s]: its
+patch may be new."""
 STALE_SECONDS = 0.5
 """Time without data, as of a faulty taxel, after which it is no longer touched."""
 MIN_TARE_SAMPLES = 4
@@ -223,8 +209,6 @@ def calibrate(
     """
     # Local references to the arrays make the compiled loops faster.
     gain, curve, state = context.gain, context.curve, context.state
-    after = context.parameters.after_fraction
-    silence = context.parameters.silence_seconds
     size = context.samples.shape[1]
     for i in range(len(counts)):
         taxel = state[i]
@@ -233,14 +217,14 @@ def calibrate(
             if now - taxel.last_received > STALE_SECONDS:
                 taxel.above, taxel.touched_since = 0.0, np.inf
             continue
-        if taxel.sample_count < size or now - taxel.last_received > silence:
+        if taxel.sample_count < size or now - taxel.last_received > SILENCE_SECONDS:
             update_tare(i, counts[i], now, margin[i], context)
         above = counts[i] - taxel.baseline
         is_fast = now - taxel.last_received <= SHORTEST_PRESS
         taxel.confirmed = min(above, taxel.above) if is_fast else above
         taxel.above = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
-        if above > margin[i] and above > after * taxel.peak:
+        if above > margin[i]:
             if taxel.touched_since == np.inf:
                 taxel.touched_since = now
             if not is_residual(i, above, now, margin[i], context):
@@ -272,7 +256,7 @@ def update_tare(
     """Take a sample of the tare if one is due, and restart it after a long silence."""
     taxel, parameters = context.state[i], context.parameters
     samples = context.samples[i]
-    if now - taxel.last_received > parameters.silence_seconds:
+    if now - taxel.last_received > SILENCE_SECONDS:
         taxel.sample_count, taxel.next_sample = 0, now
         taxel.peak, taxel.touched_since = 0.0, np.inf
         taxel.low = taxel.low_since = np.inf
@@ -303,20 +287,16 @@ def is_residual(
     taxel.
     """
     taxel, parameters = context.state[i], context.parameters
-    steady = now - taxel.steady_since
-    if steady <= parameters.steady_seconds:
+    if now - taxel.steady_since <= parameters.steady_seconds:
         return False
     if above <= parameters.steady_band * margin:
         return False
-    is_alone, is_pressed = True, False
-    for j in find_near(i, context.adjacency):
-        near = context.state[j]
-        is_alone &= near.touched_since == np.inf
-        is_pressed |= near.above > PRESSED_SHARE * taxel.peak
-    if is_alone and steady > parameters.alone_seconds:
+    if above < parameters.residual * taxel.peak:
         return True
-    limit = min(parameters.residual * taxel.peak, parameters.kept * margin)
-    return above < limit and not is_pressed
+    for j in find_near(i, context.adjacency):
+        if context.state[j].touched_since < np.inf:
+            return False
+    return True
 
 
 @compiled
@@ -325,8 +305,8 @@ def update_baselines(
 ) -> None:
     """Move each baseline towards the counts while the taxel is untouched."""
     state, parameters = context.state, context.parameters
-    drift, relearn = parameters.drift_seconds, parameters.relearn_seconds
-    freeze, fade = parameters.freeze_seconds, parameters.fade_seconds
+    drift, fade = parameters.drift_seconds, parameters.fade_seconds
+    freeze = parameters.freeze_seconds
     band, dip_share = parameters.steady_band, parameters.dip_share
     size = context.samples.shape[1]
     dt, drift_step, fading = 0.0, 0.0, 1.0
@@ -352,13 +332,12 @@ def update_baselines(
         was_low, since = taxel.low, taxel.low_since
         taxel.low = taxel.low_since = np.inf
         step = 0.0
-        lowered = now - taxel.last_touched <= parameters.dip_seconds
-        dip = max(least, dip_share * taxel.peak) if lowered else least
+        dip = max(least, dip_share * taxel.peak)
         if above < -dip or (now - dt - since >= LOW_SECONDS and above < 0.0):
             taxel.low, taxel.low_since = counts[i], min(since, now)
             if now - since >= LOW_SECONDS:
                 above = max(above, was_low - taxel.baseline)
-                step = dt / (parameters.low_seconds + dt)
+                step = dt / (parameters.settle_seconds + dt)
         elif (
             # Most taxels fail at this, before the context is handed over.
             above > band * least
@@ -370,7 +349,7 @@ def update_baselines(
             if now - taxel.touched_since > parameters.longest_seconds:
                 step = dt / (parameters.stale_seconds + dt)
         elif now - taxel.last_touched > freeze:
-            step = drift_step if above <= least else dt / (relearn + dt)
+            step = drift_step
         taxel.baseline += step * above
         taxel.peak *= fading
         if above > least:
@@ -383,9 +362,6 @@ MIN_OTHERS = 0.3
 """Smallest conductance of the others, relative to half scale, for an observation."""
 MAX_DETOUR_SHARE = 0.02
 """Ratio of detours to lines below which a taxel shows leakage only."""
-MAX_CONDUCTANCE = 6.0
-"""Conductance, relative to half scale, above which the resolution is too low to observe
-shares."""
 MIN_SHARES = 8
 """Smallest number of taxels for an observation."""
 MAX_TOUCHED_SHARE = 0.25
@@ -459,8 +435,7 @@ def compensate_patch(
         i, j = patch.rows[k], patch.columns[k]
         patch.own[i, j] = max(patch.shown[i, j] - leak * patch.lines[k], 0.0)
     sum_others(patch)
-    few = compute_touched_share(patch, largest) <= MAX_TOUCHED_SHARE
-    if largest < MAX_CONDUCTANCE and few:
+    if compute_touched_share(patch, largest) <= MAX_TOUCHED_SHARE:
         update_estimate(valid, patch, estimate)
     leak, ghost = estimate.value[LEAK], estimate.value[GHOST]
     for k in range(len(patch.taxels)):

@@ -15,6 +15,7 @@ from eskin.touch.calibration_kernels import (
     BASELINE,
     GHOST,
     LEAK,
+    SILENCE_SECONDS,
     BaselineContext,
     BaselineParameters,
     CalibrationConfig,
@@ -212,7 +213,7 @@ class Calibrator:
         it is not plausible, the taxel is tared.
         """
         state = self.state
-        starts = use & (seconds - state["last_received"] > self.config.silence_seconds)
+        starts = use & (seconds - state["last_received"] > SILENCE_SECONDS)
         if not starts.any():
             return
         known = self.known_rest

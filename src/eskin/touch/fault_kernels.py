@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
 from eskin.touch.adjacency import Adjacency, TaxelGroups
-from eskin.touch.belief_kernels import NEVER, CountScan
-from eskin.touch.calibration_kernels import find_near, select
+from eskin.touch.belief_kernels import MIN_LINE, NEVER, CountScan
+from eskin.touch.calibration_kernels import SILENCE_SECONDS, find_near, select
 
 Values = Float[np.ndarray, "taxel"]
 Flags = Bool[np.ndarray, "taxel"]
@@ -21,10 +21,6 @@ Index = Int[np.ndarray, "taxel"]
 
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
 """Codes of the faults of a taxel; -1 for none."""
-MIN_LINE = 3
-"""Number of taxels from which a row or column can be faulty as a whole."""
-SAME_SECONDS = 0.5
-"""Time without a change of the counts in which a still taxel remains a fault [s]."""
 
 HISTORY = np.dtype(
     [("counts", np.int64), ("code", np.int64)]
@@ -76,15 +72,11 @@ class FaultConfig:
     line_seconds: float = 0.5
     """Time at zero from which a row or column with an offset is dead, and time without
     data from which a patch is silent."""
-    silence_seconds: float = 10.0
-    """Time without data after which the history restarts: the patch may be new."""
     recover_seconds: float = 30.0
     """Time without evidence after which a taxel is valid again, or no longer
     doubtful."""
     negative_seconds: float = 1.0
     """The same after negative counts, which are invalid one by one."""
-    offset_seconds: float = 1.0
-    """Time above zero after which an offset of a taxel is known."""
 
 
 FaultParameters = namedtuple(
@@ -121,20 +113,19 @@ def build_history(count: int) -> np.ndarray:
 def update_history(
     scan: CountScan,
     full_scale: int,
-    silence_seconds: float,
     saturated_seconds: float,
     history: np.ndarray,
 ) -> None:
     """Update the history with a scan, and mask negative counts at once.
 
-    The times are those of a `FaultConfig`.
+    At full scale for `saturated_seconds` is no fault.
     """
     counts, now = scan.counts, scan.now
     for i in range(len(counts)):
         if not scan.received[i]:
             continue
         taxel, count = history[i], counts[i]
-        if now - taxel.last_received > silence_seconds:
+        if now - taxel.last_received > SILENCE_SECONDS:
             reset_taxel(i, count, now, history)
         taxel.last_received = now
         if count != taxel.counts:
@@ -195,10 +186,8 @@ def update_unanswered(
 
 @compiled
 def has_offset(taxel: np.void, full_scale: int, parameters: FaultParameters) -> bool:
-    """Return whether a taxel has had counts well above zero for long enough."""
-    seconds = taxel.last_nonzero - taxel.first_received
-    is_above = taxel.least >= parameters.offset * full_scale
-    return seconds >= parameters.offset_seconds and is_above and taxel.least < np.inf
+    """Return whether the counts of a taxel were always well above zero."""
+    return parameters.offset * full_scale <= taxel.least < np.inf
 
 
 @compiled
@@ -261,7 +250,7 @@ def update_codes(
                 lost_rows[row_index[i]] += 1
                 lost_columns[column_index[i]] += 1
     for i in range(len(history)):
-        taxel, patch, code = history[i], patch_index[i], history[i].code
+        taxel, patch = history[i], patch_index[i]
         count, is_known = taxel.counts, taxel.last_received > NEVER
         if not noisy[i]:
             taxel.last_sound = now
@@ -270,7 +259,6 @@ def update_codes(
         has_rest = offsets[patch] / patches.sizes[patch] >= parameters.offset_share
         still = (count > 0 or has_rest) and age > stuck_seconds[patch]
         still |= taxel.unanswered >= parameters.ignored_seconds
-        still |= (code == STUCK or code == DEAD) and age > SAME_SECONDS
         still &= inside
         row, column = row_index[i], column_index[i]
         lost = lost_rows[row] == rows.sizes[row] >= MIN_LINE

@@ -9,10 +9,9 @@ from jaxtyping import Bool, Float, Int
 from eskin.skin import Skin
 from eskin.touch.adjacency import TaxelGroups
 from eskin.touch.belief import Belief
-from eskin.touch.belief_kernels import NEVER, BeliefConfig, CountScan
+from eskin.touch.belief_kernels import MIN_LINE, NEVER, CountScan
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import (
-    MIN_LINE,
     NOISY,
     FaultConfig,
     FaultContext,
@@ -138,7 +137,6 @@ class FaultDetector:
         self.noise = Belief(
             *(skin, calibration, self.contact, grouper.patches),
             (grouper.rows, grouper.columns),
-            BeliefConfig(),
         )
         self.context = FaultContext(
             *(self.full_scale, FaultParameters(**vars(self.config))),
@@ -194,8 +192,7 @@ class FaultDetector:
             elapsed=elapsed,
         )
         update_history(
-            *(counted, self.full_scale, self.config.silence_seconds),
-            *(self.config.saturated_seconds, self.history),
+            *(counted, self.full_scale, self.config.saturated_seconds, self.history)
         )
         self.noise.push(counted, refused)
         if now - self.last_check >= self.config.check_seconds - 1e-6:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.touch.belief_kernels import MAX_STEP_INTERVAL
+from eskin.touch.calibration_kernels import LOW_SECONDS
 from eskin.touch.records import (
     NO_TAXELS,
     ContactRecord,
@@ -28,7 +29,7 @@ SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
 FADE_SECONDS = 2.0
 """Time constant with which the evidence of a track fades [s]: what has given none for
 some seconds may be a taxel that does not return to its rest, and joins no other."""
-MIN_LIFT_NS = 60_000_000
+MIN_LIFT_NS = round(LOW_SECONDS * NS_PER_S)
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
 
@@ -101,10 +102,9 @@ class TouchGrouper:
         """Close the touches whose last contact was longer ago than the pause."""
         parameters, ongoing = self.parameters, {one.touch for one in self.ongoing}
         for touch in list(self.touches.values()):
-            pause = parameters.timeout_ns
-            if touch.confirmed:
-                pause = parameters.pause_ns
-            elif touch.evidence < parameters.least_evidence and touch.id not in ongoing:
+            pause = parameters.pause_ns
+            weak = not touch.confirmed and touch.evidence < parameters.least_evidence
+            if weak and touch.id not in ongoing:
                 pause = min(pause, MIN_LIFT_NS)
             if self.reading.stamp - touch.last > pause:
                 self.close(touch, 0)

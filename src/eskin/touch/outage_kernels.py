@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
 from eskin.touch.belief_kernels import NEVER
+from eskin.touch.calibration_kernels import SILENCE_SECONDS
 
 Taxels = Int[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
@@ -18,8 +19,9 @@ MAX_PRESSED = 12
 START_SECONDS = 10.0
 """Time after the first data in which zeros may come from a board that starts [s]; later
 they are rest, and what leaves them is a press."""
-RETURN_FACTOR = 4.0
-"""Factor by which a move is smaller that keeps a patch refused."""
+MOVE_CONTACTS = 4.0
+"""Smallest move of a taxel that counts, in units of the counts at which contact begins;
+a move by one of these keeps a patch refused."""
 USED, REFUSED, RESTARTED = range(3)
 """Outcomes of the check of a patch."""
 
@@ -59,12 +61,10 @@ class MovedScan(NamedTuple):
 class MoveLimits(NamedTuple):
     """Limits tell which moves of a taxel count."""
 
-    step: np.ndarray
-    """(taxel) smallest move that counts [counts]."""
+    contact: np.ndarray
+    """(taxel) counts above rest at which contact begins."""
     full_scale: int
     """Counts at which the converter saturates."""
-    silence_seconds: float
-    """Time without data after which any counts are used [s]: the patch may be new."""
 
 
 class PatchMoves(NamedTuple):
@@ -111,9 +111,9 @@ def count_moves(
         if not scan.received[i]:
             continue
         count, last, p = scan.counts[i], state.accepted[i], patch_index[i]
-        step = limits.step[i]
-        if state.refused_since[p] < np.inf:
-            step /= RETURN_FACTOR
+        step = limits.contact[i]
+        if state.refused_since[p] == np.inf:
+            step *= MOVE_CONTACTS
         received[p] += 1
         positive[p] += count > 0
         known[p] += scan.tared[i]
@@ -156,7 +156,7 @@ def check_patches(
         only_zeros, since = state.only_zeros[p], state.refused_since[p]
         state.only_zeros[p] = only_zeros and moves.positive[p] == 0
         state.refused_since[p] = np.inf
-        if now - state.last_seen[p] > limits.silence_seconds:
+        if now - state.last_seen[p] > SILENCE_SECONDS:  # Then any counts are used.
             state.first_seen[p] = now
             state.only_zeros[p] = moves.positive[p] == 0
             outcome[p] = REFUSED if is_full else USED

@@ -21,9 +21,6 @@ from eskin.units import NS_PER_S
 Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
 
-MOVE_CONTACTS = 4.0
-"""Smallest move of a taxel that counts, in units of the counts at which contact
-begins."""
 NO_TAXELS = np.empty(0, np.int64)
 
 
@@ -45,11 +42,7 @@ class OutageDetector:
         """Start before the first scan; `faults` is the fault detector of the skin."""
         self.patch_index = np.asarray(skin.patch_index)
         self.sizes = np.bincount(self.patch_index, minlength=len(skin.patches))
-        self.limits = MoveLimits(
-            MOVE_CONTACTS * faults.contact,
-            faults.full_scale,
-            faults.config.silence_seconds,
-        )
+        self.limits = MoveLimits(faults.contact, faults.full_scale)
         self.state = build_patch_state(skin.count, len(self.sizes))
         self.outcome = np.zeros(len(self.sizes), np.int64)
         self.first: int | None = None

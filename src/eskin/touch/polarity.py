@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
-from eskin.touch.fault_kernels import MIN_LINE
+from eskin.touch.belief_kernels import MIN_LINE
 from eskin.touch.faults import Fault, FaultKind
+from eskin.touch.outage_kernels import MAX_PRESSED
 from eskin.touch.reading import Scan
 from eskin.units import NS_PER_S
 
@@ -27,9 +28,9 @@ ONE_WAY = 4.0
 """Least ratio of the counts that move one way to those that move the other way."""
 LEAST_PRESSURE = 3.0
 """Pressure on some taxel, above the floor, from which a move may be a touch [kPa]."""
-WHOLE, SMALL = 0.9, 12
-"""Share of the taxels of a patch that moves as a whole, which one of up to so many
-taxels may do under a hand."""
+WHOLE = 0.9
+"""Share of the taxels of a patch that moves as a whole, which one of up to
+`MAX_PRESSED` taxels may do under a hand."""
 END = 0.01
 """Distance from either end of the scale, as a share of it, at which a taxel may be one
 whose line is lost."""
@@ -189,7 +190,7 @@ class PolarityDetector:
             move.scans < 2
             or move.most.max() < ONE_WAY * move.most.min()
             or (np.abs(counts - before) < self.least[taxels]).all()
-            or (is_whole and len(own) > SMALL)
+            or (is_whole and len(own) > MAX_PRESSED)
         ):
             return False
         end = END * self.full_scale

@@ -245,8 +245,6 @@ class TrackConfig:
     """Increase of that distance with the time between readings [m/s]."""
     coast_seconds: Pause = 0.2
     """Time for which a track goes on while most of its taxels are not received [s]."""
-    gap_seconds: Pause = 0.5
-    """Time without a reading after which all tracks end [s]."""
 
 
 @dataclass(frozen=True)
@@ -257,8 +255,9 @@ class TouchConfig:
     """Largest distance from the end of a track to the start of the next [m], in the
     frame of the link of the first."""
     pause_seconds: Pause = 0.5
-    """Largest time between the two, and time without contact after which a touch closes
-    [s]."""
+    """Largest time between the two, time without contact after which a touch closes,
+    and without a reading after which all tracks end [s]. A touch without evidence
+    closes as its contact ends."""
     max_separation: Annotated[Distance, Field(alias="beside")] = 0.1
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
     restart: Annotated[float, Interval(ge=1.0, le=math.inf)] = 5.0
@@ -282,20 +281,15 @@ class TouchConfig:
     min_rise: Annotated[float, Interval(ge=0.0, le=0.3), Field(alias="moves")] = 0.12
     """Smallest rise of a single pressed taxel, above what it was before, that is
     evidence, in units of its pressure."""
-    unconfirmed_timeout: Annotated[
-        float, Interval(ge=0.1, le=60.0), Field(alias="doubt_seconds")
-    ] = 0.5
-    """Time without contact after which a touch that is not confirmed closes [s]; one
-    without evidence closes as its contact ends."""
 
 
 CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
 TrackingParameters = namedtuple(
     "TrackingParameters",
     [one.name for config in CONFIGS for one in fields(config)]
-    + ["pause_ns", "settle_ns", "timeout_ns", "calibrated"],
+    + ["pause_ns", "settle_ns", "calibrated"],
 )
-"""Parameters of the tracking kernels: the fields of their configurations, three of its
+"""Parameters of the tracking kernels: the fields of their configurations, two of its
 times in ns, and `Skin.calibrated`."""
 
 
@@ -311,7 +305,6 @@ def build_tracking_parameters(
         **values,
         pause_ns=round(touches.pause_seconds * NS_PER_S),
         settle_ns=round(touches.settle_seconds * NS_PER_S),
-        timeout_ns=round(touches.unconfirmed_timeout * NS_PER_S),
         calibrated=calibrated,
     )
 

@@ -76,7 +76,7 @@ class TrackFollower:
         ]
         self.ongoing, self.ended = [], []
         successors, parents = [NO_INDEX] * len(before), [NO_INDEX] * len(contacts)
-        if reading.elapsed <= self.parameters.gap_seconds * NS_PER_S:
+        if reading.elapsed <= pause:
             self.match_overlaps(before, contacts, successors, parents)
             if NO_INDEX in successors:
                 self.pair_nearest(before, contacts, successors, parents, reading)
