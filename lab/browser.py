@@ -16,7 +16,7 @@ from PIL import Image
 from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
 
 from eskin.page import SceneDescription
-from eskin.page.scene import CAMERA_DIRECTION, FIELD_OF_VIEW, place_camera
+from eskin.page.scene import FIELD_OF_VIEW, place_camera
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from lab.served_demo import ServedDemo
@@ -35,7 +35,9 @@ FLAGS = (
 )
 CAMERA_TARGET = np.array(SceneDescription.middle)
 CAMERA_DISTANCE = SceneDescription.distance
-"""Point that the page's camera looks at [m], and its distance from there [m]."""
+CAMERA_DIRECTION = np.array(SceneDescription.direction)
+"""Point that the page's camera looks at [m], and distance [m] and direction from there.
+"""
 PATIENCE = 180.0
 """Longest time to wait for anything on the page [s]."""
 EYE = CAMERA_TARGET + CAMERA_DISTANCE * CAMERA_DIRECTION

@@ -285,7 +285,7 @@ def test_place_where_to_click_is_seen_in_every_pose():
     server.scene.add_batched_meshes_simple.return_value = MagicMock(BatchedMeshHandle)
     setup = make_setup()
     scene = Scene(server, setup, ColourScale(60.0))
-    scene.set_camera(np.array(setup.middle), setup.distance)
+    scene.face_skin()
     target, rng = TargetMark(server, scene, hints=True), np.random.default_rng(0)
     for turn in np.linspace(-3.0, 3.0, 12):
         bend = rng.uniform((-2.2, 0.6, -2.2), (-1.0, 2.2, -0.6))

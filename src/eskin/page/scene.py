@@ -38,8 +38,6 @@ LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
 FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
-CAMERA_DIRECTION = np.array([0.82, -0.80, 0.42])
-"""Direction in the world frame to the camera from its target, of about unit length."""
 NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
 RAISED = 0.6
@@ -172,11 +170,17 @@ class Scene(PagePart):
                 f"/places/{name}/name", name, position=(0.0, 0.0, -0.3 * height)
             )
 
+    def face_skin(self) -> None:
+        """Set the camera as the description of the scene says."""
+        setup = self.setup
+        middle, direction = np.array(setup.middle), np.array(setup.direction)
+        self.set_camera(middle, setup.distance, direction)
+
     def set_camera(
         self,
         middle: Float[np.ndarray, "3"],
         distance: float,
-        direction: Float[np.ndarray, "3"] = CAMERA_DIRECTION,
+        direction: Float[np.ndarray, "3"],
     ) -> None:
         """Set the camera of the page, in every browser that has opened it and later.
 
@@ -331,7 +335,7 @@ def lay_out(server: ViserServer, setup: SceneDescription, width: int = WIDTH) ->
     gui.main_panel.set_width(width)
     gui.set_panel_label(setup.title)
     scene = Scene(server, setup, ColourScale(SCALE))
-    scene.set_camera(np.array(setup.middle), setup.distance)
+    scene.face_skin()
     server.on_client_connect(scene.turn)
 
     async def face(event: CommandEvent | GuiEvent) -> None:
