@@ -16,7 +16,7 @@ from PIL import Image
 from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
 
 from eskin.page import SceneDescription
-from eskin.page.scene import CAMERA_DIRECTION, FIELD_OF_VIEW, place_camera
+from eskin.page.scene import FIELD_OF_VIEW, place_camera
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from lab.served_demo import ServedDemo
@@ -33,12 +33,11 @@ FLAGS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 )
-CAMERA_TARGET = np.array(SceneDescription.middle)
-CAMERA_DISTANCE = SceneDescription.distance
-"""Point that the page's camera looks at [m], and its distance from there [m]."""
 PATIENCE = 180.0
 """Longest time to wait for anything on the page [s]."""
-EYE = CAMERA_TARGET + CAMERA_DISTANCE * CAMERA_DIRECTION
+EYE = np.array(SceneDescription.middle) + SceneDescription.distance * np.array(
+    SceneDescription.direction
+)
 """Position of the page's camera in the world frame [m]."""
 
 
@@ -105,11 +104,19 @@ class Canvas:
         half = box["height"] / 2
         return cls(box["x"] + box["width"] / 2, box["y"] + half, half)
 
-    def drawn_at(self, p_world: Float[np.ndarray, "3"]) -> tuple[float, float]:
-        """Return where the tab shows [px] a point in the world frame [m]."""
-        eye, target = place_camera(
-            CAMERA_TARGET, CAMERA_DISTANCE, CAMERA_DIRECTION, self.x / self.half
-        )
+    def drawn_at(
+        self,
+        p_world: Float[np.ndarray, "3"],
+        view: SceneDescription | type[SceneDescription] = SceneDescription,
+    ) -> tuple[float, float]:
+        """Return where the tab shows [px] a point in the world frame [m].
+
+        Args:
+            p_world: the point.
+            view: scene whose camera shows it; by default the demonstration's.
+        """
+        camera = np.array(view.middle), view.distance, np.array(view.direction)
+        eye, target = place_camera(*camera, self.x / self.half)
         ahead = (target - eye) / np.linalg.norm(target - eye)
         right = np.cross(ahead, (0.0, 0.0, 1.0))
         right /= np.linalg.norm(right)

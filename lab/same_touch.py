@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.command import NON_GESTURES
 from eskin.errors import DeviceError
 from eskin.live import Detection, Model, Recognizer, load_model
-from eskin.page.scene import CAMERA_DIRECTION
+from eskin.page.messages import CAMERA_DIRECTION
 from eskin.sim.dataset import (
     ClipPlan,
     build_seed,

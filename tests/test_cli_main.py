@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from dataclasses import fields
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-import eskin
+import eskin.__main__
 import eskin.cli.main as main_module
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
 from eskin.cli.options import NO_WIDTH, list_options
@@ -119,6 +120,26 @@ def test_first_interrupt_stops_and_a_hasty_second_one_does_not_hang(monkeypatch)
     for now[0], count in ((0.2, 0), (3.0, 1)):
         interrupt(2, None)
         assert len(raised) == count
+
+
+def test_interrupt_before_the_command_is_read_ends_the_process(monkeypatch):
+    before, seen = signal.getsignal(signal.SIGINT), []
+    look = lambda: seen.append(signal.getsignal(signal.SIGINT))  # noqa: E731
+    monkeypatch.setattr(main_module, "main", look)
+    try:
+        eskin.__main__.main()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert seen == [signal.SIG_DFL]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemError("returned")])
+def test_interrupted_command_says_so_in_one_line(error, monkeypatch, capsys):
+    def interrupt(name, rest):
+        raise error from (None if error.args == () else KeyboardInterrupt())
+
+    monkeypatch.setattr(main_module, "run_command", interrupt)
+    assert call(capsys, "doctor") == (STOPPED, "", "error: stopped\n")
 
 
 def test_version_is_that_of_the_package(capsys):

@@ -129,7 +129,7 @@ def test_installed_wheel_runs_without_what_only_training_needs(environment):
     out = call(environment, "-I", "-m", "eskin.cli.main", "run", "--help")
     assert "--source" in out
     [script] = environment.parents[1].rglob("bin/eskin")
-    assert "eskin.cli.main" in script.read_text()
+    assert "eskin.__main__" in script.read_text()
 
 
 @pytest.mark.long

@@ -12,6 +12,7 @@ from eskin.calibration import PressRequest
 from eskin.cli.guided import build_place
 from eskin.design.paint_viewer import PaintViewer
 from eskin.page import ArmSummary, GuideBoard, LogEntry
+from eskin.page.appearance import describe_scene
 from eskin.page.process import PageProcess, free_port
 from eskin.page.viewer import CalibrationViewer, ViewerConfig
 from eskin.touch import Calibration, Scan, TouchPipeline
@@ -328,13 +329,15 @@ def test_drag_over_robot_paints_what_is_saved(browser):
     viewer = PaintViewer(mounted(), save, earlier, 100, pytest.fail, config)
     tab = new_slow_tab(browser)
     link = int(mounted().taxel_link_index[TARGET])
-    p_world = mounted().kinematics.poses(np.zeros(6))[link] @ np.append(
+    q = np.zeros(6)
+    p_world = mounted().kinematics.poses(q)[link] @ np.append(
         mounted().skin.positions[TARGET], 1.0
     )
     try:
         tab.goto(viewer.page.wait_ready(PATIENCE))
         tab.wait_for_selector("text=Drag over the robot")
-        x, y = Canvas.of(tab).drawn_at(p_world[:3])
+        view = describe_scene(mounted(), (), q)
+        x, y = Canvas.of(tab).drawn_at(p_world[:3], view)
 
         def drag():
             tab.mouse.move(x, y)

@@ -1,10 +1,11 @@
 """Tests of what the page is made of: colours, the mouse as a hand, and its server."""
 
+import asyncio
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from viser import BatchedMeshHandle, ViserServer
+from viser import BatchedMeshHandle, CameraHandle, ClientHandle, ViserServer
 
 from eskin.page import ColourScale
 from eskin.page.hand import (
@@ -279,13 +280,29 @@ def test_disc_is_of_the_size_of_its_taxel_before_it_is_scaled():
         assert 0.5 < call.kwargs["batched_scales"].max() < 1.01
 
 
+def test_camera_turns_anew_when_a_window_becomes_narrow():
+    server = MagicMock(ViserServer, scene=MagicMock())
+    server.scene.add_batched_meshes_simple.return_value = MagicMock(BatchedMeshHandle)
+    scene = Scene(server, make_setup(), ColourScale(60.0))
+    scene.face_skin()
+    client, distances = MagicMock(ClientHandle, camera=MagicMock(CameraHandle)), []
+    asyncio.run(scene.watch(client))
+    tell = client.camera.on_update.call_args.args[0]
+    for client.camera.aspect in (2.0, 0.5, 0.4, 1.5):
+        client.camera.position = np.zeros(3)
+        asyncio.run(tell(client.camera))
+        distances.append(float(np.linalg.norm(client.camera.position)))
+    first, narrow, again, wide = distances
+    assert narrow > 1.5 * first and wide == first > again == 0
+
+
 def test_place_where_to_click_is_seen_in_every_pose():
     """No other taxel is drawn before it, and it faces the camera."""
     server = MagicMock(ViserServer, scene=MagicMock())
     server.scene.add_batched_meshes_simple.return_value = MagicMock(BatchedMeshHandle)
     setup = make_setup()
     scene = Scene(server, setup, ColourScale(60.0))
-    scene.set_camera(np.array(setup.middle), setup.distance)
+    scene.face_skin()
     target, rng = TargetMark(server, scene, hints=True), np.random.default_rng(0)
     for turn in np.linspace(-3.0, 3.0, 12):
         bend = rng.uniform((-2.2, 0.6, -2.2), (-1.0, 2.2, -0.6))

@@ -20,9 +20,9 @@ from eskin.command import ArmState, SkinMonitorConfig
 from eskin.command.skin_monitor import SkinMonitor
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
-from eskin.live import Detection, Recognizer
+from eskin.live import Detection, Recognizer, mount_skin
 from eskin.page import CorrectionOrder, PageOrder, PaintOrder, TouchOrder
-from eskin.page.appearance import build_link_meshes
+from eskin.page.appearance import build_link_meshes, describe_scene
 from eskin.page.html import render_log
 from eskin.page.messages import LogEntry
 from eskin.page.process import (
@@ -31,6 +31,7 @@ from eskin.page.process import (
     PageProcess,
     free_port,
 )
+from eskin.page.scene import FIELD_OF_VIEW, place_camera
 from eskin.page.viewer import (
     MAX_LOG_ENTRIES,
     FrameEncoder,
@@ -66,6 +67,23 @@ def test_meshes_are_closed_with_outward_normals():
         assert all((b, a) in directed for a, b in directed)
         a, b, c = mesh.vertices[faces].transpose(1, 0, 2)
         assert np.einsum("fi,fi->f", a, np.cross(b, c)).sum() > 0
+
+
+@pytest.mark.parametrize(("skin", "turn"), [("ur5", 0.0), ("ur10", 2.0), ("flat", 0.0)])
+def test_camera_sees_the_whole_robot_from_the_side_of_its_skin(skin, turn):
+    skinned = mount_skin(skin, None)
+    q = np.full(len(skinned.robot.joint_names), turn)
+    view = describe_scene(skinned, (), q)
+    camera = np.array(view.middle), view.distance, np.array(view.direction)
+    position, target = place_camera(*camera, 1.0)
+    T = skinned.kinematics.poses(q)
+    shapes = [apply(T[solid.link], solid.vertices) for solid in view.solids]
+    places, normals = skinned.place_taxels(q)
+    rays = np.concatenate([*shapes, places]) - position
+    ahead = (target - position) / np.linalg.norm(target - position)
+    angle = np.arccos(rays @ ahead / np.linalg.norm(rays, axis=1))
+    assert FIELD_OF_VIEW / 5 < angle.max() < FIELD_OF_VIEW / 2
+    assert normals.mean(axis=0) @ ahead < 0.1
 
 
 def test_shapes_that_cannot_be_read_are_not_drawn_and_told_in_one_line(caplog):

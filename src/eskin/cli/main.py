@@ -124,7 +124,10 @@ def run(argv: list[str]) -> int:
             f"too little memory ({error or 'none is left'}); end other programs, or "
             "use a smaller file"
         )
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # Compiled code that is interrupted raises a SystemError from it.
+        if not isinstance(error.__cause__ or error, KeyboardInterrupt):
+            raise
         print_error("stopped")
         return STOPPED
     return 0

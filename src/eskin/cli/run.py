@@ -397,7 +397,7 @@ def print_source(source: "Source", doubts: tuple[str, ...]) -> None:
     print(
         f"{info.uri}: skin '{info.skin.name}', "
         f"{format_count(info.skin.count, 'taxel')} on "
-        f"'{info.robot_name}', {info.rate:g} scans a second; Ctrl-C ends it",
+        f"'{info.robot_name}', {info.rate:.3g} scans a second; Ctrl-C ends it",
         flush=True,
     )
     for doubt in (*doubts, info.describe_rate()):

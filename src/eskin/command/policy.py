@@ -152,7 +152,7 @@ class Policy(Listener):
         max_age, rate = self.config.monitor.max_age, context.info.rate
         if rate * max_age < 2:
             raise ArmError(
-                f"the skin gives {rate:g} readings a second; allowed are "
+                f"the skin gives {rate:.3g} readings a second; allowed are "
                 f"{2 / max_age:g} or more, so that what is old is noticed; run it "
                 "without an arm"
             )

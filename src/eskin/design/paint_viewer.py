@@ -65,7 +65,9 @@ class PaintViewer:
         self.balls: list[PaintOrder] = []
         self.closed, self.lock = Flag(), RLock()
         title = f"{mounted.robot.name}: paint the skin"
-        scene = replace(describe_scene(mounted, ()), title=title, paints=True)
+        self.q = np.zeros(len(mounted.robot.joint_names))
+        scene = describe_scene(mounted, (), self.q)
+        scene = replace(scene, title=title, paints=True)
         self.page = PageProcess(scene, config.port, self.take_order, config.token)
         self.show()
 
@@ -125,9 +127,8 @@ class PaintViewer:
         strokes = len({ball.stroke for ball in self.balls})
         lines = [f"about {area:.0f} cm2 covered; strokes: {strokes}"]
         board = GuideBoard(REQUEST, 0.0, None, (*lines, *filter(None, [self.note])))
-        q = np.zeros(len(self.mounted.robot.joint_names))
         pressure = np.where(painted, PAINTED, 0.0).astype(np.float16)
-        still = build_still(self.mounted, 0.0, q, pressure, ~kept_out)
+        still = build_still(self.mounted, 0.0, self.q, pressure, ~kept_out)
         self.page.give(replace(still, guide=board))
 
     def wait_closed(self) -> None:

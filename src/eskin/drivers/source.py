@@ -45,7 +45,7 @@ class SourceInfo:
         if self.rate >= MIN_ARM_RATE:
             return ""
         return (
-            f"{self.rate:g} scans a second, below the {MIN_ARM_RATE:g} that an arm "
+            f"{self.rate:.3g} scans a second, below the {MIN_ARM_RATE:g} that an arm "
             "needs: raise the baud rate on both sides (--baud), or send packets "
             "(firmware/eskin_patch.h), which are half as long as lines"
         )

@@ -6,7 +6,6 @@ ends when the other end of the socket is closed.
 """
 
 import os
-import signal
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -168,8 +167,6 @@ def build_panel(
 
 def main(descriptor: int) -> None:
     """Serve the page until the other end of the socket is closed."""
-    # Ctrl-C reaches every process of the terminal; the viewer decides when to end.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     with Connection(descriptor) as connection:
         try:
             serve(connection)

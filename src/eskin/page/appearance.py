@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import RobotError
-from eskin.page.messages import LinkMesh, SceneDescription
+from eskin.page.messages import CAMERA_DIRECTION, LinkMesh, SceneDescription
 from eskin.robot import (
-    ROBOT_PRESETS,
     Cylinder,
     Geom,
     Robot,
@@ -35,6 +34,10 @@ COVER_DISTANCE = 0.006
 """Greatest distance between an end and the part or taxel that covers it [m]."""
 VIEW_SHARE = 1.6
 """Distance of the camera over the diagonal of the box around a robot."""
+FACING = 2.0
+"""Share of the mean normal of the taxels in the direction to the camera."""
+AT_WORK = "ur5"
+"""Robot whose place of work the camera faces by default."""
 LID_HEIGHT = 0.005
 """Height of a lid [m]."""
 BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
@@ -42,14 +45,25 @@ BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
 logger = logging.getLogger(__name__)
 
 
-def describe_scene(mounted: MountedSkin, gestures: tuple[str, ...]) -> SceneDescription:
+def describe_scene(
+    mounted: MountedSkin,
+    gestures: tuple[str, ...],
+    q: Float[np.ndarray, "joint"] | None = None,
+) -> SceneDescription:
     """Return the description of a skin on its robot, on a page that offers nothing.
 
     Its other fields are set by `dataclasses.replace`.
+
+    Args:
+        mounted: skin on its robot.
+        gestures: vocabulary.
+        q: joint positions that are shown [rad]; None where they are not known: the
+            camera then faces the place of work of a UR5, and others with joints at 0.
     """
     skin = mounted.skin
     solids = build_link_meshes(mounted)
-    view = {} if mounted.robot.name in ROBOT_PRESETS else frame_robot(mounted, solids)
+    at_work = q is None and mounted.robot.name == AT_WORK
+    view = {} if at_work else frame_robot(mounted, solids, q)
     return SceneDescription(
         title=f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
         links=mounted.robot.link_names,
@@ -67,20 +81,28 @@ def describe_scene(mounted: MountedSkin, gestures: tuple[str, ...]) -> SceneDesc
     )
 
 
-def frame_robot(mounted: MountedSkin, solids: tuple[LinkMesh, ...]) -> dict[str, Any]:
-    """Return the view that shows a whole robot with its joints at 0.
+def frame_robot(
+    mounted: MountedSkin,
+    solids: tuple[LinkMesh, ...],
+    q: Float[np.ndarray, "joint"] | None,
+) -> dict[str, Any]:
+    """Return the view that shows a whole robot from the side of its skin.
 
-    The result holds `middle`, `distance` and `ground` of `SceneDescription`.
+    The result holds `middle`, `distance`, `direction` and `ground` of
+    `SceneDescription`.
     """
-    q = np.zeros(len(mounted.robot.joint_names))
-    T, (places, _) = mounted.kinematics.poses(q), mounted.place_taxels(q)
+    q = np.zeros(len(mounted.robot.joint_names)) if q is None else q
+    T, (places, normals) = mounted.kinematics.poses(q), mounted.place_taxels(q)
     points = [apply(T[solid.link], solid.vertices) for solid in solids]
     points = np.concatenate([*points, places])
     low, high = points.min(axis=0), points.max(axis=0)
-    x, y, z = ((low + high) / 2).tolist()
+    # The mean normal of skin that faces all sides is short.
+    direction = CAMERA_DIRECTION + FACING * normals.mean(axis=0)
+    direction[2] = max(direction[2], 0.0)
     return {
-        "middle": (x, y, z),
+        "middle": tuple(((low + high) / 2).tolist()),
         "distance": VIEW_SHARE * float(np.linalg.norm(high - low)),
+        "direction": tuple((direction / np.linalg.norm(direction)).tolist()),
         "ground": min(0.0, float(low[2])),
     }
 

@@ -10,6 +10,7 @@ from viser import BatchedMeshHandle, LabelHandle, ViserServer
 
 from eskin.page.html import to_words
 from eskin.page.messages import (
+    CAMERA_DIRECTION,
     ContactMarker,
     LogEntry,
     PressPlace,
@@ -17,7 +18,6 @@ from eskin.page.messages import (
     ViewUpdate,
 )
 from eskin.page.scene import (
-    CAMERA_DIRECTION,
     CORNERS,
     LINEAR,
     PART,
@@ -218,7 +218,7 @@ ASIDE, BEFORE, SOME = 0.03, 0.06, 4
 a place [m]; one of so many points is looked at."""
 TARGET_DISTANCE = 0.9
 """Distance of the camera from the place to press [m]."""
-SLANT = 0.4
+SLANT = 0.5
 """Share of `CAMERA_DIRECTION` that is added to the normal there, so that the camera
 never looks straight down."""
 CAMERA_HEIGHT = 0.05
@@ -327,7 +327,8 @@ class TargetMark(PagePart):
         """Look at a place from outside, and from above the ground."""
         T = self.scene.T_world_link[place.link]
         p_world = apply(T, np.array(place.p_link))
-        direction = rotate(T, np.array(place.n_link)) + SLANT * CAMERA_DIRECTION
+        direction = rotate(T, np.array(place.n_link))
+        direction += np.multiply(SLANT, CAMERA_DIRECTION)
         direction /= np.linalg.norm(direction)
         room = max(p_world[2] - CAMERA_HEIGHT, CAMERA_HEIGHT)
         distance = min(TARGET_DISTANCE, room / max(-direction[2], 1e-9))

@@ -6,6 +6,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Float16, Float32, Int
 
+CAMERA_DIRECTION = (0.672, -0.656, 0.344)
+"""Direction in the world frame to the camera from what it looks at, of unit length."""
+
 
 @dataclass(frozen=True, eq=False)
 class ContactMarker:
@@ -208,8 +211,10 @@ class SceneDescription:
     """Whether the mouse paints, and the brush replaces the panel beside the scene."""
     middle: tuple[float, float, float] = (0.05, 0.0, 0.3)
     """Point that the camera looks at first, in the world frame [m]."""
-    distance: float = 1.75
+    distance: float = 2.135
     """Distance of the camera from that point [m]."""
+    direction: tuple[float, float, float] = CAMERA_DIRECTION
+    """Direction in the world frame from that point to the camera, a unit vector."""
     ground: float = 0.0
     """Height of the ground in the world frame [m]."""
     warning: str = ""

@@ -134,6 +134,8 @@ class PageProcess:
                 pass_fds=[theirs.fileno()],
                 env=build_environment(),
                 stdin=subprocess.DEVNULL,
+                # Ctrl-C is for this process, which decides when the page ends.
+                process_group=0,
             )
         self.connection = Connection(ours.detach())
         first = port, self.token, setup

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from viser import (
     BatchedMeshHandle,
+    CameraHandle,
     ClientHandle,
     CommandEvent,
     GuiEvent,
@@ -33,13 +34,11 @@ PAD_SHARE = 1.26
 PAD = (196, 200, 206)
 """Colour of the surface under the taxels: red, green and blue, each to 255."""
 DEPTH = 0.5
-"""Depth of the cone under a disc, by its radius; pads have none."""
+"""Depth of the cone under a disc or pad, by its radius."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
 FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
-CAMERA_DIRECTION = np.array([0.82, -0.80, 0.42])
-"""Direction in the world frame to the camera from its target, of about unit length."""
 NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
 RAISED = 0.6
@@ -172,11 +171,17 @@ class Scene(PagePart):
                 f"/places/{name}/name", name, position=(0.0, 0.0, -0.3 * height)
             )
 
+    def face_skin(self) -> None:
+        """Set the camera as the description of the scene says."""
+        setup = self.setup
+        middle, direction = np.array(setup.middle), np.array(setup.direction)
+        self.set_camera(middle, setup.distance, direction)
+
     def set_camera(
         self,
         middle: Float[np.ndarray, "3"],
         distance: float,
-        direction: Float[np.ndarray, "3"] = CAMERA_DIRECTION,
+        direction: Float[np.ndarray, "3"],
     ) -> None:
         """Set the camera of the page, in every browser that has opened it and later.
 
@@ -193,6 +198,17 @@ class Scene(PagePart):
         for client in self.server.get_clients().values():
             self.turn(client)
 
+    async def watch(self, client: ClientHandle) -> None:
+        """Turn the camera of a browser first, and when its window becomes narrow."""
+        was_narrow = None
+
+        @client.camera.on_update
+        async def _(camera: CameraHandle) -> None:
+            nonlocal was_narrow
+            before, was_narrow = was_narrow, camera.aspect < NARROW
+            if was_narrow != before:
+                self.turn(client)
+
     def turn(self, client: ClientHandle) -> None:
         """Turn the camera of a browser to the scene, by the shape of its window."""
         position, look_at = place_camera(*self.camera, client.camera.aspect)
@@ -200,7 +216,7 @@ class Scene(PagePart):
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
         """Add pads under and beside the discs, where a touch counts too."""
-        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, LINEAR[[PAD]], 0.0)
+        return self.add_discs("pads", link, LIFT / 2, PAD_SHARE, LINEAR[[PAD]])
 
     def add_discs(
         self,
@@ -209,7 +225,6 @@ class Scene(PagePart):
         lift: float,
         share: float,
         colour: UInt8[np.ndarray, "1 3"],
-        depth: float = DEPTH,
     ) -> BatchedMeshHandle:
         """Add a disc of a colour on each taxel of a link.
 
@@ -223,13 +238,12 @@ class Scene(PagePart):
             lift: distance of the discs from the surface [m].
             share: radius as a share of the radius of a circle of the taxel's area.
             colour: colour of all discs at first.
-            depth: depth of the cone under it, by the radius.
         """
         setup, taxels = self.setup, self.taxels[link]
         normals = setup.normals[taxels]
         radii = share * np.sqrt(setup.areas[taxels] / np.pi)
         size = np.float32(radii.max())
-        vertices, faces = build_disc(depth)
+        vertices, faces = build_disc()
         return self.add_instances(
             f"{setup.links[link]}/{name}",
             (size * vertices, faces),
@@ -331,8 +345,8 @@ def lay_out(server: ViserServer, setup: SceneDescription, width: int = WIDTH) ->
     gui.main_panel.set_width(width)
     gui.set_panel_label(setup.title)
     scene = Scene(server, setup, ColourScale(SCALE))
-    scene.set_camera(np.array(setup.middle), setup.distance)
-    server.on_client_connect(scene.turn)
+    scene.face_skin()
+    server.on_client_connect(scene.watch)
 
     async def face(event: CommandEvent | GuiEvent) -> None:
         if event.client is not None:
@@ -367,18 +381,16 @@ def place_camera(
     return middle + lower + distance * direction, middle + lower
 
 
-def build_disc(depth: float) -> Mesh:
+def build_disc() -> Mesh:
     """Return vertices and faces of a flat disc of radius 1 that faces z.
 
-    One with a depth has a cone under it, which is all that is seen of its outline.
+    The cone under it is all that is seen of its outline.
     """
     vertices, faces = revolve([(1.0, 0.0), (0.0, 0.0)], CORNERS)
     # The rim, then one vertex in the middle.
     vertices, faces = vertices[: CORNERS + 1], np.minimum(faces[CORNERS:], CORNERS)
-    if not depth:
-        return vertices, faces
     lower = vertices.copy()
-    lower[CORNERS, 2] = -depth
+    lower[CORNERS, 2] = -DEPTH
     faces = np.concatenate([faces, faces[:, ::-1] + np.uint32(CORNERS + 1)])
     return np.concatenate([vertices, lower]), faces
 

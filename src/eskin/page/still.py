@@ -24,12 +24,12 @@ def render_still(
         q: joint positions [rad].
         values: value of each taxel, not negative; NaN where it has none.
     """
-    setup, has_value = describe_scene(mounted, ()), np.isfinite(values)
+    setup, has_value = describe_scene(mounted, (), q), np.isfinite(values)
     greatest = float(np.max(values, initial=0.0, where=has_value)) or 1.0
     server = open_server(0, make_token())
     try:
         scene = Scene(server, setup, ColourScale(greatest))
-        scene.set_camera(np.array(setup.middle), setup.distance)
+        scene.face_skin()
         shown = np.nan_to_num(values).astype(np.float16)
         scene.update(build_still(mounted, 0.0, q, shown, has_value))
         return server.scene.as_html()

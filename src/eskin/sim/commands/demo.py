@@ -24,9 +24,9 @@ HEADLESS_SECONDS = 60.0
 class DemoCommand:
     """Watch a simulated UR5 bring parts, and command it by touch.
 
-    In the browser, the mouse is the hand, and a click is a poke. Poke to pause. Pat
-    twice to go on: to resume, then for full speed, then for the next waypoint. Stroke
-    to slow down, grab for the gripper.
+    In the browser, the mouse is the hand, and a click is a poke. Poke or pat twice to
+    pause. Grab to go on: to resume, then for full speed, then for the next waypoint.
+    Stroke to slow down.
     """
 
     headless: bool = False

@@ -90,8 +90,7 @@ stop_events: list[Event] = []
 
 
 def start_worker(stop: Event) -> None:
-    """Prepare a worker, which ignores Ctrl-C and ends with its parent process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Prepare a worker, which ends with its parent process."""
     stop_events[:] = [stop]
     threading.Thread(target=exit_with_parent, daemon=True).start()
 
@@ -249,32 +248,37 @@ def write_sessions(
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
     left, waiting = deque(sessions), deque[Future]()
-    with limit_threads():
-        pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
-        try:
-            while left or waiting:
-                while left and len(waiting) < PENDING_PER_WORKER * workers:
-                    task = (folder, settings, left.popleft(), factory)
+    pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
+    try:
+        while left or waiting:
+            while left and len(waiting) < PENDING_PER_WORKER * workers:
+                task = (folder, settings, left.popleft(), factory)
+                with start_workers():
                     waiting.append(pool.submit(write_file, *task))
-                yield waiting.popleft().result()
-        except BrokenProcessPool as error:
-            raise GenerationError(
-                "a worker died, perhaps for want of memory; run the same command "
-                "again with fewer --workers to go on"
-            ) from error
-        finally:
-            stop.set()
-            pool.shutdown(wait=True, cancel_futures=True)
+            yield waiting.popleft().result()
+    except BrokenProcessPool as error:
+        raise GenerationError(
+            "a worker died, perhaps for want of memory; run the same command "
+            "again with fewer --workers to go on"
+        ) from error
+    finally:
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager
-def limit_threads() -> Iterator[None]:
-    """Limit new processes to one thread each, since there may be one on every core."""
+def start_workers() -> Iterator[None]:
+    """Start processes in this block with one thread, which Ctrl-C does not reach.
+
+    There may be one on every core; the main process ends them.
+    """
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]

@@ -336,17 +336,19 @@ def run_demo(
         commanding = () if policy is None else (policy,)
         stream = Stream(source, [recognition, *commanding, viewer, button])
         choice.stop = stream.stop
-        with stop_on_signals(stream.stop), short_switch_interval(), stream:
+        with short_switch_interval(), stream:
             if policy is not None:
                 clock.latest = lambda: policy.monitor.latest
-            yield RunningDemo(
-                link=viewer.wait_ready(READY_TIMEOUT),
-                arm=arm,
-                source=source,
-                recognition=recognition,
-                policy=policy,
-                stream=stream,
-            )
+            link = viewer.wait_ready(READY_TIMEOUT)
+            with stop_on_signals(stream.stop):
+                yield RunningDemo(
+                    link=link,
+                    arm=arm,
+                    source=source,
+                    recognition=recognition,
+                    policy=policy,
+                    stream=stream,
+                )
 
 
 TOOL_LENGTH = 0.1
