@@ -353,7 +353,7 @@ def test_last_layer_is_kept_as_trained_where_the_regression_is_worse(dataset):
     assert not torch.equal(last, trained)
     assert torch.equal(trainer.network.summary_head.project.weight, first)
     found, losses = last.clone(), iter([1.0, 2.0])
-    trainer.validation_loss = lambda: next(losses)
+    trainer.calibrated_loss = lambda: next(losses)
     trainer.refine_last_layer()
     assert torch.equal(last, found)
 

@@ -33,7 +33,7 @@ from eskin.progress import show_progress
 SAVE_PERIOD = 30.0  # [s] between two checkpoints
 VALIDATION_WINDOWS = 256
 MIN_LOG_PROBABILITY = -30.0  # in place of minus infinity
-TEMPERATURES = np.geomspace(0.3, 5.0, 57)  # candidates
+TEMPERATURES = np.geomspace(0.3, 5.0, 57).tolist()  # candidates
 
 
 class Trainer:
@@ -171,11 +171,11 @@ class Trainer:
     def refine_last_layer(self) -> None:
         """Fit the last layer, unless the validation loss is higher with it."""
         trained, has_held_out = deepcopy(self.network.state_dict()), self.held_out
-        loss = self.validation_loss() if has_held_out else 0.0
+        loss = self.calibrated_loss() if has_held_out else 0.0
         plain, config = replace(self.batches, config=NO_AUGMENTATION), self.config
         rng = self.rngs[0]
         fit_last_layer(self.network, plain, config.readings, config.ridge, rng)
-        if has_held_out and self.validation_loss() > loss:
+        if has_held_out and self.calibrated_loss() > loss:
             self.network.load_state_dict(trained)
 
     def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:
@@ -228,6 +228,10 @@ class Trainer:
         logits, labels = self.predict_validation_windows()
         return float(cross_entropy(logits, labels))
 
+    def calibrated_loss(self) -> float:
+        """Return the validation loss at the best temperature."""
+        return find_temperature(*self.predict_validation_windows())[0]
+
     def validation_accuracy(self) -> float:
         """Return the accuracy on held-out recordings; NaN if there are none."""
         if self.held_out is None:
@@ -244,9 +248,7 @@ class Trainer:
         touched = (logits > MIN_LOG_PROBABILITY).sum(dim=1) > 1
         if not touched.any():
             return 1.0
-        logits, labels = logits[touched], labels[touched]
-        losses = [float(cross_entropy(logits / t, labels)) for t in TEMPERATURES]
-        return float(TEMPERATURES[int(np.argmin(losses))])
+        return find_temperature(logits[touched], labels[touched])[1]
 
     def predict_held_out(
         self,
@@ -272,6 +274,13 @@ class Trainer:
         batch = self.held_out.build(count, count, readings, rng)
         with torch.no_grad():
             return self.network(batch.encoded), batch.labels
+
+
+def find_temperature(
+    logits: Float[Tensor, "example class"], labels: Int[Tensor, "example"]
+) -> tuple[float, float]:
+    """Return the lowest loss of logits over a temperature, and that temperature."""
+    return min((float(cross_entropy(logits / t, labels)), t) for t in TEMPERATURES)
 
 
 LAST_LAYER = ".classify."
