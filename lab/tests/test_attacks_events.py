@@ -44,4 +44,4 @@ def test_grabs_command_three_arms_and_things_that_bounce_none():
     stage = Stage(Command(), "fresh", 40000)
     grabs = list(stage.run_row("grab", 3))
     assert min(count_told(grabs)[:3]) > 0
-    assert count_told(list(stage.run_row("bounce", 3)))[:3] == [0, 0, 0]
+    assert count_told(list(stage.run_row("bounce", 6)))[:3] == [0, 0, 0]
