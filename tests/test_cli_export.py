@@ -98,7 +98,7 @@ def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(
     rng, slots = np.random.default_rng(5), net.config.slots
     size = len(net.summary_mean) + 2 * net.config.width
     sizes = set()
-    for nodes in np.linspace(0, 250, 100).astype(int).tolist():
+    for nodes in np.linspace(0, 250, 25).astype(int).tolist():
         graph = random_graph(rng, nodes)
         inputs = feed(
             graph,
@@ -113,7 +113,7 @@ def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(
             expected = net(NetworkInput(tensors, index))[0].numpy()
         np.testing.assert_allclose(found, expected, atol=1e-4, rtol=1e-5)
         sizes.add((len(inputs["forces"]), len(inputs["targets"])))
-    assert len(sizes) > 90
+    assert len(sizes) > 20
 
 
 def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exported):

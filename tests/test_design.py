@@ -632,8 +632,9 @@ def test_command_writes_a_skin_that_the_check_accepts(tmp_path, capsys):
     assert run(check.split()) == run(["skin", "show", str(out)]) == 0
 
 
-@pytest.mark.parametrize("shape", ["tube", "ball", "box", "torus"])
-@pytest.mark.parametrize("turn", [(), ("--turn", 30)])
+@pytest.mark.parametrize(
+    ("shape", "turn"), [*((name, ()) for name in SHAPES), ("tube", ("--turn", 30))]
+)
 def test_matrix_is_laid_on_the_surface_with_its_own_distances(
     shape, turn, tmp_path, capsys
 ):

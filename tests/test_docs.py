@@ -46,7 +46,7 @@ RUN = (
     "eskin export ur5 --onnx ur5.onnx",
 )
 """Commands of the documentation that take seconds and need neither files nor devices;
-those of the first hour are run by `test_first_hour.py`."""
+those of the first hour are run by `lab.first_hour`."""
 
 
 class Accepted(BaseException):

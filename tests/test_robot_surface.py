@@ -208,7 +208,7 @@ def test_few_triangles_are_compared_with_a_point_and_distances_are_those_of_all(
         np.concatenate([part.vertices + place for part, place in parts]),
         np.concatenate([parts[0][0].faces, *shift_faces(parts)]),
     )
-    points = rng.uniform(-0.3, 0.3, (100, 3))
+    points = rng.uniform(-0.3, 0.3, (25, 3))
     corners = mesh.vertices[mesh.faces]
     every = np.repeat(np.arange(len(points)), len(corners))
     pairs = np.tile(corners, (len(points), 1, 1)), points[every]
@@ -253,7 +253,7 @@ def test_distances_that_need_not_be_exact_are_little_too_long(monkeypatch):
 
 def test_distances_do_not_depend_on_how_many_pairs_are_compared_at_once(monkeypatch):
     link = build_link(SPHERE_MESH)
-    points = sample_around(link, 200)
+    points = sample_around(link, 30)
     expected = compute_surface_distance(link, points)
     monkeypatch.setattr("eskin.robot.triangles.PAIRS_AT_ONCE", 10)
     found = compute_surface_distance(link, points)

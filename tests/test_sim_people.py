@@ -174,7 +174,7 @@ def test_durations_are_in_the_order_of_jung_et_al_2017():
         np.median(
             get_durations(
                 touch
-                for touch in perform_many(gesture, kind, 0.0, "cost", 400)
+                for touch in perform_many(gesture, kind, 0.0, "cost", 150)
                 if kind != "press" or touch.presses[0].pads.count > 2
             )
         )

@@ -49,15 +49,16 @@ def feels(claimed, true, config=None):
     pipeline = TouchPipeline(MOUNTED, claimed, config)
     squared = np.sum((SKIN.positions - SKIN.positions[MIDDLE]) ** 2, axis=1)
     tip = 127.0 * np.exp(-squared / (2 * 0.005**2))  # 20 N, in kPa
-    rng, felt = np.random.default_rng(1), False
+    rng = np.random.default_rng(1)
     with np.errstate(all="raise", under="ignore"):
         for number in range(120):
             pressed = min(max(number - 80, 0) / 8, 1.0) * tip
             counts = 20 + true.compute_counts(pressed) + 0.4 * rng.normal(size=64)
             counts = np.minimum(np.round(counts), true.full_scale)
             state = pipeline.push(scan_at(number / 50, counts))
-            felt |= number > 80 and bool(state.open)
-    return felt
+            if number > 80 and state.open:
+                return True
+    return False
 
 
 def is_safe(load, true, config=None):

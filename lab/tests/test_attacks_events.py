@@ -42,6 +42,6 @@ def test_rows_that_were_kept_are_not_simulated_again():
 @pytest.mark.slow
 def test_grabs_command_three_arms_and_things_that_bounce_none():
     stage = Stage(Command(), "fresh", 40000)
-    grabs = list(stage.run_row("grab", 6))
+    grabs = list(stage.run_row("grab", 3))
     assert min(count_told(grabs)[:3]) > 0
     assert count_told(list(stage.run_row("bounce", 6)))[:3] == [0, 0, 0]

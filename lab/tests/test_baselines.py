@@ -29,8 +29,8 @@ every_baseline = pytest.mark.parametrize("name", NAMES)
 
 
 FEW_TREES = {
-    "random-forest": RandomForest(trees=30),
-    "gradient-boosting": GradientBoosting(trees=10),
+    "random-forest": RandomForest(trees=8),
+    "gradient-boosting": GradientBoosting(trees=4),
 }
 
 

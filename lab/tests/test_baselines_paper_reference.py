@@ -116,7 +116,7 @@ def reference(net, pressure, q, k):
     return pool(v, axis=0), sum(map(len, across))
 
 
-@pytest.mark.parametrize(("pooling", "k"), [("max", 8), ("mean", 8), ("max", 4)])
+@pytest.mark.parametrize(("pooling", "k"), [("max", 8), ("mean", 4)])
 def test_features_equal_equation_2_computed_node_by_node(pooling, k):
     net, (pressure, q) = network(pooling, k), readings()
     with torch.inference_mode():
