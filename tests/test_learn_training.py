@@ -13,7 +13,12 @@ from eskin.learn.batches import Sampler, build_sampler
 from eskin.learn.checkpoint import EarlyStopping
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import predict_clips, score_instants, score_segments
-from eskin.learn.last_layer import regress
+from eskin.learn.last_layer import (
+    draw_statistics,
+    fit_last_layer,
+    regress,
+    spread,
+)
 from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
 from eskin.live import Model, ModelCard
 from helpers.clips import generated
@@ -343,6 +348,29 @@ def test_regression_is_that_of_scikit_learn():
     found = x @ weights.numpy().T + offsets.numpy()
     np.testing.assert_allclose(found, reference.predict(z), atol=1e-5)
     np.testing.assert_allclose(weights[:, 5], 0.0)
+
+
+@pytest.mark.parametrize("width", [0, 4])
+def test_last_layer_is_the_mean_of_the_trained_one_and_the_regression(dataset, width):
+    config = replace(TINY, network=replace(TINY.network, width=width))
+    trainer = Trainer(dataset, VOCABULARY, config)
+    network, batches = trainer.network.eval(), trainer.batches
+
+    def classify(x):
+        parts = x.float().chunk(len(network.heads), dim=1)
+        pairs = zip(network.heads, parts, strict=True)
+        return torch.stack([h.classify(part) for h, part in pairs]).mean(dim=0)
+
+    with torch.no_grad():
+        x, labels = draw_statistics(network, batches, 4, np.random.default_rng(0))
+        before = classify(x)
+        fit_last_layer(network, batches, 4, 0.1, np.random.default_rng(0))
+        added = 2.0 * classify(x) - before
+    weights, offsets = regress(x, labels, 3, 0.1)
+    regression = x @ weights.T + offsets
+    scale = (added * regression).sum() / (regression**2).sum()
+    torch.testing.assert_close(added.double(), scale * regression, rtol=0, atol=1e-4)
+    assert float(spread(added)) == pytest.approx(float(spread(before)), rel=1e-3)
 
 
 def test_last_layer_is_kept_as_trained_where_the_regression_is_worse(dataset):

@@ -57,6 +57,12 @@ def cut(t, counts, received):
     counts[counts < 4] = 0
 
 
+def lift_at_start(t, counts, received):
+    """Let a converter that rests at zero begin above it."""
+    if t < 0.3:
+        counts += 60
+
+
 NO_CHANGE = add_counts(TAXEL, lambda t: 0)
 
 
@@ -102,11 +108,13 @@ def first_time(found):
         (add_counts(PALM, lambda t: 300 + 80 * np.sin(18 * np.pi * t)), {}),
         (add_counts(TAXEL, lambda t: 150 + 150 * np.sin(6 * np.pi * t)), {}),
         (add_counts(TAXEL, tap), {}),
+        (lift_at_start, {"noise": 0.0, "rest": 0}),
     ],
     ids=[
         *("noise", "more noise than contact", "small counts cut", "quiet"),
         *("quiet near zero", "clipped at zero", "long saturation"),
         *("steady press", "shaking palm", "rubbing finger", "taps"),
+        "zero after its first scans",
     ],
 )
 def test_sound_skin_has_no_faults(change, options):

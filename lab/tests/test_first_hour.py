@@ -42,6 +42,14 @@ def test_commands_of_the_page_are_those_of_eskin(words):
     parse(load_command(name)[1], name, rest)
 
 
+@pytest.mark.slow
+def test_robot_and_skin_are_made_as_the_page_says(tmp_path):
+    steps = [step for step in STEPS if re.match("[23]", step.title)]
+    printed = [run_step(step, tmp_path) for step in steps]
+    assert "no problems, checked on robot arm" in printed[1]
+    assert len((tmp_path / "my_skin" / "taxels.csv").read_text().split()) == 257
+
+
 def test_failing_step_is_named_with_what_it_printed(tmp_path):
     step = Step("9. Wrong", "echo so far\nfalse\n")
     with pytest.raises(RuntimeError, match=r"9\. Wrong failed: so far"):

@@ -74,7 +74,7 @@ class TrainConfig:
     """Label smoothing."""
     ridge: NotNegative = 0.1
     """Penalty of the ridge regression that the last layer is averaged with at the end,
-    unless the validation loss is higher then; 0 leaves it as trained."""
+    where that lowers the validation loss; 0 leaves it as trained."""
     patience: Annotated[int, Interval(ge=0, le=np.inf)] = 5
     """Epochs without a lower validation loss after which one more stops training."""
     validation: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.15

@@ -29,8 +29,9 @@ def fit_last_layer(
 ) -> None:
     """Replace the last layer by its mean with that of a ridge regression.
 
-    The logits of both spread alike over the windows drawn, so that probabilities are as
-    sure as before.
+    The logits of both spread alike over the windows drawn, apart from their offsets, so
+    that probabilities are as sure as before. A network whose statistics are not finite
+    stays as it is.
 
     Args:
         network: trained network, which is changed.
@@ -41,10 +42,12 @@ def fit_last_layer(
     """
     network.eval()
     x, labels = draw_statistics(network, batches, readings, rng)
-    classes = [head.classify for head, _ in network.heads]
+    classes = [head.classify for head in network.heads]
     # The logits of the branches are averaged, those of the regression are their sum.
     trained = torch.cat([layer.weight for layer in classes], dim=1) / len(classes)
     regressed, offsets = regress(x, labels, network.classes, ridge)
+    if not torch.isfinite(regressed).all():
+        return
     spreads = [spread(x @ weight.T) for weight in (trained.double(), regressed)]
     scale = spreads[0] / spreads[1].clamp(min=1e-9)
     parts = (scale * regressed).split([layer.in_features for layer in classes], dim=1)
@@ -59,14 +62,20 @@ def draw_statistics(
     readings: int,
     rng: np.random.Generator,
 ) -> tuple[Float[Tensor, "window statistic"], Int[Tensor, "window"]]:
-    """Draw windows; return the statistics of all heads, side by side, and classes."""
+    """Draw windows; return the statistics of all heads, side by side, and classes.
+
+    As in training, the summary is of all readings of a window, the graphs of some.
+    """
     statistics, labels = [], []
     for _ in range(WINDOWS // BATCH):
         batch = batches.build(BATCH, BATCH, readings, rng)
-        e = network.embed(batch.encoded.graphs)
-        slots = scatter_to_slots(e, batch.encoded.slot_index, network.config.slots)
+        inputs = [(network.standardise(batch.summary), batch.slot_index)]
+        if network.config.width:
+            embedded = network.embed(batch.encoded.graphs)
+            inputs.append((embedded, batch.encoded.slot_index))
         parts = [
-            head.summarise(slots[0][..., :n], slots[1]) for head, n in network.heads
+            head.summarise(*scatter_to_slots(e, index, network.config.slots))
+            for head, (e, index) in zip(network.heads, inputs, strict=True)
         ]
         statistics.append(torch.cat(parts, dim=1))
         labels.append(batch.labels)
@@ -90,5 +99,6 @@ def regress(
 
 
 def spread(logits: Float[Tensor, "window class"]) -> Float[Tensor, ""]:
-    """Return the standard deviation of logits about their mean of each window."""
-    return (logits - logits.mean(dim=1, keepdim=True)).std()
+    """Return the standard deviation of logits about means of windows and classes."""
+    centred = logits - logits.mean(dim=0)
+    return (centred - centred.mean(dim=1, keepdim=True)).std()

@@ -169,13 +169,17 @@ class Trainer:
         return network.eval()
 
     def refine_last_layer(self) -> None:
-        """Fit the last layer, unless the validation loss is higher with it."""
+        """Fit the last layer, unless the validation loss is not lower with it."""
         trained, has_held_out = deepcopy(self.network.state_dict()), self.held_out
         loss = self.calibrated_loss() if has_held_out else 0.0
         plain, config = replace(self.batches, config=NO_AUGMENTATION), self.config
-        rng = self.rngs[0]
-        fit_last_layer(self.network, plain, config.readings, config.ridge, rng)
-        if has_held_out and self.calibrated_loss() > loss:
+        rng, kept = self.rngs[0], False
+        try:
+            fit_last_layer(self.network, plain, config.readings, config.ridge, rng)
+            kept = not has_held_out or self.calibrated_loss() < loss
+        except KeyboardInterrupt:
+            self.stopped = True
+        if not kept:
             self.network.load_state_dict(trained)
 
     def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:

@@ -77,6 +77,8 @@ class FaultConfig:
     doubtful."""
     negative_seconds: float = 1.0
     """The same after negative counts, which are invalid one by one."""
+    offset_seconds: float = 1.0
+    """Time above zero after which an offset of a taxel is known."""
 
 
 FaultParameters = namedtuple(
@@ -186,8 +188,10 @@ def update_unanswered(
 
 @compiled
 def has_offset(taxel: np.void, full_scale: int, parameters: FaultParameters) -> bool:
-    """Return whether the counts of a taxel were always well above zero."""
-    return parameters.offset * full_scale <= taxel.least < np.inf
+    """Return whether a taxel has had counts well above zero for long enough."""
+    seconds = taxel.last_nonzero - taxel.first_received
+    is_above = taxel.least >= parameters.offset * full_scale
+    return seconds >= parameters.offset_seconds and is_above and taxel.least < np.inf
 
 
 @compiled

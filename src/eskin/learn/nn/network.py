@@ -198,15 +198,14 @@ class RecogniserNetwork(nn.Module):
         present: Float[Tensor, "window slot"],
     ) -> Float[Tensor, "branch window class"]:
         """Return the logits of each branch and window from its slots' features."""
-        return torch.stack([head(e[:, :, :n], present) for head, n in self.heads])
+        inputs = e[:, :, : len(self.summary_mean)], e
+        branches = zip(self.heads, inputs, strict=False)
+        return torch.stack([head(x, present) for head, x in branches])
 
     @property
-    def heads(self) -> list[tuple[TemporalHead, int]]:
-        """Heads of the branches, and of how many features each takes the first."""
-        heads = [(self.summary_head, len(self.summary_mean))]
-        if self.config.width:
-            heads.append((self.graph_head, self.graph_head.project.in_features))
-        return heads
+    def heads(self) -> list[TemporalHead]:
+        """Heads of the branches: summary, then graph."""
+        return [self.summary_head, *([self.graph_head] if self.config.width else [])]
 
     def standardise(
         self, summary: Float[Tensor, "reading summary"]
