@@ -75,15 +75,22 @@ def test_camera_sees_the_whole_robot_from_the_side_of_its_skin(skin, turn):
     q = np.full(len(skinned.robot.joint_names), turn)
     view = describe_scene(skinned, (), q)
     camera = np.array(view.middle), view.distance, np.array(view.direction)
-    position, target = place_camera(*camera, 1.0)
     T = skinned.kinematics.poses(q)
     shapes = [apply(T[solid.link], solid.vertices) for solid in view.solids]
     places, normals = skinned.place_taxels(q)
-    rays = np.concatenate([*shapes, places]) - position
-    ahead = (target - position) / np.linalg.norm(target - position)
-    angle = np.arccos(rays @ ahead / np.linalg.norm(rays, axis=1))
-    assert FIELD_OF_VIEW / 5 < angle.max() < FIELD_OF_VIEW / 2
-    assert normals.mean(axis=0) @ ahead < 0.1
+    for aspect in (0.4, 0.9, 1.0, 1.8):
+        position, target = place_camera(*camera, aspect)
+        ahead = (target - position) / np.linalg.norm(target - position)
+        assert normals.mean(axis=0) @ ahead < 0.1
+        right = np.cross(ahead, (0.0, 0.0, 1.0))
+        right /= np.linalg.norm(right)
+        rays = np.concatenate([*shapes, places]) - position
+        half = np.tan(FIELD_OF_VIEW / 2) * (rays @ ahead)
+        across, up = rays @ right / half, rays @ np.cross(right, ahead) / half
+        square = min(aspect, 1.0)
+        assert np.abs(across).max() < square
+        assert 1.0 - 2 * square < up.min() and up.max() < 1.0
+        assert max(np.ptp(across), np.ptp(up)) > 0.4 * square
 
 
 def test_shapes_that_cannot_be_read_are_not_drawn_and_told_in_one_line(caplog):

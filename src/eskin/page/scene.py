@@ -41,8 +41,6 @@ FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
 NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
-RAISED = 0.6
-"""Height of the scene over the middle of such a window, by half of the window."""
 MAX_RAY_DISTANCE = 0.015
 """Greatest distance from a ray to the centre of a taxel that it hits [m]."""
 SCALE = 60.0
@@ -365,8 +363,8 @@ def place_camera(
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Return the position of a camera and the point that it looks at [m].
 
-    In a narrow window, as of a phone, it is further away, and the scene is above the
-    panel, which covers the lower half.
+    In a narrow window the scene fills a square at the top: the panel covers the lower
+    half of a phone.
 
     Args:
         middle: middle of the scene, in the world frame [m].
@@ -377,7 +375,9 @@ def place_camera(
     if aspect >= NARROW:
         return middle + distance * direction, middle
     distance *= NARROW / max(aspect, 0.1)
-    lower = np.array([0.0, 0.0, -RAISED * distance * np.tan(FIELD_OF_VIEW / 2)])
+    up = np.array([0.0, 0.0, 1.0]) - direction[2] * direction
+    raised = (NARROW - aspect) * distance * np.tan(FIELD_OF_VIEW / 2)
+    lower = -raised * up / np.linalg.norm(up)
     return middle + lower + distance * direction, middle + lower
 
 
