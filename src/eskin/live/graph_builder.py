@@ -42,6 +42,11 @@ MIN_STEP = 1e-4  # [s]
 MAX_REPEAT = 300_000_000
 """Time for which loads that do not change are the same measurement [ns]: a device of 4
 Hz or more is read at a higher rate, or its pads are on or off."""
+SPACING = 8_000_000
+"""Mean time between two graphs of a touch on a fast skin [ns]: the network uses the
+latest of each 20 ms, so there are no more of them than on a skin of 125 Hz."""
+MAX_AHEAD = 20_000_000
+"""Time by which graphs may be ahead of that [ns]: readings can come in pairs."""
 LONG_AGO = -1_000_000_000  # [ns] stamp before the first reading, too old for a rate
 NEVER = -2  # number of the reading of a taxel that has not been active yet
 INITIAL_NODES = 256  # that there is memory for
@@ -141,13 +146,13 @@ class GraphBuilder:
             T_world_link=self.poses.get(reading.q),
         )
 
-    def is_repeated(self, reading: Reading, nodes: Mapping[int, "TouchNodes"]) -> bool:
-        """Tell whether the taxels of the next reading are loaded as in the last step.
+    def is_new(self, reading: Reading, nodes: Mapping[int, "TouchNodes"]) -> bool:
+        """Tell whether the next reading is no repetition of the loads of the last step.
 
-        After `MAX_REPEAT` they are no longer, so that a touch that is held has graphs.
+        After `MAX_REPEAT` it is new, so that a touch that is held has graphs.
         """
         if reading.stamp - self.step.stamp >= MAX_REPEAT:
-            return False
+            return True
         history, is_touched = self.taxel_history, False
         for active, earlier, _ in nodes.values():
             if (
@@ -155,12 +160,12 @@ class GraphBuilder:
                 or (history.pressure[active] != reading.pressure[active]).any()
                 or (history.reading[active] != self.step.reading).any()
             ):
-                return False
+                return True
             if reading.shear is not None:
                 if (history.shear[active] != reading.shear[active]).any():
-                    return False
+                    return True
             is_touched |= len(active) > 0
-        return is_touched
+        return not is_touched
 
     def reserve(self, active: int) -> GraphWorkspace:
         """Return memory for a graph of so many taxels active now or one reading ago."""
@@ -235,7 +240,7 @@ class TouchNodes(NamedTuple):
     """Touch nodes are the taxels and the history of a sequence at one reading."""
 
     taxels: Int[np.ndarray, "active"]  # active now
-    earlier: Int[np.ndarray, "earlier"]  # active one reading ago
+    earlier: Int[np.ndarray, "earlier"]  # active in the graphs before
     history: Float[np.ndarray, "column"]  # of the touch so far: columns `HISTORY`
 
 
@@ -248,6 +253,7 @@ class GraphStream:
 
     A reading that repeats the loads of the last one has no graphs, for at most
     `MAX_REPEAT`: a device that is slower than it is read has measured nothing since.
+    Nor have readings of the same touches that follow one another faster than `SPACING`.
     """
 
     def __init__(
@@ -259,8 +265,8 @@ class GraphStream:
         """Start before the first reading; see `GraphBuilder`."""
         self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
-        self.earlier = NO_TAXELS
-        self.keys: list[int] = []
+        self.last: dict[int, TouchNodes] = {}
+        self.due = LONG_AGO
 
     def get_key(self, touch: int) -> int:
         """Return the key of the sequence that the touch with that id belongs to."""
@@ -270,7 +276,7 @@ class GraphStream:
         """Return the graph of each sequence at the next reading, by key.
 
         A touch between two contacts has a graph without pressure. There is none if the
-        reading is a repetition.
+        reading has no graphs.
         """
         nodes = self.find_touch_nodes(state)
         if nodes is None:
@@ -281,27 +287,34 @@ class GraphStream:
     def find_touch_nodes(self, state: TouchState) -> dict[int, TouchNodes] | None:
         """Return the nodes of each sequence at the next reading, by key.
 
-        None stands for a repetition, of which the builder must not be told.
+        None stands for a reading without graphs, of which the builder must not be told.
         """
-        nodes = self.collect_nodes(state)
-        keys, earlier = list(nodes), self.keys
-        self.keys = keys
-        is_repeated = keys == earlier and self.builder.is_repeated(state.reading, nodes)
-        return None if is_repeated else nodes
+        nodes, last, reading = self.collect_nodes(state), self.last, state.reading
+        if nodes.keys() == last.keys():
+            for key, each in nodes.items():
+                nodes[key] = each._replace(earlier=last[key].taxels)
+            if reading.stamp < self.due or not self.builder.is_new(reading, nodes):
+                return None
+        self.due = max(self.due, reading.stamp - MAX_AHEAD) + SPACING
+        self.last = nodes
+        return nodes
 
     def collect_nodes(self, state: TouchState) -> dict[int, TouchNodes]:
-        """Return the nodes of each sequence at the next reading, by key."""
+        """Return the nodes of each sequence at the next reading, by key.
+
+        As earlier taxels a touch has those of the reading before, and those of its last
+        graphs: where touches have merged, both count.
+        """
         if not self.calibrated:
-            nodes = TouchNodes(self.find_active_taxels(state), self.earlier, NO_HISTORY)
-            self.earlier = nodes.taxels
-            return {WHOLE_SKIN: nodes}
-        stamp = state.reading.stamp
-        return {
-            touch.id: TouchNodes(
-                touch.taxels, touch.before, build_history(touch, stamp)
-            )
-            for touch in state.tracking.open
-        }
+            active = self.find_active_taxels(state)
+            return {WHOLE_SKIN: TouchNodes(active, NO_TAXELS, NO_HISTORY)}
+        nodes = {}
+        for touch in state.tracking.open:
+            earlier, history = touch.before, build_history(touch, state.reading.stamp)
+            if touch.id in self.last:
+                earlier = np.concatenate([earlier, self.last[touch.id].taxels])
+            nodes[touch.id] = TouchNodes(touch.taxels, earlier, history)
+        return nodes
 
     def find_active_taxels(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """Return all taxels in contact or under shear, whatever their touch."""
