@@ -164,11 +164,16 @@ def find_driver(uris: Sequence[str]) -> Driver:
     """Return the driver of the kind of some URIs.
 
     Raises:
-        DeviceError: there is none, or they are several that are not one source.
+        DeviceError: there is none, they are several that are not one source, or one
+            has no address.
     """
     kinds = {uri.partition(":")[0] for uri in uris}
     driver = load_plugin(DRIVERS, kinds.pop()) if len(kinds) == 1 else None
-    if driver is None or (len(uris) > 1 and not driver.takes_several):
+    if (
+        driver is None
+        or (len(uris) > 1 and not driver.takes_several)
+        or not all(uri.partition(":")[2].strip("/") for uri in uris)
+    ):
         raise DeviceError(
             f"source is '{' '.join(uris)}'; allowed is one of {list_forms(DRIVERS)}, "
             "or several serial ports; correct it"
