@@ -25,7 +25,7 @@ from typing import Any, Literal, final
 import numpy as np
 import torch
 import tyro
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from joblib import Parallel, delayed
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -174,48 +174,95 @@ def train_without(
     return trainer.run(quiet=True)
 
 
+@dataclass(frozen=True)
+class Examples:
+    """Holds segments in the forms that the methods take."""
+
+    segments: tuple[Segment, ...]
+    """Labelled segments."""
+    truth: Int[np.ndarray, "segment"]
+    """Their classes."""
+    columns: list[int]
+    """Columns of these classes in the scores of the recogniser."""
+    features: Float[np.ndarray, "segment feature"]
+    """Hand-made features of the segments."""
+    series: Float[np.ndarray, "window channel 100"]
+    """Series in the windows of the segments."""
+    windows: SkinWindows
+    """Pressures in these windows."""
+    segment: Int[np.ndarray, "window"]
+    """Index of the segment of each window."""
+
+
 def classify_segments(
     dataset: Dataset,
     groups: Sequence[str],
     networks: Networks,
     shear: bool,
     seed: int,
+    workers: int = 1,
 ) -> Answers:
-    """Classify whole labelled segments with methods trained on other groups."""
+    """Classify whole labelled segments with methods trained on other groups.
+
+    The result does not depend on the number of workers.
+    """
     segments = dataset.labelled
     spoken = {segment.gesture for segment in segments}
     vocabulary = tuple(name for name in dataset.vocabulary if name in spoken)
-    columns = [dataset.vocabulary.index(name) for name in vocabulary]
     truth = np.array([vocabulary.index(s.gesture) for s in segments])
     group = np.array([groups[s.recording] for s in segments])
-    features = np.array(
-        [compute_features(dataset, np.arange(s.first, s.end), shear) for s in segments]
+    rows = (np.arange(s.first, s.end) for s in segments)
+    examples = Examples(
+        segments,
+        truth,
+        [dataset.vocabulary.index(name) for name in vocabulary],
+        np.array([compute_features(dataset, each, shear) for each in rows]),
+        cut_series(dataset, segments, shear),
+        *cut_skin_windows(dataset, segments),
     )
-    series = cut_series(dataset, segments, shear)
-    methods = (OURS, *ON_FEATURES, *ON_SERIES, CNN)
-    predicted = {name: np.zeros_like(truth) for name in methods}
-    windows, segment_index = cut_skin_windows(dataset, segments)
-    for held, network in networks.items():
-        out = group == held
-        chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
-        scores = score_segments(network, dataset, chosen)
-        predicted[OURS][out] = scores[:, columns].argmax(axis=1)
-        for name, make in ON_FEATURES.items():
-            model = make(seed).fit(features[~out], truth[~out])
-            predicted[name][out] = model.predict(features[out])
-        within = out[segment_index]
-        for name, make in ON_SERIES.items():
-            model = make(seed).fit(series[~within], truth[segment_index[~within]])
-            found = model.predict_proba(series[within])
-            best = sum_windows(found, segment_index[within]).argmax(axis=1)
-            predicted[name][out] = model.classes_[best]
-        known, labels = np.unique(truth[segment_index[~within]], return_inverse=True)
-        cnn = build_baseline("3d-cnn", mount_skin(dataset), CNN_FIT)
-        cnn.fit(windows.select(~within), labels, seed)
-        found = cnn.predict_probabilities(windows.select(within))
-        best = sum_windows(found, segment_index[within]).argmax(axis=1)
-        predicted[CNN][out] = known[best]
+    classify = delayed(classify_held_out)
+    outs = [group == held for held in networks]
+    jobs = (
+        classify(dataset, examples, out, network, seed)
+        for out, network in zip(outs, networks.values(), strict=True)
+    )
+    folds: Any = Parallel(n_jobs=workers)(jobs)
+    predicted = {name: np.zeros_like(truth) for name in folds[0]}
+    for out, found in zip(outs, folds, strict=True):
+        for name, classes in found.items():
+            predicted[name][out] = classes
     return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+
+
+def classify_held_out(
+    dataset: Dataset,
+    examples: Examples,
+    out: Bool[np.ndarray, "segment"],
+    network: RecogniserNetwork,
+    seed: int,
+) -> dict[str, Int[np.ndarray, "held"]]:
+    """Return the classes that each method gives to the segments held out."""
+    torch.set_num_threads(1)
+    truth, segment, windows = examples.truth, examples.segment, examples.windows
+    chosen = [s for s, o in zip(examples.segments, out, strict=True) if o]
+    scores = score_segments(network, dataset, chosen)[:, examples.columns]
+    predicted = {OURS: scores.argmax(axis=1)}
+    for name, make in ON_FEATURES.items():
+        model = make(seed).fit(examples.features[~out], truth[~out])
+        predicted[name] = model.predict(examples.features[out])
+    within = out[segment]
+    labels = truth[segment[~within]]
+    for name, make in ON_SERIES.items():
+        model = make(seed).fit(examples.series[~within], labels)
+        found = model.predict_proba(examples.series[within])
+        best = sum_windows(found, segment[within]).argmax(axis=1)
+        predicted[name] = model.classes_[best]
+    known, labels = np.unique(labels, return_inverse=True)
+    cnn = build_baseline("3d-cnn", mount_skin(dataset), CNN_FIT)
+    cnn.fit(windows.select(~within), labels, seed)
+    found = cnn.predict_probabilities(windows.select(within))
+    predicted[CNN] = known[sum_windows(found, segment[within]).argmax(axis=1)]
+    return predicted
 
 
 def sum_windows(
@@ -291,7 +338,7 @@ class Command:
     seed: int = 0
     """Random seed."""
     workers: int = 2
-    """Number of processes for training."""
+    """Number of processes for training and for the other methods."""
     train: TrainConfig = field(default_factory=lambda: TrainConfig(validation=0.0))
     """Settings of the training."""
 
@@ -369,8 +416,9 @@ def cross_validate(
 ) -> Answers:
     """Classify segments of each group, a person or a session, by all the others."""
     groups = find_groups(dataset, by)
-    networks = train_folds(dataset, groups, config, command.seed, command.workers)
-    return classify_segments(dataset, groups, networks, config.shear, command.seed)
+    seed, workers = command.seed, command.workers
+    networks = train_folds(dataset, groups, config, seed, workers)
+    return classify_segments(dataset, groups, networks, config.shear, seed, workers)
 
 
 HEAD = ("method", "accuracy", "macro F1", "difference of eskin [95 % interval]")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.touch import Calibrator, FaultDetector
+from eskin.touch import Calibration, Calibrator, FaultDetector
 from helpers.touch import SECOND, START, build_grid_skin, calibration_of, scan_at
 
 SKIN = build_grid_skin(patches=2)
@@ -13,10 +13,13 @@ PALM = (SKIN.patch_index == 0) & (SKIN.rows < 4) & (SKIN.columns < 4)
 AROUND = np.linalg.norm(SKIN.positions - SKIN.positions[TAXEL], axis=1) < 0.03
 
 
-def find_faults(change, seconds=12.0, rate=50, noise=2.0, rest=200):
-    """Push noisy counts at rest, changed by `change`; return time, mask and faults."""
+def find_faults(change, seconds=12.0, rate=50, noise=2.0, rest=200, scale=100.0):
+    """Push noisy counts at rest, changed by `change`; return time, mask and faults.
+
+    A taxel measures up to `scale` [kPa] by 1000 counts.
+    """
     rng = np.random.default_rng(3)
-    calibration = calibration_of(SKIN)
+    calibration = Calibration.uniform(SKIN.count, 1000, scale)
     calibrator = Calibrator(SKIN, calibration)
     detector = FaultDetector(SKIN, calibration)
     found = []
@@ -71,6 +74,16 @@ def tap(t):
     return 300 * np.clip(1.5 * np.sin(4 * np.pi * t), 0, 1)
 
 
+def pat(t):
+    """Return the counts of a hand that pats every 0.41 s, for 0.08 s."""
+    return 300 * (t % 0.41 < 0.08)
+
+
+def waver(t):
+    """Return the counts of a taxel that is at most two counts from rest."""
+    return 2 * np.sin(70 * t)
+
+
 def toggle(t):
     """Return the counts of a taxel that steps up and down every second."""
     return 40 * (t % 2 < 1)
@@ -108,12 +121,15 @@ def first_time(found):
         (add_counts(PALM, lambda t: 300 + 80 * np.sin(18 * np.pi * t)), {}),
         (add_counts(TAXEL, lambda t: 150 + 150 * np.sin(6 * np.pi * t)), {}),
         (add_counts(TAXEL, tap), {}),
+        (add_counts(PALM, pat), {"noise": 1.0, "rate": 12, "seconds": 30.0}),
+        (add_counts(TAXEL, waver), {"noise": 0.2, "scale": 400.0}),
         (lift_at_start, {"noise": 0.0, "rest": 0}),
     ],
     ids=[
         *("noise", "more noise than contact", "small counts cut", "quiet"),
         *("quiet near zero", "clipped at zero", "long saturation"),
         *("steady press", "shaking palm", "rubbing finger", "taps"),
+        *("pats between slow scans", "counts of a coarse converter"),
         "zero after its first scans",
     ],
 )

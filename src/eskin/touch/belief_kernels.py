@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.compiled import compiled
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration_kernels import (
+    SHORTEST_PRESS,
     PressureCurve,
     add_unfelt,
     find_near,
@@ -95,8 +96,9 @@ START_FLOOR = 7.0
 """Pressure that may be noise while the noise is neither calibrated nor learned yet
 [kPa]."""
 NOISY_CONTACTS, DOUBTFUL_SHARE = 0.55, 0.5
-"""Noise that makes a taxel a fault, in units of the counts at which contact begins, and
-share of it from which a taxel is doubtful: it may stop an arm, and nothing else."""
+"""Noise that makes a taxel a fault, in units of the counts at which contact begins, but
+at least what rounding converters may show of any sound taxel; and share of it from
+which a taxel is doubtful: it may stop an arm, and nothing else."""
 NOISIER = 2.5
 """Smallest ratio of the noise of such a taxel to the median of its patch."""
 FAULTY = 1.5
@@ -191,10 +193,11 @@ def update_belief(
     """Update what is believed of each taxel by a scan.
 
     The noise is the root mean square of second differences, as of white noise, where no
-    touch can cause them: the first and third scan not above the band about rest; and
-    where the noise of a noisy taxel falls, or it is masked. The depth below rest,
-    beyond the dip after a press, gives the wandering. Lone steps are evidence of a
-    fault.
+    touch can cause them: the first and third scan not above the band about rest, nor
+    the second where a press may lie between slow scans; and where the noise of a noisy
+    taxel falls, or it is masked and scans are too fast for a press. The depth below
+    rest, beyond the dip after a press, gives the wandering. Lone steps are evidence of
+    a fault.
 
     Returns:
         How many taxels are away from rest, below it.
@@ -204,6 +207,7 @@ def update_belief(
     slow = fast * NOISE_SECONDS / WANDER_SECONDS
     forget = np.exp(-elapsed / ODDS_SECONDS)
     follows = elapsed <= MAX_FLAT_INTERVAL
+    is_fast = 2.0 * elapsed <= SHORTEST_PRESS
     alone, count_alone, low = np.empty(len(counts), np.int64), 0, 0
     for i in range(len(counts)):
         taxel = belief[i]
@@ -226,8 +230,9 @@ def update_belief(
         starts = learns and since < NOISE_SECONDS
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
-        rests = max(taxel.first, taxel.third) - rest <= band
-        if starts or rests or calms or scan.mask[i]:
+        between = taxel.third if is_fast else taxel.second
+        rests = max(taxel.first, between, taxel.third) - rest <= band
+        if starts or rests or calms or (is_fast and scan.mask[i]):
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -band and seen < taxel.noise:
                 part = min(BELOW_FACTOR * part, 1.0)
@@ -331,7 +336,7 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
     for i in range(len(belief)):
         taxel, contact, patch = belief[i], contacts[i], patch_index[i]
         noise, since = taxel.noise, now - scan.first_received[i]
-        share = noise / (NOISY_CONTACTS * contact)
+        share = noise / max(NOISY_CONTACTS * contact, least[i])
         is_noisier = noise >= NOISIER * usual[0, patch]
         noisy = since >= learnt and share >= 1.0 and is_noisier
         noisy |= taxel.odds >= FAULTY
