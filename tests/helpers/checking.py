@@ -9,7 +9,7 @@ from functools import partial, wraps
 
 import jaxtyping
 
-ALWAYS, EVERY = 10, 50
+ALWAYS, EVERY = 2, 100
 """How many calls of a function in a test are checked, and which ones after them."""
 
 check_all = jaxtyping.jaxtyped
