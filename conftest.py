@@ -104,6 +104,13 @@ def socialtouch_folder() -> Path:
 
 
 @pytest.fixture
+def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a training be validated, and its last layer fitted, on few windows."""
+    monkeypatch.setattr("eskin.learn.training.VALIDATION_WINDOWS", 32)
+    monkeypatch.setattr("eskin.learn.last_layer.WINDOWS", 256)
+
+
+@pytest.fixture
 def run_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Run an example as a program; return its exit code, text and error."""
 

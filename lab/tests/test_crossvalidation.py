@@ -25,7 +25,7 @@ from lab.real_recordings import (
     train_without,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_windows")]
 
 PEOPLE = ("ann", "bob", "cleo")
 FOUR = ("hold", "tap", "tap", "hold")
