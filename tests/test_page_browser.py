@@ -43,7 +43,7 @@ pytestmark = pytest.mark.slow
 
 RESTING, RING, PLACE = (150, 160, 172), (0, 90, 181), (231, 41, 138)
 """Colours of taxels at rest, and of rings around a contact and a place to press."""
-SCALE = 0.5
+SCALE = 0.3
 """Rendered points per CSS pixel."""
 PACE = 0.5
 """Half as fast as life: software draws slowly."""
