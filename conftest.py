@@ -15,7 +15,7 @@ import jaxtyping
 import pytest
 from hypothesis import settings
 
-from helpers.checking import calls, check_some
+from helpers.checking import begin_test, check_some
 from helpers.examples import EXAMPLES
 from helpers.source import MODULES, name_module
 
@@ -82,7 +82,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_runtest_setup() -> None:
-    calls.clear()
+    begin_test()
 
 
 @pytest.fixture(scope="session")
