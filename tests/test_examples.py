@@ -53,8 +53,10 @@ RUNS = {
         r"320 taxels, problems: none\n\w+ +\d+% on sleeve",
     ),
     "04_own_gestures.py": (
-        lambda _: "--train.epochs 1 --train.steps 2 --train.batch 8 "
-        "--train.encoded 2 --train.ridge 0".split(),
+        lambda _: (
+            "--train.epochs 1 --train.steps 2 --train.batch 8 "
+            "--train.encoded 2 --train.ridge 0".split()
+        ),
         r"made: +circle none knock .*\nrecognised: +\w+ \w+",
     ),
     "05_command_function.py": (
@@ -86,7 +88,8 @@ def test_cells_of_the_notebook_run_in_order():
     code = ["".join(cell["source"]) for cell in cells]
     assert "clips=2" in code[0]
     for text in code:
-        exec(compile(text.replace("clips=2", "clips=1"), "touches.ipynb", "exec"), space)
+        short = text.replace("clips=2", "clips=1")
+        exec(compile(short, "touches.ipynb", "exec"), space)
     assert len(space["touches"]) >= 1 and space["found"]
 
 
