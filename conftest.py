@@ -9,12 +9,13 @@ from pathlib import Path
 
 # Before numpy and torch: tests share the cores, one thread each is fastest.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+gc.disable()  # while modules are imported: a seventh of that time
 
 import jaxtyping
 import pytest
 from hypothesis import settings
 
-from helpers.checking import calls, check_some
+from helpers.checking import begin_test, check_some
 from helpers.examples import EXAMPLES
 from helpers.source import MODULES, name_module
 
@@ -77,10 +78,11 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+    gc.enable()
 
 
 def pytest_runtest_setup() -> None:
-    calls.clear()
+    begin_test()
 
 
 @pytest.fixture(scope="session")
@@ -99,6 +101,13 @@ def shearsense_folder() -> Path:
 def socialtouch_folder() -> Path:
     """The public SocialTouch recordings, or a skip that says where they were sought."""
     return folder_or_skip("socialtouch")
+
+
+@pytest.fixture
+def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a training be validated, and its last layer fitted, on few windows."""
+    monkeypatch.setattr("eskin.learn.training.VALIDATION_WINDOWS", 32)
+    monkeypatch.setattr("eskin.learn.last_layer.WINDOWS", 256)
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from eskin.live import load_model, save_model
 from helpers.cli import assert_refused, call, call_json, fail_to_write
 from helpers.learning import FLAGS, label, record, record_people
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_windows")]
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,7 +82,7 @@ def make_spec(density=DENSITY, zone=None, keep_outs=(), **limits):
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shapes")
-    trimesh.creation.torus(0.08, 0.03, 64, 24).export(folder / "torus.stl")
+    trimesh.creation.torus(0.06, 0.03, 48, 20).export(folder / "torus.stl")
     return {
         name: load_urdf(write_urdf(folder, shape, name))
         for name, shape in SHAPES.items()
@@ -311,8 +312,14 @@ def find_touching(skin):
     return np.where(links == "table", ram, table) < CLEARANCE
 
 
-def test_taxels_that_touch_in_a_combined_pose_alone_are_those_that_are_told(tmp_path):
-    alone, told = design_press(tmp_path, 0), design_press(tmp_path, 128)
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """The design that looks at one joint at a time."""
+    return design_press(tmp_path_factory.mktemp("press"), 0)
+
+
+def test_taxels_that_touch_in_a_combined_pose_alone_are_told(alone, tmp_path):
+    told = design_press(tmp_path, 128)
     assert np.array_equal(alone.skin.positions, told.skin.positions)
     assert not alone.close.any()
     touching = find_touching(told.skin)
@@ -320,8 +327,8 @@ def test_taxels_that_touch_in_a_combined_pose_alone_are_those_that_are_told(tmp_
     assert np.array_equal(told.close, touching)
 
 
-def test_taxels_that_touch_in_a_combined_pose_can_be_left_out(tmp_path):
-    alone, cleared = design_press(tmp_path, 0), design_press(tmp_path, 128, True)
+def test_taxels_that_touch_in_a_combined_pose_can_be_left_out(alone, tmp_path):
+    cleared = design_press(tmp_path, 128, True)
     assert not cleared.close.any() and not find_touching(cleared.skin).any()
     # On the table 8 x 6 cm are lost, and a rim as wide as a triangle.
     before, after = (each.regions[0].allowed_area for each in (alone, cleared))
@@ -387,12 +394,22 @@ def test_table_agrees_with_the_skin(written):
         np.testing.assert_allclose(places, 1e3 * skin.positions[taxels], atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["tube", "box", "torus"])
-def test_saved_map_is_that_of_the_design_both_ways(designs, name, tmp_path):
-    design = designs[name]
-    save_design(design, tmp_path)
+@pytest.fixture(scope="module")
+def saved_tube(designs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tube")
+    save_design(designs["tube"], folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["tube", "ball"])
+def test_saved_map_is_that_of_the_design_both_ways(designs, saved_tube, written, name):
+    """A cylinder and planes, and unrolled triangles."""
+    design, folder = designs[name], saved_tube if name == "tube" else written[1]
+    kinds = set()
     for patch, layout in zip(design.skin.patches, design.layouts, strict=True):
-        link, surface = load_map(tmp_path / "patches" / f"{patch.id}.map.json")
+        path = folder / "patches" / f"{patch.id}.map.json"
+        kinds.add(json.loads(path.read_text())["surface"])
+        link, surface = load_map(path)
         assert link == patch.link
         flat = layout.grid.unrolled()
         points, same = layout.surface.wrap(flat), surface.wrap(flat)
@@ -401,6 +418,7 @@ def test_saved_map_is_that_of_the_design_both_ways(designs, name, tmp_path):
                 getattr(same, part), getattr(points, part), atol=1e-12
             )
         np.testing.assert_allclose(surface.unroll(points.positions), flat, atol=1e-9)
+    assert kinds == ({"tube", "plane"} if name == "tube" else {"mesh"})
 
 
 @pytest.mark.parametrize(
@@ -413,16 +431,13 @@ def test_saved_map_is_that_of_the_design_both_ways(designs, name, tmp_path):
         ({"extra": 1}, "extra"),
     ],
 )
-def test_damaged_map_is_refused_in_one_line(designs, tmp_path, change, said):
-    save_design(designs["tube"], tmp_path)
-    around = next(
-        path
-        for path in sorted((tmp_path / "patches").glob("*.map.json"))
-        if '"tube"' in path.read_text()
-    )
-    around.write_text(json.dumps(json.loads(around.read_text()) | change))
+def test_damaged_map_is_refused_in_one_line(saved_tube, tmp_path, change, said):
+    maps = sorted((saved_tube / "patches").glob("*.map.json"))
+    around = next(text for text in map(Path.read_text, maps) if '"tube"' in text)
+    path = tmp_path / "damaged.map.json"
+    path.write_text(json.dumps(json.loads(around) | change))
     with pytest.raises(SkinError) as caught:
-        load_map(around)
+        load_map(path)
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -507,8 +522,8 @@ def test_mesh_without_a_volume_is_refused(tmp_path):
 def test_mesh_of_separate_triangles_is_wrapped(tmp_path, monkeypatch):
     """Without a body for each of them."""
     monkeypatch.setattr("eskin.design.surface.MAX_BODIES", 100)
-    soup = trimesh.creation.icosphere(3, 0.05).triangles
-    soup = soup + np.random.default_rng(0).normal(0.0, 1e-5, soup.shape)
+    ball = trimesh.creation.icosphere(2, 0.05)
+    soup = ball.triangles + np.random.default_rng(0).normal(0.0, 1e-5, (320, 3, 3))
     loose = trimesh.Trimesh(
         soup.reshape(-1, 3), np.arange(soup.size // 3).reshape(-1, 3)
     )
@@ -517,7 +532,7 @@ def test_mesh_of_separate_triangles_is_wrapped(tmp_path, monkeypatch):
     assert "1 of 1 bodies are broken; wrapped" in warning
     mesh = trimesh.Trimesh(surface.vertices, surface.faces)
     assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.05**3, rel=0.03)
+    assert mesh.volume == pytest.approx(ball.volume, rel=0.03)
 
 
 def test_surface_of_many_triangles_is_simplified_and_stays_where_it_is(
@@ -638,7 +653,7 @@ def test_command_writes_a_skin_that_the_check_accepts(tmp_path, capsys):
 def test_matrix_is_laid_on_the_surface_with_its_own_distances(
     shape, turn, tmp_path, capsys
 ):
-    trimesh.creation.torus(0.08, 0.03, 64, 24).export(tmp_path / "torus.stl")
+    trimesh.creation.torus(0.06, 0.03, 48, 20).export(tmp_path / "torus.stl")
     urdf, out = write_urdf(tmp_path, SHAPES[shape]), tmp_path / "skin"
     words = ("skin", "place", urdf, "--link", "body", "--rows", 6, "--columns", 4)
     # A slow computer is told of the progress on stderr.

@@ -24,7 +24,7 @@ from eskin.live import Model, ModelCard
 from helpers.clips import generated
 from helpers.learning import AS_RECORDED, TINY, record, record_people
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_windows")]
 
 VOCABULARY = ("none", "hold", "tap")
 PEOPLE = ("ann", "bob", "cleo", "dan")
@@ -128,7 +128,7 @@ def test_a_network_can_fit_eight_segments(dataset):
     config = replace(
         TINY,
         epochs=1,
-        steps=90,
+        steps=60,
         batch=24,
         encoded=16,
         readings=6,

@@ -319,5 +319,6 @@ def test_player_makes_no_contact_where_stretches_meet():
         is_near = (number - LEAD + nearby) % STRETCH < 2 * nearby
         found = peaks if is_near and number > LEAD + nearby else others
         found.append(reading.pressure[reading.valid].max())
+    assert scan.received.data.c_contiguous  # for which the kernels are compiled
     assert len(peaks) > nearby
     assert max(peaks) < ContactConfig().on < max(others[LEAD:])

@@ -20,7 +20,7 @@ from eskin.transforms import (
     rotate,
     rpy_to_matrix,
 )
-from helpers.checking import calls
+from helpers.checking import begin_test
 
 VECTORS = arrays(np.float64, 3, elements=st.floats(-10, 10))
 ROTATION_VECTORS = arrays(np.float64, 3, elements=st.floats(-6, 6))
@@ -32,7 +32,7 @@ few_examples = settings(deadline=None, max_examples=25)
 
 def test_wrong_shape_is_found_at_first_in_every_test():
     for _ in range(2):
-        calls.clear()
+        begin_test()
         with pytest.raises(TypeCheckError):
             apply(np.eye(3), np.zeros((1, 3)))
         for _ in range(20):

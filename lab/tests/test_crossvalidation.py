@@ -25,13 +25,13 @@ from lab.real_recordings import (
     train_without,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_windows")]
 
 PEOPLE = ("ann", "bob", "cleo")
 FOUR = ("hold", "tap", "tap", "hold")
 LEARNED = replace(
     TINY,
-    steps=40,
+    steps=25,
     batch=16,
     encoded=16,
     rate=2e-2,
@@ -52,7 +52,7 @@ def dataset(tmp_path_factory):
 @pytest.fixture
 def brief_fits(monkeypatch):
     monkeypatch.setattr(real_recordings, "CNN_FIT", FitConfig(epochs=8, batch=32))
-    monkeypatch.setitem(ON_FEATURES, "random forest", RandomForest(trees=20))
+    monkeypatch.setitem(ON_FEATURES, "random forest", RandomForest(trees=10))
     # Boosted trees need more examples in a leaf than there are.
     monkeypatch.delitem(ON_FEATURES, "boosting")
 

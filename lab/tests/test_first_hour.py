@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from eskin.cli.main import load_command, parse, split_command
+from eskin.cli.main import load_command, parse, run, split_command
 from lab.first_hour import (
     PAGE,
     Step,
@@ -21,9 +21,9 @@ from lab.first_hour import (
 STEPS = read_steps()
 
 
-def find_commands():
-    """Return the words of every `eskin` command of the page."""
-    script = "".join(step.script for step in STEPS).replace("\\\n", " ")
+def find_commands(steps=STEPS):
+    """Return the words of every `eskin` command of steps, by default of the page."""
+    script = "".join(step.script for step in steps).replace("\\\n", " ")
     lines = re.findall(r"^eskin (.*?)&?$", script, re.MULTILINE)
     return [shlex.split(line) for line in lines]
 
@@ -43,10 +43,12 @@ def test_commands_of_the_page_are_those_of_eskin(words):
 
 
 @pytest.mark.slow
-def test_robot_and_skin_are_made_as_the_page_says(tmp_path):
-    steps = [step for step in STEPS if re.match("[23]", step.title)]
-    printed = [run_step(step, tmp_path) for step in steps]
-    assert "no problems, checked on robot arm" in printed[1]
+def test_robot_and_skin_are_made_as_the_page_says(tmp_path, monkeypatch, capsys):
+    robot, skin = (step for step in STEPS if re.match("[23]", step.title))
+    run_step(robot, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert [run(words) for words in find_commands([skin])] == [0, 0]
+    assert "no problems, checked on robot arm" in capsys.readouterr().out
     assert len((tmp_path / "my_skin" / "taxels.csv").read_text().split()) == 257
 
 

@@ -4,17 +4,23 @@ To check every call takes longer than all that is checked.
 """
 
 import inspect
-from collections import Counter
 from functools import partial, wraps
 
 import jaxtyping
 
-ALWAYS, EVERY = 10, 50
+ALWAYS, EVERY = 2, 100
 """How many calls of a function in a test are checked, and which ones after them."""
 
 check_all = jaxtyping.jaxtyped
-calls = Counter()
-"""How often each function was called in this test."""
+called = []
+"""What begins to count the calls of each function anew that this test has called."""
+
+
+def begin_test():
+    """Count the calls of every function from 0."""
+    for restart in called:
+        restart()
+    called.clear()
 
 
 def check_some(function=None, **options):
@@ -33,15 +39,21 @@ def check_some(function=None, **options):
 
 def choose(plain, build):
     """Return a function that sometimes calls a checked one, built when needed."""
-    checked = None
+    checked, count = None, 0
+
+    def restart():
+        nonlocal count
+        count = 0
 
     @wraps(plain)
     def call(*args, **kwargs):
         __tracebackhide__ = True
-        nonlocal checked
-        calls[call] += 1
-        if calls[call] > ALWAYS and calls[call] % EVERY:
+        nonlocal checked, count
+        count += 1
+        if count > ALWAYS and count % EVERY:
             return plain(*args, **kwargs)
+        if count == 1:
+            called.append(restart)
         checked = checked or build()
         return checked(*args, **kwargs)
 

@@ -65,6 +65,9 @@ def find_block(patch, rows, columns):
     return block
 
 
+PLACE = np.concatenate([np.arange(n) / n for n in np.bincount(SKIN.patch_index)])
+"""Where a taxel comes in its patch, from 0 to 1."""
+
 FINGERTIP = find_block(PATCH, 2, 2)
 """Taxels that a fingertip touches."""
 
@@ -254,13 +257,8 @@ class Scene:
             Fault("patch", patch, None, None, None, now)
             for patch in self.faulty_patches
         )
-        names = np.array([patch.id for patch in SKIN.patches])
-        index = np.asarray(SKIN.patch_index)
-        valid = ~np.isin(names, self.silent_patches)[index]
-        sizes = np.bincount(index)[index]
-        valid &= np.arange(SKIN.count) - np.searchsorted(index, index) < (
-            self.valid_share * sizes
-        )
+        silent = [patch.id in self.silent_patches for patch in SKIN.patches]
+        valid = ~np.array(silent)[SKIN.patch_index] & (PLACE < self.valid_share)
         reading = Reading(now, pressure, valid, Q)
         tracking = NO_TOUCHES._replace(open=going, closed=closed)
         state = TouchState(
