@@ -33,10 +33,16 @@ from uuid import uuid4
 
 from llvmlite import binding
 from numba import config, njit, types
+from numba.core.cgutils import gep_inbounds
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.datamodel import models
 from numba.core.event import Event, Listener, register
+from numba.core.imputils import impl_ret_borrowed, lower_getattr, lower_getattr_generic
+from numba.core.registry import cpu_target
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.experimental import structref
+from numba.extending import register_model
 
 PACKAGE = Path(__file__).parent
 IMPORTS = re.compile(r"^from eskin\.([\w.]+) import", re.MULTILINE)
@@ -109,7 +115,7 @@ register("numba:compile", CompilationReporter())
 
 
 class PartLibrary(JITCodeLibrary):
-    """The code of a function that is linked into that of its callers, and nothing else.
+    """The code of a function that only compiled code calls, which is linked into that.
 
     Numba's own library optimises it and makes machine code of it first.
     """
@@ -123,17 +129,29 @@ class PartLibrary(JITCodeLibrary):
 
 
 @no_type_check
-class PartCompiler(CompilerBase):
-    """Compiles a function that only compiled code calls."""
+class EntryCompiler(CompilerBase):
+    """Compiles a function that Python calls.
+
+    All that it calls, functions of numba as well, becomes a part of it.
+    """
 
     def define_pipelines(self) -> list:
-        """Return numba's usual passes, which write to a `PartLibrary`."""
-        state = self.state
-        name = state.func_id.func_qualname
-        state.library = PartLibrary(state.targetctx.codegen(), name)
+        """Return numba's usual passes."""
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+
+    def _compile_core(self) -> Any:  # noqa: ANN401
+        """Run the passes while numba makes parts of all other functions."""
+        state, context = self.state, cpu_target.target_context
+        codegen = context.codegen()
+        state.library = codegen.create_library(state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        codegen._library_class = PartLibrary
         # Numba knows functions by what Python calls: any function of its own will do.
-        state.targetctx.get_executable = lambda *_: [].append
-        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+        context.get_executable = lambda *_: [].append
+        try:
+            return super()._compile_core()
+        finally:
+            del codegen._library_class, context.get_executable
 
 
 def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
@@ -145,9 +163,8 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     if function is None:
         return partial(compiled, **options)
     options |= {"nogil": True, "no_cfunc_wrapper": True}
-    dispatcher = njit(cache=True, **options)(function)
-    options |= {"pipeline_class": PartCompiler, "no_cpython_wrapper": True}
-    part = njit(**options)(function)
+    dispatcher = njit(cache=True, pipeline_class=EntryCompiler, **options)(function)
+    part = njit(no_cpython_wrapper=True, **options)(function)
 
     def get_call_template(args: Any, kws: Any) -> Any:  # noqa: ANN401
         # Else a constant argument makes a function of its own.
@@ -320,6 +337,77 @@ class Packed(structref.StructRefProxy):
 
 
 structref.define_proxy(Packed, PackedType, ["parts"])
+
+
+@final
+class ViewType(types.Type):
+    """Describes a pointer to a named tuple to numba, whose fields are read one by one.
+
+    A tuple itself is handed over field by field, and two hundred of them to each
+    function that a step calls take long to compile.
+    """
+
+    def __init__(self, parts: types.BaseNamedTuple) -> None:
+        """Describe pointers to tuples of one type."""
+        self.parts = parts
+        super().__init__(f"View({parts.name})")
+
+
+@no_type_check
+@register_model(ViewType)
+class ViewModel(models.PrimitiveModel):
+    """A view is a pointer in compiled code."""
+
+    def __init__(self, dmm: Any, fe_type: ViewType) -> None:  # noqa: ANN401
+        """Point to the tuple in memory."""
+        super().__init__(dmm, fe_type, dmm[fe_type.parts].get_value_type().as_pointer())
+
+
+@no_type_check
+@infer_getattr
+class ViewAttributes(AttributeTemplate):
+    """The fields of a view: further views, arrays and numbers."""
+
+    key = ViewType
+
+    def generic_resolve(self, view: ViewType, name: str) -> types.Type | None:
+        """Return the type of a field."""
+        if name not in view.parts.fields:
+            return None
+        type_ = view.parts.types[view.parts.fields.index(name)]
+        return ViewType(type_) if isinstance(type_, types.BaseNamedTuple) else type_
+
+
+@no_type_check
+@lower_getattr_generic(ViewType)
+def read_field(context: Any, builder: Any, view: ViewType, pointer: Any, name: str):  # noqa: ANN201, ANN401
+    """Point to a field, or load it."""
+    index = view.parts.fields.index(name)
+    place = gep_inbounds(builder, pointer, 0, index)
+    type_ = view.parts.types[index]
+    if isinstance(type_, types.BaseNamedTuple):
+        return place
+    return impl_ret_borrowed(context, builder, type_, builder.load(place))
+
+
+@no_type_check
+@infer_getattr
+class PackedAttributes(AttributeTemplate):
+    """Gives a packed tuple its view."""
+
+    key = PackedType
+
+    def resolve_fields(self, packed: PackedType) -> ViewType:
+        """Return the type of the view."""
+        return ViewType(packed.field_dict["parts"])
+
+
+@no_type_check
+@lower_getattr(PackedType, "fields")
+def view_packed(context: Any, builder: Any, packed: PackedType, value: Any) -> Any:  # noqa: ANN401
+    """Point to the tuple, which lives as long as the reference."""
+    pointer = structref._Utils(context, builder, packed).get_data_pointer(value)
+    return gep_inbounds(builder, pointer, 0, 0)
 
 
 @compiled
