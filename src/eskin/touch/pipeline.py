@@ -334,8 +334,10 @@ class TouchPipeline:
         if refused is not None:
             used = replace(scan, received=scan.received & ~refused)
         reading = self.calibrator.push(used, invalid, self.find_latched())
-        dip = self.config.calibration.dip_share * self.calibrator.state["peak"]
-        mask, faults = self.faults.push(scan, reading.pressure, rest, refused, dip)
+        peak, share = self.calibrator.state["peak"], self.config.calibration.dip_share
+        mask, faults = self.faults.push(
+            scan, reading.pressure, rest, refused, peak, share
+        )
         self.calibrator.set_noise(self.faults.noise.limits.counts)
         reading.valid[mask] = False
         faults += self.polarity.push(scan, self.calibrator.margin, mask)
