@@ -7,9 +7,10 @@ one imports, and of those that imported kernels import, at any depth. `digest_co
 so for any module, by which other kept results can be told stale.
 
 A function that is called from Python is an entry: it gets machine code, and a wrapper
-that takes Python's objects apart. One that compiled code calls gets neither: its code
-is linked into each entry that needs it, which is optimised as a whole, once. Numba
-would optimise, compile and keep every function that way, which takes twice as long.
+that takes Python's objects apart. One that compiled code calls gets neither, be it of
+numba itself: its code is linked into each entry that needs it, which is optimised as a
+whole, once. Numba would optimise, compile and keep every function that way, which takes
+twice as long.
 
 On a processor of the level x86-64-v3, as nearly all since 2015 are, code is compiled
 for that level, so that wheels can carry it (`lab.build`). What was compiled for another
@@ -17,7 +18,7 @@ processor, Python or numba, or from other sources, is compiled again.
 
 `pack` hands tuples of arrays to compiled code once instead of at every call: handing
 over an array costs 0.2 us and handing one back 0.8 us, and a recogniser's step needs a
-hundred of them.
+hundred of them. Within compiled code they are then read one by one, where needed.
 """
 
 import ast
@@ -28,7 +29,7 @@ import time
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, final, no_type_check
+from typing import Any, cast, final, no_type_check
 from uuid import uuid4
 
 from llvmlite import binding
@@ -128,7 +129,7 @@ def list_flags(flags: TargetConfig) -> dict[str, Any]:
 
 # Numba compares them at each call of a function that it resolves, for a sixth of the
 # time that compiling takes.
-TargetConfig.values = list_flags
+TargetConfig.values = list_flags  # type: ignore[method-assign]
 
 
 class PartLibrary(JITCodeLibrary):
@@ -158,7 +159,7 @@ class EntryCompiler(CompilerBase):
 
     def _compile_core(self) -> Any:  # noqa: ANN401
         """Run the passes while numba makes parts of all other functions."""
-        state, context = self.state, cpu_target.target_context
+        state, context = self.state, cast(Any, cpu_target.target_context)
         codegen = context.codegen()
         state.library = codegen.create_library(state.func_id.func_qualname)
         state.library.enable_object_caching()
@@ -183,7 +184,8 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
         return partial(compiled, **options)
     options |= {"nogil": True, "no_cfunc_wrapper": True}
     dispatcher = njit(cache=True, pipeline_class=EntryCompiler, **options)(function)
-    part = njit(no_cpython_wrapper=True, **options)(function)
+    options |= {"no_cpython_wrapper": True}
+    part = njit(**options)(function)
 
     def get_call_template(args: Any, kws: Any) -> Any:  # noqa: ANN401
         # Else a constant argument makes a function of its own.
@@ -351,7 +353,7 @@ class PackedType(types.StructRef):
 class Packed(structref.StructRefProxy):
     """A reference to a named tuple of arrays and numbers that compiled code reads.
 
-    The arrays are shared with the tuple, not copied.
+    It reads them as `packed.fields`. The arrays are shared with the tuple, not copied.
     """
 
 
@@ -362,14 +364,19 @@ structref.define_proxy(Packed, PackedType, ["parts"])
 class ViewType(types.Type):
     """Describes a pointer to a named tuple to numba, whose fields are read one by one.
 
-    A tuple itself is handed over field by field, and two hundred of them to each
-    function that a step calls take long to compile.
+    A tuple itself is handed over array by array to each function that is called, which
+    takes long to compile, and to run.
     """
 
-    def __init__(self, parts: types.BaseNamedTuple) -> None:
+    def __init__(self, parts: Any) -> None:  # noqa: ANN401
         """Describe pointers to tuples of one type."""
         self.parts = parts
         super().__init__(f"View({parts.name})")
+
+    @property
+    def key(self) -> types.Type:
+        """What distinguishes it from others."""
+        return self.parts
 
 
 @no_type_check

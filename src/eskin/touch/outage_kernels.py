@@ -1,7 +1,7 @@
 """Compiled kernels that find the scans of a patch that no touch can cause."""
 
-# pyright: reportAttributeAccessIssue=false
-# Fields of records are known to numba only.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# Fields of records, and what is an element of an array, are known to numba only.
 
 from typing import NamedTuple
 
