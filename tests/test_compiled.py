@@ -12,6 +12,8 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from numba.core.caching import NullCache
+from numba.core.compiler import Flags
 from numba.core.event import install_listener
 
 from eskin import compiled
@@ -113,6 +115,19 @@ def test_function_called_by_compiled_code_is_not_compiled_for_python(call_kernel
     double = sys.modules["eskin.callee_kernels"].double
     assert not double.signatures
     assert double(3) == 6 and len(double.signatures) == 1
+
+
+def test_function_of_numba_that_an_entry_used_serves_other_functions():
+    entry, box = compiled.compiled(box_gap.py_func), np.zeros((2, 3))
+    entry._cache = NullCache()
+    assert entry(box, box + 1.0) == 1.0
+    assert numba.njit(lambda a, b, c: max(a, b, c))(0.0, 2.0, 1.0) == 2.0
+
+
+def test_flags_of_numba_are_those_that_it_lists_itself():
+    flags = Flags()
+    flags.nrt = True
+    assert compiled.list_flags(flags) == {n: getattr(flags, n) for n in flags.options}
 
 
 def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():

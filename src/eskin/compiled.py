@@ -7,9 +7,10 @@ one imports, and of those that imported kernels import, at any depth. `digest_co
 so for any module, by which other kept results can be told stale.
 
 A function that is called from Python is an entry: it gets machine code, and a wrapper
-that takes Python's objects apart. One that compiled code calls gets neither: its code
-is linked into each entry that needs it, which is optimised as a whole, once. Numba
-would optimise, compile and keep every function that way, which takes twice as long.
+that takes Python's objects apart. One that compiled code calls gets neither, be it of
+numba itself: its code is linked into each entry that needs it, which is optimised as a
+whole, once. Numba would optimise, compile and keep every function that way, which takes
+twice as long.
 
 On a processor of the level x86-64-v3, as nearly all since 2015 are, code is compiled
 for that level, so that wheels can carry it (`lab.build`). What was compiled for another
@@ -17,7 +18,7 @@ processor, Python or numba, or from other sources, is compiled again.
 
 `pack` hands tuples of arrays to compiled code once instead of at every call: handing
 over an array costs 0.2 us and handing one back 0.8 us, and a recogniser's step needs a
-hundred of them.
+hundred of them. Within compiled code they are then read one by one, where needed.
 """
 
 import ast
@@ -28,15 +29,22 @@ import time
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, final, no_type_check
+from typing import Any, cast, final, no_type_check
 from uuid import uuid4
 
 from llvmlite import binding
 from numba import config, njit, types
+from numba.core.cgutils import gep_inbounds
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.datamodel import models
 from numba.core.event import Event, Listener, register
+from numba.core.imputils import impl_ret_borrowed, lower_getattr, lower_getattr_generic
+from numba.core.registry import cpu_target
+from numba.core.targetconfig import TargetConfig
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.experimental import structref
+from numba.extending import register_model
 
 PACKAGE = Path(__file__).parent
 IMPORTS = re.compile(r"^from eskin\.([\w.]+) import", re.MULTILINE)
@@ -108,8 +116,24 @@ class CompilationReporter(Listener):
 register("numba:compile", CompilationReporter())
 
 
+@cache
+def list_defaults(kind: type[TargetConfig]) -> dict[str, Any]:
+    """Return the default of each of numba's flags."""
+    return {name: option.default for name, option in kind.options.items()}
+
+
+def list_flags(flags: TargetConfig) -> dict[str, Any]:
+    """Return numba's flags, as `TargetConfig.values` does, but fast."""
+    return list_defaults(type(flags)) | flags._values
+
+
+# Numba compares them at each call of a function that it resolves, for a sixth of the
+# time that compiling takes.
+TargetConfig.values = list_flags  # type: ignore[method-assign]
+
+
 class PartLibrary(JITCodeLibrary):
-    """The code of a function that is linked into that of its callers, and nothing else.
+    """The code of a function that only compiled code calls, which is linked into that.
 
     Numba's own library optimises it and makes machine code of it first.
     """
@@ -123,17 +147,31 @@ class PartLibrary(JITCodeLibrary):
 
 
 @no_type_check
-class PartCompiler(CompilerBase):
-    """Compiles a function that only compiled code calls."""
+class EntryCompiler(CompilerBase):
+    """Compiles a function that Python calls.
+
+    All that it calls, functions of numba as well, becomes a part of it.
+    """
 
     def define_pipelines(self) -> list:
-        """Return numba's usual passes, which write to a `PartLibrary`."""
-        state = self.state
-        name = state.func_id.func_qualname
-        state.library = PartLibrary(state.targetctx.codegen(), name)
+        """Return numba's usual passes."""
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+
+    def _compile_core(self) -> Any:  # noqa: ANN401
+        """Run the passes while numba makes parts of all other functions."""
+        state, context = self.state, cast(Any, cpu_target.target_context)
+        codegen = context.codegen()
+        state.library = codegen.create_library(state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        codegen._library_class = PartLibrary
         # Numba knows functions by what Python calls: any function of its own will do.
-        state.targetctx.get_executable = lambda *_: [].append
-        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+        context.get_executable = lambda *_: [].append
+        context.create_cfunc_wrapper = lambda *_: None
+        try:
+            return super()._compile_core()
+        finally:
+            del codegen._library_class
+            del context.get_executable, context.create_cfunc_wrapper
 
 
 def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
@@ -145,8 +183,8 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     if function is None:
         return partial(compiled, **options)
     options |= {"nogil": True, "no_cfunc_wrapper": True}
-    dispatcher = njit(cache=True, **options)(function)
-    options |= {"pipeline_class": PartCompiler, "no_cpython_wrapper": True}
+    dispatcher = njit(cache=True, pipeline_class=EntryCompiler, **options)(function)
+    options |= {"no_cpython_wrapper": True}
     part = njit(**options)(function)
 
     def get_call_template(args: Any, kws: Any) -> Any:  # noqa: ANN401
@@ -315,11 +353,87 @@ class PackedType(types.StructRef):
 class Packed(structref.StructRefProxy):
     """A reference to a named tuple of arrays and numbers that compiled code reads.
 
-    The arrays are shared with the tuple, not copied.
+    It reads them as `packed.fields`. The arrays are shared with the tuple, not copied.
     """
 
 
 structref.define_proxy(Packed, PackedType, ["parts"])
+
+
+@final
+class ViewType(types.Type):
+    """Describes a pointer to a named tuple to numba, whose fields are read one by one.
+
+    A tuple itself is handed over array by array to each function that is called, which
+    takes long to compile, and to run.
+    """
+
+    def __init__(self, parts: Any) -> None:  # noqa: ANN401
+        """Describe pointers to tuples of one type."""
+        self.parts = parts
+        super().__init__(f"View({parts.name})")
+
+    @property
+    def key(self) -> types.Type:
+        """What distinguishes it from others."""
+        return self.parts
+
+
+@no_type_check
+@register_model(ViewType)
+class ViewModel(models.PrimitiveModel):
+    """A view is a pointer in compiled code."""
+
+    def __init__(self, dmm: Any, fe_type: ViewType) -> None:  # noqa: ANN401
+        """Point to the tuple in memory."""
+        super().__init__(dmm, fe_type, dmm[fe_type.parts].get_value_type().as_pointer())
+
+
+@no_type_check
+@infer_getattr
+class ViewAttributes(AttributeTemplate):
+    """The fields of a view: further views, arrays and numbers."""
+
+    key = ViewType
+
+    def generic_resolve(self, view: ViewType, name: str) -> types.Type | None:
+        """Return the type of a field."""
+        if name not in view.parts.fields:
+            return None
+        type_ = view.parts.types[view.parts.fields.index(name)]
+        return ViewType(type_) if isinstance(type_, types.BaseNamedTuple) else type_
+
+
+@no_type_check
+@lower_getattr_generic(ViewType)
+def read_field(context: Any, builder: Any, view: ViewType, pointer: Any, name: str):  # noqa: ANN201, ANN401
+    """Point to a field, or load it."""
+    index = view.parts.fields.index(name)
+    place = gep_inbounds(builder, pointer, 0, index)
+    type_ = view.parts.types[index]
+    if isinstance(type_, types.BaseNamedTuple):
+        return place
+    return impl_ret_borrowed(context, builder, type_, builder.load(place))
+
+
+@no_type_check
+@infer_getattr
+class PackedAttributes(AttributeTemplate):
+    """Gives a packed tuple its view."""
+
+    key = PackedType
+
+    def resolve_fields(self, packed: PackedType) -> ViewType:
+        """Return the type of the view."""
+        return ViewType(packed.field_dict["parts"])
+
+
+@no_type_check
+@lower_getattr(PackedType, "fields")
+def view_packed(context: Any, builder: Any, packed: PackedType, value: Any) -> Any:  # noqa: ANN401
+    """Point to the tuple, which lives as long as the reference."""
+    pointer = structref._Utils(context, builder, packed).get_data_pointer(value)
+    return gep_inbounds(builder, pointer, 0, 0)
 
 
 @compiled

@@ -74,7 +74,7 @@ def step(
     this one, `earlier` those that it had at the previous reading; `touch_history` has
     the columns `eskin.live.HISTORY`.
     """
-    parts, state = packed_parts.parts, packed_state.parts
+    parts, state = packed_parts.fields, packed_state.fields
     network, features = parts.network, parts.network.features
     update_taxel_history(active, reading, parts.history)
     build_graph(

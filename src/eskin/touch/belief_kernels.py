@@ -168,8 +168,10 @@ class CountScan(NamedTuple):
     """(taxel) which counts are new."""
     rest: np.ndarray
     """(taxel) counts at rest."""
-    dip: np.ndarray
-    """(taxel) counts below rest to which its sensor may fall after a press."""
+    peak: np.ndarray
+    """(taxel) recent peak of its counts above rest, which fades."""
+    dip_share: float
+    """Share of it by which its sensor may fall below rest after a press."""
     band: np.ndarray
     """(taxel) counts from which it is away from rest."""
     mask: np.ndarray
@@ -239,7 +241,7 @@ def update_belief(
             taxel.noise = follow(taxel.noise, seen, limit, part)
         if above < 0.0:
             low += above < -band
-            depth = -above - scan.dip[i]
+            depth = -above - scan.dip_share * scan.peak[i]
             if depth > 0.0:
                 part = max(slow, elapsed / (since + elapsed))
                 taxel.wander = follow(taxel.wander, depth, limit, part)

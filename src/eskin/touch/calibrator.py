@@ -135,6 +135,8 @@ class Calibrator:
         self.noise: np.ndarray | None = None
         self.known_rest = KnownRest(skin, calibration)
         self.state = build_baseline_state(skin.count)
+        # No taxel was last received before [s]; times of a taxel only grow.
+        self.oldest = -np.inf
         self.context = BaselineContext(
             np.asarray(calibration.gain, np.float64),
             calibration.pressure_curve,
@@ -203,7 +205,7 @@ class Calibrator:
 
     def restart(self, taxels: Int[np.ndarray, "some"]) -> None:
         """Tare some taxels anew, as if they had not been received yet."""
-        self.state["last_received"][taxels] = -np.inf
+        self.state["last_received"][taxels] = self.oldest = -np.inf
         self.state["sample_count"][taxels] = 0
 
     def start_from_rest(self, counts: Counts, use: Flags, seconds: float) -> None:
@@ -212,9 +214,12 @@ class Calibrator:
         That is the calibrated one. After a long silence it is the rest before it. Where
         it is not plausible, the taxel is tared.
         """
+        if seconds - self.oldest <= SILENCE_SECONDS:
+            return
         state = self.state
         starts = use & (seconds - state["last_received"] > SILENCE_SECONDS)
         if not starts.any():
+            self.oldest = float(state["last_received"].min())
             return
         known = self.known_rest
         known.rest = np.where(self.is_tared, self.rest, known.rest)

@@ -366,7 +366,7 @@ def find_contacts(
         A row for each contact, and the taxels of all contacts, one contact after the
         other, each in the order of the candidates.
     """
-    context = packed_context.parts
+    context = packed_context.fields
     geometry, state = context.geometry, context.state
     links, T_world_link = geometry.link, reading.T_world_link
     active = select_active(candidates, reading, context)

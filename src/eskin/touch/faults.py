@@ -143,7 +143,7 @@ class FaultDetector:
             *(self.noise.adjacency, grouper.patches, grouper.rows, grouper.columns),
             self.history,
         )
-        self.no_dip = np.zeros(skin.count)
+        self.no_peak = np.zeros(skin.count)
         self.doubtful = np.zeros(skin.count, bool)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
@@ -161,13 +161,14 @@ class FaultDetector:
         pressure: Values,
         rest: Values,
         refused: Flags | None = None,
-        dip: Values | None = None,
+        peak: Values | None = None,
+        dip_share: float = 0.0,
     ) -> tuple[Flags, tuple[Fault, ...]]:
         """Check the next scan, its calibrated pressure [kPa], and the counts at rest.
 
         `refused` are taxels whose data counts as not received, and tells of swings of
-        a patch alone; `dip` are the counts below rest to which each sensor may fall
-        after a press, 0 for None.
+        a patch alone; below rest by `dip_share` of the recent `peak` of its counts
+        each sensor may fall after a press.
 
         Returns:
             Which taxels are faulty; and the faults, with a whole row, column or patch
@@ -184,7 +185,8 @@ class FaultDetector:
             counts=scan.counts,
             received=received,
             rest=rest,
-            dip=self.no_dip if dip is None else dip,
+            peak=self.no_peak if peak is None else peak,
+            dip_share=dip_share,
             band=self.noise.limits.band,
             mask=self.mask,
             first_received=self.history["first_received"],

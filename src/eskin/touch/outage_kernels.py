@@ -1,16 +1,18 @@
 """Compiled kernels that find the scans of a patch that no touch can cause."""
 
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# Fields of records, and what is an element of an array, are known to numba only.
+
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from eskin.compiled import compiled
 from eskin.touch.belief_kernels import NEVER
 from eskin.touch.calibration_kernels import SILENCE_SECONDS
 
 Taxels = Int[np.ndarray, "taxel"]
-Values = Float[np.ndarray, "taxel"]
 
 NEARLY_ALL = 0.8
 """Share of the received taxels of a patch that move at once."""
@@ -26,21 +28,15 @@ USED, REFUSED, RESTARTED = range(3)
 """Outcomes of the check of a patch."""
 
 
-class PatchState(NamedTuple):
-    """Arrays hold what is known of each patch; times in [s]."""
-
-    accepted: np.ndarray
-    """(taxel) counts of the last scan that was used."""
-    first_seen: np.ndarray
-    """(patch) time of the first data, or of the first after a long silence."""
-    last_seen: np.ndarray
-    """(patch) time of the last data."""
-    refused_since: np.ndarray
-    """(patch) time from which its data is refused; infinite while it is used."""
-    may_press: np.ndarray
-    """(patch) whether a hand may have caused the data that is refused."""
-    only_zeros: np.ndarray
-    """(patch) whether all its counts were zero so far."""
+PATCH = np.dtype(
+    [("first_seen", np.float64), ("last_seen", np.float64)]
+    + [("refused_since", np.float64), ("may_press", np.int64)]
+    + [("only_zeros", np.int64), ("outcome", np.int64)]
+)
+"""What is known of a patch: the time of its first data, or of the first after a long
+silence, and of the last [s]; from when on its data is refused, infinite while it is
+used; whether a hand may have caused the data that is refused; whether all its counts
+were zero so far; and the outcome of the check of the latest scan."""
 
 
 class MovedScan(NamedTuple):
@@ -50,132 +46,128 @@ class MovedScan(NamedTuple):
     received: np.ndarray
     rest: np.ndarray
     """Counts at rest."""
+    sample_count: np.ndarray
+    """Number of samples taken for the tare."""
     noise: np.ndarray
     """Counts above rest up to which they may be noise."""
-    tared: np.ndarray
-    """Whether rest is known."""
     now: float
     """Time at which it was taken, since the first scan [s]."""
 
 
-class MoveLimits(NamedTuple):
-    """Limits tell which moves of a taxel count."""
+class OutageContext(NamedTuple):
+    """A context holds the arguments of the kernels that are kept between scans."""
 
-    contact: np.ndarray
-    """(taxel) counts above rest at which contact begins."""
-    full_scale: int
-    """Counts at which the converter saturates."""
+    contact: np.ndarray  # (taxel) counts above rest at which contact begins
+    full_scale: int  # Counts at which the converter saturates
+    tare_samples: int  # Number of samples from which rest is known
+    order: np.ndarray  # (taxel) indices of the taxels, patch by patch
+    starts: np.ndarray  # (patch + 1) place of the first taxel of each patch in `order`
+    accepted: np.ndarray  # (taxel) counts of the last scan that was used
+    state: np.ndarray  # (patch) `PATCH`, which is updated
 
 
 class PatchMoves(NamedTuple):
-    """Arrays (patch) count the received taxels, and those of them that moved."""
+    """The numbers of received taxels of a patch, and of those of them that moved."""
 
-    received: np.ndarray
-    known: np.ndarray
-    """Taxels of known rest."""
-    positive: np.ndarray
+    received: int
+    known: int
+    """Taxels of known rest, counted while data is refused."""
+    positive: int
     """Above zero."""
-    up: np.ndarray
+    up: int
     """Above the last counts that were used, by a step."""
-    low: np.ndarray
+    low: int
     """Below those, by more than noise; and below rest by a step, or at zero."""
-    zero: np.ndarray
+    zero: int
     """At zero, where rest is above it by more than noise."""
-    full: np.ndarray
+    full: int
     """At full scale."""
 
 
-def build_patch_state(taxels: int, patches: int) -> PatchState:
-    """Build the state of a skin before its first scan."""
-    return PatchState(
-        accepted=np.zeros(taxels),
-        first_seen=np.full(patches, NEVER),
-        last_seen=np.full(patches, NEVER),
-        refused_since=np.full(patches, np.inf),
-        may_press=np.zeros(patches, np.bool_),
-        only_zeros=np.ones(patches, np.bool_),
-    )
+def build_patch_state(patches: int) -> np.ndarray:
+    """Build the state of a skin before its first scan, of dtype `PATCH`."""
+    state = np.zeros(patches, PATCH)
+    state["first_seen"] = state["last_seen"] = NEVER
+    state["refused_since"], state["only_zeros"] = np.inf, True
+    return state
 
 
 @compiled
 def count_moves(
-    scan: MovedScan, limits: MoveLimits, patch_index: Taxels, state: PatchState
+    scan: MovedScan, taxels: Taxels, is_refused: bool, context: OutageContext
 ) -> PatchMoves:
-    """Count the taxels of each patch that moved; see `PatchMoves`."""
-    n = len(state.last_seen)
-    received, positive = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    up, low = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    zero, full = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    known = np.zeros(n, np.int64)
-    for i in range(len(patch_index)):
-        if not scan.received[i]:
+    """Count the taxels of a patch that moved; see `PatchMoves`."""
+    counts, received, accepted = scan.counts, scan.received, context.accepted
+    noises, contact, full_scale = scan.noise, context.contact, context.full_scale
+    factor = 1.0 if is_refused else MOVE_CONTACTS
+    used, known, positive, up, low, zero, full = 0, 0, 0, 0, 0, 0, 0
+    for i in taxels:
+        if not received[i]:
             continue
-        count, last, p = scan.counts[i], state.accepted[i], patch_index[i]
-        step = limits.contact[i]
-        if state.refused_since[p] == np.inf:
-            step *= MOVE_CONTACTS
-        received[p] += 1
-        positive[p] += count > 0
-        known[p] += scan.tared[i]
-        full[p] += count >= limits.full_scale
-        up[p] += count > last + step
-        rest, noise = scan.rest[i], scan.noise[i]
-        if count < last - noise:
-            is_zero = count <= 0 and rest > noise
-            zero[p] += is_zero
-            low[p] += is_zero or count < rest - step
-    return PatchMoves(received, known, positive, up, low, zero, full)
+        count, last, step = counts[i], accepted[i], factor * contact[i]
+        used += 1
+        positive += count > 0
+        full += count >= full_scale
+        up += count > last + step
+        if count < last - noises[i]:
+            is_zero = count <= 0 and scan.rest[i] > noises[i]
+            zero += is_zero
+            low += is_zero or count < scan.rest[i] - step
+        if is_refused:
+            known += scan.sample_count[i] >= context.tare_samples
+    return PatchMoves(used, known, positive, up, low, zero, full)
 
 
 @compiled
-def check_patches(
-    scan: MovedScan,
-    limits: MoveLimits,
-    sizes: Int[np.ndarray, "patch"],
-    patch_index: Taxels,
-    state: PatchState,
-    outcome: Int[np.ndarray, "patch"],
-) -> bool:
-    """Write to `outcome` whether the data of each patch is used, refused or restarts.
+def check_patches(scan: MovedScan, context: OutageContext) -> bool:
+    """Find out whether the data of each patch is used, refused or restarts.
 
     Returns:
         Whether all data is used.
     """
-    moves = count_moves(scan, limits, patch_index, state)
-    now, all_used = scan.now, True
-    outcome[:] = USED
-    for p in range(len(sizes)):
-        received = moves.received[p]
-        if received == 0:
-            continue
-        least, is_wide = NEARLY_ALL * received, received > MAX_PRESSED
-        is_low = moves.low[p] >= least and 2 * received > sizes[p]
-        is_up = is_wide and moves.up[p] >= least
-        is_full = is_wide and moves.full[p] >= least
-        is_early = now - state.first_seen[p] <= START_SECONDS
-        only_zeros, since = state.only_zeros[p], state.refused_since[p]
-        state.only_zeros[p] = only_zeros and moves.positive[p] == 0
-        state.refused_since[p] = np.inf
-        if now - state.last_seen[p] > SILENCE_SECONDS:  # Then any counts are used.
-            state.first_seen[p] = now
-            state.only_zeros[p] = moves.positive[p] == 0
-            outcome[p] = REFUSED if is_full else USED
-        elif is_wide and only_zeros and is_early and moves.positive[p] >= least:
-            outcome[p] = REFUSED if is_full else RESTARTED
-            state.only_zeros[p] = is_full
-        elif is_low or (is_wide and moves.up[p] + moves.low[p] >= least):
-            outcome[p] = REFUSED
-            if since < np.inf and moves.zero[p] + moves.full[p] < least:
-                if moves.known[p] < least:
-                    outcome[p] = RESTARTED
-                elif is_up and state.may_press[p]:
-                    outcome[p] = USED
-        state.last_seen[p] = now
-        if outcome[p] == REFUSED:
-            state.refused_since[p] = min(since, now)
-            state.may_press[p] = is_up and not is_full and since == np.inf
-        all_used &= outcome[p] == USED
-    for i in range(len(patch_index)):
-        if scan.received[i] and outcome[patch_index[i]] != REFUSED:
-            state.accepted[i] = scan.counts[i]
+    all_used = True
+    for p in range(len(context.state)):
+        taxels = context.order[context.starts[p] : context.starts[p + 1]]
+        patch = context.state[p]
+        is_refused = patch.refused_since < np.inf
+        moves = count_moves(scan, taxels, is_refused, context)
+        patch.outcome = USED
+        if moves.received > 0:
+            check_patch(moves, len(taxels), scan.now, patch)
+        all_used &= patch.outcome == USED
+        if patch.outcome != REFUSED:
+            for i in taxels:
+                if scan.received[i]:
+                    context.accepted[i] = scan.counts[i]
     return all_used
+
+
+@compiled
+def check_patch(moves: PatchMoves, size: int, now: float, patch: np.void) -> None:
+    """Find out whether the data of a patch of some taxels is used."""
+    least, is_wide = NEARLY_ALL * moves.received, moves.received > MAX_PRESSED
+    is_low = moves.low >= least and 2 * moves.received > size
+    is_up = is_wide and moves.up >= least
+    is_full = is_wide and moves.full >= least
+    is_early = now - patch.first_seen <= START_SECONDS
+    only_zeros, since = patch.only_zeros, patch.refused_since
+    patch.only_zeros = only_zeros and moves.positive == 0
+    patch.refused_since = np.inf
+    if now - patch.last_seen > SILENCE_SECONDS:  # Then any counts are used.
+        patch.first_seen = now
+        patch.only_zeros = moves.positive == 0
+        patch.outcome = REFUSED if is_full else USED
+    elif is_wide and only_zeros and is_early and moves.positive >= least:
+        patch.outcome = REFUSED if is_full else RESTARTED
+        patch.only_zeros = is_full
+    elif is_low or (is_wide and moves.up + moves.low >= least):
+        patch.outcome = REFUSED
+        if since < np.inf and moves.zero + moves.full < least:
+            if moves.known < least:
+                patch.outcome = RESTARTED
+            elif is_up and patch.may_press:
+                patch.outcome = USED
+    patch.last_seen = now
+    if patch.outcome == REFUSED:
+        patch.refused_since = min(since, now)
+        patch.may_press = is_up and not is_full and since == np.inf

@@ -5,13 +5,12 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.skin import Skin
 from eskin.touch.faults import FaultDetector
 from eskin.touch.outage_kernels import (
     REFUSED,
     RESTARTED,
     MovedScan,
-    MoveLimits,
+    OutageContext,
     build_patch_state,
     check_patches,
 )
@@ -38,43 +37,40 @@ class OutageDetector:
     that it has sent from the start, soon after it.
     """
 
-    def __init__(self, skin: Skin, faults: FaultDetector) -> None:
-        """Start before the first scan; `faults` is the fault detector of the skin."""
-        self.patch_index = np.asarray(skin.patch_index)
-        self.sizes = np.bincount(self.patch_index, minlength=len(skin.patches))
-        self.limits = MoveLimits(faults.contact, faults.full_scale)
-        self.state = build_patch_state(skin.count, len(self.sizes))
-        self.outcome = np.zeros(len(self.sizes), np.int64)
+    def __init__(self, faults: FaultDetector, tare_samples: int) -> None:
+        """Start before the first scan of the skin that a fault detector is for.
+
+        Rest is known after a tare of so many samples.
+        """
+        patches = faults.grouper.patches
+        self.patch_index = patches.group_index
+        self.context = OutageContext(
+            *(faults.contact, faults.full_scale, tare_samples),
+            *(patches.order, patches.starts, np.zeros(len(faults.contact))),
+            build_patch_state(len(patches.sizes)),
+        )
         self.first: int | None = None
 
     def push(
-        self, scan: Scan, rest: Values, noise: Values, tared: Flags
+        self, scan: Scan, baselines: np.ndarray, noise: Values
     ) -> tuple[Flags | None, Int[np.ndarray, "some"]]:
         """Check the next scan.
 
         Args:
             scan: next scan.
-            rest: counts at rest.
+            baselines: (taxel) `BASELINE`.
             noise: counts above rest up to which they may be noise.
-            tared: taxels whose rest is known.
 
         Returns:
             Which taxels count as not received, None where there are none; and those
             that restart.
         """
         self.first = scan.stamp if self.first is None else self.first
-        moved = MovedScan(
-            scan.counts,
-            scan.received,
-            rest,
-            noise,
-            tared,
-            (scan.stamp - self.first) / NS_PER_S,
-        )
-        if check_patches(
-            moved, self.limits, self.sizes, self.patch_index, self.state, self.outcome
-        ):
+        rest, sample_count = baselines["baseline"], baselines["sample_count"]
+        now = (scan.stamp - self.first) / NS_PER_S
+        moved = MovedScan(scan.counts, scan.received, rest, sample_count, noise, now)
+        if check_patches(moved, self.context):
             return None, NO_TAXELS
-        outcome = self.outcome[self.patch_index]
+        outcome = self.context.state["outcome"][self.patch_index]
         refused = outcome == REFUSED
         return refused if refused.any() else None, np.flatnonzero(outcome == RESTARTED)

@@ -285,7 +285,7 @@ class TouchPipeline:
         self.insensitive = find_insensitive(mounted.skin, calibration, contacts.on)
         if calibration.noise is not None:
             self.calibrator.set_noise(self.faults.noise.limits.counts)
-        self.outages = OutageDetector(mounted.skin, self.faults)
+        self.outages = OutageDetector(self.faults, self.calibrator.config.tare_samples)
         self.polarity = PolarityDetector(
             mounted.skin,
             "rising" if self.given.falling else "falling",
@@ -325,7 +325,7 @@ class TouchPipeline:
         invalid = self.faults.mask | (scan.counts < 0)
         rest = self.calibrator.rest
         refused, restarted = self.outages.push(
-            scan, rest, self.faults.noise.limits.counts, self.calibrator.is_tared
+            scan, self.calibrator.state, self.faults.noise.limits.counts
         )
         if len(restarted):
             self.calibrator.restart(restarted)
@@ -334,8 +334,10 @@ class TouchPipeline:
         if refused is not None:
             used = replace(scan, received=scan.received & ~refused)
         reading = self.calibrator.push(used, invalid, self.find_latched())
-        dip = self.config.calibration.dip_share * self.calibrator.state["peak"]
-        mask, faults = self.faults.push(scan, reading.pressure, rest, refused, dip)
+        peak, share = self.calibrator.state["peak"], self.config.calibration.dip_share
+        mask, faults = self.faults.push(
+            scan, reading.pressure, rest, refused, peak, share
+        )
         self.calibrator.set_noise(self.faults.noise.limits.counts)
         reading.valid[mask] = False
         faults += self.polarity.push(scan, self.calibrator.margin, mask)

@@ -1,5 +1,6 @@
 """This module defines the data of a skin at one instant: scans and readings."""
 
+import math
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -131,7 +132,7 @@ def check_finite(
 def check_joints(q: Float[np.ndarray, "joint"]) -> None:
     """Refuse joint positions that are not one finite number a joint."""
     check_array("q", q, "f", (None,))
-    if not np.isfinite(q).all():
+    if not all(map(math.isfinite, q.tolist())):
         first = int(np.flatnonzero(~np.isfinite(q))[0])
         raise ReadingError(
             f"q of joint {first} is {q[first]}; allowed are finite numbers [rad]; "
