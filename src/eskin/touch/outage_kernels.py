@@ -67,7 +67,7 @@ class OutageContext(NamedTuple):
 
 
 class PatchMoves(NamedTuple):
-    """The numbers of received taxels of a patch, and of those of them that moved."""
+    """Counts the received taxels of a patch, and those of them that moved."""
 
     received: int
     known: int
