@@ -175,6 +175,15 @@ def test_graphs_of_a_fast_skin_are_8_ms_apart_and_hold_the_load_of_the_last():
         assert not any(was.values())
 
 
+def test_touches_that_begin_at_once_have_graphs_every_8_ms_afterwards():
+    places = np.linspace(-0.18, 0.18, 4)
+    hands = [bump(WIDE.skin, (x, 0, 0), radius=0.015) for x in places]
+    loads = [sum(hands[: n + 1]) * (1 + 1e-3 * n) for n in range(60)]
+    found = push_loads(WIDE, *loads, step=0.001)
+    used = [n for n, graphs in enumerate(found) if graphs]
+    assert max(np.diff(used)) <= 8
+
+
 def test_load_that_stays_has_a_graph_every_three_tenths_of_a_second():
     graphs = push_loads(WIDE, *[LEFT] * 31, step=0.02)
     assert [n for n, found in enumerate(graphs) if found] == [0, 15, 30]

@@ -230,6 +230,14 @@ def test_taxel_that_steps_or_jitters_alone_is_noisy(signal):
     assert describe(found) == [("noisy", *PLACE)]
 
 
+@pytest.mark.parametrize("rate", [50, 30, 12])
+def test_taxel_that_spikes_alone_is_noisy_at_any_rate(rate):
+    rng = np.random.default_rng(8)
+    change = add_counts(TAXEL, lambda t: 30 * (rng.random() < 0.5))
+    found = find_faults(change, noise=0.5, seconds=20.0, rate=rate)
+    assert describe(found) == [("noisy", *PLACE)]
+
+
 def hide(t, counts, received):
     """Add noise of a patch that hides any press."""
     rng = np.random.default_rng(round(1e6 * t))

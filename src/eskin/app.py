@@ -172,13 +172,18 @@ def find_driver(uris: Sequence[str]) -> Driver:
     if (
         driver is None
         or (len(uris) > 1 and not driver.takes_several)
-        or not all(uri.partition(":")[2].strip("/") for uri in uris)
+        or (driver.form[-1] != ":" and not all(map(find_address, uris)))
     ):
         raise DeviceError(
             f"source is '{' '.join(uris)}'; allowed is one of {list_forms(DRIVERS)}, "
             "or several serial ports; correct it"
         )
     return driver
+
+
+def find_address(uri: str) -> str:
+    """Return what follows the kind of a URI."""
+    return uri.partition(":")[2].strip("/")
 
 
 def open_recording(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:

@@ -295,7 +295,8 @@ class GraphStream:
                 nodes[key] = each._replace(earlier=last[key].taxels)
             if reading.stamp < self.due or not self.builder.is_new(reading, nodes):
                 return None
-        self.due = max(self.due, reading.stamp - MAX_AHEAD) + SPACING
+        earliest, latest = reading.stamp - MAX_AHEAD, reading.stamp
+        self.due = min(max(self.due, earliest), latest) + SPACING
         self.last = nodes
         return nodes
 

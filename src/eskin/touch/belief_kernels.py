@@ -195,11 +195,11 @@ def update_belief(
     """Update what is believed of each taxel by a scan.
 
     The noise is the root mean square of second differences, as of white noise, where no
-    touch can cause them: the first and third scan not above the band about rest, nor
-    the second where a press may lie between slow scans; and where the noise of a noisy
-    taxel falls, or it is masked and scans are too fast for a press. The depth below
-    rest, beyond the dip after a press, gives the wandering. Lone steps are evidence of
-    a fault.
+    touch can cause them: the first and third scan not above the band about rest, nor,
+    where a press may lie between slow scans, the second with that of a neighbour; and
+    where the noise of a noisy taxel falls, or it is masked and scans are too fast for a
+    press. The depth below rest, beyond the dip after a press, gives the wandering. Lone
+    steps are evidence of a fault.
 
     Returns:
         How many taxels are away from rest, below it.
@@ -221,6 +221,8 @@ def update_belief(
             taxel.second = np.nan
         taxel.first = counts[i] if scan.received[i] else np.nan
         taxel.odds *= forget
+    for i in range(len(counts)):
+        taxel = belief[i]
         if not scan.received[i]:
             taxel.flat_since = NEVER
             continue
@@ -232,8 +234,10 @@ def update_belief(
         starts = learns and since < NOISE_SECONDS
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
-        between = taxel.third if is_fast else taxel.second
-        rests = max(taxel.first, between, taxel.third) - rest <= band
+        rests = max(taxel.first, taxel.third) - rest <= band
+        between = taxel.second - rest
+        if rests and between > band and not is_fast:
+            rests = is_alone(i, between, adjacency, belief)
         if starts or rests or calms or (is_fast and scan.mask[i]):
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -band and seen < taxel.noise:
