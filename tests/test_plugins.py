@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.app import SourceConfig, open_arm, open_source
+from eskin.app import SourceConfig, find_driver, open_arm, open_source
 from eskin.cli import doctor
 from eskin.cli.run import RunCommand, check_options
 from eskin.drivers import ManualClock, Source, SourceInfo, check_source
@@ -62,6 +62,14 @@ def test_doctor_lists_a_plugin_with_its_package(glove):
 def test_unknown_source_names_those_of_plugins(glove):
     with pytest.raises(DeviceError, match="glove:NAME"):
         open_source("nose:a", config=CONFIG)
+
+
+def test_driver_whose_form_has_no_address_needs_none(glove, monkeypatch):
+    with pytest.raises(DeviceError, match="source is 'glove:'"):
+        find_driver(["glove:"])
+    driver = replace(find_driver(["glove:a"]), form="glove:")
+    monkeypatch.setattr("eskin.app.load_plugin", lambda *_: driver)
+    assert find_driver(["glove:"]) is driver
 
 
 def test_plugin_that_cannot_be_imported_is_refused_in_one_line(tmp_path, monkeypatch):

@@ -172,7 +172,7 @@ def find_driver(uris: Sequence[str]) -> Driver:
     if (
         driver is None
         or (len(uris) > 1 and not driver.takes_several)
-        or (driver.form[-1] != ":" and not all(map(find_address, uris)))
+        or (find_address(driver.form) and not all(map(find_address, uris)))
     ):
         raise DeviceError(
             f"source is '{' '.join(uris)}'; allowed is one of {list_forms(DRIVERS)}, "

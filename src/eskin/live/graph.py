@@ -18,7 +18,7 @@ NO_HISTORY = np.zeros(len(HISTORY))
 class GraphBatch(NamedTuple):
     """A batch holds contact graphs laid end to end.
 
-    A node is an active taxel of the touch, now or one reading ago, or a fixed neighbour
+    A node is an active taxel of the touch, now or one graph ago, or a fixed neighbour
     of one. One touch at one reading is a batch of one graph. In compiled code, arrays
     of nodes may be longer than the last offset; kernels ignore the rest.
     """
@@ -28,7 +28,7 @@ class GraphBatch(NamedTuple):
     pressure: Float[np.ndarray, "node"]
     """Pressure [kPa]; zero where the taxel is not active."""
     before: Float[np.ndarray, "node"]
-    """Pressure one reading earlier [kPa]."""
+    """Pressure one graph earlier [kPa]."""
     age: Float[np.ndarray, "node"]
     """Time since the taxel became active [s]; zero where it is not."""
     areas: Float[np.ndarray, "node"]
@@ -40,13 +40,13 @@ class GraphBatch(NamedTuple):
     shear: Float[np.ndarray, "node 3"]
     """Shear traction in the world [kPa]; zero where not active or not measured."""
     shear_before: Float[np.ndarray, "node 3"]
-    """Shear one reading earlier, rotated with the taxel since [kPa]."""
+    """Shear one graph earlier, rotated with the taxel since [kPa]."""
     neighbours: Int[np.ndarray, "node k"]
     """Sources j of the edges j -> i to each node i, as nodes of its graph, or -1."""
     offsets: Int[np.ndarray, "bound"]
     """First node of each graph, and after the last one the number of nodes."""
     seconds: Float[np.ndarray, "graph"]
-    """Time since the previous reading [s]."""
+    """Time since the previous graph [s]."""
     history: Float[np.ndarray, "graph column"]
     """History of the touch so far, with the columns `HISTORY`."""
 

@@ -94,8 +94,8 @@ class GraphConfig:
 class GraphBuilder:
     """A builder makes the graphs of one stream of readings, oldest first.
 
-    It keeps the previous reading and since when each taxel has been active, so
-    `advance` must be called once for every reading, before `build`.
+    It keeps the previous reading that has graphs, and since when each taxel has been
+    active, so `advance` must be called once for every such reading, before `build`.
     `step` is the latest reading, `workspace` the memory in which graphs are built.
     """
 
@@ -168,7 +168,7 @@ class GraphBuilder:
         return not is_touched
 
     def reserve(self, active: int) -> GraphWorkspace:
-        """Return memory for a graph of so many taxels active now or one reading ago."""
+        """Return memory for a graph of so many taxels, active now or in the last."""
         taxels, fixed = self.geometry.fixed_neighbours.shape
         nodes = min(active * (1 + fixed), taxels)
         if nodes > len(self.workspace.graph.taxels):
@@ -289,31 +289,37 @@ class GraphStream:
 
         None stands for a reading without graphs, of which the builder must not be told.
         """
-        nodes, last, reading = self.collect_nodes(state), self.last, state.reading
-        if nodes.keys() == last.keys():
-            for key, each in nodes.items():
-                nodes[key] = each._replace(earlier=last[key].taxels)
-            if reading.stamp < self.due or not self.builder.is_new(reading, nodes):
-                return None
+        reading, touches = state.reading, state.tracking.open
+        keys = {one.id for one in touches} if self.calibrated else {WHOLE_SKIN}
+        go_on = keys == self.last.keys()
+        if go_on and reading.stamp < self.due:
+            return None
+        nodes = self.collect_nodes(state, go_on)
+        if go_on and not self.builder.is_new(reading, nodes):
+            return None
         earliest, latest = reading.stamp - MAX_AHEAD, reading.stamp
         self.due = min(max(self.due, earliest), latest) + SPACING
         self.last = nodes
         return nodes
 
-    def collect_nodes(self, state: TouchState) -> dict[int, TouchNodes]:
+    def collect_nodes(self, state: TouchState, go_on: bool) -> dict[int, TouchNodes]:
         """Return the nodes of each sequence at the next reading, by key.
 
-        As earlier taxels a touch has those of the reading before, and those of its last
-        graphs: where touches have merged, both count.
+        The earlier taxels of a touch are those of its last graph. Unless all touches of
+        that one go on, one may have merged into it: then those of the reading before
+        count too.
         """
+        last = {key: each.taxels for key, each in self.last.items()}
         if not self.calibrated:
             active = self.find_active_taxels(state)
-            return {WHOLE_SKIN: TouchNodes(active, NO_TAXELS, NO_HISTORY)}
+            earlier = last.get(WHOLE_SKIN, NO_TAXELS)
+            return {WHOLE_SKIN: TouchNodes(active, earlier, NO_HISTORY)}
         nodes = {}
         for touch in state.tracking.open:
-            earlier, history = touch.before, build_history(touch, state.reading.stamp)
-            if touch.id in self.last:
-                earlier = np.concatenate([earlier, self.last[touch.id].taxels])
+            earlier = last.get(touch.id, NO_TAXELS)
+            if not go_on:
+                earlier = np.concatenate([touch.before, earlier])
+            history = build_history(touch, state.reading.stamp)
             nodes[touch.id] = TouchNodes(touch.taxels, earlier, history)
         return nodes
 

@@ -51,16 +51,16 @@ class SkinGeometry(NamedTuple):
 class TaxelHistory(NamedTuple):
     """A history holds the loads that each taxel measured when it was last active.
 
-    A taxel that has not been active since the previous reading has no load. Nothing is
+    A taxel that has not been active since the previous graph has no load. Nothing is
     ever cleared, so a reading costs only what is active in it.
     """
 
     reading: Int[np.ndarray, "taxel"]  # number of the latest reading where it is active
     onset: Int[np.ndarray, "taxel"]  # when it became active [ns since the epoch]
     pressure: Float[np.ndarray, "taxel"]  # at that reading [kPa]
-    before: Float[np.ndarray, "taxel"]  # one reading earlier [kPa]
+    before: Float[np.ndarray, "taxel"]  # one graph earlier [kPa]
     shear: Float[np.ndarray, "taxel 2"]  # at that reading, along its tangents [kPa]
-    shear_before: Float[np.ndarray, "taxel 2"]  # one reading earlier [kPa]
+    shear_before: Float[np.ndarray, "taxel 2"]  # one graph earlier [kPa]
 
 
 class KernelStep(NamedTuple):
@@ -68,8 +68,8 @@ class KernelStep(NamedTuple):
 
     reading: int  # number of the reading
     stamp: int  # [ns since the epoch]
-    seconds: float  # time since the previous reading, clipped to a range [s]
-    has_previous: bool  # whether the previous reading is recent enough for a rate
+    seconds: float  # time since the previous graph, clipped to a range [s]
+    has_previous: bool  # whether the previous graph is recent enough for a rate
     pressure: Float[np.ndarray, "taxel"]  # [kPa]
     shear: Float[np.ndarray, "taxel 2"]  # [kPa]; empty if it is not measured
     T_world_link: Float[np.ndarray, "link 4 4"]  # pose of every link of the robot
@@ -133,7 +133,7 @@ def build_graph(
 ) -> int:
     """Build the graph of one touch, and return its number of nodes.
 
-    Its taxels are active now or `earlier`, at the previous reading; `touch_history` has
+    Its taxels are active now or `earlier`, in the previous graph; `touch_history` has
     the columns `eskin.live.HISTORY`, `history` includes this reading, and `workspace`
     has room for the taxels and all their fixed neighbours.
     """
@@ -250,7 +250,7 @@ def write_loads(
     history: TaxelHistory,
     workspace: GraphWorkspace,
 ) -> None:
-    """Write the loads of the touch's own nodes, now and one reading ago.
+    """Write the loads of the touch's own nodes, now and one graph ago.
 
     Loads of taxels that belong to other touches are zero.
     """

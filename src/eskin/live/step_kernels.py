@@ -71,7 +71,7 @@ def step(
 
     The packed tuples are `StepParts` with room for its graph, and the `HeadState` of
     the sequence. `active` are the active taxels of all sequences, `taxels` those of
-    this one, `earlier` those that it had at the previous reading; `touch_history` has
+    this one, `earlier` those that it had in its last graph; `touch_history` has
     the columns `eskin.live.HISTORY`.
     """
     parts, state = packed_parts.fields, packed_state.fields
