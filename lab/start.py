@@ -44,6 +44,11 @@ def main() -> None:
             print(
                 f"{name}: {times}; processor {spent:.1f} s, {peak:.0f} MB", flush=True
             )
+        functions, kinds = (
+            len(list(Path(folder, "compiled").rglob(each)))
+            for each in ("*.nbi", "*.nbc")
+        )
+        print(f"{functions} functions in {kinds} specialisations")
 
 
 def write_poke(path: Path) -> None:

@@ -33,6 +33,8 @@ def test_a_row_for_every_scene(taxels, monkeypatch, capsys):
         ("eskin", 20),
         ("eskin, grab", 83),
         ("eskin, two touches", 120),
+        ("eskin, from counts", 60),
+        ("eskin, from counts", 0),
     ]
     for row in rows:
         assert set(row) == KEYS and row["name"] in out

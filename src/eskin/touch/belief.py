@@ -16,16 +16,14 @@ from eskin.touch.belief_kernels import (
     MIN_LINE,
     MIN_NOISE,
     MIN_NOISE_CONTACTS,
-    MIXED_SHARE,
-    MOST_ODDS,
     NEVER,
     NOISE_SIGMAS,
-    ODDS_SECONDS,
     START_FLOOR,
-    SWING_SHARE,
+    SWING,
     BeliefContext,
     CountScan,
     NoiseLimits,
+    find_swings,
     judge_noise,
     reset_belief,
     update_belief,
@@ -76,8 +74,7 @@ class Belief:
             noisy=np.zeros(len(contact), np.bool_),
             lifted=np.zeros(len(contact), np.bool_),
         )
-        self.sign = np.zeros(len(patches.sizes), np.int64)
-        self.turned_at = np.full(len(patches.sizes), NEVER)
+        self.swings = np.zeros(len(patches.sizes), SWING)
         self.last_doubted = np.full(len(contact), NEVER)
         self.context = BeliefContext(
             contact,
@@ -85,7 +82,9 @@ class Belief:
             np.asarray(calibration.gain, np.float64),
             calibration.pressure_curve,
             patches,
+            *lines,
             self.taxels,
+            self.swings,
             self.last_doubted,
         )
 
@@ -94,40 +93,10 @@ class Belief:
         low_count = update_belief(
             scan, self.contact, self.full_scale, self.adjacency, self.taxels
         )
-        swings = low_count or self.sign.any() or refused is not None
+        swings = low_count or self.swings["sign"].any() or refused is not None
         if swings and scan.now >= MIN_LEARNED:
-            received = scan.received if refused is None else scan.received | refused
-            above = scan.counts - scan.rest
-            high, low = above > self.limits.band, above < -self.limits.band
-            self.follow_swings(received & high, received & low, scan.now)
-            self.doubt_mixed_lines(scan.received & high, scan.received & low, scan.now)
-
-    def follow_swings(self, high: Flags, low: Flags, now: float) -> None:
-        """Take turns of whole patches about rest, as of mains hum, for evidence."""
-        patches = self.patches
-        sign = np.where(patches.flagged_share(high) >= SWING_SHARE, 1, 0)
-        sign = np.where(patches.flagged_share(low) >= SWING_SHARE, -1, sign)
-        turned = (sign != 0) & (sign != self.sign)
-        for n in np.flatnonzero(turned & (self.sign != 0)):
-            own = self.patches.group_index == n
-            odds = np.minimum(self.taxels["odds"][own] + 1.0, MOST_ODDS)
-            self.taxels["odds"][own] = odds
-        self.sign = np.where(turned, sign, self.sign)
-        self.turned_at[turned] = now
-        self.sign[now - self.turned_at > ODDS_SECONDS] = 0
-
-    def doubt_mixed_lines(self, high: Flags, low: Flags, now: float) -> None:
-        """Doubt rows and columns that are partly above rest and partly below it.
-
-        So does a line that is not connected, of which at least `MIN_LINE` taxels are
-        away from rest; a hand presses, and presses nothing below rest.
-        """
-        for lines in self.lines:
-            mixed = lines.flagged_count(high | low) >= MIN_LINE
-            for flags in (high, low):
-                mixed &= lines.flagged_share(flags) >= MIXED_SHARE
-            if mixed.any():
-                self.last_doubted[mixed[lines.group_index]] = now
+            heard = scan.received if refused is None else scan.received | refused
+            find_swings(scan, heard, self.context)
 
     def doubt_even_lines(self, scan: CountScan) -> None:
         """Doubt rows and columns that are pressed evenly from end to end.

@@ -129,6 +129,10 @@ for none), and of its wandering about rest [counts]; the evidence that it is fau
 and since when it has been flat after a lone step [s],
 at which counts, after which step."""
 
+SWING = np.dtype([("sign", np.int64), ("turned_at", np.float64)])
+"""What is believed of a patch: on which side of rest a part of it was, 1 above, -1
+below, 0 if it is not known, and since when [s]."""
+
 
 class BeliefContext(NamedTuple):
     """A context holds the arguments of the kernels that are kept between scans."""
@@ -138,7 +142,10 @@ class BeliefContext(NamedTuple):
     gain: np.ndarray  # (taxel) gain [kPa/count]
     curve: PressureCurve  # Relation of pressure and counts
     patches: TaxelGroups  # Patches of the taxels
+    rows: TaxelGroups  # Rows of the taxels
+    columns: TaxelGroups  # Columns of the taxels
     belief: np.ndarray  # (taxel) `BELIEF`
+    swings: np.ndarray  # (patch) `SWING`
     last_doubted: np.ndarray  # (taxel) time at which it was last doubtful [s]
 
 
@@ -329,6 +336,68 @@ def is_alone(i: int, step: float, adjacency: Adjacency, belief: np.ndarray) -> b
         if change >= FOLLOWS * step:
             return False
     return True
+
+
+@compiled
+def find_swings(scan: CountScan, heard: Flags, context: BeliefContext) -> None:
+    """Find patches that swing about rest, and lines that are on both sides of it.
+
+    `heard` are the received taxels, and refused ones, which swing with their patch.
+    """
+    away, count = np.empty(len(heard), np.int64), 0
+    for i in range(len(heard)):
+        if heard[i] and abs(scan.counts[i] - scan.rest[i]) > scan.band[i]:
+            away[count] = i
+            count += 1
+    follow_swings(scan, away[:count], context)
+    for lines in (context.rows, context.columns):
+        doubt_mixed_lines(scan, away[:count], lines, context.last_doubted)
+
+
+@compiled
+def follow_swings(scan: CountScan, away: Taxels, context: BeliefContext) -> None:
+    """Take turns of whole patches about rest, as of mains hum, for evidence."""
+    patches, belief, now = context.patches, context.belief, scan.now
+    sides = np.zeros((2, len(patches.sizes)))
+    for i in away:
+        is_low = int(scan.counts[i] < scan.rest[i])
+        sides[is_low, patches.group_index[i]] += 1.0
+    for patch in range(len(patches.sizes)):
+        size, swing, sign = patches.sizes[patch], context.swings[patch], 0
+        if sides[0, patch] / size >= SWING_SHARE:
+            sign = 1
+        if sides[1, patch] / size >= SWING_SHARE:
+            sign = -1
+        if sign not in (0, swing.sign):
+            if swing.sign != 0:
+                first, end = patches.starts[patch], patches.starts[patch + 1]
+                for i in patches.order[first:end]:
+                    belief[i].odds = min(belief[i].odds + 1.0, MOST_ODDS)
+            swing.sign, swing.turned_at = sign, now
+        if now - swing.turned_at > ODDS_SECONDS:
+            swing.sign = 0
+
+
+@compiled
+def doubt_mixed_lines(
+    scan: CountScan, away: Taxels, lines: TaxelGroups, last_doubted: Values
+) -> None:
+    """Doubt rows or columns that are partly above rest and partly below it.
+
+    So does a line that is not connected, of which at least `MIN_LINE` taxels are away
+    from rest; a hand presses, and presses nothing below rest.
+    """
+    sides = np.zeros((2, len(lines.sizes)))
+    for i in away:
+        if scan.received[i]:
+            is_low = int(scan.counts[i] < scan.rest[i])
+            sides[is_low, lines.group_index[i]] += 1.0
+    for line in range(len(lines.sizes)):
+        size, high, low = lines.sizes[line], sides[0, line], sides[1, line]
+        is_mixed = high / size >= MIXED_SHARE and low / size >= MIXED_SHARE
+        if high + low >= MIN_LINE and is_mixed:
+            for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
+                last_doubted[i] = scan.now
 
 
 @compiled(error_model="numpy")

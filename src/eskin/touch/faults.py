@@ -87,8 +87,6 @@ class FaultGrouper:
         """
         left = code >= 0
         faults: list[Fault] = []
-        if not (left | silent).any():
-            return faults
         kinds: tuple[tuple[FaultKind, TaxelGroups, int], ...] = (
             ("patch", self.patches, 1),
             ("row", self.rows, MIN_LINE),
@@ -218,11 +216,9 @@ class FaultDetector:
         self.doubtful = now - self.noise.last_doubted <= self.config.recover_seconds
         self.doubtful |= self.mask
         received = np.maximum(self.history["last_received"], 0.0)
-        begun = np.where(self.mask, self.history["since"], received) * NS_PER_S
-        self.faults = tuple(
-            self.grouper.list_faults(
-                code,
-                now - received >= self.config.line_seconds,
-                np.round(begun).astype(np.int64) + (self.first or 0),
-            )
-        )
+        silent = now - received >= self.config.line_seconds
+        self.faults = ()
+        if self.mask.any() or silent.any():
+            begun = np.where(self.mask, self.history["since"], received) * NS_PER_S
+            since = np.round(begun).astype(np.int64) + (self.first or 0)
+            self.faults = tuple(self.grouper.list_faults(code, silent, since))

@@ -34,10 +34,10 @@ class Scan:
         check_stamp(self.stamp)
         for name in ("counts", "shear"):
             object.__setattr__(self, name, to_signed(getattr(self, name)))
-        count = check_array("counts", self.counts, "i", (None,))
-        check_array("received", self.received, "b", (count,))
+        count = check_array("counts", self.counts, "i", None)
+        check_array("received", self.received, "b", count)
         if self.shear is not None:
-            check_array("shear", self.shear, "i", (count, 2))
+            check_array("shear", self.shear, "i", count, 2)
         check_joints(self.q)
 
 
@@ -60,11 +60,11 @@ class Reading:
     def __post_init__(self) -> None:
         """Refuse arrays of a wrong type or shape, and NaN that is marked valid."""
         check_stamp(self.stamp)
-        count = check_array("pressure", self.pressure, "f", (None,))
-        check_array("valid", self.valid, "b", (count,))
+        count = check_array("pressure", self.pressure, "f", None)
+        check_array("valid", self.valid, "b", count)
         check_finite("pressure", self.pressure, self.valid)
         if self.shear is not None:
-            check_array("shear", self.shear, "f", (count, 2))
+            check_array("shear", self.shear, "f", count, 2)
             check_finite("shear", self.shear.sum(axis=1), self.valid)
         check_joints(self.q)
 
@@ -95,19 +95,16 @@ def to_signed(array: object) -> object:
     return array
 
 
-def check_array(
-    name: str, array: object, kind: str, shape: tuple[int | None, ...]
-) -> int:
-    """Return the length of an array; refuse another type or shape."""
+def check_array(name: str, array: object, kind: str, *shape: int | None) -> int:
+    """Return the length of an array; refuse another type or shape; None is any."""
     if not isinstance(array, np.ndarray) or array.dtype.kind != kind:
         got = getattr(array, "dtype", type(array).__name__)
         raise ReadingError(
             f"{name} is {got}; allowed is an array of {KINDS[kind]}; convert it first, "
             "and mark what is missing as not received or not valid"
         )
-    if array.ndim != len(shape) or any(
-        want not in (None, got) for want, got in zip(shape, array.shape, strict=True)
-    ):
+    is_other = array.ndim != len(shape) or array.shape[1:] != shape[1:]
+    if is_other or shape[0] not in (None, len(array)):
         allowed = tuple("any" if want is None else want for want in shape)
         raise ReadingError(
             f"{name} has shape {array.shape}; allowed is {allowed}; "
@@ -131,7 +128,7 @@ def check_finite(
 
 def check_joints(q: Float[np.ndarray, "joint"]) -> None:
     """Refuse joint positions that are not one finite number a joint."""
-    check_array("q", q, "f", (None,))
+    check_array("q", q, "f", None)
     if not all(map(math.isfinite, q.tolist())):
         first = int(np.flatnonzero(~np.isfinite(q))[0])
         raise ReadingError(

@@ -23,7 +23,9 @@ from eskin.sim.bench.scene import (
     find_forearm_taxels,
     large_skin,
 )
+from eskin.sim.bench.sender import REST, build_sender_calibration
 from eskin.skin import MountedSkin
+from eskin.touch import Calibration, Reading, Scan
 
 ROUNDS = 10
 WARM_UP = 210
@@ -78,12 +80,26 @@ class TimedMethod(ABC):
 
 @final
 class TimedEngine(TimedMethod):
-    """Times `Recognizer.push` with the weights of eskin."""
+    """Times `Recognizer.push` with the weights of eskin, on readings or on scans."""
 
-    def __init__(self, name: str, mounted: MountedSkin, scene: BenchScene) -> None:
-        """Load a recogniser."""
+    def __init__(
+        self,
+        name: str,
+        mounted: MountedSkin,
+        scene: BenchScene,
+        calibration: Calibration | None = None,
+    ) -> None:
+        """Load a recogniser; with a calibration it is given counts."""
         super().__init__(name, mounted, scene)
-        self.recognizer = Recognizer(load_model("ur5"), mounted, None)
+        self.calibration = calibration
+        self.recognizer = Recognizer(load_model("ur5"), mounted, calibration)
+
+    def build_sample(self, reading: Reading) -> Scan | Reading:
+        """Return a reading, or the scan that is measured as this reading."""
+        if self.calibration is None:
+            return reading
+        above = np.rint(reading.pressure / self.calibration.gain).astype(np.int32)
+        return Scan(reading.stamp, REST + above, reading.valid, reading.q)
 
     def run(self, count: int) -> list[float]:
         """Take the next steps; count those with contact, or all on an idle scene."""
@@ -91,8 +107,9 @@ class TimedEngine(TimedMethod):
         push, clock = self.recognizer.push, time.perf_counter
         while len(found) < count:
             for item in self.scene.next_readings(min(count - len(found), 100)):
+                sample = self.build_sample(item.reading)
                 start = clock()
-                push(item.reading)
+                push(sample)
                 seconds = clock() - start
                 if item.touched or not self.active:
                     found.append(seconds)
@@ -188,14 +205,18 @@ def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
     skin = mounted.skin
     upper_arm = find_central_taxels(skin, "upper_arm_front", active)
     two = np.concatenate([find_forearm_taxels(skin, active), upper_arm])
-    touches = {
-        ("eskin", active): find_forearm_taxels(skin, active),
-        ("eskin", 0): find_forearm_taxels(skin, 1)[:0],
-        ("eskin", LIGHT_TAXELS): find_forearm_taxels(skin, LIGHT_TAXELS),
-        ("eskin, grab", GRAB_TAXELS): find_forearm_band(skin, GRAB_TAXELS),
-        ("eskin, two touches", 2 * active): two,
-    }
+    touch, idle = find_forearm_taxels(skin, active), find_forearm_taxels(skin, 1)[:0]
+    calibration = build_sender_calibration(skin.count)
+    scenes = (
+        ("eskin", touch, None),
+        ("eskin", idle, None),
+        ("eskin", find_forearm_taxels(skin, LIGHT_TAXELS), None),
+        ("eskin, grab", find_forearm_band(skin, GRAB_TAXELS), None),
+        ("eskin, two touches", two, None),
+        ("eskin, from counts", touch, calibration),
+        ("eskin, from counts", idle, calibration),
+    )
     return [
-        TimedEngine(name, mounted, BenchScene(mounted, taxels))
-        for (name, _), taxels in touches.items()
+        TimedEngine(name, mounted, BenchScene(mounted, taxels), counts)
+        for name, taxels, counts in scenes
     ]
