@@ -11,9 +11,7 @@ from eskin.touch.belief_kernels import (
     BELIEF,
     EVEN_SIZE,
     EVEN_SPREAD,
-    LINE_SHARE,
     MIN_LEARNED,
-    MIN_LINE,
     MIN_NOISE,
     MIN_NOISE_CONTACTS,
     NEVER,
@@ -26,6 +24,7 @@ from eskin.touch.belief_kernels import (
     find_swings,
     judge_noise,
     reset_belief,
+    spread_line_faults,
     update_belief,
 )
 from eskin.touch.calibration import MAX_CONTACT, Calibration
@@ -123,11 +122,10 @@ class Belief:
         self.limits = NoiseLimits(*map(np.empty_like, self.limits))
         judge_noise(scan, self.context, self.limits)
 
-    def spread_lines(self, faulty: Flags) -> Flags:
-        """Return taxels that are faulty, or on a row or column that is in part."""
+    def spread_lines(self, scan: CountScan, faulty: Flags) -> Flags:
+        """Return taxels that are faulty, or not pressed on a line that is in part."""
         result = faulty.copy()
         for lines in self.lines:
-            out = lines.flagged_share(faulty) > LINE_SHARE
-            out &= lines.flagged_count(faulty) >= MIN_LINE
-            result |= out[lines.group_index]
+            context = lines, self.adjacency, self.taxels
+            spread_line_faults(scan, faulty, self.limits.lifted, *context, result)
         return result

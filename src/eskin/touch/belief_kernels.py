@@ -247,7 +247,7 @@ def update_belief(
             rests = is_alone(i, between, adjacency, belief)
         if starts or rests or calms or (is_fast and scan.mask[i]):
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
-            if above < -band and seen < taxel.noise:
+            if seen < taxel.noise and is_lifted(i, scan, contact[i], belief):
                 part = min(BELOW_FACTOR * part, 1.0)
             taxel.noise = follow(taxel.noise, seen, limit, part)
         if above < 0.0:
@@ -400,6 +400,58 @@ def doubt_mixed_lines(
                 last_doubted[i] = scan.now
 
 
+@compiled
+def spread_line_faults(
+    scan: CountScan,
+    faulty: Flags,
+    lifted: Flags,
+    lines: TaxelGroups,
+    adjacency: Adjacency,
+    belief: np.ndarray,
+    out: Flags,
+) -> None:
+    """Mark the taxels of rows or columns that are faulty in part.
+
+    A line explains what is measured on it alone: a taxel that is held together with one
+    beside the line is not marked, nor one that a hand has left.
+    """
+    counts, index = np.zeros(len(lines.sizes)), lines.group_index
+    for i in range(len(faulty)):
+        counts[index[i]] += faulty[i]
+    for line in range(len(counts)):
+        count = counts[line]
+        if count < MIN_LINE or count / lines.sizes[line] <= LINE_SHARE:
+            continue
+        for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
+            is_touched = lifted[i]
+            if is_held(i, scan, belief):
+                for j in find_near(i, adjacency):
+                    if index[j] != line and not faulty[j]:
+                        is_touched |= is_held(j, scan, belief)
+            out[i] |= not is_touched
+
+
+@compiled
+def is_held(i: int, scan: CountScan, belief: np.ndarray) -> bool:
+    """Return whether a taxel was above rest in the latest three scans."""
+    taxel, level = belief[i], scan.rest[i] + scan.band[i]
+    return taxel.first > level and taxel.second > level and taxel.third > level
+
+
+@compiled
+def is_lifted(i: int, scan: CountScan, contact: float, belief: np.ndarray) -> bool:
+    """Return whether a taxel was below rest in the latest three scans.
+
+    That is by more than the `contact` counts above rest at which contact begins; scans
+    that were not received tell nothing.
+    """
+    taxel, highest = belief[i], -np.inf
+    for each in (taxel.first, taxel.second, taxel.third):
+        if each > highest:
+            highest = each
+    return -np.inf < highest < scan.rest[i] - contact
+
+
 @compiled(error_model="numpy")
 def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> None:
     """Write what may be noise, by the medians of each patch, and what is faulty."""
@@ -429,13 +481,9 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
         floor = add_unfelt(floor, curve)
         if since < NOISE_SECONDS and taxel.start_noise == 0.0:
             floor = max(floor, START_FLOOR)
-        highest = -np.inf
-        for each in (taxel.first, taxel.second, taxel.third):
-            if each > highest:
-                highest = each
         out.counts[i], out.band[i], out.floor[i] = counts, band, floor
         out.noisy[i] = noisy
-        out.lifted[i] = -np.inf < highest < scan.rest[i] - band
+        out.lifted[i] = is_lifted(i, scan, contact, belief)
 
 
 @compiled

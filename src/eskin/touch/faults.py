@@ -210,7 +210,7 @@ class FaultDetector:
         self.last_check = now
         code = self.history["code"]
         if (code == NOISY).any():
-            spread = self.noise.spread_lines(code == NOISY)
+            spread = self.noise.spread_lines(scan, code == NOISY)
             code = np.where((code < 0) & spread, NOISY, code)
         self.mask = code >= 0
         self.doubtful = now - self.noise.last_doubted <= self.config.recover_seconds
