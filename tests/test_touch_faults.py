@@ -244,6 +244,22 @@ def hide(t, counts, received):
     counts[36:] += np.round(60 * rng.standard_normal(36)).astype(int)
 
 
+def test_hand_on_rows_that_are_noisy_beside_it_is_no_fault():
+    """A row-column array spreads the noise of a hand over its rows."""
+    rows = (SKIN.patch_index == 0) & (SKIN.rows < 3)
+    hand, beside = rows & (SKIN.columns < 3), rows & (SKIN.columns >= 3)
+    rng = np.random.default_rng(7)
+
+    def change(t, counts, received):
+        if t >= 3:
+            counts += 300 * hand
+            noise = 15 * rng.standard_normal(SKIN.count) * beside
+            counts += np.round(noise).astype(int)
+
+    _, mask, _ = find_faults(change)[-1]
+    assert mask[beside].all() and not mask[hand].any()
+
+
 @pytest.mark.parametrize(
     "change",
     [
