@@ -13,8 +13,8 @@ PALM = (SKIN.patch_index == 0) & (SKIN.rows < 4) & (SKIN.columns < 4)
 AROUND = np.linalg.norm(SKIN.positions - SKIN.positions[TAXEL], axis=1) < 0.03
 
 
-def find_faults(change, seconds=12.0, rate=50, noise=2.0, rest=200, scale=100.0):
-    """Push noisy counts at rest, changed by `change`; return time, mask and faults.
+def push_counts(change, seconds=12.0, rate=50, noise=2.0, rest=200, scale=100.0):
+    """Push noisy counts at rest, changed by `change`; yield time and detector.
 
     A taxel measures up to `scale` [kPa] by 1000 counts.
     """
@@ -22,17 +22,19 @@ def find_faults(change, seconds=12.0, rate=50, noise=2.0, rest=200, scale=100.0)
     calibration = Calibration.uniform(SKIN.count, 1000, scale)
     calibrator = Calibrator(SKIN, calibration)
     detector = FaultDetector(SKIN, calibration)
-    found = []
     for t in np.arange(round(seconds * rate)) / rate:
         counts = np.round(rest + noise * rng.standard_normal(SKIN.count)).astype(int)
         received = np.ones(SKIN.count, bool)
         change(t, counts, received)
         scan = scan_at(t, np.clip(counts, -1, 1000), received)
-        mask, faults = detector.push(
-            scan, calibrator.push(scan).pressure, calibrator.rest
-        )
-        found.append((t, mask.copy(), faults))
-    return found
+        detector.push(scan, calibrator.push(scan).pressure, calibrator.rest)
+        yield t, detector
+
+
+def find_faults(change, *words, **options):
+    """Push counts, see `push_counts`; return times, masks and faults."""
+    pushed = push_counts(change, *words, **options)
+    return [(t, detector.mask.copy(), detector.faults) for t, detector in pushed]
 
 
 def set_counts(taxels, value, start=3.0, end=np.inf):
@@ -244,20 +246,49 @@ def hide(t, counts, received):
     counts[36:] += np.round(60 * rng.standard_normal(36)).astype(int)
 
 
-def test_hand_on_rows_that_are_noisy_beside_it_is_no_fault():
+@pytest.mark.parametrize("lost", [0.0, 0.1])
+def test_hand_on_rows_that_are_noisy_beside_it_is_doubtful_and_no_fault(lost):
     """A row-column array spreads the noise of a hand over its rows."""
     rows = (SKIN.patch_index == 0) & (SKIN.rows < 3)
     hand, beside = rows & (SKIN.columns < 3), rows & (SKIN.columns >= 3)
     rng = np.random.default_rng(7)
 
     def change(t, counts, received):
+        received[:] = rng.random() >= lost
         if t >= 3:
             counts += 300 * hand
             noise = 15 * rng.standard_normal(SKIN.count) * beside
             counts += np.round(noise).astype(int)
 
-    _, mask, _ = find_faults(change)[-1]
-    assert mask[beside].all() and not mask[hand].any()
+    for t, detector in push_counts(change):
+        if t > 6:
+            assert detector.mask[beside].all() and not detector.mask[hand].any()
+            assert detector.doubtful[hand].all()
+
+
+@pytest.mark.parametrize(
+    ("floating", "rising", "added"),
+    [(1, 1, 150), (1, 1, -15), (2, 1, 150), (2, 2, 150)],
+)
+def test_rest_of_a_row_that_floats_in_part_is_not_trusted(floating, rising, added):
+    """What lies on one row alone is out; on two, it may be a hand, and is doubtful."""
+    row = np.where(SKIN.patch_index == 0, SKIN.rows, -1)
+    half = SKIN.columns >= 3
+    noisy = (row >= 0) & (row < floating) & half
+    rest = (row >= 0) & (row < rising) & ~half
+    rng = np.random.default_rng(7)
+
+    def change(t, counts, received):
+        if t >= 3:
+            noise = 40 * rng.standard_normal(SKIN.count) * noisy
+            counts += np.round(noise).astype(int)
+        if t >= 6:
+            counts += added * (noisy | rest)
+
+    for t, detector in push_counts(change):
+        if t > 5:
+            assert detector.doubtful[rest].all()
+            assert rising == 2 or detector.mask[rest].all()
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,7 @@ class Belief:
             least,
             np.asarray(calibration.gain, np.float64),
             calibration.pressure_curve,
+            self.adjacency,
             patches,
             *lines,
             self.taxels,
@@ -123,9 +124,11 @@ class Belief:
         judge_noise(scan, self.context, self.limits)
 
     def spread_lines(self, scan: CountScan, faulty: Flags) -> Flags:
-        """Return taxels that are faulty, or not pressed on a line that is in part."""
+        """Return taxels that are faulty, or on a row or column that is in part.
+
+        Those of such a line that a hand presses with what lies beside it are doubtful.
+        """
         result = faulty.copy()
         for lines in self.lines:
-            context = lines, self.adjacency, self.taxels
-            spread_line_faults(scan, faulty, self.limits.lifted, *context, result)
+            spread_line_faults(scan, faulty, lines, self.context, result)
         return result

@@ -141,6 +141,7 @@ class BeliefContext(NamedTuple):
     least: np.ndarray  # (taxel) smallest counts above rest that may be noise
     gain: np.ndarray  # (taxel) gain [kPa/count]
     curve: PressureCurve  # Relation of pressure and counts
+    adjacency: Adjacency  # Neighbours of each taxel
     patches: TaxelGroups  # Patches of the taxels
     rows: TaxelGroups  # Rows of the taxels
     columns: TaxelGroups  # Columns of the taxels
@@ -161,9 +162,9 @@ class NoiseLimits(NamedTuple):
     noisy: np.ndarray
     """Whether the taxel is faulty."""
     lifted: np.ndarray
-    """Whether the taxel has been below rest in the latest scans. A hand was on it when
-    the skin was switched on, and has lifted: its pressure was taken for the rest, and
-    its noise for that of the taxel."""
+    """Whether the taxel and a neighbour have been below rest in the latest scans. A
+    hand was on them when the skin was switched on, and has lifted: its pressure was
+    taken for the rest, and its noise for that of the taxel."""
 
 
 class CountScan(NamedTuple):
@@ -247,8 +248,9 @@ def update_belief(
             rests = is_alone(i, between, adjacency, belief)
         if starts or rests or calms or (is_fast and scan.mask[i]):
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
-            if seen < taxel.noise and is_lifted(i, scan, contact[i], belief):
-                part = min(BELOW_FACTOR * part, 1.0)
+            if above < -contact[i] and seen < taxel.noise:
+                if is_lifted(i, scan, contact, adjacency, belief):
+                    part = min(BELOW_FACTOR * part, 1.0)
             taxel.noise = follow(taxel.noise, seen, limit, part)
         if above < 0.0:
             low += above < -band
@@ -404,17 +406,16 @@ def doubt_mixed_lines(
 def spread_line_faults(
     scan: CountScan,
     faulty: Flags,
-    lifted: Flags,
     lines: TaxelGroups,
-    adjacency: Adjacency,
-    belief: np.ndarray,
+    context: BeliefContext,
     out: Flags,
 ) -> None:
     """Mark the taxels of rows or columns that are faulty in part.
 
-    A line explains what is measured on it alone: a taxel that is held together with one
-    beside the line is not marked, nor one that a hand has left.
+    A line explains what is measured on it alone: a taxel that a hand presses or has
+    left together with a sound one beside the line is doubtful instead.
     """
+    contact, belief = context.contact, context.belief
     counts, index = np.zeros(len(lines.sizes)), lines.group_index
     for i in range(len(faulty)):
         counts[index[i]] += faulty[i]
@@ -423,33 +424,46 @@ def spread_line_faults(
         if count < MIN_LINE or count / lines.sizes[line] <= LINE_SHARE:
             continue
         for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
-            is_touched = lifted[i]
-            if is_held(i, scan, belief):
-                for j in find_near(i, adjacency):
+            side, is_touched = find_side(i, scan, contact, belief), False
+            if side != 0:
+                for j in find_near(i, context.adjacency):
                     if index[j] != line and not faulty[j]:
-                        is_touched |= is_held(j, scan, belief)
-            out[i] |= not is_touched
+                        is_touched |= find_side(j, scan, contact, belief) == side
+            if is_touched:
+                context.last_doubted[i] = scan.now
+            else:
+                out[i] = True
 
 
 @compiled
-def is_held(i: int, scan: CountScan, belief: np.ndarray) -> bool:
-    """Return whether a taxel was above rest in the latest three scans."""
-    taxel, level = belief[i], scan.rest[i] + scan.band[i]
-    return taxel.first > level and taxel.second > level and taxel.third > level
+def find_side(i: int, scan: CountScan, contact: Values, belief: np.ndarray) -> int:
+    """Return on which side of rest a taxel was in the latest three scans.
 
-
-@compiled
-def is_lifted(i: int, scan: CountScan, contact: float, belief: np.ndarray) -> bool:
-    """Return whether a taxel was below rest in the latest three scans.
-
-    That is by more than the `contact` counts above rest at which contact begins; scans
-    that were not received tell nothing.
+    It is 1 above rest, -1 below it, by more than the counts at which contact begins,
+    and 0 if it is on neither side in all scans that were received.
     """
-    taxel, highest = belief[i], -np.inf
+    taxel, lowest, highest = belief[i], np.inf, -np.inf
     for each in (taxel.first, taxel.second, taxel.third):
         if each > highest:
             highest = each
-    return -np.inf < highest < scan.rest[i] - contact
+        if each < lowest:
+            lowest = each
+    if highest == -np.inf:
+        return 0
+    is_low = highest < scan.rest[i] - contact[i]
+    return int(lowest > scan.rest[i] + contact[i]) - int(is_low)
+
+
+@compiled
+def is_lifted(
+    i: int, scan: CountScan, contact: Values, adjacency: Adjacency, belief: np.ndarray
+) -> bool:
+    """Return whether a taxel is below rest together with a neighbour."""
+    if find_side(i, scan, contact, belief) == -1:
+        for j in find_near(i, adjacency):
+            if find_side(j, scan, contact, belief) == -1:
+                return True
+    return False
 
 
 @compiled(error_model="numpy")
@@ -483,7 +497,7 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
             floor = max(floor, START_FLOOR)
         out.counts[i], out.band[i], out.floor[i] = counts, band, floor
         out.noisy[i] = noisy
-        out.lifted[i] = is_lifted(i, scan, contact, belief)
+        out.lifted[i] = is_lifted(i, scan, contacts, context.adjacency, belief)
 
 
 @compiled
