@@ -48,7 +48,7 @@ def main() -> None:
             len(list(Path(folder, "compiled").rglob(each)))
             for each in ("*.nbi", "*.nbc")
         )
-        print(f"{functions} functions in {kinds} specialisations")
+        print(f"kept on disk: {functions} functions, {kinds} specialisations")
 
 
 def write_poke(path: Path) -> None:

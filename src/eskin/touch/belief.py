@@ -49,12 +49,12 @@ class Belief:
         calibration: Calibration,
         contact: Values,
         patches: TaxelGroups,
-        lines: tuple[TaxelGroups, ...],
+        lines: tuple[TaxelGroups, TaxelGroups],
     ) -> None:
         """Start with the calibrated noise, or with what is assumed without one.
 
         `contact` are the counts above rest at which contact begins; `patches` and
-        `lines` group the taxels.
+        `lines`, its rows and columns, group the taxels.
         """
         self.adjacency = Adjacency.build(skin)
         self.full_scale, self.contact = float(calibration.full_scale), contact

@@ -249,7 +249,7 @@ def update_belief(
         if starts or rests or calms or (is_fast and scan.mask[i]):
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -contact[i] and seen < taxel.noise:
-                if is_lifted(i, scan, contact, adjacency, belief):
+                if is_lifted(i, scan.rest, contact, adjacency, belief):
                     part = min(BELOW_FACTOR * part, 1.0)
             taxel.noise = follow(taxel.noise, seen, limit, part)
         if above < 0.0:
@@ -415,7 +415,7 @@ def spread_line_faults(
     A line explains what is measured on it alone: a taxel that a hand presses or has
     left together with a sound one beside the line is doubtful instead.
     """
-    contact, belief = context.contact, context.belief
+    contact, belief, rest = context.contact, context.belief, scan.rest
     counts, index = np.zeros(len(lines.sizes)), lines.group_index
     for i in range(len(faulty)):
         counts[index[i]] += faulty[i]
@@ -424,11 +424,11 @@ def spread_line_faults(
         if count < MIN_LINE or count / lines.sizes[line] <= LINE_SHARE:
             continue
         for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
-            side, is_touched = find_side(i, scan, contact, belief), False
+            side, is_touched = find_side(belief[i], rest[i], contact[i]), False
             if side != 0:
                 for j in find_near(i, context.adjacency):
                     if index[j] != line and not faulty[j]:
-                        is_touched |= find_side(j, scan, contact, belief) == side
+                        is_touched |= find_side(belief[j], rest[j], contact[j]) == side
             if is_touched:
                 context.last_doubted[i] = scan.now
             else:
@@ -436,13 +436,13 @@ def spread_line_faults(
 
 
 @compiled
-def find_side(i: int, scan: CountScan, contact: Values, belief: np.ndarray) -> int:
+def find_side(taxel: np.void, rest: float, contact: float) -> int:
     """Return on which side of rest a taxel was in the latest three scans.
 
     It is 1 above rest, -1 below it, by more than the counts at which contact begins,
     and 0 if it is on neither side in all scans that were received.
     """
-    taxel, lowest, highest = belief[i], np.inf, -np.inf
+    lowest, highest = np.inf, -np.inf
     for each in (taxel.first, taxel.second, taxel.third):
         if each > highest:
             highest = each
@@ -450,18 +450,17 @@ def find_side(i: int, scan: CountScan, contact: Values, belief: np.ndarray) -> i
             lowest = each
     if highest == -np.inf:
         return 0
-    is_low = highest < scan.rest[i] - contact[i]
-    return int(lowest > scan.rest[i] + contact[i]) - int(is_low)
+    return int(lowest > rest + contact) - int(highest < rest - contact)
 
 
 @compiled
 def is_lifted(
-    i: int, scan: CountScan, contact: Values, adjacency: Adjacency, belief: np.ndarray
+    i: int, rest: Values, contact: Values, adjacency: Adjacency, belief: np.ndarray
 ) -> bool:
     """Return whether a taxel is below rest together with a neighbour."""
-    if find_side(i, scan, contact, belief) == -1:
+    if find_side(belief[i], rest[i], contact[i]) == -1:
         for j in find_near(i, adjacency):
-            if find_side(j, scan, contact, belief) == -1:
+            if find_side(belief[j], rest[j], contact[j]) == -1:
                 return True
     return False
 
@@ -497,7 +496,10 @@ def judge_noise(scan: CountScan, context: BeliefContext, out: NoiseLimits) -> No
             floor = max(floor, START_FLOOR)
         out.counts[i], out.band[i], out.floor[i] = counts, band, floor
         out.noisy[i] = noisy
-        out.lifted[i] = is_lifted(i, scan, contacts, context.adjacency, belief)
+        # Most taxels fail at this, before the tuples are handed over.
+        out.lifted[i] = taxel.first < scan.rest[i] - contact and is_lifted(
+            i, scan.rest, contacts, context.adjacency, belief
+        )
 
 
 @compiled
