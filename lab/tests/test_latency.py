@@ -22,7 +22,7 @@ def test_a_row_for_every_way_of_a_baseline(capsys):
     words = "--steps 12 --clips 20 --baselines knn-max cnn-lstm --json"
     assert run_program(main, words.split()) == 0
     rows = json.loads(capsys.readouterr().out.splitlines()[-1])["rows"]
-    assert [(row["name"], row["active"]) for row in rows[5:]] == [
+    assert [(row["name"], row["active"]) for row in rows[7:]] == [
         ("knn-max", 60),
         ("cnn-lstm", 60),
         ("cnn-lstm, cached", 60),
