@@ -96,7 +96,10 @@ def to_signed(array: object) -> object:
 
 
 def check_array(name: str, array: object, kind: str, *shape: int | None) -> int:
-    """Return the length of an array; refuse another type or shape; None is any."""
+    """Return the length of an array; refuse another type or shape.
+
+    Where the first length of the shape is None, any is allowed.
+    """
     if not isinstance(array, np.ndarray) or array.dtype.kind != kind:
         got = getattr(array, "dtype", type(array).__name__)
         raise ReadingError(
