@@ -351,19 +351,32 @@ def find_swings(scan: CountScan, heard: Flags, context: BeliefContext) -> None:
         if heard[i] and abs(scan.counts[i] - scan.rest[i]) > scan.band[i]:
             away[count] = i
             count += 1
-    follow_swings(scan, away[:count], context)
+    sides = count_sides(scan, away[:count], heard, context.patches)
+    follow_swings(scan.now, sides, context)
     for lines in (context.rows, context.columns):
-        doubt_mixed_lines(scan, away[:count], lines, context.last_doubted)
+        sides = count_sides(scan, away[:count], scan.received, lines)
+        doubt_mixed_lines(scan.now, sides, lines, context.last_doubted)
 
 
 @compiled
-def follow_swings(scan: CountScan, away: Taxels, context: BeliefContext) -> None:
-    """Take turns of whole patches about rest, as of mains hum, for evidence."""
-    patches, belief, now = context.patches, context.belief, scan.now
-    sides = np.zeros((2, len(patches.sizes)))
+def count_sides(
+    scan: CountScan, away: Taxels, chosen: Flags, groups: TaxelGroups
+) -> Float[np.ndarray, "2 group"]:
+    """Count the chosen ones of taxels away from rest: above it, and below it."""
+    sides = np.zeros((2, len(groups.sizes)))
     for i in away:
-        is_low = int(scan.counts[i] < scan.rest[i])
-        sides[is_low, patches.group_index[i]] += 1.0
+        if chosen[i]:
+            is_low = int(scan.counts[i] < scan.rest[i])
+            sides[is_low, groups.group_index[i]] += 1.0
+    return sides
+
+
+@compiled
+def follow_swings(
+    now: float, sides: Float[np.ndarray, "2 patch"], context: BeliefContext
+) -> None:
+    """Take turns of whole patches about rest, as of mains hum, for evidence."""
+    patches, belief = context.patches, context.belief
     for patch in range(len(patches.sizes)):
         size, swing, sign = patches.sizes[patch], context.swings[patch], 0
         if sides[0, patch] / size >= SWING_SHARE:
@@ -382,24 +395,22 @@ def follow_swings(scan: CountScan, away: Taxels, context: BeliefContext) -> None
 
 @compiled
 def doubt_mixed_lines(
-    scan: CountScan, away: Taxels, lines: TaxelGroups, last_doubted: Values
+    now: float,
+    sides: Float[np.ndarray, "2 line"],
+    lines: TaxelGroups,
+    last_doubted: Values,
 ) -> None:
     """Doubt rows or columns that are partly above rest and partly below it.
 
     So does a line that is not connected, of which at least `MIN_LINE` taxels are away
     from rest; a hand presses, and presses nothing below rest.
     """
-    sides = np.zeros((2, len(lines.sizes)))
-    for i in away:
-        if scan.received[i]:
-            is_low = int(scan.counts[i] < scan.rest[i])
-            sides[is_low, lines.group_index[i]] += 1.0
     for line in range(len(lines.sizes)):
         size, high, low = lines.sizes[line], sides[0, line], sides[1, line]
         is_mixed = high / size >= MIXED_SHARE and low / size >= MIXED_SHARE
         if high + low >= MIN_LINE and is_mixed:
             for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
-                last_doubted[i] = scan.now
+                last_doubted[i] = now
 
 
 @compiled
