@@ -1,4 +1,6 @@
-"""Time one step of the engine and of every baseline, on one core, in turn (Table II).
+"""Time one step of the engine and of every baseline, on one core, in turn.
+
+The paper's Table III holds such times.
 
     python -m lab.latency
 

@@ -100,7 +100,7 @@ def main() -> None:
 
 
 def table(command: Command, form: Form) -> None:
-    """Compare all methods on paper-size sets (Table III).
+    """Compare all methods on paper-size sets, as the paper's Table II does.
 
     Each has its own people, poses, build and seed; a short one has six people.
     """

@@ -1,7 +1,7 @@
 """This module simulates pairs of clips with equal counts and different labels.
 
 The clips of a pair differ only in the positions of the taxels: by bending of the skin,
-or by temporary merging of patches, as in Fig. 7 of arXiv 2506.18256.
+or by temporary merging of patches, as in Fig. 3 of arXiv 2506.18256.
 """
 
 from dataclasses import dataclass, replace
