@@ -1,4 +1,7 @@
-"""Tests of symmetry: motions, mirror images and numbering change no logit."""
+"""Tests of symmetry: motions, mirror images and numbering change no logit.
+
+They are eq. (1) of Jiang et al. 2025 where S_g changes nothing.
+"""
 
 from functools import cache
 

@@ -128,7 +128,8 @@ def draw_patch(name: str, layout: PatchLayout) -> PatchDrawing:
     """Draw the flexible circuit of a patch.
 
     All rows cross one column of the grid and all columns one row. From these crossings
-    lines run in a band along that column, side by side, to the connector.
+    lines run in a band along that column, side by side, to the connector. Fig. 6b of
+    Jiang et al. 2025 shows one of their circuits.
 
     Args:
         name: id of the patch.

@@ -64,8 +64,8 @@ class GraphConfig:
     """These settings determine how the taxels of a touch become a graph."""
 
     fixed: Annotated[int, Interval(ge=0, le=64)] = 8
-    """Number of nearest taxels of the same patch that each taxel is joined to (the
-    paper's K)."""
+    """Number of nearest taxels of the same patch that each taxel is joined to (K
+    of Jiang et al. 2025, Fig. 11)."""
     live: Annotated[int, Interval(ge=0, le=64)] = 4
     """Number of nearest taxels of other patches, searched for at every reading."""
     live_reach: Distance = 0.03
@@ -358,6 +358,8 @@ def join_active(nodes: Mapping[int, TouchNodes]) -> Int[np.ndarray, "active"]:
 class FixedNeighbours:
     """Fixed neighbours are the nearest taxels of the same patch, found once for a skin.
 
+    They are the static connections of Jiang et al. 2025 (section IV-C4, Fig. 8b).
+
     Attributes:
         table: (taxel, k) neighbours of each taxel, nearest first; -1 fills up.
         rank: rank of each taxel when sorted by (patch, row, column).
@@ -439,7 +441,8 @@ def find_live_neighbours(
 
     Distances up to `reach` [m] are compared in whole micrometres, so that a motion of
     the whole robot neither reorders equal ones, of which ranks decide, nor moves one
-    across the reach.
+    across the reach. These edges are the dynamic connections of Jiang et al. 2025
+    (section IV-C4, Fig. 8a).
     """
     nearest = np.empty((len(p_world), k), np.int32)
     workspace = allocate_search(len(patch), k)

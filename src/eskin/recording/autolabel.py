@@ -1,8 +1,9 @@
 """This module labels recordings automatically and scores the labels that it finds.
 
-The method is that of the paper: "Within these ranges, we applied a threshold-based
-automatic data labeling method, incorporating a minimum window size to mitigate noise
-and prevent issues such as the separation of double-tap gestures" (Data Collection).
+The method is that of Jiang et al. 2025 (section IV-D, Fig. 10): "Within these ranges,
+we applied a threshold-based automatic data labeling method, incorporating a minimum
+window size to mitigate noise and prevent issues such as the separation of double-tap
+gestures".
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -46,6 +47,8 @@ def label_automatically(
     config: AutoLabelConfig | None = None,
 ) -> tuple[Label, ...]:
     """Build labels of source `auto`, each with the gesture of the range it lies in.
+
+    Fig. 10 of Jiang et al. 2025 shows such labels.
 
     Args:
         stamps: stamps of the readings, increasing [ns since the epoch].

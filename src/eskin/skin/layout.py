@@ -21,7 +21,8 @@ class TaxelGrid:
     """A grid holds the cells of an unrolled patch, centred on (s, t) = (0, 0).
 
     Columns are counted along s and rows along t. A taper makes a trapezoid: the column
-    pitch changes linearly from row to row, while all rows have as many columns.
+    pitch changes linearly from row to row, while all rows have as many columns. A mask
+    leaves cells out, so a patch may be irregular (Jiang et al. 2025, Fig. 4a).
     """
 
     rows: int

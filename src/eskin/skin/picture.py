@@ -49,7 +49,9 @@ def draw_skin(
     robot: Robot | None = None,
     q: Float[np.ndarray, "joint"] | None = None,
 ) -> None:
-    """Draw a skin into an image file.
+    """Draw a skin into an image file, with a colour for each patch.
+
+    Fig. 7a of Jiang et al. 2025 shows theirs.
 
     Args:
         skin: the skin.

@@ -1,9 +1,10 @@
 """This module builds the skins that come with eskin.
 
-The skin `ur5` has 2112 taxels in nine patches, denser toward the tool. Its grids are
-designed for the straight tubes and flat ends of the arm: half shells with cut corners
-leave gaps of 4 to 5 mm, those on the forearm are complementary trapezoids, and the ring
-on wrist 3 nearly closes.
+The skin `ur5` has 2112 taxels in nine patches, denser toward the tool, as the skin of
+Jiang et al. 2025 has (section IV-B, Fig. 7a). Its grids are designed for the straight
+tubes and flat ends of the arm: half shells with cut corners leave gaps of 4 to 5 mm,
+those on the forearm are complementary trapezoids, and the ring on wrist 3 nearly
+closes.
 
 The skin `ur5-shapes` is as dense, with seams in other places: rings with seams on
 different sides, hexagons with gaps between them, two complementary triangles, and a

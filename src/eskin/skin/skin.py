@@ -150,7 +150,7 @@ class MountedSkin:
         """Return positions [m] and outward normals of taxels in the world.
 
         q is in the order of `robot.joint_names` [rad], or a batch; None takes all
-        taxels.
+        taxels. Jiang et al. 2025 (section IV-C1) have these poses as features of nodes.
         """
         selected = np.arange(self.skin.count) if taxels is None else taxels
         rotations, origins = self.get_link_poses(q, selected)

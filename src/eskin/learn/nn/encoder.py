@@ -26,7 +26,8 @@ class Edges:
 class EquivariantLayer(nn.Module):
     """A layer computes messages from invariants, then updates coordinates and features.
 
-    It is the EGCL of Satorras, Hoogeboom and Welling (2021), with changes:
+    It is the EGCL of Satorras, Hoogeboom and Welling (2021), which is eq. (2) of Jiang
+    et al. 2025, with changes:
 
     m_ij = phi_e(v_i, v_j, |x_i - x_j|^2, e_ij)                     (their eq. 3)
     x_i <- x_i + sum_j w_ij (x_i - x_j) tanh(phi_x(m_ij))           (eq. 4, bounded)
@@ -91,7 +92,11 @@ def compute_edge_features(
     targets: Int[Tensor, "target"],
     sources: Int[Tensor, "target k"],
 ) -> Float[Tensor, "target k 6"]:
-    """Return |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges; r = x_i - x_j."""
+    """Return |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges; r = x_i - x_j.
+
+    The first is the kinematic distance; with the next three it is the relative pose,
+    which Jiang et al. 2025 (section IV-C2) name as an alternative to it alone.
+    """
     n_i, n_j = normals[targets, None].expand_as(r), gather_rows(normals, sources)
     s_i, s_j = shear[targets, None].expand_as(r), gather_rows(shear, sources)
     pairs = ((r, r), (n_i, n_j), (n_i, r), (n_j, r), (s_i, r), (s_j, r))
@@ -124,8 +129,9 @@ class Encoder(nn.Module):
     The pooling is a maximum and a force-weighted mean over active taxels. Only active
     taxels receive messages; neighbours at rest send messages but keep their features,
     which saves two thirds of the work without loss of accuracy.
-    The embedding is invariant to motions and mirror images of the whole scene and to
-    the order of the taxels. A reading without contact is embedded as zeros.
+    The embedding is invariant to motions and mirror images of the whole scene, which is
+    eq. (1) of Jiang et al. 2025 where S_g changes nothing, and to the order of the
+    taxels. A reading without contact is embedded as zeros.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -155,7 +161,10 @@ class Encoder(nn.Module):
     def pool(
         self, v: Float[Tensor, "node width"], graphs: GraphTensors
     ) -> Float[Tensor, "reading embedding"]:
-        """Return the normalised maximum and force-weighted mean over active nodes."""
+        """Return the normalised maximum and force-weighted mean over active nodes.
+
+        Fig. 11 of Jiang et al. 2025 compares the maximum with the mean over all nodes.
+        """
         readings = len(graphs.summary)
         force = torch.zeros(readings, dtype=v.dtype)
         force = force.index_add(0, graphs.graph_index, graphs.forces)

@@ -125,6 +125,8 @@ def scatter_to_slots(
 ) -> tuple[Float[Tensor, "window slot channel"], Float[Tensor, "window slot"]]:
     """Scatter readings to time slots; several in one slot give their maximum.
 
+    Jiang et al. 2025 (section IV-C3) have a buffer of the last 100 graphs instead.
+
     Returns:
         Features by time slot, and a mask that is 1 for slots with a reading.
     """
@@ -144,6 +146,8 @@ class RecogniserNetwork(nn.Module):
     The *summary* branch takes only the summary. The *graph* branch takes the summary
     and the learned embedding of the contact graph; a network of width 0 does not have
     it.
+
+    Jiang et al. 2025 (Fig. 7b) have one graph of the whole skin and no summary.
     """
 
     def __init__(self, config: NetworkConfig, classes: int, shear: bool) -> None:

@@ -1,7 +1,7 @@
 """This module simulates pairs of clips with equal counts and different labels.
 
 The clips of a pair differ only in the positions of the taxels: by bending of the skin,
-or by temporary merging of patches, as in Fig. 3 of arXiv 2506.18256.
+or by temporary merging of patches, as in Fig. 3 of Jiang et al. 2025.
 """
 
 from dataclasses import dataclass, replace
@@ -367,6 +367,8 @@ def make_pair(
 
 def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
     """Simulate both clips of the pair that a plan belongs to.
+
+    Fig. 3 of Jiang et al. 2025 shows a pair of either kind.
 
     The plan is of either clip, the environment that of the first one.
     """

@@ -40,7 +40,7 @@ def find_pair_kind(side: Side) -> PairKind:
 
 
 PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
-"""Gestures of the paper."""
+"""Gestures of Jiang et al. 2025 (Fig. 2)."""
 
 CLASSES = (*PAPER_GESTURES, "none")
 """Gestures of the paper, and `none`."""
@@ -199,7 +199,7 @@ def get_pose_groups(constants: Constants, *which: str) -> tuple[int, ...]:
 
 
 def build_paper_set(name: str, constants: Constants) -> ClipSet:
-    """Build a set as small as the paper's.
+    """Build a set as small as the one of Jiang et al. 2025 (section IV-D).
 
     `paper` and `paper-5` share people, poses and build.
     """

@@ -1,4 +1,7 @@
-"""This module draws the presses of the gestures of the vocabulary."""
+"""This module draws the presses of the gestures of the vocabulary.
+
+The four of Jiang et al. 2025 (Fig. 2) are poke, double pat, grab and stroke.
+"""
 
 from dataclasses import replace
 

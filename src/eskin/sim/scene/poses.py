@@ -94,7 +94,10 @@ class PosePool:
 
 @lru_cache(maxsize=4)
 def build_pose_pool(env: SimEnvironment) -> PosePool:
-    """Build the pose pool of an environment, the same every time."""
+    """Build the pose pool of an environment, the same every time.
+
+    Fig. 9 of Jiang et al. 2025 shows such random poses, in which the robot stands.
+    """
     rng = np.random.default_rng(int(env.constants.value("robot.pool_seed")))
     q = draw_valid_poses(env, rng)
     group = compute_pose_groups(env, q, env.poses(q))
