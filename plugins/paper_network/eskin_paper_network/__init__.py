@@ -1,0 +1,1 @@
+"""This package holds the paper's network, and recognises with it live."""
