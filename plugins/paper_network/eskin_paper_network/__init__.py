@@ -1,1 +1,6 @@
-"""This package holds the paper's network, and recognises with it live."""
+"""The paper's network on the graph of all taxels, trained and live (arXiv 2506.18256)."""
+
+from eskin_paper_network.neighbours import Distance
+from eskin_paper_network.network import PaperNetwork, Pooling
+
+__all__ = ["Distance", "PaperNetwork", "Pooling"]
