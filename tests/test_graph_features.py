@@ -164,7 +164,7 @@ def test_load_that_appears_or_ends_has_no_speed():
 
 
 def test_normals_agree_on_a_flat_patch_and_not_around_a_tube():
-    """The same pressures: an image of them does not show the shape (the paper)."""
+    """An image of the same pressures does not show the shape (the paper, Fig. 3)."""
     sheet, tube = flat(rows=9, columns=15), rolled()
     image = np.where(abs(sheet.skin.positions[:, 1]) < 0.025, 20.0, 0.0)
     laid, wrapped = (make_scene(m, [image]).graphs() for m in (sheet, tube))

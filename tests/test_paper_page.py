@@ -1,6 +1,6 @@
 """Tests of the page that leads from the paper to its places here.
 
-Commands of the page are given to their programs by `test_docs.py`, as those of all pages.
+Commands of the page are given to their programs by `test_docs.py`, as of all pages.
 """
 
 import importlib
@@ -34,7 +34,7 @@ SECTIONS = (
     *("V-A", "V-B", "V-C"),
     "VI",
 )
-"""Sections of the paper that have no sections of their own, by their printed numbers."""
+"""Sections of the paper without sections of their own, by their printed numbers."""
 EQUATIONS = ("eq. (1)", "eq. (2)")
 TABLES = ("Table I", "Table II", "Table III")
 FIGURES = tuple(f"Fig. {number}" for number in range(1, 13))
