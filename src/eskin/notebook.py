@@ -65,8 +65,8 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
         probabilities |= recognizer.probabilities
         if len(recognizer.probabilities) == 1:
             (touch,) = recognizer.probabilities
-            values = recognizer.stream.network.parts.features.copy()
-            features.setdefault(touch, []).append(values)
+            values = recognizer.classifier.features
+            features.setdefault(touch, []).append(values.copy())
         closed += () if recognizer.state is None else recognizer.state.closed_touches
     detected |= {each.touch: each for each in recognizer.finish()}
     state = recognizer.state

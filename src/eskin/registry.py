@@ -1,11 +1,14 @@
 """This module maps names to the modules that implement them, and finds extras.
 
 It is the only module of the product that names its leaves. Commands are named here;
-drivers, arms and exporters are entry points of installed packages, those of eskin too:
+drivers, arms, exporters and recognisers are entry points of installed packages, those
+of eskin too:
 
 - `eskin.drivers`: a `Driver`, by the kind of its URIs
 - `eskin.arms`: an `ArmDriver`, by the kind of its URI
 - `eskin.exporters`: an `Exporter`, by the name of its format
+- `eskin.recognisers`: a class derived from `eskin.live.TouchClassifier`, by the name of
+  the package that has it
 
 A module is imported when its name is used.
 """
@@ -19,7 +22,9 @@ from typing import Any, Literal
 
 from eskin.errors import EskinError, ExtraError
 
-DRIVERS, ARMS, EXPORTERS = GROUPS = ("eskin.drivers", "eskin.arms", "eskin.exporters")
+DRIVERS, ARMS, EXPORTERS = "eskin.drivers", "eskin.arms", "eskin.exporters"
+RECOGNISERS = "eskin.recognisers"
+GROUPS = (DRIVERS, ARMS, EXPORTERS, RECOGNISERS)
 """Groups of entry points."""
 
 

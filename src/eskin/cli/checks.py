@@ -135,9 +135,11 @@ def check_files(words: Sequence[str]) -> None:
             check_recording(path)
     for path in named:
         if path.suffix == ".safetensors":
-            from eskin.live import check_weights, load_model
+            from eskin.live import ESKIN, check_weights, load_model
 
-            check_weights(load_model(path))
+            model = load_model(path)
+            if model.card.recogniser == ESKIN:
+                check_weights(model)
         elif path.suffix in (".yaml", ".yml"):
             check_yaml(path)
 

@@ -14,6 +14,7 @@ from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn.batches import cut_windows
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
+from eskin.learn.live_answers import LiveAnswers
 from eskin.learn.metrics import (
     ClassificationScore,
     Reliability,
@@ -42,7 +43,7 @@ WINDOW = 2.0  # [s]
 
 
 def compute_log_probabilities(
-    network: RecogniserNetwork,
+    network: RecogniserNetwork | LiveAnswers,
     dataset: Dataset,
     ends: Int[np.ndarray, "window"],
     firsts: Int[np.ndarray, "window"],
@@ -50,8 +51,12 @@ def compute_log_probabilities(
 ) -> Float[np.ndarray, "window class"]:
     """Return log-probabilities of the windows that end with the rows `ends`.
 
-    As live, each reading is embedded only once, however many windows hold it.
+    As live, each reading is embedded only once, however many windows hold it. Answers
+    that were made live are those at the rows `ends`, whatever `firsts` are.
     """
+    if isinstance(network, LiveAnswers):
+        logits = torch.from_numpy(network.logits[ends])
+        return log_softmax(logits / temperature, dim=1).numpy()
     windows = cut_windows(dataset, ends, firsts, network.config.slots)
     rows, place = np.unique(windows.rows, return_inverse=True)
     parts = []
@@ -82,7 +87,7 @@ def embed_rows(
 
 
 def score_segments(
-    network: RecogniserNetwork,
+    network: RecogniserNetwork | LiveAnswers,
     dataset: Dataset,
     segments: Sequence[Segment],
     temperature: float = 1.0,
@@ -114,7 +119,7 @@ def find_window_ends(dataset: Dataset, segment: Segment) -> Int[np.ndarray, "win
 
 
 def score_instants(
-    network: RecogniserNetwork,
+    network: RecogniserNetwork | LiveAnswers,
     dataset: Dataset,
     rows: Int[np.ndarray, "row"],
     temperature: float = 1.0,
@@ -145,7 +150,7 @@ class ClipPredictions:
 
 
 def predict_clips(
-    network: RecogniserNetwork,
+    network: RecogniserNetwork | LiveAnswers,
     dataset: Dataset,
     vocabulary: tuple[str, ...],
     temperature: float = 1.0,
@@ -235,7 +240,7 @@ class Predictions(NamedTuple):
 
 
 def evaluate(
-    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+    network: RecogniserNetwork | LiveAnswers, card: ModelCard, dataset: Dataset
 ) -> Evaluation:
     """Score a network on prepared recordings.
 
@@ -262,7 +267,7 @@ def evaluate(
 
 
 def evaluate_instants(
-    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+    network: RecogniserNetwork | LiveAnswers, card: ModelCard, dataset: Dataset
 ) -> ClassificationScore:
     """Score the predictions at every row."""
     rows = np.arange(len(dataset.stamps))
@@ -272,7 +277,7 @@ def evaluate_instants(
 
 
 def classify_clips(
-    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+    network: RecogniserNetwork | LiveAnswers, card: ModelCard, dataset: Dataset
 ) -> Predictions:
     """Return the predictions for the clips of generated sets."""
     found = predict_clips(network, dataset, card.vocabulary, card.temperature)
@@ -281,7 +286,7 @@ def classify_clips(
 
 
 def classify_labelled(
-    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+    network: RecogniserNetwork | LiveAnswers, card: ModelCard, dataset: Dataset
 ) -> Predictions:
     """Return the predictions for labelled gestures; `none` for undetected ones."""
     vocabulary, segments = card.vocabulary, dataset.labelled

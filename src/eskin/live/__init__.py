@@ -1,5 +1,6 @@
 """This package recognises gestures live, one reading at a time and without torch."""
 
+from eskin.live.classifier import TouchClassifier
 from eskin.live.decision import (
     UNKNOWN,
     Decision,
@@ -34,6 +35,7 @@ from eskin.live.graph_features import (
 )
 from eskin.live.model_config import (
     EDGE_SCALARS,
+    ESKIN,
     LENGTH_CM,
     LONG_STRIDE,
     LONG_TAPS,
@@ -46,7 +48,14 @@ from eskin.live.model_config import (
     NetworkConfig,
     check_limits,
 )
-from eskin.live.model_file import MODELS, Model, check_weights, load_model, save_model
+from eskin.live.model_file import (
+    MODELS,
+    Model,
+    check_parameters,
+    check_weights,
+    load_model,
+    save_model,
+)
 from eskin.live.network import Network, compute_probabilities
 from eskin.live.recognizer import Recognizer, mount_skin
 
@@ -56,6 +65,7 @@ __all__ = [
     "DecisionFilter",
     "Detection",
     "EDGE_SCALARS",
+    "ESKIN",
     "FixedNeighbours",
     "GRAPH_FIELDS",
     "GraphBatch",
@@ -81,9 +91,11 @@ __all__ = [
     "SHORT_STRIDE",
     "SHORT_TAPS",
     "SLOT_NS",
+    "TouchClassifier",
     "UNKNOWN",
     "build_detection",
     "check_limits",
+    "check_parameters",
     "check_weights",
     "compress_shear",
     "compute_node_scalars",

@@ -268,10 +268,6 @@ class GraphStream:
         self.last: dict[int, TouchNodes] = {}
         self.due = LONG_AGO
 
-    def get_key(self, touch: int) -> int:
-        """Return the key of the sequence that the touch with that id belongs to."""
-        return touch if self.calibrated else WHOLE_SKIN
-
     def push(self, state: TouchState) -> dict[int, GraphBatch]:
         """Return the graph of each sequence at the next reading, by key.
 

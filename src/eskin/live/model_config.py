@@ -132,6 +132,8 @@ class NetworkConfig:
 
 
 FORMAT = "eskin-model-1"
+ESKIN = "eskin"
+"""Name of the recogniser that comes with eskin."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,12 @@ class ModelCard:
     """Classes in the order of the logits; `none` is one of them."""
     kind: Literal["pressure", "shear"] = "pressure"
     """Quantity that the skin must measure."""
+    recogniser: Name = ESKIN
+    """Recogniser that the weights are of: the package that registers it."""
+    settings: Few[dict[str, bool | int | float | str]] = field(default_factory=dict)
+    """Settings of a recogniser of another package, which checks them."""
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    """Size of the network."""
+    """Size of the network of eskin."""
     graph: GraphConfig = field(default_factory=GraphConfig)
     """Settings of the contact graphs."""
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)

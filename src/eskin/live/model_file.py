@@ -14,8 +14,15 @@ from safetensors.numpy import save_file
 from eskin.errors import ModelError
 from eskin.files import atomic_path, open_file, shorten
 from eskin.live.graph_features import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
-from eskin.live.model_config import EDGE_SCALARS, LONG_TAPS, SHORT_TAPS, ModelCard
+from eskin.live.model_config import (
+    EDGE_SCALARS,
+    ESKIN,
+    LONG_TAPS,
+    SHORT_TAPS,
+    ModelCard,
+)
 from eskin.recording.records import NONE
+from eskin.registry import RECOGNISERS, find_plugins
 
 CARD = "eskin"
 SUFFIX = ".safetensors"
@@ -70,7 +77,8 @@ def load_model(name_or_path: str | Path) -> Model:
         name_or_path: one of `MODELS`, or the path of a `.safetensors` file.
 
     Raises:
-        ModelError: if it is missing, damaged, or not a model of eskin.
+        ModelError: if it is missing, damaged, not a model of eskin, or of a recogniser
+            that no installed package registers.
     """
     path = Path(name_or_path)
     if str(name_or_path) in MODELS:
@@ -100,6 +108,7 @@ def load_model(name_or_path: str | Path) -> Model:
             f"{path} is no model file ({reason}); allowed is a .safetensors file "
             "written by eskin train; train it again"
         ) from None
+    check_recogniser(card.recogniser)
     return Model(weights, card)
 
 
@@ -132,6 +141,22 @@ def read_card(text: str | None, path: Path) -> ModelCard:
             f"{path}: {what} is {shorten(first['input'])}: {first['msg']}; "
             "train the model again with this version of eskin"
         ) from None
+
+
+def check_recogniser(name: str) -> None:
+    """Refuse the name of a recogniser that no installed package registers.
+
+    Raises:
+        ModelError: naming the package to install.
+    """
+    if name == ESKIN:
+        return
+    found = find_plugins(RECOGNISERS)
+    if name not in found:
+        raise ModelError(
+            f"model is of recogniser {shorten(name)}, which is not installed; allowed "
+            f"are {', '.join(found)}; install the package of that name, if you trust it"
+        )
 
 
 Shapes = dict[str, tuple[int, ...]]
@@ -211,13 +236,32 @@ def norm_shapes(name: str, size: int) -> Shapes:
 
 
 def check_weights(model: Model) -> Weights:
-    """Return the weights in float32, if they fit the card.
+    """Return the weights of eskin's own network in float32, if they fit the card.
+
+    Raises:
+        ModelError: the weights are of another recogniser, or do not fit.
+    """
+    name = model.card.recogniser
+    if name != ESKIN:
+        raise ModelError(
+            f"model is of recogniser {shorten(name)}; allowed here are models of "
+            "eskin's own; give one that eskin train has written"
+        )
+    return check_parameters(model, network_shapes(model.card))
+
+
+def check_parameters(model: Model, shapes: Shapes) -> Weights:
+    """Return the weights in float32, if they have the shapes that a network needs.
+
+    Args:
+        model: weights and their card.
+        shapes: shape of every parameter, by its name.
 
     Raises:
         ModelError: naming the first parameter that does not fit, or a vocabulary that
             is not of different gestures and `none`.
     """
-    names, shapes = model.card.vocabulary, network_shapes(model.card)
+    names = model.card.vocabulary
     if NONE not in names or len(set(names)) < max(len(names), 2):
         raise ModelError(
             f"model's vocabulary is {', '.join(names) or 'empty'}; allowed are "

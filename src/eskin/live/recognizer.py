@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import ReadingError, SkinMismatchError
+from eskin.live.classifier import build_classifier
 from eskin.live.decision import (
     Decision,
     DecisionFilter,
@@ -15,10 +16,8 @@ from eskin.live.decision import (
     DirectionTracker,
     build_detection,
 )
-from eskin.live.graph_builder import GraphStream
 from eskin.live.model_config import DecisionConfig
 from eskin.live.model_file import MODELS, Model, load_model
-from eskin.live.network import LogitStream
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin, load_robot_for_skin, load_skin
 from eskin.touch import (
@@ -71,8 +70,9 @@ class Recognizer:
         model: weights and their card.
         mounted: the skin on its robot.
         state: the latest reading with its contacts and touches; None before the first.
-        logits: logits of each sequence of graphs at the latest reading, by its key (see
-            `eskin.live.GraphStream`).
+        classifier: what gives the touches their logits.
+        logits: logits of each sequence at the latest reading, by its key (see
+            `TouchClassifier`).
         probabilities: calibrated probabilities of the model's vocabulary for each open
             touch at the latest reading, by its id.
     """
@@ -94,7 +94,8 @@ class Recognizer:
 
         Raises:
             SkinMismatchError: the skin does not measure what the model needs.
-            ModelError: the weights do not fit the model's card.
+            ModelError: the weights do not fit the model's card, or no installed package
+                registers its recogniser.
         """
         card, skin = model.card, mounted.skin
         if card.kind == "shear" and not skin.has_shear:
@@ -110,8 +111,7 @@ class Recognizer:
         calibration = calibration or Calibration.uniform(skin.count, 4095, 100.0)
         poses = LinkPoseCache(mounted, card.graph.posed)
         self.touches = TouchPipeline(mounted, calibration, card.pipeline, poses)
-        self.graphs = GraphStream(mounted, card.graph_used, poses)
-        self.stream = LogitStream(model, self.graphs.builder)
+        self.classifier = build_classifier(model, self.touches)
         self.decision_filter = DecisionFilter(
             card.vocabulary,
             decision or card.decision,
@@ -165,17 +165,17 @@ class Recognizer:
                 one; the recogniser is unchanged then and accepts the next one.
         """
         self.check_input(sample)
+        classifier = self.classifier
         if isinstance(sample, Scan):
             state = self.touches.push(sample)
+            classifier.push(state, self.touches.faults.noise.limits.floor)
         else:
             state = self.touches.push_reading(sample)
+            classifier.push(state, None)
         self.state = state
-        nodes = self.graphs.find_touch_nodes(state)
-        if nodes is not None:
-            self.stream.push(state.reading, nodes)
-        self.logits = self.stream.logits
+        self.logits = classifier.logits
         self.probabilities = {
-            touch.id: self.stream.probabilities[self.graphs.get_key(touch.id)]
+            touch.id: classifier.probabilities[classifier.get_key(touch.id)]
             for touch in state.open
         }
         self.directions.update(state)
@@ -222,7 +222,7 @@ class Recognizer:
                 f"scan at {sample.stamp} ns, but there is no calibration; allowed are "
                 "readings; give the recogniser the calibration of the skin"
             )
-        if self.stream.network.parts.shear and sample.shear is None:
+        if self.model.card.kind == "shear" and sample.shear is None:
             raise ReadingError(
                 f"reading at {sample.stamp} ns has no shear, which the model needs; "
                 "allowed are readings with shear; use a model for pressure alone"

@@ -28,7 +28,7 @@ from eskin.learn.events import (
     trace_recordings,
 )
 from eskin.learn.events.event_scoring import Delays
-from eskin.live import Model, load_model
+from eskin.live import ESKIN, Model, load_model
 from eskin.progress import track_progress
 from eskin.recording import find_recordings, read_recording
 from eskin.units import format_count
@@ -296,13 +296,18 @@ def score_clips(
     """Score recordings gesture by gesture."""
     from eskin.learn.checkpoint import to_network
     from eskin.learn.evaluation import evaluate
+    from eskin.learn.live_answers import gather_answers
     from eskin.learn.plots import draw_confusion, draw_reliability
 
     card = model.card
     overrides = load_overrides(command.calibration, command.robot_urdf)
     dataset = prepare(paths, card.pipeline, card.graph_used, overrides=overrides)
     report_truncated(dataset)
-    result = evaluate(to_network(model), model.card, dataset)
+    if card.recogniser == ESKIN:
+        network = to_network(model)
+    else:
+        network = gather_answers(model, dataset)
+    result = evaluate(network, card, dataset)
     print_clip_score(result)
     if command.picture is not None:
         draw_confusion(

@@ -122,7 +122,7 @@ def record_step(
     """Return the trace step of the reading that a recogniser has just processed."""
     assert recognizer.state is not None
     classes = len(recognizer.model.card.vocabulary)
-    keys = [recognizer.graphs.get_key(touch.id) for touch in touches]
+    keys = [recognizer.classifier.get_key(touch.id) for touch in touches]
     compute_direction = recognizer.directions.compute_direction
     directions = [compute_direction(touch.id) for touch in touches]
     return TraceStep(
