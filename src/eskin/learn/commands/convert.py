@@ -7,18 +7,23 @@ from typing import Annotated, Literal
 
 import tyro
 
-from eskin.cli.checks import Range
-from eskin.errors import RecordingError
+from eskin.app import SourceConfig, load_calibration
+from eskin.cli.checks import Needs, Range
+from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn.sets import (
     LAYOUTS,
     ConversionResult,
+    PoseFit,
+    ReadingLayout,
     SetName,
     TableLayout,
+    convert_readings,
     convert_shearsense,
     convert_sleeve,
     convert_socialtouch,
     convert_table,
 )
+from eskin.skin import MountedSkin, load_robot_for_skin, load_skin
 from eskin.units import format_count
 
 NOMINAL = Range(0, 1000, is_open=True)
@@ -30,7 +35,8 @@ class ConvertCommand:
     """Convert a public dataset of touch gestures, or a table, to recordings."""
 
     dataset: tyro.conf.Positional[Literal[SetName, "table"]]
-    """Name of the dataset, or table for frames of any CSV or npz file."""
+    """Name of the dataset, or table: frames of any CSV or npz file, or with --skin
+    readings of a whole skin of any npz or Parquet file."""
 
     src: tyro.conf.Positional[Path]
     """Folder with the dataset's own files."""
@@ -45,6 +51,18 @@ class ConvertCommand:
 
     full_scale_kpa: Annotated[float | None, NOMINAL] = None
     """Pressure at full scale [kPa], not of sleeve and shearsense; 100 by default."""
+
+    skin: str | None = None
+    """Skin of a table whose readings are of a whole skin, with joint positions or the
+    pose of each taxel: a preset's name, or a folder with skin.yaml."""
+
+    robot_urdf: Annotated[str | None, Needs("skin")] = None
+    """Robot that wears the skin: a URDF file or a preset's name. Preset skins have
+    their own."""
+
+    calibration: Annotated[Path | None, Needs("skin")] = None
+    """Calibration of counts; by default calibration.json in the skin's folder, else the
+    nominal one."""
 
     rows: Annotated[int | None, Range(1, 1000)] = None
     """Rows of the grid of a table; of a known one it changes them, as do all below."""
@@ -76,6 +94,10 @@ GEOMETRY = ("pitch_mm", "full_scale_kpa")
 """Options of all sets that state no geometry and units."""
 COLUMNS = tuple(each.name for each in fields(TableLayout) if each.name != "names")
 """Options of tables."""
+READINGS = ("skin", "robot_urdf", "calibration")
+"""Options of tables of readings of a whole skin alone."""
+NAMED = ("label", "person", "rate")
+"""Options of tables that those of readings of a whole skin take, too."""
 ASSUMED: dict[str, tuple[str, ...]] = {
     "sleeve": (),
     "shearsense": (),
@@ -94,8 +116,12 @@ def run(command: ConvertCommand) -> dict[str, object]:
         "shearsense": convert_shearsense,
         "socialtouch": convert_socialtouch,
     }
+    fit = None
     if name in convert:
         result = convert[name](command.src, command.out, **options)
+    elif command.skin is not None:
+        layout = build_reading_layout(command, command.skin)
+        result, fit = convert_readings(command.src, command.out, layout)
     else:
         layout = choose_layout(command)
         result = convert_table(command.src, command.out, layout, name, **options)
@@ -105,19 +131,57 @@ def run(command: ConvertCommand) -> dict[str, object]:
         f"{format_count(result.readings, 'reading')}, "
         f"{format_count(result.labels, 'label')}"
     )
-    return asdict(result)
+    told: dict[str, object] = asdict(result)
+    if fit is not None:
+        print(describe_fit(fit))
+        told["poses"] = asdict(fit)
+    return told
+
+
+def describe_fit(fit: PoseFit) -> str:
+    """Describe how well joint positions fit poses, and which joints are not known."""
+    text = (
+        f"poses: taxels lie {1e3 * fit.rms:.3g} mm (RMS) from where the joint "
+        f"positions put them, at most {1e3 * fit.worst:.3g} mm ({fit.where})"
+    )
+    if fit.unsolved:
+        text += f"; joints that move no taxel are zero: {', '.join(fit.unsolved)}"
+    return text
+
+
+def build_reading_layout(command: ConvertCommand, skin: str) -> ReadingLayout:
+    """Return how tables of readings of a skin are read."""
+    robot = load_robot_for_skin(skin, command.robot_urdf)
+    if robot is None:
+        raise SkinMismatchError(
+            f"skin '{skin}' is given without a robot; allowed are a robot's name or a "
+            "URDF file; give the robot that it is on with --robot-urdf"
+        )
+    mounted = MountedSkin(load_skin(skin), robot)
+    config = SourceConfig(skin=skin, calibration=command.calibration)
+    calibration = load_calibration(config, mounted.skin)
+    calibration.check_skin(mounted.skin)
+    given = {name: getattr(command, name) for name in NAMED}
+    given = {name: value for name, value in given.items() if value is not None}
+    return ReadingLayout(mounted, calibration, **given)
 
 
 def check_given(command: ConvertCommand) -> None:
     """Raise if an option is given that the set does not take."""
-    allowed = ASSUMED.get(command.dataset, (*GEOMETRY, *COLUMNS))
-    for name in (*GEOMETRY, *COLUMNS):
-        if getattr(command, name) is not None and name not in allowed:
-            names = [key for key, takes in ASSUMED.items() if name in takes]
-            raise RecordingError(
-                f"{to_option(name)} is given for {command.dataset}; allowed are "
-                f"{', '.join((*names, *LAYOUTS, 'table'))}; leave it out"
-            )
+    grids = (*GEOMETRY, *COLUMNS)
+    allowed = ASSUMED.get(command.dataset, grids)
+    if command.dataset == "table":
+        allowed = grids if command.skin is None else (*READINGS, *NAMED)
+    for name in (*grids, *READINGS):
+        if getattr(command, name) is None or name in allowed:
+            continue
+        names = [key for key, takes in ASSUMED.items() if name in takes]
+        names += [*LAYOUTS, "table"] if name in grids else ["table with --skin"]
+        given_for = command.dataset + " with --skin" * (command.skin is not None)
+        raise RecordingError(
+            f"{to_option(name)} is given for {given_for}; allowed are "
+            f"{', '.join(names)}; leave it out"
+        )
 
 
 def get_geometry_options(command: ConvertCommand) -> dict[str, float]:
@@ -138,8 +202,9 @@ def choose_layout(command: ConvertCommand) -> TableLayout:
     missing = [n for n in ("rows", "columns", "rate", "label") if n not in given]
     if missing:
         raise RecordingError(
-            f"a table without {', '.join(map(to_option, missing))}; give what its "
-            "files are"
+            f"a table without {', '.join(map(to_option, missing))}; allowed is a grid "
+            "with them, or the readings of a whole skin, with poses or not, with "
+            "--skin; give what its files are"
         )
     return TableLayout(**given)
 

@@ -13,11 +13,12 @@ from eskin.errors import ImportSourceError
 from eskin.files import read_file
 from eskin.recording.records import Label, Metadata
 from eskin.recording.writer import RecordingWriter, write_all
+from eskin.robot import Robot
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
 
-# The datasets do not say what their sensors were fixed to, or their full scale.
-ROBOT = "table"
+# Most datasets do not say what their sensors were fixed to, or their full scale.
+TABLE = "table"
 FULL_SCALE_KPA = 100.0
 MAX_SOURCE_BYTES = 32 << 20
 """Largest size of a file of a dataset, unpacked [bytes]."""
@@ -25,13 +26,13 @@ MAX_SOURCE_BYTES = 32 << 20
 
 @dataclass(frozen=True)
 class ImportedClip:
-    """A recording of a public dataset that has been read into memory."""
+    """A recording of a dataset, whose scans are read while it is written."""
 
     name: str
     """Name of its file, without suffix."""
     metadata: Metadata
     """Origin of the recording."""
-    scans: tuple[Scan, ...]
+    scans: Iterable[Scan]
     """Scans in the order of time."""
     labels: tuple[Label, ...]
     """Labels in the order of time."""
@@ -58,13 +59,24 @@ def write_clips(
     folder: Path | str,
     skin: Skin,
     calibration: Calibration,
+    robot: Robot | None = None,
 ) -> ConversionResult:
     """Write each clip to `<folder>/<name>.mcap`; write none if any cannot be read.
+
+    Args:
+        clips: the clips, each of which is written before the next is read.
+        folder: folder for the recordings.
+        skin: skin of all clips.
+        calibration: calibration of clips without one of their own.
+        robot: robot that wears the skin; None for a skin that lies on a table.
 
     Raises:
         ImportSourceError: two clips have one name, or the folder cannot be made.
     """
     folder = Path(folder)
+    name = TABLE if robot is None else robot.name
+    joints = () if robot is None else robot.joint_names
+    urdf = b"" if robot is None else robot.urdf
     recordings = readings = labels = 0
     existed = folder.exists()
     work = make_work_folder(folder)
@@ -73,10 +85,11 @@ def write_clips(
             path = work / f"{clip.name}.mcap"
             if path.exists():
                 raise ImportSourceError(
-                    f"two source files would become {path.name}; keep one of them"
+                    f"two files, or parts of one, would become {path.name}; allowed "
+                    "is one; keep one of them, or sort readings by person and session"
                 )
             own = clip.calibration or calibration
-            writer = RecordingWriter(path, ROBOT, skin, own, clip.metadata, ())
+            writer = RecordingWriter(path, name, skin, own, clip.metadata, joints, urdf)
             with writer:
                 readings += write_all(writer, clip.scans, clip.labels)
             recordings += 1
