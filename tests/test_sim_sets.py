@@ -41,6 +41,9 @@ def plan_set(name, clips=None, subjects=None, **options):
     return [plan for _, plans in files for plan in plans[1:]]
 
 
+FOUR = ("paper", "paper-places", "paper-person", "paper-folded")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "people", "builds", "kind", "groups", "count"),
@@ -53,6 +56,9 @@ def plan_set(name, clips=None, subjects=None, **options):
         ("test-m", 15, 3, "shifted", range(9, 13), 2000),
         ("paper", 6, 1, "fresh", range(1, 13), 676),
         ("paper-5", 6, 1, "fresh", range(1, 13), 676),
+        ("paper-places", 6, 1, "fresh", range(1, 13), 676),
+        ("paper-person", 1, 1, "fresh", range(1, 13), 676),
+        ("paper-folded", 6, 1, "fresh", range(1, 13), 676),
         ("streams", 10, 3, "shifted", range(1, 13), 80),
         ("streams-fresh", 10, 6, "fresh", range(1, 13), 80),
         ("accidents", 10, 3, "shifted", range(1, 13), 40),
@@ -94,7 +100,7 @@ def test_every_part_of_a_set_has_each_class_equally_often(name):
         parts.setdefault(folder, Counter()).update(plan.gesture for plan in plans)
     assert set(parts) == ({"train", "test"} if name.startswith("paper") else {""})
     for counts in parts.values():
-        assert set(counts) == set(PAPER_GESTURES if name == "paper" else CLASSES)
+        assert set(counts) == set(PAPER_GESTURES if name in FOUR else CLASSES)
         assert max(counts.values()) - min(counts.values()) <= 1
 
 

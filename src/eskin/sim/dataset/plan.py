@@ -104,6 +104,9 @@ class ClipPlan:
     """Pose groups that the pose is drawn from."""
     pose: Seed | None = None
     """Seed of a pose that several clips share; None draws one for this clip alone."""
+    places: tuple[Seed, ...] = ()
+    """Seeds of the places of the skin that the gesture is made at, in the order in
+    which the person tries them; empty draws one for this clip alone."""
     moving: bool = False
     """Whether the robot moves."""
     fold_share: float = 0.0
@@ -245,6 +248,9 @@ def plan_clips(
     seconds = draw_seconds(session_plan, clip_set, seed, constants)
     every = constants.value("clip.every")
     concurrent = difficulty * constants.value("clip.concurrent")
+    fold_share = clip_set.folded
+    if fold_share is None:
+        fold_share = constants.value("clip.fold")
     others = session_plan.others
     plans = [lead]
     for number, gesture in enumerate(gestures):
@@ -253,6 +259,11 @@ def plan_clips(
         if clip_set.poses is not None:
             which = int(rng.integers(clip_set.poses))
             pose = build_seed(f"pose {clip_set.people}", which, 0, seed)
+        places: tuple[Seed, ...] = ()
+        if clip_set.places is not None:
+            role = f"place {clip_set.people} {gesture}"
+            order = rng.permutation(clip_set.places)
+            places = tuple(build_seed(role, int(n), 0, seed) for n in order)
         plan = replace(
             lead,
             seed=build_seed(f"clip {clip_set.name}", session_plan.number, number, seed),
@@ -262,8 +273,9 @@ def plan_clips(
             gesture=gesture,
             kind=clip_set.stream,
             pose=pose,
+            places=places,
             moving=bool(rng.random() >= clip_set.stopped),
-            fold_share=constants.value("clip.fold"),
+            fold_share=fold_share,
             concurrent=min(concurrent, constants.value("difficulty.most")),
         )
         plans.append(plan)

@@ -83,6 +83,12 @@ class ClipSet:
     """Number of poses; None draws a new one for each clip."""
     stopped: float
     """Share of clips in which the robot stands still."""
+    places: int | None = None
+    """Number of places of the skin where each gesture is made; None draws a new one for
+    each clip."""
+    folded: float | None = None
+    """Share of poses in which patches of two links face each other; None takes the
+    usual share."""
     classes: tuple[str, ...]
     """Gestures, equally often; empty for streams, which have touches of many kinds."""
     parts: tuple[SetPart, ...]
@@ -96,6 +102,9 @@ class ClipSet:
         return sum(part.clips for part in self.parts)
 
 
+PAPER_SETS = ("paper", "paper-5", "paper-places", "paper-person", "paper-folded")
+"""Names of the sets as large as the paper's."""
+
 SETS = (
     "train",
     "val",
@@ -103,8 +112,7 @@ SETS = (
     "test-p",
     "test-x",
     "test-m",
-    "paper",
-    "paper-5",
+    *PAPER_SETS,
     "streams",
     "streams-fresh",
     ACCIDENTS,
@@ -201,20 +209,27 @@ def get_pose_groups(constants: Constants, *which: str) -> tuple[int, ...]:
 def build_paper_set(name: str, constants: Constants) -> ClipSet:
     """Build a set as small as the one of Jiang et al. 2025 (section IV-D).
 
-    `paper` and `paper-5` share people, poses and build.
+    The sets share people, poses and build. `paper-5` has the class `none` as well. Of
+    `paper-places` each gesture is made at few places of the skin, as where a data set
+    is collected quickly; `paper-person` is that by one person. In all poses of
+    `paper-folded` patches of two links face each other.
     """
     train, test = constants.array("sets.clips.paper")
+    people = 1 if name == "paper-person" else int(constants.value("sets.people.paper"))
+    few_places = name in ("paper-places", "paper-person")
     return replace(
         load_set("train", constants),
         name=name,
         people="paper",
-        subjects=int(constants.value("sets.people.paper")),
+        subjects=people,
         builds="paper",
         build_count=1,
         groups=get_pose_groups(constants, "known", "new"),
         poses=int(constants.value("sets.poses.paper")),
         stopped=1.0,
-        classes=PAPER_GESTURES if name == "paper" else CLASSES,
+        places=int(constants.value("sets.places.paper")) if few_places else None,
+        folded=1.0 if name == "paper-folded" else None,
+        classes=CLASSES if name == "paper-5" else PAPER_GESTURES,
         parts=(SetPart("train", int(train)), SetPart("test", int(test))),
     )
 
@@ -318,7 +333,7 @@ SET_BUILDERS = (
     (RECORDED_SETS, build_recorded_set),
     ((DEVICES,), build_device_set),
     (FAMILY_SETS, build_family_set),
-    (("paper", "paper-5"), build_paper_set),
+    (PAPER_SETS, build_paper_set),
     (("streams", "streams-fresh"), build_stream_set),
     ((ACCIDENTS, QUIET), build_gestureless_set),
 )

@@ -25,7 +25,7 @@ from eskin.sim.scene.motion import (
     follow_with_delay,
     hold_pose,
 )
-from eskin.sim.scene.placement import draw_site
+from eskin.sim.scene.placement import choose_site, draw_site
 from eskin.sim.scene.poses import (
     can_fold,
     can_touch_itself,
@@ -188,6 +188,9 @@ def draw_sites(
         pairs = find_fold_sites(env, q, person)
         if pairs:
             return pairs[0]
+    if setup.plan.places:
+        places = map(build_rng, setup.plan.places)
+        return choose_site(env, q, person, gesture, places, kind), None
     return draw_site(env, q, person, gesture, rng, kind), None
 
 

@@ -1,5 +1,6 @@
 """This module draws contact sites: where a person touches the robot."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,6 +114,34 @@ def draw_site(
             site = build_reached_site(env, view, chart, centre)
             if has_room_for_hand(env, site, law, view.T_world_link):
                 return site
+    assert site is not None
+    return site
+
+
+def choose_site(
+    env: SimEnvironment,
+    q: Float[np.ndarray, "joint"],
+    person: Person,
+    gesture: str,
+    places: Iterable[np.random.Generator],
+    kind: str | None = None,
+) -> ContactSite:
+    """Choose the first of some places of the skin where a hand has room in a pose.
+
+    A place is drawn by its own generator from region, kind and area alone, so that it
+    is the same in every pose and for every person. Where no place has room it is the
+    last one.
+    """
+    view = build_view(env, q, person)
+    site = None
+    for rng in places:
+        law = choose_placement_law(gesture, kind, rng)
+        index = draw_target(env, view, law, rng, strict=False)
+        assert index is not None
+        centre = draw_point_on_target(env, index, rng)
+        site = build_reached_site(env, view, int(env.targets.chart[index]), centre)
+        if has_room_for_hand(env, site, law, view.T_world_link):
+            return site
     assert site is not None
     return site
 
