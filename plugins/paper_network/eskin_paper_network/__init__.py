@@ -1,4 +1,4 @@
-"""The paper's network on the graph of all taxels, trained and live (arXiv 2506.18256)."""
+"""The network of arXiv 2506.18256 on the graph of all taxels, trained and live."""
 
 from eskin_paper_network.neighbours import Distance
 from eskin_paper_network.network import PaperNetwork, Pooling

@@ -148,7 +148,7 @@ class PaperNetwork(nn.Module):
     def classify_used(
         self, features: Float[Tensor, "clip used width"]
     ) -> Float[Tensor, "clip class"]:
-        """Return the logits of windows of the features of the readings that are used."""
+        """Return the logits of windows of the features of the used readings."""
         return self.out(self.over_time(features.transpose(1, 2)))
 
     def encode(
