@@ -1,12 +1,16 @@
-"""Train every method on the same clips, and test all of them on the same others.
+"""Train every method on the same examples, and test all of them on the same others.
 
-python -m lab.compare --train SETS/train --test SETS/test --seeds 3
+    python -m lab.compare --train SETS/train --test SETS/test --seeds 3
+    python -m lab.compare --recordings FOLDER --hold-out subject
+
+The first compares on clips of generated sets, the second on labelled recordings of any
+skin: each person, or session, is held out in turn, and all others are trained on.
 """
 
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from pathlib import Path
 
@@ -17,38 +21,63 @@ from eskin.errors import EskinError
 from eskin.live import check_limits
 from eskin.units import format_count
 from lab.comparison.examples import Examples, find_examples
-from lab.comparison.methods import METHODS, Method
-from lab.comparison.results import MethodResult, TrainingTask, find_stale, run_tasks
+from lab.comparison.methods import METHODS, METHODS_ON_RECORDINGS, Method
+from lab.comparison.results import (
+    AnsweredClips,
+    MethodResult,
+    TrainingTask,
+    find_stale,
+    run_tasks,
+)
+from lab.comparison.segments import Group, find_segments
 from lab.comparison.table import (
+    ComparisonRow,
     RunKey,
+    Words,
     build_rows,
     format_gesture_tables,
+    format_group_table,
     format_tables,
 )
 from lab.program import run_program
 
+HELD_OUT = "held out"
+"""Name of the test on recordings: each is of a group that was held out."""
+
 
 @dataclass(frozen=True)
 class CompareCommand:
-    """Train every method on the same clips and test all of them on the same others."""
+    """Train every method on the same examples and test all on the same others."""
 
-    train: tuple[Path, ...]
+    train: tuple[Path, ...] = ()
     """Training sets of clips; each is a draw of its own."""
 
-    test: tuple[Path, ...]
+    test: tuple[Path, ...] = ()
     """Test set of each training set, or several test sets of a single one."""
+
+    recordings: tuple[Path, ...] = ()
+    """Labelled recordings of one skin, or folders of them, in place of sets."""
+
+    hold_out: Group = "subject"
+    """What is held out of the recordings at a time."""
+
+    shear: bool = True
+    """Whether methods use the shear of recordings whose skin measures it."""
+
+    rename: dict[str, str] = field(default_factory=dict)
+    """Gestures of recordings, each followed by another name; several may share one."""
 
     seeds: int = 1
     """Number of trainings of each method on each draw, each with its own seed."""
 
-    methods: tuple[str, ...] = tuple(METHODS)
-    """Methods to compare; the others are compared with the first."""
+    methods: tuple[str, ...] = ()
+    """Methods to compare, all unless given; the others are compared with the first."""
 
     results: Path = Path("results.jsonl")
     """File that keeps each result, so that an interrupted comparison can go on."""
 
     pack: Path = Path("pack")
-    """Folder that keeps prepared clips."""
+    """Folder that keeps prepared recordings."""
 
     workers: int = 1
     """Number of processes that train at once."""
@@ -59,11 +88,18 @@ class CompareCommand:
     def __post_init__(self) -> None:
         """Raise if an option is out of range or does not fit the others."""
         check_limits(self, {"seeds": (1, np.inf), "workers": (1, np.inf)}, "--")
-        unknown = [name for name in self.methods if name not in METHODS]
-        if unknown or not self.methods:
+        known = METHODS_ON_RECORDINGS if self.recordings else METHODS
+        unknown = [name for name in self.methods if name not in known]
+        if unknown:
             raise ValueError(
-                f"--methods names {', '.join(unknown) or 'none'}; allowed are "
-                f"{', '.join(METHODS)}; correct the name"
+                f"--methods names {', '.join(unknown)}; allowed are "
+                f"{', '.join(known)}; correct the name"
+            )
+        if bool(self.recordings) == bool(self.train or self.test):
+            raise ValueError(
+                f"--recordings names {len(self.recordings)}, --train {len(self.train)} "
+                f"and --test {len(self.test)}; allowed are recordings, or sets to "
+                "train and to test on; name one or the other"
             )
         if len(self.train) not in (1, len(self.test)):
             raise ValueError(
@@ -80,31 +116,95 @@ class CompareCommand:
 
 
 def run_compare(
-    command: CompareCommand, methods: Mapping[str, Method] = METHODS
+    command: CompareCommand, methods: Mapping[str, Method] | None = None
 ) -> dict[str, object]:
-    """Train and test all methods, print the tables, and return their rows.
+    """Train and test methods, print the tables, and return their rows.
 
     Args:
         command: the command.
-        methods: methods by name.
+        methods: all methods by name, where they are not the usual ones.
     """
     check_writable(command.results)
     check_folder(command.pack)
+    if command.recordings:
+        rows = compare_on_recordings(command, methods or METHODS_ON_RECORDINGS)
+    else:
+        rows = compare_on_clips(command, methods or METHODS)
+    return {"rows": [asdict(row) for row in rows]}
+
+
+def compare_on_clips(
+    command: CompareCommand, methods: Mapping[str, Method]
+) -> list[ComparisonRow]:
+    """Train and test methods on sets of clips, print tables, and return their rows."""
     draws = load_draws(command)
     for train, tests in draws:
         check_test_is_held_out(train, tests)
+    names = command.methods or tuple(methods)
     runs = list(product(range(len(draws)), range(command.seeds)))
-    wanted = [(name, run) for run in runs for name in command.methods]
+    wanted = [(name, run) for run in runs for name in names]
     tasks = [
         TrainingTask(name, methods[name], *draws[draw], draw * command.seeds + seed)
         for name, (draw, seed) in wanted
     ]
     results = train_all(tasks, command.results, command.workers, command.minutes)
-    found = group_results(command.methods, wanted, results)
+    found = group_results(names, wanted, results)
     rows = build_rows(found) if found else []
     if rows:
         print(f"{format_tables(rows)}\n\n{format_gesture_tables(rows)}")
-    return {"rows": [asdict(row) for row in rows]}
+    return rows
+
+
+def compare_on_recordings(
+    command: CompareCommand, methods: Mapping[str, Method]
+) -> list[ComparisonRow]:
+    """Cross-validate methods on recordings, print tables, and return their rows."""
+    examples = find_segments(
+        command.recordings,
+        command.pack,
+        command.hold_out,
+        command.shear,
+        command.rename,
+        command.workers,
+    )
+    folds = list(examples.split_folds().values())
+    names = command.methods or tuple(methods)
+    wanted = [(name, (0, seed)) for seed in range(command.seeds) for name in names]
+    tasks = [
+        TrainingTask(name, methods[name], train, {HELD_OUT: test}, seed, share=0.0)
+        for name, (_, seed) in wanted
+        for train, test in folds
+    ]
+    results = train_all(tasks, command.results, command.workers, command.minutes)
+    firsts = range(0, len(results), len(folds))
+    joined = [join_folds(results[first : first + len(folds)]) for first in firsts]
+    found = group_results(names, wanted, joined)
+    rows = build_rows(found) if found else []
+    if rows:
+        groups = "people" if command.hold_out == "subject" else "sessions"
+        words = Words("segments", groups)
+        tables = (
+            format_tables(rows, words),
+            format_group_table(rows, words),
+            format_gesture_tables(rows, words),
+        )
+        print("\n\n".join(tables))
+    return rows
+
+
+def join_folds(results: Sequence[MethodResult | None]) -> MethodResult | None:
+    """Join the results of all folds of one method and seed; None if one is missing."""
+    found = [result for result in results if result is not None]
+    if len(found) < len(results):
+        return None
+    answered = [result.answered[HELD_OUT] for result in found]
+    joined = AnsweredClips(
+        truth=tuple(gesture for each in answered for gesture in each.truth),
+        answer=tuple(gesture for each in answered for gesture in each.answer),
+        people=tuple(group for each in answered for group in each.people),
+    )
+    seconds = sum(result.seconds for result in found)
+    return replace(found[0], seconds=seconds, answered={HELD_OUT: joined})
 
 
 def train_all(
@@ -125,7 +225,7 @@ def train_all(
     if stale:
         print(
             f"{len(stale)} of {len(tasks)} results in {path} are stale, of other code, "
-            "settings or clips, and are made again:"
+            "settings or data, and are made again:"
         )
         print("\n".join(f"  {label}" for label in stale), flush=True)
     results = run_tasks(tasks, path, workers, 60 * minutes)

@@ -1,18 +1,21 @@
-"""This module defines the methods that are compared, all trained on clips."""
+"""This module defines the methods that are compared, all trained on examples."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from eskin.learn.dataset import Dataset
-from eskin.learn.evaluation import find_last_rows, predict_clips
+from eskin.learn.evaluation import compute_log_probabilities
+from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.live import SLOT_NS, GraphConfig, NetworkConfig, compute_summary
+from eskin.live import NetworkConfig
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
 from lab.baselines import (
@@ -22,27 +25,49 @@ from lab.baselines import (
     FitConfig,
     PaperBaseline,
 )
-from lab.baselines.estimators import Estimator, GradientBoosting
-from lab.baselines.hand import compute_features, compute_statistics
-from lab.baselines.series import COLUMNS, SERIES, align_series
+from lab.baselines.estimators import (
+    Estimator,
+    GradientBoosting,
+    NearestNeighbours,
+    RandomForest,
+    SupportVectors,
+)
+from lab.baselines.series import SERIES
 from lab.comparison.examples import Examples
+from lab.comparison.touches import Form, TouchRows, TouchSpan, average_rows
 
-Predictor = Callable[[Examples], Float[np.ndarray, "clip class"]]
-"""Function that returns log-probabilities for each clip, the classes in the order of
-the training examples' gestures."""
+SMALLEST = 1e-9
+"""Probability that is added before a logarithm."""
+
+Predictor = Callable[[Examples], Float[np.ndarray, "example class"]]
+"""Function that returns log-probabilities for each example, their mean over its
+windows, the classes in the order of the training examples' gestures."""
 
 
 class Method(ABC):
-    """A method trains a classifier of clips."""
+    """A method trains a classifier of examples."""
 
     @abstractmethod
     def fit(self, examples: Examples, seed: int) -> Predictor:
-        """Train on clips; results are reproducible by the seed.
+        """Train on examples; results are reproducible by the seed.
 
         Args:
-            examples: clips to train on.
+            examples: examples to train on.
             seed: seed of all random draws.
         """
+
+
+@final
+@dataclass(frozen=True)
+class Standardised:
+    """This estimator standardises features for another one."""
+
+    of: Callable[[int], Estimator]
+    """Function that builds the other estimator from a seed."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Build the classifier."""
+        return make_pipeline(StandardScaler(), self.of(seed))
 
 
 @final
@@ -55,53 +80,30 @@ class TouchMethod(Method):
     labels for every touch.
     """
 
-    estimator: Callable[[int], Estimator] = GradientBoosting(leaves=31)
+    estimator: Callable[[int], Estimator]
     """Function that builds the classifier from a seed."""
-    series: bool = False
-    """Whether it takes the series of the touch, instead of statistics of it."""
+    forms: tuple[Form, ...]
+    """Forms of the touch that it takes, joined."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
-        """Learn from the touches of clips."""
-        truth = np.array(examples.gestures)[examples.truth(examples.gestures)]
-        model = self.estimator(seed).fit(build_touch_rows(examples, self.series), truth)
+        """Learn from the touches of examples."""
+        touches = build_touch_rows(examples, self.forms)
+        truth = np.array(examples.labels)[touches.example]
+        model = self.estimator(seed).fit(touches.rows, truth)
 
-        def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
-            rows = build_touch_rows(other, self.series)
-            return np.log(np.maximum(model.predict_proba(rows), 1e-12))
+        def predict(other: Examples) -> Float[np.ndarray, "example class"]:
+            found = build_touch_rows(other, self.forms)
+            probabilities = model.predict_proba(found.rows)
+            return average_rows(np.log(probabilities + SMALLEST), found.example)
 
         return predict
 
 
-def build_touch_rows(
-    examples: Examples, series: bool = False
-) -> Float[np.ndarray, "clip *feature"]:
-    """Return features of each clip's touch of largest impulse, zeros without one."""
-    compute = compute_touch_series if series else compute_touch_features
-    dataset = examples.dataset(GraphConfig())
-    ends = list(find_last_rows(dataset, examples.clips))
-    found = {end: compute(dataset, end) for end in ends if end >= 0}
-    nothing = np.zeros_like(next(iter(found.values()), np.zeros(0)))
-    return np.stack([found.get(end, nothing) for end in ends]).astype(np.float32)
-
-
-def compute_touch_series(
-    dataset: Dataset, end: int
-) -> Float[np.ndarray, "channel reading"]:
-    """Return the series of a touch, whose last row in the data set is `end`."""
-    rows = np.arange(dataset.starts[end], end + 1)
-    summary = compute_summary(dataset.graphs.select(rows), shear=False)
-    return align_series(summary[:, COLUMNS], dataset.stamps[rows] // SLOT_NS)
-
-
-def compute_touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:
-    """Return hand-crafted features of a touch, and its summary's statistics and end.
-
-    `end` is the last row of the touch in the data set.
-    """
-    rows = np.arange(dataset.starts[end], end + 1)
-    series = compute_summary(dataset.graphs.select(rows), shear=False).T
-    hand = compute_features(dataset, rows, shear=False)
-    return np.concatenate([hand, compute_statistics(series), series[:, -1]])
+def build_touch_rows(examples: Examples, forms: Sequence[Form]) -> TouchRows:
+    """Return several forms of the touches of examples side by side."""
+    parts = [examples.touch_rows(form) for form in forms]
+    rows = np.concatenate([part.rows for part in parts], axis=1)
+    return TouchRows(rows, parts[0].example)
 
 
 AS_LARGE_AS_SHIPPED = NetworkConfig(width=32, layers=3, channels=48, dropout=0.1)
@@ -122,10 +124,16 @@ FIT_CONFIGS: dict[str, FitConfig] = {
     "cnn-lstm": FitConfig(epochs=80),
     "3d-cnn": FitConfig(rate=5e-3),
     "tactile-image": FitConfig(),
-    "paper": FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant"),
+    "paper": FitConfig(
+        epochs=60,
+        batch=8,
+        rate=1e-3,
+        schedule="constant",
+        held_out=0.15,
+        patience=12,
+    ),
 }
-"""Training of the baselines that are networks, tuned on sets of their own; forty
-epochs of the paper's network would take an hour."""
+"""Training of the baselines that are networks, tuned on sets of their own."""
 
 
 @final
@@ -135,28 +143,49 @@ class RecogniserMethod(Method):
 
     config: TrainConfig = FOR_SMALL_SETS
     """Settings of the training."""
+    small: int | None = SMALL
+    """Number of examples beyond which training takes more steps, in proportion; None
+    for never."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
-        """Learn from the touches of clips."""
-        graph = self.config.select_graph()
-        dataset = examples.dataset(graph)
+        """Learn from the touches in recordings."""
+        config = replace(self.config, shear=self.config.shear and examples.has_shear)
+        if self.small is not None:
+            factor = max(1.0, examples.count / self.small)
+            config = replace(config, steps=round(factor * config.steps))
+        graph = config.select_graph()
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
-        factor = max(1.0, len(examples.clips) / SMALL)
-        config = replace(self.config, steps=round(factor * self.config.steps))
-        trainer = Trainer(dataset, vocabulary, config, seed=seed)
+        trainer = Trainer(examples.dataset(graph), vocabulary, config, seed=seed)
         network = trainer.run(quiet=True)
         columns = [vocabulary.index(gesture) for gesture in examples.gestures]
         truth = examples.truth(examples.gestures)
-        shares = np.bincount(truth) / len(truth)
+        # Without a class `none`, examples without a touch get the prior.
+        nothing = np.bincount(truth) / len(truth)
+        if NONE in examples.gestures:
+            nothing = np.array(examples.gestures) == NONE
 
-        def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
-            found = predict_clips(network, other.dataset(graph), vocabulary)
-            log_probabilities = found.log_probabilities[:, columns]
-            # Without a class `none`, clips without a touch get the prior.
-            nothing = np.isneginf(log_probabilities).all(axis=1, keepdims=True)
-            return np.where(nothing, np.log(shares), log_probabilities)
+        def predict(other: Examples) -> Float[np.ndarray, "example class"]:
+            dataset = other.dataset(graph)
+            touches = other.find_touches(dataset)
+            answers = np.log(np.tile(nothing + SMALLEST, (len(touches), 1)))
+            touched = np.array([touch is not None for touch in touches])
+            found = [touch for touch in touches if touch is not None]
+            if found:
+                answers[touched] = score_touches(network, dataset, found)[:, columns]
+            return answers
 
         return predict
+
+
+def score_touches(
+    network: RecogniserNetwork, dataset: Dataset, touches: Sequence[TouchSpan]
+) -> Float[np.ndarray, "touch class"]:
+    """Return the recogniser's mean log-probabilities over the windows of each touch."""
+    counts = np.array([len(touch.ends) for touch in touches])
+    ends = np.concatenate([touch.ends for touch in touches])
+    firsts = np.repeat([touch.first for touch in touches], counts)
+    scores = compute_log_probabilities(network, dataset, ends, firsts)
+    return average_rows(scores, np.repeat(np.arange(len(touches)), counts))
 
 
 @final
@@ -167,23 +196,45 @@ class BaselineMethod(Method):
     make: Callable[[MountedSkin], Baseline]
     """Function that builds the baseline; its `repr` shows all settings, since results
     are kept by the `repr` of a method."""
+    on_touch: bool = False
+    """Whether windows hold the touch that ours classifies alone."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
-        """Train on the pressures of all taxels in clips."""
+        """Train on the windows of examples."""
+        if self.on_touch:
+            examples = examples.of_touches()
         baseline = self.make(examples.mounted)
-        baseline.fit(examples.windows, examples.truth(examples.gestures), seed)
+        truth = examples.truth(examples.gestures)
+        baseline.fit(examples.windows, truth[examples.window_example], seed)
 
-        def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
+        def predict(other: Examples) -> Float[np.ndarray, "example class"]:
+            if self.on_touch:
+                other = other.of_touches()
             probabilities = baseline.predict_probabilities(other.windows)
-            return np.log(np.maximum(probabilities, 1e-12))
+            scores = np.log(probabilities + SMALLEST)
+            return average_rows(scores, other.window_example)
 
         return predict
 
 
+ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
+    "random-forest": RandomForest(),
+    "gradient-boosting": GradientBoosting(),
+    "svm": Standardised(SupportVectors()),
+    "knn": Standardised(NearestNeighbours()),
+}
+"""Estimators on hand-made features of a touch."""
+
 METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
-    "boosting-on-touch": TouchMethod(),
-    **{name: TouchMethod(make, series=True) for name, make in SERIES.items()},
+    "boosting-on-touch": TouchMethod(
+        GradientBoosting(leaves=31), ("features", "summary")
+    ),
+    **{
+        f"{name}-features": TouchMethod(estimator, ("features",))
+        for name, estimator in ON_FEATURES.items()
+    },
+    **{name: TouchMethod(make, ("series",)) for name, make in SERIES.items()},
     **{name: BaselineMethod(make) for name, make in BASELINES.items()},
     **{
         name: BaselineMethod(partial(make, config=FIT_CONFIGS[name]))
@@ -191,7 +242,19 @@ METHODS: dict[str, Method] = {
         if name != "paper"
     },
     "paper": BaselineMethod(
-        partial(PaperBaseline, config=FIT_CONFIGS["paper"], k=8, pooling="max")
+        partial(
+            PaperBaseline, config=FIT_CONFIGS["paper"], k=8, pooling="max", stride=2
+        )
     ),
 }
 """Methods by name; ours is the first."""
+
+METHODS_ON_RECORDINGS: dict[str, Method] = {
+    **{name: method for name, method in METHODS.items() if name != "timers"},
+    "eskin": RecogniserMethod(TrainConfig(validation=0.0), small=None),
+    "3d-cnn": BaselineMethod(
+        partial(NETWORKS["3d-cnn"], config=FitConfig(epochs=20, batch=32))
+    ),
+}
+"""The same methods with their settings for real recordings: ours with the defaults of
+`eskin train`. Timers know gestures of generated sets only."""

@@ -25,17 +25,17 @@ from lab.comparison.methods import Method
 
 @dataclass(frozen=True)
 class AnsweredClips:
-    """Answered clips hold a method's predictions for some clips."""
+    """Answered clips hold a method's predictions for some examples."""
 
     truth: tuple[str, ...]
-    """Gesture that each clip was generated for."""
+    """Gesture of each example."""
     answer: tuple[str, ...]
     """Predicted gesture."""
     people: tuple[str, ...]
-    """Person of each clip."""
+    """Person of each example, or session."""
 
     @property
-    def correct(self) -> Bool[np.ndarray, "clip"]:
+    def correct(self) -> Bool[np.ndarray, "example"]:
         """Return which predictions are correct."""
         return np.array(self.truth) == np.array(self.answer)
 
@@ -64,9 +64,9 @@ class TrainingTask:
     method: Method
     """Method to train."""
     train: Examples
-    """Clips to train on, less those held out for validation."""
+    """Examples to train on, less those held out for validation."""
     tests: Mapping[str, Examples]
-    """Clips to test on, by name of the test."""
+    """Examples to test on, by name of the test."""
     seed: int
     """Seed of all random draws."""
     share: float = 0.2
@@ -74,9 +74,9 @@ class TrainingTask:
 
     @property
     def label(self) -> str:
-        """Return a name of the task: its method, its seed and its folders of clips."""
+        """Return a name of the task: its method, its seed and its places."""
         places = dict.fromkeys(each.place for each in self.tests.values())
-        tested = ", ".join(places) or "the clips held out"
+        tested = ", ".join(places) or "the examples held out"
         held = f" less {self.share:.0%}" if self.share else ""
         return (
             f"{self.name}, seed {self.seed}: {self.train.place}{held}, tested on "
@@ -85,7 +85,7 @@ class TrainingTask:
 
     @property
     def digest(self) -> str:
-        """Return a digest of all that determines the result: code, settings, clips."""
+        """Return a digest of all that determines the result: code, settings, data."""
         tests = {name: each.digest for name, each in self.tests.items()}
         text = (
             f"{digest_code(__name__)} {PipelineConfig()} {self.method} "
@@ -98,15 +98,15 @@ class TrainingTask:
         started = time.monotonic()
         train, val = split_examples(self.train, self.share)
         predict = self.method.fit(train, self.seed)
-        tests = {"val": val, **self.tests} if val.clips else self.tests
+        tests = {"val": val, **self.tests} if val.paths else self.tests
         answered = {}
         for name, examples in tests.items():
             # A copy caches no windows: those of many tests do not fit in memory.
             predicted = predict(replace(examples)).argmax(axis=1)
             answered[name] = AnsweredClips(
-                truth=tuple(clip.gesture for _, clip in examples.clips),
+                truth=examples.labels,
                 answer=tuple(train.gestures[n] for n in predicted.tolist()),
-                people=examples.people,
+                people=examples.groups,
             )
         seconds = round(time.monotonic() - started, 1)
         return MethodResult(self.name, self.seed, seconds, answered)
@@ -125,7 +125,7 @@ class KeptResult:
 
 
 def find_stale(tasks: Sequence[TrainingTask], path: Path) -> list[str]:
-    """Return the labels of tasks whose results are of other code, settings or clips.
+    """Return the labels of tasks whose results are of other code, settings or data.
 
     Args:
         tasks: tasks to look for.
@@ -190,8 +190,8 @@ def run_before(
 def split_examples(examples: Examples, share: float) -> tuple[Examples, Examples]:
     """Divide examples into training and validation, the same for every method."""
     gestures: dict[int, set[str]] = {}
-    for n, clip in examples.clips:
-        gestures.setdefault(n, set()).add(clip.gesture)
+    for n, gesture in zip(examples.recordings, examples.labels, strict=True):
+        gestures.setdefault(n, set()).add(gesture)
     rng = np.random.default_rng(0)
     holdout = hold_out(examples.sessions, gestures, share, rng)
     return examples.select(holdout.train), examples.select(holdout.held)

@@ -12,10 +12,28 @@ from lab.tables import format_head, format_row
 RunKey = tuple[int, int]
 """Number of the draw of the data, and the seed."""
 
+ENOUGH_GROUPS = 5
+"""Number of people, or of sessions, from which intervals are over them: of fewer, drawn
+anew, there are too few different draws."""
+
 LEGEND = (
     "Accuracy, with the standard deviation over runs; ahead in percentage points, with "
-    "the paired 95 % bootstrap interval over people."
+    "the paired 95 % bootstrap interval."
 )
+
+
+@dataclass(frozen=True)
+class Words:
+    """These words name what is counted in captions."""
+
+    examples: str = "clips"
+    """Examples."""
+    groups: str = "people"
+    """Groups that intervals are over."""
+
+
+CLIPS = Words()
+"""Words for clips of simulated people."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +41,11 @@ class Lead:
     """A lead is the difference in accuracy of the first method and another."""
 
     mean: float
-    """Difference on the same clips."""
-    low: float | None
-    """Lower end of its paired 95 % bootstrap interval over people; None where all clips
-    are of one."""
-    high: float | None
+    """Difference on the same examples."""
+    low: float
+    """Lower end of its paired 95 % bootstrap interval, over people or sessions where
+    there are at least `ENOUGH_GROUPS`, else over examples."""
+    high: float
     """Upper end of the interval."""
 
 
@@ -44,13 +62,13 @@ class ComparisonRow:
     val_accuracy: float | None
     """Mean accuracy on validation; None where nothing could be held out."""
     val_people: int
-    """Number of people to validate on."""
+    """Number of people, or sessions, to validate on."""
     val_clips: int
-    """Number of clips to validate on, in all draws of the data."""
+    """Number of examples to validate on, in all draws of the data."""
     test_people: int
-    """Number of people in the test."""
+    """Number of people, or sessions, in the test."""
     test_clips: int
-    """Number of clips in the test, in all draws of the data."""
+    """Number of examples in the test, in all draws of the data."""
     test_accuracy: float
     """Mean accuracy on the test."""
     std: float
@@ -65,7 +83,9 @@ class ComparisonRow:
     seconds: float
     """Mean time of training and prediction [s]."""
     by_gesture: Mapping[str, float]
-    """Accuracy on the test among the clips of each gesture."""
+    """Accuracy on the test among the examples of each gesture."""
+    by_group: Mapping[str, float]
+    """Accuracy on the test among the examples of each person, or session."""
 
 
 def build_rows(
@@ -98,6 +118,7 @@ def build_row(
     val_people, val_clips = count_people_and_clips(results, "val")
     test_people, test_clips = count_people_and_clips(results, test)
     assert test_accuracy is not None
+    answered = [results[key].answered[test] for key in sorted(results)]
     return ComparisonRow(
         name=name,
         test=test,
@@ -113,9 +134,8 @@ def build_row(
         val_ahead=val_ahead,
         test_ahead=test_ahead,
         seconds=float(np.mean([result.seconds for result in results.values()])),
-        by_gesture=compute_gesture_accuracies(
-            [results[key].answered[test] for key in sorted(results)]
-        ),
+        by_gesture=compute_accuracies(answered, [each.truth for each in answered]),
+        by_group=compute_accuracies(answered, [each.people for each in answered]),
     )
 
 
@@ -145,7 +165,7 @@ def summarise_test(
 def count_people_and_clips(
     results: Mapping[RunKey, MethodResult], test: str
 ) -> tuple[int, int]:
-    """Return the numbers of people and clips of a test, each draw counted once."""
+    """Return the numbers of people and examples of a test, each draw counted once."""
     runs = [(draw, r) for (draw, _), r in results.items() if test in r.answered]
     draws = {draw: r.answered[test] for draw, r in runs}
     people = {(draw, person) for draw, each in draws.items() for person in each.people}
@@ -157,7 +177,7 @@ def compute_lead(
     first: Mapping[RunKey, MethodResult],
     test: str,
 ) -> Lead:
-    """Return the lead of the first method over another on the clips of a test."""
+    """Return the lead of the first method over another on the examples of a test."""
     theirs, ours, people = [], [], []
     for draw, seed in sorted(results):
         answered = results[draw, seed].answered[test]
@@ -166,29 +186,32 @@ def compute_lead(
         people += [f"{draw} {person}" for person in answered.people]
     both = np.concatenate(ours), np.concatenate(theirs)
     mean = float(both[0].mean() - both[1].mean())
-    if len(set(people)) == 1:
-        return Lead(mean, None, None)
-    return Lead(mean, *bootstrap_difference(*both, cluster=people))
+    cluster = people if len(set(people)) >= ENOUGH_GROUPS else None
+    return Lead(mean, *bootstrap_difference(*both, cluster=cluster))
 
 
-def compute_gesture_accuracies(answered: Sequence[AnsweredClips]) -> dict[str, float]:
-    """Return the accuracy among all clips of each gesture."""
+def compute_accuracies(
+    answered: Sequence[AnsweredClips], names: Sequence[Sequence[str]]
+) -> dict[str, float]:
+    """Return the accuracy among all examples of each name.
+
+    Args:
+        answered: predictions of each run.
+        names: name of each example of each run, such as its gesture or person.
+    """
     correct = np.concatenate([each.correct for each in answered])
-    gestures = [gesture for each in answered for gesture in each.truth]
-    return compute_group_accuracies(correct, gestures)
+    return compute_group_accuracies(correct, [name for some in names for name in some])
 
 
 def format_lead(ahead: Lead | None) -> str:
     """Format a lead in points for a table; empty for the first method."""
     if ahead is None:
         return ""
-    points = f"{100 * ahead.mean:+.1f}"
-    if ahead.low is None or ahead.high is None:
-        return points
-    return f"{points} [{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
+    ends = f"[{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
+    return f"{100 * ahead.mean:+.1f} {ends}"
 
 
-def format_tables(rows: Sequence[ComparisonRow]) -> str:
+def format_tables(rows: Sequence[ComparisonRow], words: Words = CLIPS) -> str:
     """Format the rows as Markdown tables, one for each test, with captions."""
     tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
@@ -196,30 +219,52 @@ def format_tables(rows: Sequence[ComparisonRow]) -> str:
         lines = [format_head(heads)]
         of_test = [row for row in rows if row.test == test]
         lines += [format_method(row) for row in of_test]
-        tables.append("\n".join([*lines, "", format_caption(of_test[0])]))
+        tables.append("\n".join([*lines, "", format_caption(of_test[0], words)]))
     return "\n\n".join([*tables, LEGEND])
 
 
-def format_caption(first: ComparisonRow) -> str:
-    """Describe the clips and people of a table by its first row."""
-    caption = f"Tested on {first.test_clips} clips of {first.test_people} people"
-    if first.val_clips:
-        caption += f", validated on {first.val_clips} of {first.val_people}"
-    return f"{caption}."
+def format_caption(first: ComparisonRow, words: Words) -> str:
+    """Describe the examples and people of a table, and intervals, by its first row."""
+    tested = format_counts(first.test_clips, first.test_people, words)
+    if not first.val_clips:
+        return f"Tested on {tested}."
+    validated = format_counts(first.val_clips, first.val_people, words)
+    return f"Tested on {tested}; validated on {validated}."
 
 
-def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
+def format_counts(examples: int, groups: int, words: Words) -> str:
+    """Format how many examples of how many groups, and what intervals are over."""
+    over = words.groups if groups >= ENOUGH_GROUPS else words.examples
+    return (
+        f"{examples} {words.examples} of {groups} {words.groups}, intervals over {over}"
+    )
+
+
+def format_gesture_tables(rows: Sequence[ComparisonRow], words: Words = CLIPS) -> str:
     """Format accuracies by gesture as Markdown tables, one for each test."""
-    tables = []
-    for test in dict.fromkeys(row.test for row in rows):
-        of_test = [row for row in rows if row.test == test]
-        gestures = sorted({name for row in of_test for name in row.by_gesture})
-        lines = [format_head([f"{test}, clips of", *gestures])]
-        for row in of_test:
-            shares = (format_share(row.by_gesture.get(name), 0.0) for name in gestures)
-            lines.append(format_row([row.name, *shares]))
-        tables.append("\n".join(lines))
-    return "\n\n".join(tables)
+    tests = dict.fromkeys(row.test for row in rows)
+    return "\n\n".join(
+        format_accuracies(
+            f"{test}, {words.examples} of",
+            {row.name: row.by_gesture for row in rows if row.test == test},
+        )
+        for test in tests
+    )
+
+
+def format_group_table(rows: Sequence[ComparisonRow], words: Words) -> str:
+    """Format accuracies by person, or session, as a Markdown table of one test."""
+    return format_accuracies(words.groups, {row.name: row.by_group for row in rows})
+
+
+def format_accuracies(head: str, found: Mapping[str, Mapping[str, float]]) -> str:
+    """Format accuracies of methods, each by name of a column, as a Markdown table."""
+    columns = sorted({column for shares in found.values() for column in shares})
+    lines = [format_head([head, *columns])]
+    for name, shares in found.items():
+        cells = (format_share(shares.get(column), 0.0) for column in columns)
+        lines.append(format_row([name, *cells]))
+    return "\n".join(lines)
 
 
 def format_method(row: ComparisonRow) -> str:

@@ -7,20 +7,24 @@ from inspect import signature
 import numpy as np
 import pytest
 
-from eskin.learn.evaluation import ClipPredictions
+from eskin.learn.evaluation import predict_clips, score_segments
+from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.training import Trainer
 from eskin.live import GraphConfig
 from helpers.clips import generated
-from helpers.learning import TINY
+from helpers.learning import NETWORK, TINY, record_people
 from lab.baselines.series import SERIES
-from lab.comparison import methods
-from lab.comparison.examples import find_examples
+from lab.comparison.examples import ClipExamples, find_examples
 from lab.comparison.methods import (
     METHODS,
+    METHODS_ON_RECORDINGS,
+    ON_FEATURES,
     BaselineMethod,
     RecogniserMethod,
     build_touch_rows,
+    score_touches,
 )
+from lab.comparison.segments import find_segments
 
 pytestmark = pytest.mark.slow
 
@@ -48,15 +52,19 @@ def untrained(monkeypatch):
     return trainers
 
 
-@pytest.mark.parametrize("name", ["boosting-on-touch", *SERIES])
+@pytest.mark.parametrize(
+    "name",
+    ["boosting-on-touch", *SERIES, *(f"{name}-features" for name in ON_FEATURES)],
+)
 def test_methods_on_touches_give_probabilities_of_every_clip(name, examples):
     answers = METHODS[name].fit(examples, 0)(examples)
-    assert answers.shape == (len(examples.clips), len(examples.gestures))
+    assert answers.shape == (examples.count, len(examples.gestures))
     np.testing.assert_allclose(np.exp(answers).sum(axis=1), 1.0, rtol=1e-6)
 
 
 def test_the_repr_of_a_method_shows_all_settings_and_no_address():
-    for name, method in METHODS.items():
+    every = [*METHODS.items(), *METHODS_ON_RECORDINGS.items()]
+    for name, method in every:
         assert " at 0x" not in repr(method), name
         if isinstance(method, BaselineMethod):
             assert isinstance(method.make, partial)
@@ -64,45 +72,66 @@ def test_the_repr_of_a_method_shows_all_settings_and_no_address():
             assert set(method.make.keywords) == takes, name
 
 
-@pytest.mark.parametrize(("small", "times"), [(3, 2), (6, 1), (500, 1)])
-def test_steps_grow_with_the_number_of_clips(
-    small, times, examples, untrained, monkeypatch
-):
-    monkeypatch.setattr(methods, "SMALL", small)
-    assert len(examples.clips) == 6
-    RecogniserMethod(SHORT).fit(examples, 0)
-    assert untrained[0].config == replace(SHORT, steps=times * SHORT.steps)
+@pytest.mark.parametrize(("small", "times"), [(3, 2), (6, 1), (500, 1), (None, 1)])
+def test_steps_grow_with_the_number_of_examples(small, times, examples, untrained):
+    assert examples.count == 6
+    RecogniserMethod(SHORT, small).fit(examples, 0)
+    assert untrained[0].config.steps == times * SHORT.steps
 
 
 def test_clips_without_contact_are_none_or_the_training_shares(
     examples, tmp_path, untrained, monkeypatch
 ):
-    def nothing(network, dataset, vocabulary):
-        certain = np.where(np.array(vocabulary) == "none", 0.0, -np.inf)
-        unknown = np.zeros(2, dtype=np.int64)
-        return ClipPredictions((), unknown, unknown, np.tile(certain, (2, 1)))
+    def nothing(self, dataset):
+        return [None] * self.count
 
     generated(tmp_path / "a", chosen="paper")
     touches = find_examples([tmp_path / "a"], tmp_path / "pack")
-    monkeypatch.setattr(methods, "predict_clips", nothing)
+    monkeypatch.setattr(ClipExamples, "find_touches", nothing)
     for learned in (examples, touches):
         shares = np.array([name == "none" for name in learned.gestures], float)
         if learned is touches:
-            made = [clip.gesture for _, clip in learned.clips]
-            counts = [made.count(name) for name in learned.gestures]
-            shares = np.array(counts) / len(made)
+            counts = [learned.labels.count(name) for name in learned.gestures]
+            shares = np.array(counts) / learned.count
         answers = RecogniserMethod(SHORT).fit(learned, 0)(learned)
-        np.testing.assert_allclose(np.exp(answers), np.tile(shares, (2, 1)))
+        expected = np.tile(shares, (learned.count, 1))
+        np.testing.assert_allclose(np.exp(answers), expected, atol=1e-6)
     assert "none" in examples.gestures and "none" not in touches.gestures
 
 
-def test_touch_features_are_zero_without_contact(examples, monkeypatch):
-    rows = build_touch_rows(examples)
-    assert len(rows) == len(examples.clips) and np.isfinite(rows).all()
+def test_touch_features_are_zero_without_contact(examples, tmp_path, monkeypatch):
+    forms = ("features", "summary")
+    rows = build_touch_rows(examples, forms).rows
+    assert len(rows) == examples.count and np.isfinite(rows).all()
     assert rows.any(axis=1).all() and len(np.unique(rows, axis=0)) == len(rows)
-    ends = list(methods.find_last_rows(examples.dataset(GraphConfig()), examples.clips))
-    ends[2] = -1
-    monkeypatch.setattr(methods, "find_last_rows", lambda dataset, every: ends)
-    other = build_touch_rows(examples)
+    find = ClipExamples.find_touches
+
+    def all_but_third(self, dataset):
+        touches = find(self, dataset)
+        return [None if n == 2 else touch for n, touch in enumerate(touches)]
+
+    monkeypatch.setattr(ClipExamples, "find_touches", all_but_third)
+    other = build_touch_rows(replace(examples, pack=tmp_path), forms).rows
     assert not other[2].any()
     np.testing.assert_array_equal(np.delete(other, 2, 0), np.delete(rows, 2, 0))
+
+
+@pytest.fixture
+def network():
+    return RecogniserNetwork(NETWORK, 5, shear=False).eval()
+
+
+def test_clips_and_segments_are_scored_as_by_evaluation(examples, tmp_path, network):
+    people = record_people(tmp_path / "people")
+    segments = find_segments(people, tmp_path)
+    for some in (examples, segments):
+        dataset = some.dataset(GraphConfig())
+        touches = some.find_touches(dataset)
+        scores = score_touches(network, dataset, touches)
+        if some is examples:
+            vocabulary = tuple(f"{n}" for n in range(5 - len(some.gestures)))
+            vocabulary += some.gestures
+            wanted = predict_clips(network, dataset, vocabulary).log_probabilities
+        else:
+            wanted = score_segments(network, dataset, dataset.labelled)
+        np.testing.assert_allclose(scores, wanted, rtol=1e-6)

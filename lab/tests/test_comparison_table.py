@@ -5,7 +5,14 @@ import pytest
 
 from lab.compare import group_results
 from lab.comparison.results import AnsweredClips, MethodResult
-from lab.comparison.table import Lead, build_rows, format_gesture_tables, format_tables
+from lab.comparison.table import (
+    Lead,
+    Words,
+    build_rows,
+    format_gesture_tables,
+    format_group_table,
+    format_tables,
+)
 
 
 def answered(right):
@@ -47,8 +54,9 @@ def test_tables_count_people_of_different_draws_as_different():
     people = 2 * len(set(answers["test"].people))
     assert (row.val_people, row.val_clips) == (2, 2)
     assert (row.test_people, row.test_clips) == (people, 80)
-    line = f"Tested on 80 clips of {people} people, validated on 2 of 2."
-    assert f"\n\n{line}\n\n" in format_tables([row])
+    tested = f"Tested on 80 clips of {people} people, intervals over people"
+    validated = "validated on 2 clips of 2 people, intervals over clips"
+    assert f"\n\n{tested}; {validated}.\n\n" in format_tables([row])
 
 
 def test_runs_that_the_first_method_lacks_are_not_compared():
@@ -113,15 +121,47 @@ def test_accuracy_by_gesture_pools_the_clips_of_all_draws():
     ]
 
 
-def test_a_single_person_gives_no_interval_and_a_tie_is_shown():
+@pytest.mark.parametrize(("people", "over"), [(4, "segments"), (5, "sessions")])
+def test_intervals_are_over_groups_where_there_are_enough_of_them(people, over):
+    """Examples of one group are right or wrong together, so theirs are wider."""
+
+    def one(name, right):
+        groups = tuple(f"p{n % people}" for n in range(40))
+        given = ("a",) * 40
+        answers = AnsweredClips(given, tuple("a" if r else "b" for r in right), groups)
+        return {(0, 0): MethodResult(name, 0, 1.0, {"test": answers})}
+
+    ours = one("ours", [True] * 40)
+    rows = build_rows(
+        {"ours": ours, "other": one("other", [n % people < 2 for n in range(40)])}
+    )
+    lead = rows[1].test_ahead
+    width = lead.high - lead.low
+    assert width > 0.5 if over == "sessions" else width < 0.4
+    words = Words("segments", "sessions")
+    line = f"Tested on 40 segments of {people} sessions, intervals over {over}."
+    assert line in format_tables(rows, words)
+
+
+def test_accuracy_by_group_pools_all_runs():
+    runs = {
+        (0, seed): MethodResult("ours", seed, 1.0, {"test": answered(right)})
+        for seed, right in enumerate(([True] * 5, [True, False, False, True, True]))
+    }
+    table = format_group_table(build_rows({"ours": runs}), Words(groups="sessions"))
+    assert table.splitlines() == [
+        "| sessions | p0 | p1 | p2 | p3 | p4 |",
+        "|---|---|---|---|---|---|",
+        "| ours | 100.0% | 50.0% | 50.0% | 100.0% | 100.0% |",
+    ]
+
+
+def test_a_tie_is_shown():
     good, bad = [True] * 40, [True, False] * 20
     found = {
         name: {(0, 0): result(name, 0, right)}
         for name, right in (("ours", good), ("tie", good), ("other", bad))
     }
-    rows = build_rows(found)
-    assert rows[2].val_ahead == Lead(0.0, None, None)
-    lines = format_tables(rows).splitlines()[2:5]
-    assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
+    lines = format_tables(build_rows(found)).splitlines()[2:5]
     ends = [line.split(" | ")[5].strip(" |") for line in lines]
     assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")
