@@ -23,6 +23,8 @@ MAX_FILE_BYTES = 1 << 38
 """Largest size of a file [bytes]."""
 MAX_COLUMN_BYTES = 256 << 20
 """Largest size of a column with one value a reading, unpacked [bytes]."""
+MAX_GROUP_BYTES = 1 << 30
+"""Largest size of a row group of Parquet, which is held whole, as doubles [bytes]."""
 NUMBERS = "biuf"
 """Kinds of numbers, as numpy names them."""
 
@@ -239,14 +241,29 @@ class ParquetReadings(ReadingFile):
     def iterate(self, widths: Widths, rows: int) -> Iterator[dict[str, np.ndarray]]:
         """Yield columns of arrays in chunks."""
         with explain_errors(self.path):
-            batches = self.table.iter_batches(
-                rows, columns=list(widths), use_threads=False
+            # Read together, all row groups would be held until the end.
+            self.check_groups(sum(map(max, widths.values())))
+            for group in range(self.table.num_row_groups):
+                batches = self.table.iter_batches(
+                    rows, [group], columns=list(widths), use_threads=False
+                )
+                for batch in batches:
+                    yield {
+                        name: self.flatten(name, batch.column(name), widths)
+                        for name in widths
+                    }
+
+    def check_groups(self, numbers: int) -> None:
+        """Raise if a row group of a number of numbers a reading would take too much."""
+        groups = range(self.table.num_row_groups)
+        rows = [self.table.metadata.row_group(group).num_rows for group in groups]
+        size = 8 * numbers * max(rows, default=0)
+        if size > MAX_GROUP_BYTES:
+            raise ImportSourceError(
+                f"{self.path}: a row group has {max(rows):,} readings, of up to "
+                f"{size:,} bytes in memory; allowed are {MAX_GROUP_BYTES:,}; write it "
+                "with a row_group_size of 1000"
             )
-            for batch in batches:
-                yield {
-                    name: self.flatten(name, batch.column(name), widths)
-                    for name in widths
-                }
 
     def flatten(self, name: str, column: Any, widths: Widths) -> np.ndarray:  # noqa: ANN401
         """Return the numbers of a column of lists, or of lists of lists."""

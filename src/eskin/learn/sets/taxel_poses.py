@@ -180,11 +180,11 @@ class PoseReader:
 
     def check_scale(self, place: str, positions: Float[np.ndarray, "taxel 3"]) -> None:
         """Raise if lengths of poses seem to be in another unit than metres."""
-        own = 0.0
-        measured = 0.0
+        own = np.float64(0.0)
+        measured = np.float64(0.0)
         for taxels in self.solver.taxels:
-            own += self.mounted.skin.positions[taxels].std(axis=0).sum()
-            measured += positions[taxels].std(axis=0).sum()
+            own += np.linalg.norm(self.mounted.skin.positions[taxels].std(axis=0))
+            measured += np.linalg.norm(positions[taxels].std(axis=0))
         scale = measured / own if own > 0 else 1.0
         if not SCALES[0] < scale < SCALES[1]:
             raise ImportSourceError(
