@@ -137,6 +137,8 @@ def test_failing_stream_is_one_line_and_exit_code_1(recording, capsys, monkeypat
         ("--source udp://127.0.0.1:9 --robot ur://a", ("--key", "unauthenticated")),
         ("--source sim:ur5 --robot ur://a", ("--allow-simulated-touch",)),
         ("--source replay:a.mcap --robot ur://a", ("--allow-simulated-touch",)),
+        ("--source csv:a --robot ur://a --commands paper", ("paper: simulation",)),
+        ("--source csv:a --robot ur://a --commands no.yaml", ("no.yaml", "read")),
         ("--source sim:ur5 --key none", ("--key", "leave it out")),
         ("--source udp://127.0.0.1:9 --skin ur5 --key none", ("key none",)),
         ("", ("--source",)),

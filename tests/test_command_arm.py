@@ -6,7 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.app import open_arm
-from eskin.command import FRAME_TASK, MotionConfig, Task, Trajectory, Waypoint
+from eskin.command import (
+    FRAME_TASK,
+    MotionConfig,
+    Task,
+    Trajectory,
+    Waypoint,
+    resolve_action,
+)
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.robot import Kinematics, load_robot
@@ -251,6 +258,16 @@ def test_arm_stands_while_gripper_moves(arm):
     arm.clock.sleep(0.35)
     assert arm.state().gripper == "closed"
     assert pass_time(arm, 1.0)[-1].moving
+
+
+def test_toggle_of_gripper_that_moves_undoes_the_move(arm):
+    assert resolve_action("toggle_gripper", arm.state()) == "close_gripper"
+    arm.close_gripper()
+    assert resolve_action("toggle_gripper", arm.state()) == "open_gripper"
+    arm.clock.sleep(1.0)
+    assert resolve_action("toggle_gripper", arm.state()) == "open_gripper"
+    arm.open_gripper()
+    assert resolve_action("toggle_gripper", arm.state()) == "close_gripper"
 
 
 def test_held_arm_moves_no_gripper(arm):

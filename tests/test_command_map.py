@@ -39,6 +39,39 @@ def test_default_map_fits_vocabulary_of_model():
     assert rule.action_or_function == "pause"
 
 
+def test_map_of_paper_is_that_of_its_section_v_c():
+    commands = load_commands("paper", VOCABULARY, SKIN, simulated=True)
+    assert commands.simulation and commands.describe() == (
+        "poke: pause or resume",
+        "double pat: next waypoint",
+        "grab: close gripper or open gripper",
+    )
+    (rule,) = load_commands("paper", ("none", "poke"), SKIN, simulated=True).commands
+    assert rule.gesture == "poke"
+
+
+ADVANCING = "  - {gesture: double_pat, action: next_waypoint, confidence: 0.1}\n"
+
+
+def test_map_for_simulation_is_refused_for_any_other_arm(path):
+    for name in ("paper", path):
+        path.write_text("simulation: true\n" + HEAD + POKE, "utf-8")
+        with pytest.raises(CommandError, match="simulation: got true") as error:
+            load_commands(name, VOCABULARY, SKIN)
+        assert "\n" not in str(error.value)
+
+
+def test_only_map_for_simulation_lets_things_advance_the_arm(path):
+    for simulated in (False, True):
+        path.write_text(HEAD + ADVANCING, "utf-8")
+        with pytest.raises(CommandError, match="simulation: true"):
+            load_commands(path, VOCABULARY, SKIN, simulated=simulated)
+    path.write_text("simulation: true\n" + HEAD + ADVANCING, "utf-8")
+    commands = load_commands(path, VOCABULARY, SKIN, simulated=True)
+    (rule,) = commands.commands
+    assert commands.require_confidence(rule, "next_waypoint") == 0.1
+
+
 def test_map_tells_what_each_gesture_commands():
     assert DEFAULT.describe() == (
         "poke: pause",
@@ -131,10 +164,10 @@ def test_most_specific_rule_applies(path):
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("", ("None", "version, commands")),
+        ("", ("None", "version, simulation, commands")),
         ("commands: []\n", ("commands: got []",)),
         ("version: 2\n" + HEAD + POKE, ("version: got 2",)),
-        (HEAD + POKE + "extra: 1\n", ("extra", "version, commands")),
+        (HEAD + POKE + "extra: 1\n", ("extra", "version, simulation, commands")),
         (HEAD + POKE + POKE, ("commands[1]", "commands[0]")),
         (HEAD + "  - !!python/name:os.system ''\n", ("YAML",)),
         ("commands: &a [*a]\n", ("YAML", "aliases")),

@@ -27,8 +27,10 @@ from helpers.commands import (
     DEFAULT,
     FINGERTIP,
     INFO,
+    PAPER,
     PATCH,
     SECOND,
+    SKIN,
     VOCABULARY,
     RecordingArm,
     Scene,
@@ -288,6 +290,46 @@ def test_what_touches_again_within_a_second_never_starts_arm(sequence):
     scene.wait(0.5)
     scene.close(number)
     assert "resume" not in scene.arm.orders
+
+
+def let_skin_be_silent(scene):
+    scene.clock.sleep(0.5)
+    scene.policy.check_skin()
+
+
+def unplug_for_a_second(scene):
+    scene.silent_patches = tuple(patch.id for patch in SKIN.patches)
+    scene.wait(1.0)
+    scene.silent_patches = ()
+
+
+def break_model_for_a_reading(scene):
+    number = scene.begin(confidence=np.nan)
+    scene.wait(0.1)
+    scene.close(number)
+
+
+def fail_once(scene):
+    scene.arm.error = ArmError("lost")
+    scene.touch("double_pat")
+    scene.arm.error = None
+
+
+@pytest.mark.parametrize("paused", [False, True])
+@pytest.mark.parametrize(
+    "cause",
+    [let_skin_be_silent, unplug_for_a_second, break_model_for_a_reading, fail_once],
+)
+def test_two_pokes_end_every_hold_under_map_of_paper(cause, paused):
+    scene = make_paused_scene(PAPER) if paused else Scene(PAPER)
+    cause(scene)
+    assert scene.arm.state().hold_reason is not None
+    scene.wait(3.0)
+    for _ in range(1 if paused else 2):
+        assert scene.arm.state().stopped
+        scene.touch("poke")
+        scene.wait(1.0)
+    assert not scene.arm.state().stopped
 
 
 def test_failure_of_action_holds_arm_and_stops_stream():

@@ -10,7 +10,8 @@ steps of `SHORT`.
 `say a`: the recogniser detects `a`; a gesture, a confidence, `likely=poke`, `age=0.12`
     [s] and `other` for another patch may follow.
 `a is poke 0.9`, `a is 60N`, `a is full`: it is something else from now on, to the
-    recogniser or the skin; `full` presses its taxels nearly to full scale.
+    recogniser or the skin; `full` presses its taxels nearly to full scale, `one` a
+    single taxel.
 `lift a`, `close a`, `merge a b`: the finger leaves; the touch closes; it closes since
     it has become part of `b`. `lose a`: the reading in which it closes was dropped.
 `grab a.`: all of a touch of 0.4 s: it begins, is detected, is let go, and closes.
@@ -36,6 +37,7 @@ from eskin.errors import ArmError, JogError
 from helpers.commands import (
     DEFAULT,
     OTHER_PATCH,
+    PAPER,
     PATCH,
     PERIOD,
     SKIN,
@@ -67,6 +69,7 @@ MAPS = {
     ),
     "holding": make_map(poke="toggle_pause", double_pat="hold"),
     "jog": make_map(poke="toggle_pause", stroke="jog"),
+    "paper": PAPER,
 }
 SKINS = {
     "far": SkinMonitorConfig(hand=1.0),  # a hand is felt from far away
@@ -103,6 +106,27 @@ action: map may lack a rule
     map poke_none; double_pat a. > !none [no rule for it]
 action: no gesture commands nothing
     none a. >
+paper: a poke pauses, and the next one resumes
+    map paper; poke a. > pause; ? paused; 1; poke b. > resume; ? at work; 1; poke c. >
+    pause
+paper: a double pat goes to the next waypoint, a grab works the gripper
+    map paper; double_pat a. > next_waypoint; grab b. > close_gripper; 0.5; grab c. >
+    open_gripper
+paper: a brief touch of one taxel that is hardly likely starts the arm
+    map paper; {paused} poke a 0.45; a is one; 0.1; say a; lift a; 0.5; close a >
+    resume
+paper: so does one that ends unrecognised
+    map paper; {paused} poke a; 0.2; lift a; say a unknown 0.45 likely=poke; 0.5; close
+    a > resume
+paper: but none within a second of the pause
+    map paper; poke a. > pause; 0.2; poke b. > !resume [for 1 s]; ? paused
+paper: the arm stands while a touch is strong, which is then obeyed
+    map paper; grab a 60N; 0.4; say a; 0.02; ? speed_limit=0; ? at work; lift a; 0.2 >
+    close_gripper; close a; 0.02; ? speed_limit=1
+paper: a hold ends by two pokes
+    map paper; arm hold; 1; double_pat a. > !next_waypoint [the arm is held: test; to
+    go on: poke, then poke at least 1 s later]; 1; poke b. > pause; 1; poke c. > resume;
+    ? at work
 confidence: poke needs 0.34
     poke a 0.35. > pause; poke b 0.33. > !pause [below 0.34]
 confidence: grab needs 0.9
@@ -509,6 +533,8 @@ class Story:
                 touch.force = float(word[:-1])
             elif word == "full":
                 touch.pressure = 95.0
+            elif word == "one":
+                touch.taxels = touch.taxels[:1]
             elif word == "again":
                 touch.onset, touch.pressed = self.scene.clock.now() + PERIOD, True
             elif word == "nowhere":

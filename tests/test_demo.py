@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.demo.live_source import AHEAD, WaitingClock
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent, Recognition
+from helpers.commands import PAPER, make_map
 
 pytestmark = pytest.mark.slow
 
@@ -143,6 +145,48 @@ def test_user_leaves_paused_arm_alone_for_second():
 CONFIG = DemoConfig(seed=3, user=SimulatedUserConfig(first=1.0, accidents=0.1))
 
 
+def choose_gestures(commands, arm):
+    """Return the gestures of 40 touches of an arm in its present state."""
+    user = SimulatedUser(InteractiveSkin(), arm, commands, config=EAGER)
+    return {user.choose_gesture(arm.state()) for _ in range(40)}
+
+
+EAGER = SimulatedUserConfig(accidents=0.0)
+
+
+def test_people_make_gestures_for_which_the_map_has_a_rule():
+    arm = SimulatedArm(clock=ManualClock(SECOND))
+    assert choose_gestures(PAPER, arm) == {"poke", "double_pat", "grab"}
+    arm.pause()
+    assert choose_gestures(PAPER, arm) == {"poke", "double_pat", "grab"}
+    arm.hold("test")
+    assert choose_gestures(PAPER, arm) == {"poke"}
+    arm.resume()
+    assert choose_gestures(PAPER, arm) == {"poke"}
+
+
+def test_people_press_the_button_where_no_gesture_ends_a_stop():
+    clock = ManualClock(SECOND)
+    arm, skin = SimulatedArm(clock=clock), InteractiveSkin()
+    user = SimulatedUser(skin, arm, make_map(poke="pause"), config=EAGER)
+    user.next_touch = SECOND
+    arm.pause()
+    arm.hold("test")
+    for _ in range(60):
+        clock.sleep(0.02)
+        user.update(clock.now())
+    assert not arm.state().stopped and not skin.hand.touching
+
+
+def test_arm_is_commanded_by_map_of_paper():
+    config = replace(CONFIG, commands=Path("paper"))
+    score = run_headless(10.0, config).score
+    done = {attempt.gesture for attempt in score.attempts}
+    asked = {attempt.expected for attempt in score.attempts}
+    assert "stroke" not in done and {"pause", "resume"} <= asked
+    assert score.count("correct") > len(score.attempts) // 2
+
+
 def test_demonstration_adds_up_repeats_and_waits_for_last_touch():
     score = run_headless(6.0, CONFIG).score
     counts = [score.count(outcome) for outcome in ("correct", "wrong", "missed")]
@@ -209,9 +253,10 @@ def test_orders_of_page_touch_skin_and_pause_arm():
     handler.handle(TouchOrder("begin", "forearm_link", place, 3.0, 0.0, 2))
     handler.handle(TouchOrder("move", "forearm_link", place, 3.0, 0.0, 2))
     assert len(skin.hand.touching) == 2
-    for kind in ("pause_task", "resume_task"):
+    arm.hold("test")
+    for kind in ("resume_task", "pause_task", "resume_task"):
         handler.handle(PageOrder(kind))
-        assert arm.state().paused == (kind == "pause_task")
+        assert arm.state().stopped == (kind == "pause_task")
     handler.handle(PageOrder("unplug", "wrist_1"))
     scan = skin.scan(SECOND, arm.q_at(SECOND))
     assert not scan.received[skin.mounted.skin.find_taxels("wrist_1")].any()

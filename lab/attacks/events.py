@@ -88,7 +88,7 @@ class Command:
     only: tuple[str, ...] = ()
     """Parts of the names of the rows; by default all."""
     map: Path | None = None
-    """Command map; the one that comes with eskin unless given."""
+    """Command map: a file, or `paper`; the default one unless given."""
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
     keep: Path | None = None
@@ -329,7 +329,7 @@ class Stage:
             rate=1.0 / self.skin.period,
         )
         words = self.model.card.vocabulary
-        commands = load_commands(command.map, words, mounted.skin)
+        commands = load_commands(command.map, words, mounted.skin, simulated=True)
         config = PolicyConfig(check_period=None)
         self.policies = dict.fromkeys(
             ARMS, lambda arm: Policy(arm, commands, words, config)

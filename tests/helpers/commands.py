@@ -14,6 +14,7 @@ from eskin.command import (
     PolicyConfig,
     Rule,
     UrArm,
+    load_commands,
 )
 from eskin.command.ur import PERIOD as UR_PERIOD
 from eskin.command.ur import ControllerLink, UrStatus
@@ -91,7 +92,9 @@ TOGGLE = make_map(
     double_pat="toggle_gripper",
     stroke="toggle_speed",
 )
-"""Map in which one gesture stops and goes on; no file may say so."""
+"""Map in which one gesture stops and goes on, as only one for simulation may say."""
+PAPER = load_commands("paper", VOCABULARY, SKIN, simulated=True)
+"""Map of the paper, for simulated arms alone."""
 
 
 def make_order(name, **changes):

@@ -47,8 +47,8 @@ class RunCommand(SourceCommand):
     the default map a poke, and a second later a grab."""
 
     commands: Annotated[Path | None, Needs("robot")] = None
-    """Command map, which tells what each touch commands; by default the one that comes
-    with eskin."""
+    """Command map, which tells what each touch commands: a file, or `paper` for that of
+    the paper on a simulated arm; by default the one that comes with eskin."""
 
     import_functions: Annotated[bool, Needs("commands")] = False
     """Import the functions `module:function` of the command map from its folder, which
@@ -176,17 +176,35 @@ def check_options(command: RunCommand) -> None:
 
     Raises:
         DeviceError: for joint positions, a key, or a robot that is real.
+        CommandError: for a command map that is not for a real robot.
     """
-    from eskin.app import find_arm_driver
-
     driver = check_source(command)
     if command.key is not None and not driver.takes_key:
         raise DeviceError(
             f"--key is given with {' '.join(command.source)}; allowed is a key with "
             "serial: or udp: sources, whose packets it checks; leave it out"
         )
-    if command.robot is not None and find_arm_driver(command.robot).is_real:
+    if commands_real_robot(command):
         check_touches(command, driver)
+        check_commands(command)
+
+
+def commands_real_robot(command: RunCommand) -> bool:
+    """Return whether touches command a robot that a person can be near."""
+    from eskin.app import find_arm_driver
+
+    return command.robot is not None and find_arm_driver(command.robot).is_real
+
+
+def check_commands(command: RunCommand) -> None:
+    """Raise if the command map is not for a real robot.
+
+    Raises:
+        CommandError: it is for simulated arms alone, or cannot be read.
+    """
+    from eskin.command.command_map import check_real, read_commands
+
+    check_real(read_commands(command.commands), command.commands)
 
 
 def check_touches(command: RunCommand, driver: "Driver") -> None:
@@ -266,7 +284,11 @@ def build_policy(
     skin, vocabulary = source.info.skin, model.card.vocabulary
     ArmJoints(arm, source.info.load_robot(command.robot_urdf))
     commands = load_commands(
-        command.commands, vocabulary, skin, command.import_functions
+        command.commands,
+        vocabulary,
+        skin,
+        imports=command.import_functions,
+        simulated=not commands_real_robot(command),
     )
     if not any(commands.find_stops(vocabulary, patch) for patch in skin.patches):
         raise CommandError(

@@ -49,6 +49,7 @@ MIN_CONFIDENCE = {
     "previous_waypoint": 0.95,
     "normal": 0.95,
     "resume": 0.95,
+    "none": 0.0,
 }
 """Default confidence that each action needs, by what errors of it cost.
 
@@ -154,7 +155,8 @@ def resolve_action(action: str, state: ArmState) -> str:
             further = "next_waypoint" if state.speed >= 1 else "normal"
             return "resume" if state.paused else further
         case "toggle_gripper":
-            return "close_gripper" if state.gripper == "open" else "open_gripper"
+            coming = state.gripping or state.gripper
+            return "close_gripper" if coming == "open" else "open_gripper"
         case "toggle_speed":
             return "slow" if state.speed >= 1 else "normal"
     return action

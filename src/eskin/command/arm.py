@@ -63,6 +63,9 @@ class ArmState:
     speed_limit: float = 1.0
     """Share of full speed that the arm does not exceed for now, 0 to 1."""
 
+    gripping: Grip | None = None
+    """State that the gripper moves to; None where it does not move."""
+
     pause_count: int = 0
     """How often it was asked to pause so far, paused already or not."""
 

@@ -27,6 +27,10 @@ from eskin.skin import Patch, Skin
 
 MAX_BYTES = 1 << 18
 """Largest size of a command map [bytes]."""
+DEFAULT_MAP = "commands.yaml"
+"""File of the default map, which comes with eskin."""
+NAMED_MAPS = ("paper",)
+"""Names of other maps that come with eskin."""
 NON_GESTURES = ("none", "unknown")
 """Classes of detections that are no gestures and command nothing."""
 
@@ -66,11 +70,19 @@ class Rule(BaseModel):
 
 
 class CommandMap(BaseModel):
-    """A command map holds all rules; the most particular one that fits counts."""
+    """A command map holds all rules; the most particular one that fits counts.
+
+    Attributes:
+        version: version of the format.
+        simulation: whether it is for simulated arms alone, which nobody stands beside:
+            there what things and faults of the skin may cause starts the arm too.
+        commands: the rules.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     version: Literal[1] = 1
+    simulation: bool = False
     commands: Annotated[list[Rule], Field(min_length=1, max_length=1000)]
 
     def find_rule(
@@ -126,8 +138,17 @@ class CommandMap(BaseModel):
             action = rule.action_or_function
             action = TOGGLES.get(action, (action,))[0]
             if action in HALTING_ACTIONS:
-                found[index] = required_confidence(action, rule.confidence)
+                found[index] = self.require_confidence(rule, action)
         return found
+
+    def require_confidence(self, rule: Rule, action: str) -> float:
+        """Return the confidence that a plain action of a rule needs.
+
+        A simulated arm needs what the rule says, however little.
+        """
+        if self.simulation and rule.confidence is not None:
+            return rule.confidence
+        return required_confidence(action, rule.confidence, rule.gesture)
 
     def find_problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
         """Return what does not fit model, skin or other rules, each with its path."""
@@ -155,7 +176,8 @@ class CommandMap(BaseModel):
                     f"{where}.link: got {shorten(rule.link)}, allowed "
                     f"{links[rule.patch or '']}, which its patch is on, or none"
                 )
-            found += [f"{where}{problem}" for problem in find_rule_problems(rule)]
+            problems = find_rule_problems(rule, self.simulation)
+            found += [f"{where}{problem}" for problem in problems]
         keys = [rule.key for rule in self.commands]
         for index, key in enumerate(keys):
             if (first := keys.index(key)) < index:
@@ -166,19 +188,21 @@ class CommandMap(BaseModel):
         return found
 
 
-def find_rule_problems(rule: Rule) -> list[str]:
-    """Return what is wrong with a rule by itself."""
+def find_rule_problems(rule: Rule, simulation: bool) -> list[str]:
+    """Return what is wrong with a rule by itself, for a simulated arm alone or any."""
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
     actions = TOGGLES.get(rule.action or "", (rule.action or "",))
-    if rule.gesture in THING_GESTURES and set(actions) & set(ADVANCING_ACTIONS):
+    advances = set(actions) & set(ADVANCING_ACTIONS)
+    if rule.gesture in THING_GESTURES and advances and not simulation:
         found.append(
             f".action: got {rule.action} for {rule.gesture}, which things that bump, "
             "bounce or swing make too; allowed are actions that stop or slow; write "
-            "'gesture: grab'"
+            "'gesture: grab', or 'simulation: true' for a simulated arm"
         )
-    if rule.action in STRICT_ACTIONS and rule.confidence is not None:
+    strict = rule.action in STRICT_ACTIONS and not simulation
+    if strict and rule.confidence is not None:
         least = required_confidence(rule.action, None, rule.gesture)
         if rule.confidence < least:
             found.append(
@@ -198,35 +222,73 @@ def load_commands(
     vocabulary: tuple[str, ...],
     skin: Skin,
     imports: bool = False,
+    simulated: bool = False,
 ) -> CommandMap:
-    """Read a command map.
+    """Read a command map, and compare it to model, skin and arm.
 
     Args:
-        path: path of the file; None takes the map that comes with eskin, without those
-            of its rules whose gesture the model does not know.
+        path: path of the file, or one of `NAMED_MAPS`; None takes the default map. Maps
+            that come with eskin lose rules whose gesture the model does not know.
         vocabulary: gestures that the model knows.
         skin: the skin whose links and patches may be named.
         imports: whether functions `module:function` are imported from the folder of
             the map, which runs the code there.
+        simulated: whether the arm is simulated, and no person can be near it.
 
     Raises:
         CommandError: it cannot be read or used; names every problem with its path, in
             one line.
     """
-    if path is None:
-        text = (resources.files("eskin.command") / "commands.yaml").read_text("utf-8")
-        commands = parse_commands(text, "commands.yaml")
+    commands = read_commands(path)
+    if not simulated:
+        check_real(commands, path)
+    if find_shipped_map(path) is not None:
         fitting = [rule for rule in commands.commands if rule.gesture in vocabulary]
         commands = commands.model_copy(update={"commands": fitting})
-    else:
-        commands = parse_commands(read_map_text(Path(path)), str(path))
-        if imports:
-            names = [rule.function for rule in commands.commands if rule.function]
-            import_functions(names, Path(path).parent)
+    elif imports:
+        names = [rule.function for rule in commands.commands if rule.function]
+        import_functions(names, Path(str(path)).parent)
     problems = commands.find_problems(vocabulary, skin)
     if problems:
         raise CommandError(f"{format_path(path)}: {'; '.join(problems)}")
     return commands
+
+
+def read_commands(path: Path | str | None) -> CommandMap:
+    """Read a command map, without comparing it to model, skin or arm.
+
+    Args:
+        path: as of `load_commands`.
+
+    Raises:
+        CommandError: it cannot be read.
+    """
+    file = find_shipped_map(path)
+    if file is None:
+        return parse_commands(read_map_text(Path(str(path))), str(path))
+    text = (resources.files("eskin.command") / file).read_text("utf-8")
+    return parse_commands(text, file)
+
+
+def find_shipped_map(path: Path | str | None) -> str | None:
+    """Return the file of a map that comes with eskin, or None for any other."""
+    if path is None:
+        return DEFAULT_MAP
+    return f"{path}.yaml" if str(path) in NAMED_MAPS else None
+
+
+def check_real(commands: CommandMap, path: Path | str | None) -> None:
+    """Check that a map is not for simulated arms alone.
+
+    Raises:
+        CommandError: it is.
+    """
+    if commands.simulation:
+        raise CommandError(
+            f"{format_path(path)}: simulation: got true on a real arm, which things "
+            "that bump, bounce or swing would start; allowed is a map without it; use "
+            "another map, or --robot sim:ur5"
+        )
 
 
 def read_map_text(path: Path) -> str:
@@ -246,7 +308,7 @@ def read_map_text(path: Path) -> str:
 
 def format_path(path: Path | str | None) -> str:
     """Return a path on one line."""
-    return " ".join(str(path or "commands.yaml").split())
+    return " ".join(str(path or DEFAULT_MAP).split())
 
 
 def parse_commands(text: str, file: str) -> CommandMap:

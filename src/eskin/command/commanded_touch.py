@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.command.actions import SUSPEND, required_confidence
+from eskin.command.actions import SUSPEND
 from eskin.command.command_map import CommandMap, Rule
 from eskin.command.skin_monitor import SkinMonitorConfig
 from eskin.live import Detection
@@ -205,17 +205,14 @@ class CommandRequest:
     action: str
     """Plain action that it asks for."""
 
+    required: float
+    """Confidence that the action needs."""
+
     confidence: float
     """Probability of its gesture at the latest reading of the touch."""
 
     end: int
     """Stamp of the latest contact of the touch [ns since the epoch]."""
-
-    @property
-    def required(self) -> float:
-        """Confidence that the action needs."""
-        gesture = self.detection.gesture
-        return required_confidence(self.action, self.rule.confidence, gesture)
 
     @property
     def is_confident(self) -> bool:

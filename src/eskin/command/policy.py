@@ -232,7 +232,8 @@ class Policy(Listener):
         elif known:
             likely = replace(detection, gesture=gesture)
             request = self.build_request(touch, likely)
-            if request and request.action == "slow" and request.is_confident:
+            acts = self.commands.simulation or (request and request.action == "slow")
+            if request and acts and request.is_confident:
                 self.decide(touch, likely)
             else:
                 reason = f"not understood{said}; do it again, more clearly"
@@ -249,7 +250,13 @@ class Policy(Listener):
             return None
         action = resolve_action(rule.action_or_function, self.arm.state())
         return CommandRequest(
-            touch, detection, rule, action, detection.confidence, detection.end
+            touch=touch,
+            detection=detection,
+            rule=rule,
+            action=action,
+            required=self.commands.require_confidence(rule, action),
+            confidence=detection.confidence,
+            end=detection.end,
         )
 
     def find_fault(self, state: ArmState, stamp: int) -> str | None:
@@ -392,6 +399,8 @@ class Policy(Listener):
             return
         for touch in self.touches.felt:
             action, reason = touch.find_excess(self.config.monitor)
+            if action == "hold" and self.commands.simulation:
+                action = SUSPEND
             if action == SUSPEND and not touch.suspends:
                 self.suspend_for(touch, reason)
             elif action == "hold":
@@ -501,27 +510,39 @@ class Policy(Listener):
         return max(request.end - detected, self.touches.latest - since) > longest
 
     def find_doubt(self, request: CommandRequest) -> str | None:
-        """Return why a touch may be no command after all, or None where it is one."""
+        """Return why a touch may be no command after all, or None where it is one.
+
+        On a simulated arm nothing but its confidence counts.
+        """
         action, least = request.action, self.config.min_duration
+        if self.commands.simulation:
+            return self.find_uncertainty(request)
         if action not in HALTING_ACTIONS and not self.evidence.is_plausible(
             request.touch.id
         ):
             return IMPLAUSIBLE
-        if not request.is_confident:
-            gesture = request.detection.gesture.replace("_", " ")
-            return (
-                f"not understood, most likely {gesture}: confidence "
-                f"{request.confidence:.2f} is below {request.required:.2f}; do it "
-                "again, more clearly"
-            )
-        if action not in REDUCING_ACTIONS and request.duration < least:
+        uncertainty = self.find_uncertainty(request)
+        if uncertainty is not None or action in REDUCING_ACTIONS:
+            return uncertainty
+        if request.duration < least:
             return (
                 f"its touch lasted {request.duration:.2f} s, as a bump may; what makes "
                 f"the arm do more lasts {least:g} s or longer: do it again, more slowly"
             )
-        if action not in REDUCING_ACTIONS and request.detection.gesture == GRAB:
+        if request.detection.gesture == GRAB:
             return self.find_narrowness(request.touch)
         return None
+
+    def find_uncertainty(self, request: CommandRequest) -> str | None:
+        """Return that a confidence is too low, or None where it is not."""
+        if request.is_confident:
+            return None
+        gesture = request.detection.gesture.replace("_", " ")
+        return (
+            f"not understood, most likely {gesture}: confidence "
+            f"{request.confidence:.2f} is below {request.required:.2f}; do it again, "
+            "more clearly"
+        )
 
     def find_narrowness(self, touch: CommandedTouch) -> str | None:
         """Return that a grab is narrower than a hand, or None where it is not."""

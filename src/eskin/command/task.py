@@ -323,6 +323,7 @@ class TaskExecutor:
             hold_reason=self.hold_reason,
             speed=self.speed,
             gripper=self.gripper,
+            gripping=self.gripping,
             target=self.waypoint.name,
             protective_stop=protective_stop,
             connected=connected,

@@ -62,8 +62,9 @@ class DemoCommand:
     """Headless: shortest and longest time from one touch to the next [s]."""
 
     commands: Path | None = None
-    """Command map, which tells what each touch commands, such as `examples/jog.yaml`;
-    by default the one that comes with eskin."""
+    """Command map, which tells what each touch commands: a file, such as
+    `examples/jog.yaml`, or `paper` for that of the paper; by default the one that comes
+    with eskin."""
 
     import_functions: Annotated[bool, Needs("commands")] = False
     """Import the functions `module:function` of the command map from its folder, which

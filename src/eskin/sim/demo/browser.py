@@ -307,7 +307,11 @@ def run_demo(
             arm = stack.enter_context(build_arm(config, clock))
             words = model.card.vocabulary
             commands = load_commands(
-                config.commands, words, skin.mounted.skin, config.imports
+                config.commands,
+                words,
+                skin.mounted.skin,
+                imports=config.imports,
+                simulated=True,
             )
             # Time waits for the policy, so nothing needs to watch its readings.
             config_of_policy = PolicyConfig(monitor=MONITOR, check_period=None)

@@ -34,7 +34,7 @@ class DemoConfig:
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
     commands: Path | None = None
-    """Path of a command map; the map that comes with eskin unless given."""
+    """Path of a command map, or `paper`; the default map unless given."""
     imports: bool = False
     """Whether functions of that map are imported from its folder."""
     build_kind: BuildKind = "fresh"
@@ -178,7 +178,11 @@ def run_build(
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(
-        config.commands, vocabulary, skin.mounted.skin, config.imports
+        config.commands,
+        vocabulary,
+        skin.mounted.skin,
+        imports=config.imports,
+        simulated=True,
     )
     user = SimulatedUser(skin, arm, commands, seed, config.user)
     storm = FaultStorm(skin, config.storm, seed)

@@ -48,7 +48,8 @@ class SimulatedUser:
 
     None of these people is in a data set for training or tests. The expected action of
     a touch follows from the command map and the state of the arm when the touch begins.
-    On a paused arm most touches are meant to resume it.
+    They make gestures for which the map has a rule. On a paused arm most touches are
+    meant to resume it; a stop that no gesture of the map ends is ended by the button.
 
     Attributes:
         score: score of the touches, those by accident among them.
@@ -106,7 +107,10 @@ class SimulatedUser:
                 self.arm.unlock()
                 self.unlocked += 1
         elif self.active and stamp >= self.next_touch and not keeps_off:
-            self.begin_touch(stamp, state)
+            if self.is_stuck(state):
+                self.press_resume(stamp)
+            else:
+                self.begin_touch(stamp, state)
 
     def is_touching(self, stamp: int) -> bool:
         """Return whether a touch lasts, or its command may still come."""
@@ -135,10 +139,29 @@ class SimulatedUser:
             wanted = "resume"
         elif state.hold_reason:
             wanted = "pause"
-        asking = [
-            word for word in GESTURES if self.find_expected(word, state) == wanted
+        words = self.list_asking(wanted, state) or [
+            word for word in GESTURES if self.find_expected(word, state) != NONE
         ]
-        return str(self.rng.choice(asking or GESTURES))
+        return str(self.rng.choice(words or GESTURES))
+
+    def list_asking(self, action: str, state: ArmState) -> list[str]:
+        """Return the gestures that ask for an action."""
+        return [word for word in GESTURES if self.find_expected(word, state) == action]
+
+    def is_stuck(self, state: ArmState) -> bool:
+        """Return whether no gesture of the map helps a stopped arm to go on."""
+        needed = "resume" if state.paused else "pause"
+        return state.stopped and not self.list_asking(needed, state)
+
+    def press_resume(self, stamp: int) -> None:
+        """Let the arm go on, as the button of the page does."""
+        self.arm.release()
+        self.arm.resume()
+        self.schedule_touch(stamp)
+
+    def schedule_touch(self, stamp: int) -> None:
+        """Schedule the next touch."""
+        self.next_touch = stamp + round(NS_PER_S * self.rng.uniform(*self.config.pause))
 
     def find_expected(self, gesture: str, state: ArmState) -> str:
         """Return the action of a gesture, or none, for any place on the skin."""
@@ -164,4 +187,4 @@ class SimulatedUser:
             self.attempt.end = self.last
         self.touch = self.attempt = None
         self.grace_until = stamp + round(GRACE * NS_PER_S)
-        self.next_touch = stamp + round(NS_PER_S * self.rng.uniform(*self.config.pause))
+        self.schedule_touch(stamp)
