@@ -19,10 +19,11 @@ from eskin.learn.evaluation import (
     score_segments,
 )
 from eskin.learn.ground_truth import MissedGesture
+from eskin.learn.live_answers import gather_answers
 from eskin.live import ModelCard
 from helpers.clips import clip_at, generated, loaded
 from helpers.learning import NETWORK, record_people
-from helpers.live import network
+from helpers.live import model_of, network
 
 VOCABULARY = ("none", "hold", "tap")
 CARD = ModelCard(VOCABULARY, network=NETWORK, temperature=1.7)
@@ -72,6 +73,20 @@ def test_readings_embedded_once_give_the_scores_of_whole_windows(
         logits = net(build_network_input(graphs, windows, False))
     expected = log_softmax(logits / 1.7, dim=1).numpy()
     np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["people", "clips"])  # the first is not calibrated
+def test_answers_of_a_replay_are_those_of_the_network_offline(
+    kind, net, dataset, clips
+):
+    data, card, network = (dataset, CARD, net) if kind == "people" else clips
+    answers = gather_answers(model_of(network, card.vocabulary), data)
+    ends = np.arange(len(data.stamps))
+    live = compute_log_probabilities(answers, data, ends, data.starts, 1.7)
+    offline = compute_log_probabilities(network, data, ends, data.starts, 1.7)
+    assert offline.std(axis=0).max() > 0.1
+    np.testing.assert_allclose(live, offline, atol=1e-4)
+    assert data.sequence.max() >= 1
 
 
 def test_score_of_a_segment_depends_on_its_rows_alone(net, dataset):

@@ -10,12 +10,22 @@ from eskin.app import SourceConfig, find_driver, open_arm, open_source
 from eskin.cli import doctor
 from eskin.cli.run import RunCommand, check_options
 from eskin.drivers import ManualClock, Source, SourceInfo, check_source
-from eskin.errors import ArmError, DeviceError, EskinError
-from eskin.registry import ARMS, DRIVERS, EXPORTERS, find_plugins
+from eskin.errors import ArmError, DeviceError, EskinError, ModelError
+from eskin.live import Model, Recognizer, load_model, save_model
+from eskin.live.classifier import GraphClassifier
+from eskin.registry import ARMS, DRIVERS, EXPORTERS, RECOGNISERS, find_plugins
 from eskin.touch import Scan
 from helpers.cli import assert_refused, call_json
 from helpers.devices import PERIOD, calibration_of, mounted_small, small_skin
-from helpers.live import mounted, record, scans
+from helpers.live import (
+    label,
+    model_of,
+    mounted,
+    network,
+    record,
+    scans,
+    two_hands,
+)
 
 TEMPLATE = Path(__file__).parents[1] / "plugins" / "template"
 CONFIG = SourceConfig(small_skin(), "table", rate=50.0)
@@ -40,13 +50,15 @@ def glove(tmp_path, monkeypatch):
 
 
 def test_every_shipped_name_is_an_entry_point_that_loads():
-    found = {group: find_plugins(group) for group in (DRIVERS, ARMS, EXPORTERS)}
+    groups = DRIVERS, ARMS, EXPORTERS, RECOGNISERS
+    found = {group: find_plugins(group) for group in groups}
     assert {"serial", "udp", "csv", "xela", "replay", "sim"} <= set(found[DRIVERS])
     assert {"sim", "ur"} <= set(found[ARMS])
     assert {"onnx", "rosbag", "parquet"} <= set(found[EXPORTERS])
     for group in found.values():
         for entry in group.values():
             assert entry.load() is not None
+    assert found[RECOGNISERS]["eskin"].load() is GraphClassifier
 
 
 def test_template_keeps_the_rules_of_sources(glove):
@@ -137,6 +149,64 @@ def test_exporter_of_a_plugin_writes_by_its_name(tmp_path, monkeypatch, capsys):
     assert result == {"recordings": 1, "lines": 1}
     assert (tmp_path / "n.txt").read_text() == "1"
     assert_refused(capsys, "export", path, "--to", "nose", tmp_path / "x", part="count")
+
+
+POKED = """
+import numpy as np
+from eskin.live import TouchClassifier
+
+
+class Poked(TouchClassifier):
+    def __init__(self, model, touches):
+        super().__init__(model, touches)
+        self.answer = 9.0 * (np.array(model.card.vocabulary) == "poke")
+
+    def push(self, state, floor):
+        keys = self.list_keys(state)
+        self.logits = dict.fromkeys(keys, self.answer)
+        self.probabilities = dict.fromkeys(keys, self.answer / 9.0)
+"""
+
+
+@pytest.fixture
+def poked(tmp_path):
+    """The path of a model of a recogniser that takes every touch for a poke."""
+    path = tmp_path / "poked.safetensors"
+    card = replace(model_of(network()).card, recogniser="poked")
+    save_model(path, Model({"weight": np.zeros(1, np.float32)}, card))
+    return path
+
+
+def test_model_of_a_plugin_is_used_and_scored_like_any_other(
+    poked, tmp_path, monkeypatch, capsys
+):
+    entries = f"[{RECOGNISERS}]\npoked = poked:Poked\n"
+    install(tmp_path, monkeypatch, "poked", entries, POKED)
+    on = mounted()
+    labels = [label(2.3, 3.2, "stroke"), label(4.2, 4.5, "poke")]
+    stream = scans(on, two_hands(on), 50, 6.0)
+    path = record(tmp_path / "a.mcap", on, stream, labels)
+    found, _ = call_json(capsys, "replay", path, "--model", poked)
+    gestures = [each["gesture"] for each in found["detections"]]
+    assert len(gestures) >= 3 and set(gestures) == {"poke"}
+    scored, _ = call_json(capsys, "evaluate", poked, path, "--workers", "1")
+    assert scored["per_class"]["poke"]["recall"] == 1.0
+    assert scored["per_class"]["stroke"]["recall"] == 0.0
+    assert scored["events"]["per_gesture"]["poke"]["recall"] == 1.0
+    words = "export", poked, "--onnx", tmp_path / "a.onnx"
+    assert_refused(capsys, *words, part="models of eskin's own")
+
+
+def test_model_of_a_package_that_is_not_installed_names_it(poked, tmp_path, capsys):
+    remedy = "'poked', which is not installed; allowed are eskin"
+    with pytest.raises(ModelError, match=remedy):
+        load_model(poked)
+    model = Model({}, replace(model_of(network()).card, recogniser="poked"))
+    with pytest.raises(ModelError, match=remedy):
+        Recognizer(model, mounted(), None)
+    path = record(tmp_path / "a.mcap", mounted(), scans(mounted(), [], 50, 0.1))
+    assert_refused(capsys, "replay", path, "--model", poked, part=remedy)
+    assert_refused(capsys, "evaluate", poked, path, part=remedy)
 
 
 class Played(Source):

@@ -63,7 +63,7 @@ class FeatureWindow:
 
     def count_slots(self, stamp: int) -> int:
         """Return how many slots later a reading is than the newest slot."""
-        return (stamp - self.stamp + self.period // 2) // self.period
+        return (stamp - self.stamp + (self.period - 1) // 2) // self.period
 
     def push(self, stamp: int, feature: Float[Tensor, "1 width"]) -> None:
         """Add the features of a reading that is in a later slot."""
