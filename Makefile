@@ -116,7 +116,8 @@ $(CORE): pyproject.toml constraints.txt
 	touch $(CORE)
 
 # torch is asked for first and pinned: an unpinned one brings gigabytes of CUDA.
-$(READY): $(CORE)
+$(READY): $(CORE) plugins/paper_network/pyproject.toml
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --no-deps --editable plugins/paper_network
 	touch $(READY)
