@@ -145,6 +145,13 @@ def measure(command: Command) -> list[LatencyRow]:
     return build_latency_rows(methods, config.steps)
 
 
+def measure_on_one_core(command: Command) -> list[LatencyRow]:
+    """Return the rows of `measure`, in one thread on one core."""
+    use_one_thread()
+    with pin_to_one_core():
+        return measure(command)
+
+
 def build_timed_baselines(mounted: MountedSkin, command: Command) -> list[TimedMethod]:
     """Fit the named baselines and build each of their streaming modes."""
     clips, labels = draw_random_clips(mounted, command.clips)
@@ -167,9 +174,7 @@ def build_timed_baselines(mounted: MountedSkin, command: Command) -> list[TimedM
 
 def main(command: Command) -> dict[str, object]:
     """Print and return a row for each method."""
-    use_one_thread()
-    with pin_to_one_core():
-        rows = measure(command)
+    rows = measure_on_one_core(command)
     print_latency(rows)
     return {"rows": [row.as_dict() for row in rows]}
 

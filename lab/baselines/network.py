@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
-from torch.optim.lr_scheduler import OneCycleLR, ReduceLROnPlateau
+from torch.optim.lr_scheduler import ConstantLR, OneCycleLR
 
 from eskin.learn.config import AugmentConfig
 from eskin.skin import MountedSkin
@@ -24,7 +24,7 @@ from lab.baselines.interface import (
     WindowStream,
 )
 
-Schedule = Literal["one-cycle", "plateau"]
+Schedule = Literal["one-cycle", "constant"]
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,7 @@ class FitConfig:
     rate: float = 2e-3
     """Learning rate of Adam at the start, or the highest of the cycle."""
     schedule: Schedule = "one-cycle"
-    """Schedule of the learning rate; `plateau` halves it where the accuracy on windows
-    held out has not risen for a third of `patience`."""
+    """Schedule of the learning rate."""
     held_out: float = 0.0
     """Share of the windows held out to choose the epoch; 0 trains to the end."""
     patience: int = 10
@@ -137,12 +136,10 @@ class NetworkBaseline(Baseline):
         config = self.config
         adam = torch.optim.Adam(network.parameters(), config.rate)
         steps = config.epochs * -(-len(own) // config.batch)
-        cycle = plateau = None
         if config.schedule == "one-cycle":
-            cycle = OneCycleLR(adam, config.rate, total_steps=steps)
+            schedule = OneCycleLR(adam, config.rate, total_steps=steps)
         else:
-            third = config.patience // 3
-            plateau = ReduceLROnPlateau(adam, "max", factor=0.5, patience=third)
+            schedule = ConstantLR(adam, factor=1.0)
         truth = torch.from_numpy(labels.astype(np.int64))
         self.history = []
         best = (-1.0, 0.0)
@@ -159,14 +156,11 @@ class NetworkBaseline(Baseline):
                 adam.zero_grad()
                 cross_entropy(logits, truth[rows]).backward()
                 adam.step()
-                if cycle is not None:
-                    cycle.step()
+                schedule.step()
             if len(held) == 0:
                 continue
             score = score_windows(network.eval(), clips, truth, held)
             self.history.append(score)
-            if plateau is not None:
-                plateau.step(score[0])
             if score > best:
                 best = score
                 best_epoch = epoch

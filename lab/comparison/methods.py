@@ -8,8 +8,6 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import compute_log_probabilities
@@ -30,6 +28,7 @@ from lab.baselines.estimators import (
     GradientBoosting,
     NearestNeighbours,
     RandomForest,
+    Standardised,
     SupportVectors,
 )
 from lab.baselines.series import SERIES
@@ -55,19 +54,6 @@ class Method(ABC):
             examples: examples to train on.
             seed: seed of all random draws.
         """
-
-
-@final
-@dataclass(frozen=True)
-class Standardised:
-    """This estimator standardises features for another one."""
-
-    of: Callable[[int], Estimator]
-    """Function that builds the other estimator from a seed."""
-
-    def __call__(self, seed: int) -> Estimator:
-        """Build the classifier."""
-        return make_pipeline(StandardScaler(), self.of(seed))
 
 
 @final
@@ -127,10 +113,10 @@ FIT_CONFIGS: dict[str, FitConfig] = {
     "paper": FitConfig(
         epochs=60,
         batch=8,
-        rate=1e-3,
+        rate=3e-3,
         schedule="constant",
         held_out=0.15,
-        patience=12,
+        patience=10,
     ),
 }
 """Training of the baselines that are networks, tuned on sets of their own."""
@@ -243,7 +229,7 @@ METHODS: dict[str, Method] = {
     },
     "paper": BaselineMethod(
         partial(
-            PaperBaseline, config=FIT_CONFIGS["paper"], k=8, pooling="max", stride=2
+            PaperBaseline, config=FIT_CONFIGS["paper"], k=8, pooling="max", stride=4
         )
     ),
 }

@@ -31,7 +31,7 @@ class PaperSettings:
     """Pooling over the nodes of a reading."""
     distance: Distance = "kinematic"
     """Distance between taxels."""
-    stride: Annotated[int, Interval(ge=1, le=3)] = 1
+    stride: Annotated[int, Interval(ge=1, le=8)] = 1
     """Of so many readings of a window one is used; the window has 100 at 50 Hz."""
     knows_none: bool = False
     """Whether `none` is a class of the network; without it, its probability is 0."""

@@ -38,8 +38,9 @@ WIDTH = 32
 LAYERS = 3
 CHANNELS = 64
 TAPS = 5
-DILATIONS = (1, 2, 4)
-"""Steps between the taps of each convolution over time."""
+LONGEST_STEP = 8
+"""Readings between two taps of the last convolution over time: 0.16 s. Before it, steps
+double from convolution to convolution, so that all of them together see a second."""
 
 READINGS = 100
 """Readings of a window: two seconds at 50 Hz (section IV-C3)."""
@@ -116,10 +117,13 @@ class PaperNetwork(nn.Module):
             for layer in range(LAYERS)
         )
         steps: list[nn.Module] = []
-        for number, dilation in enumerate(DILATIONS):
-            channels = CHANNELS if number else WIDTH
+        channels = WIDTH
+        dilation = 1
+        while dilation * stride <= LONGEST_STEP:
             steps.append(nn.Conv1d(channels, CHANNELS, TAPS, dilation=dilation))
             steps.append(nn.SiLU())
+            channels = CHANNELS
+            dilation *= 2
         self.over_time = nn.Sequential(*steps, nn.AdaptiveMaxPool1d(1), nn.Flatten())
         self.out = nn.Linear(CHANNELS, classes)
 
