@@ -2,6 +2,7 @@
 
     python -m lab.commanded_arm                     # all rows, hours
     python -m lab.commanded_arm --builds 1 --seconds 20 --only fresh storm
+    python -m lab.commanded_arm --commands paper    # with another command map
 
 Every row is `eskin demo --headless` in one condition: on sensors as in training, aged
 ones and those of each family, with short and long pauses between touches, on a slow and
@@ -15,6 +16,7 @@ table of docs/results.md, and below it why touches were lost.
 from collections import Counter
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import tyro
@@ -83,6 +85,8 @@ class Command:
     """Seed of the first build and its people; the others follow."""
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
+    commands: Path | None = None
+    """Command map: a file, or `paper`; the default one unless given."""
     workers: int = 2
     """Number of processes."""
 
@@ -167,7 +171,7 @@ def main(args: list[str] | None = None) -> None:
         for name, config in ROWS.items():
             if command.only and not any(part in name for part in command.only):
                 continue
-            config = replace(config, model=command.model)
+            config = replace(config, model=command.model, commands=command.commands)
             plans = [
                 (command.seconds, config, command.seed + number)
                 for number in range(command.builds)

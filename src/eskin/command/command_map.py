@@ -189,7 +189,12 @@ class CommandMap(BaseModel):
 
 
 def find_rule_problems(rule: Rule, simulation: bool) -> list[str]:
-    """Return what is wrong with a rule by itself, for a simulated arm alone or any."""
+    """Return what is wrong with a rule by itself.
+
+    Args:
+        rule: the rule.
+        simulation: whether its map is for simulated arms alone.
+    """
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
@@ -201,8 +206,7 @@ def find_rule_problems(rule: Rule, simulation: bool) -> list[str]:
             "bounce or swing make too; allowed are actions that stop or slow; write "
             "'gesture: grab', or 'simulation: true' for a simulated arm"
         )
-    strict = rule.action in STRICT_ACTIONS and not simulation
-    if strict and rule.confidence is not None:
+    if not simulation and rule.action in STRICT_ACTIONS and rule.confidence is not None:
         least = required_confidence(rule.action, None, rule.gesture)
         if rule.confidence < least:
             found.append(

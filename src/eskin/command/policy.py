@@ -232,8 +232,9 @@ class Policy(Listener):
         elif known:
             likely = replace(detection, gesture=gesture)
             request = self.build_request(touch, likely)
-            acts = self.commands.simulation or (request and request.action == "slow")
-            if request and acts and request.is_confident:
+            slows = request is not None and request.action == "slow"
+            may_act = slows or self.commands.simulation
+            if request is not None and may_act and request.is_confident:
                 self.decide(touch, likely)
             else:
                 reason = f"not understood{said}; do it again, more clearly"
