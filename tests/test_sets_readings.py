@@ -130,7 +130,7 @@ def test_archive_with_poses_keeps_pressures_labels_and_places(
     result, [recording], text = convert(capsys, tmp_path, options)
     poses = result.pop("poses")
     assert result == {"recordings": 1, "taxels": 8, "readings": COUNT, "labels": 2}
-    assert poses["worst"] < 1e-6 and poses["unsolved"] == ["spin"]
+    assert poses["worst_mm"] < 1e-3 and poses["unsolved"] == ["spin"]
     assert "move no taxel are zero: spin" in text and "taxel" in poses["where"]
     arrays = recording.arrays()
     np.testing.assert_array_equal(arrays.stamps, content["stamp"])
@@ -213,8 +213,8 @@ def test_distances_of_measured_poses_are_told(toy, tmp_path, capsys):
     placed = build_poses(mounted, recording.arrays().q)[:, :, :3]
     distances = np.linalg.norm(placed - content["poses"][:, :, :3], axis=2)
     poses = result["poses"]
-    assert poses["rms"] == pytest.approx(np.sqrt((distances**2).mean()))
-    assert poses["worst"] == pytest.approx(distances.max())
+    assert poses["rms_mm"] == pytest.approx(1e3 * np.sqrt((distances**2).mean()))
+    assert poses["worst_mm"] == pytest.approx(1e3 * distances.max())
     row, taxel = np.unravel_index(distances.argmax(), distances.shape)
     assert f"reading {row}, taxel {taxel} (patch" in poses["where"]
 
@@ -378,7 +378,7 @@ BAD = {
     ),
     "no readings": (
         lambda c: {name: values[:0] for name, values in c.items() if values.ndim},
-        "no reading; leave the file out",
+        "0 readings; allowed are 1 to 10,000,000",
     ),
 }
 
@@ -459,7 +459,7 @@ def test_poses_and_pressures_of_the_paper_become_its_table_in_two_commands(
         recordings[path.name] = read_recording(path)
         write_archive(recordings[path.name], tmp_path / "in" / f"{path.stem}.npz")
     result, converted, _ = convert(capsys, tmp_path, ("--skin", "ur5"))
-    assert result["poses"]["worst"] < 1e-4
+    assert result["poses"]["worst_mm"] < 0.1
     for after in converted:
         before = recordings[after.path.name]
         pressure = np.asarray(before.pressures())

@@ -134,7 +134,12 @@ def run(command: ConvertCommand) -> dict[str, object]:
     told: dict[str, object] = asdict(result)
     if fit is not None:
         print(describe_fit(fit))
-        told["poses"] = asdict(fit)
+        told["poses"] = {
+            "worst_mm": 1e3 * fit.worst,
+            "rms_mm": 1e3 * fit.rms,
+            "where": fit.where,
+            "unsolved": fit.unsolved,
+        }
     return told
 
 

@@ -73,7 +73,8 @@ class ReadingFile(ABC):
             allowed = " or ".join(f"{number:,}" for number in widths[name])
             raise ImportSourceError(
                 f"{self.path}: '{name}' has {width:,} numbers a reading; allowed are "
-                f"{allowed}; give the skin that was recorded, in its order of taxels"
+                f"{allowed}; give the skin and the robot that were recorded, in the "
+                "order of their taxels and joints"
             )
 
     def check_kind(self, name: str, dtype: np.dtype) -> None:

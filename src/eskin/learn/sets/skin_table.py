@@ -50,6 +50,8 @@ CHUNK_BYTES = 16 << 20
 """Size of the readings that are held at a time, as doubles [bytes]."""
 PERIODS = (100_000, NS_PER_S)
 """Shortest and longest usual period of readings [ns]."""
+MAX_READINGS = 10_000_000
+"""Largest number of readings of a file, whose stamps are held."""
 MAX_STAMP = 1 << 62
 """Largest stamp [ns since the epoch]."""
 
@@ -109,8 +111,11 @@ def read_sessions(
     with open_readings(path) as file:
         widths = choose_arrays(file, layout.mounted)
         count = file.count_rows(next(iter(widths)))
-        if not count:
-            raise ImportSourceError(f"{path}: no reading; leave the file out")
+        if not 0 < count <= MAX_READINGS:
+            raise ImportSourceError(
+                f"{path}: {count:,} readings; allowed are 1 to {MAX_READINGS:,}; leave "
+                "the file out, or divide it"
+            )
         stamps = read_stamps(file, count, layout.rate)
         people = read_texts(file, layout.person, count, path.stem)
         sessions = people
@@ -239,12 +244,12 @@ def check_order(
 def read_texts(file: ReadingFile, name: str, count: int, default: str) -> np.ndarray:
     """Return a text for each reading, of a column or a default."""
     if name not in file.names and name == "person":
-        return np.full(count, default)
+        return np.broadcast_to(np.array(default), (count,))
     if name not in file.names:
         raise_missing(file, name, "--person")
     values = to_texts(file.read_column(name))
     if not values.ndim:
-        return np.full(count, values)
+        return np.broadcast_to(values, (count,))
     check_length(file, name, values, count)
     return values
 
@@ -307,7 +312,7 @@ def read_repetitions(
     """Return the labels of a table of gestures with their starts and ends."""
     if label not in table.names:
         raise_missing(table, label, "--label")
-    names = to_texts(table.read_column(label))
+    names = to_texts(table.read_column(label)).reshape(-1)
     origin = 0 if "stamp" in file.names else START_NS
     starts = origin + read_times(table, "start", names.size)
     ends = origin + read_times(table, "end", names.size)
