@@ -54,6 +54,7 @@ FORM ?= long
 SETS ?= sets
 results: $(READY)
 	$(BIN)/python -m lab.results all --form $(FORM) --sets "$(SETS)"
+	$(BIN)/python -m lab.paper all --form $(FORM) --sets "$(SETS)"
 ifneq ($(FORM),short)
 	$(BIN)/python -m lab.real_recordings sleeve --data "$(DATA)"
 	$(BIN)/python -m lab.real_recordings shearsense --data "$(SHEARSENSE)"

@@ -34,8 +34,6 @@ class Form:
     """Number of clips of each; that of the paper if None."""
     table: tuple[str, ...]
     """Methods trained on paper-size sets."""
-    network_draws: int
-    """Number of these sets for the networks of others."""
     train: int | None
     """Number of clips of the large training set; all if None."""
     test: int | None
@@ -51,7 +49,6 @@ FORMS = {
         draws=1,
         clips=33,
         table=("boosting-on-touch", "svm-max", "gradient-boosting"),
-        network_draws=0,
         train=40,
         test=16,
         tests=("test-m",),
@@ -61,7 +58,6 @@ FORMS = {
         draws=10,
         clips=None,
         table=tuple(name for name in METHODS if name not in NETWORKS),
-        network_draws=3,
         train=3000,
         test=1000,
         tests=TESTS,
@@ -116,11 +112,6 @@ def table(command: Command, form: Form) -> None:
     ]
     trains, tests = ([draw / part for draw in draws] for part in ("train", "test"))
     show_compared(command, "table", trains, tests, form.table)
-    if form.network_draws:
-        print("\nNetworks of others on the first of these:\n")
-        some = slice(form.network_draws)
-        networks = ("eskin", *NETWORKS)
-        show_compared(command, "table", trains[some], tests[some], networks)
 
 
 def large(command: Command, form: Form) -> None:

@@ -18,6 +18,7 @@ from typing import Literal
 
 import tyro
 
+from lab.baselines import NETWORKS
 from lab.compare import train_all
 from lab.latency import Command as LatencyCommand
 from lab.latency import measure_on_one_core
@@ -81,8 +82,9 @@ class PaperCommand:
     @property
     def place(self) -> Place:
         """Return where the sets are."""
-        size = (33, 3) if self.is_short else (None, None)
-        return Place(self.sets, *size, self.workers)
+        if self.is_short:
+            return Place(self.sets, 33, 3, self.workers, epochs=1)
+        return Place(self.sets, None, None, self.workers)
 
 
 def run(command: PaperCommand) -> dict[str, object]:
@@ -121,9 +123,10 @@ def format_accuracy(answers: Answers, form: str, method: str, test: str) -> str:
 
 def print_table2(command: PaperCommand) -> None:
     """Compare accuracies (Table II)."""
-    methods = ["eskin", "paper", BEST, "cnn-lstm", *FLATTENED, "boosting-on-touch"]
+    methods = ["eskin", "boosting-on-touch", "paper", BEST, *NETWORKS, *FLATTENED]
     if command.is_short:
-        methods = ["boosting-on-touch", *FLATTENED]
+        methods = ["paper", *FLATTENED]
+    methods = list(dict.fromkeys(methods))
     answers = run_trials(command, ["paper"], methods)
     heads = ("method", "paper: validation", "test", "here: validation", "test", "ahead")
     print(format_head(heads))
@@ -163,7 +166,7 @@ def print_table3(command: PaperCommand) -> None:
 
 def print_fig11(command: PaperCommand) -> None:
     """Compare numbers of neighbours and poolings (Fig. 11)."""
-    neighbours = NEIGHBOURS[:2] if command.is_short else NEIGHBOURS
+    neighbours = NEIGHBOURS[:1] if command.is_short else NEIGHBOURS
     cells = [(k, pooling) for k in neighbours for pooling in POOLINGS]
     answers = run_trials(command, ["paper"], [name_cell(*cell) for cell in cells])
     columns = [(pooling, test) for pooling in POOLINGS for test in ("val", "test")]
@@ -206,7 +209,7 @@ def print_forms(command: PaperCommand) -> None:
         printed = " ".join(f"{share:.1f}" for share in ACCURACIES.get(method, ()))
         cells = (format_accuracy(answers, form, method, t) for form, t in columns)
         print(format_row([method, printed, *cells]))
-    print(f"\n{format_head(('eskin ahead, test', *FORMS.values()))}")
+    print(f"\n{format_head((f'{methods[0]} ahead, test', *FORMS.values()))}")
     for method in methods[1:]:
         cells = (format_lead(answers, form, methods[0], method) for form in FORMS)
         print(format_row([method, *cells]))

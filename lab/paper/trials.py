@@ -71,6 +71,17 @@ def build_paper_method(
     return BaselineMethod(make, on_touch)
 
 
+def shorten_training(method: Method, epochs: int) -> Method:
+    """Return a method whose network is trained for fewer epochs, if it is one."""
+    if not isinstance(method, BaselineMethod) or not isinstance(method.make, partial):
+        return method
+    config = method.make.keywords.get("config")
+    if config is None:
+        return method
+    make = partial(method.make, config=replace(config, epochs=epochs))
+    return replace(method, make=make)
+
+
 def name_cell(k: int, pooling: Pooling) -> str:
     """Return the name of a method of Fig. 11; that of Table II has the paper's name."""
     return "paper" if (k, pooling) == (8, "max") else f"paper-k{k}-{pooling}"
@@ -121,6 +132,8 @@ class Place:
     """Number of people of a set; that of the set if None."""
     workers: int
     """Number of processes."""
+    epochs: int | None = None
+    """Number of epochs of the paper's network; None trains it until it stops."""
 
     @property
     def results(self) -> Path:
@@ -143,6 +156,8 @@ def build_task(trial: Trial, place: Place) -> TrainingTask:
     train = find_examples([folder / "train"], pack, place.workers)
     test = find_examples([folder / "test"], pack, place.workers)
     method = TRIED[trial.method]
+    if place.epochs is not None:
+        method = shorten_training(method, place.epochs)
     return TrainingTask(trial.method, method, train, {"test": test}, trial.draw)
 
 
