@@ -17,6 +17,7 @@ from lab.baselines.estimators import (
     NearestNeighbours,
     Perceptron,
     RandomForest,
+    Standardised,
     SupportVectors,
 )
 from lab.baselines.flat import FlatBaseline
@@ -29,6 +30,8 @@ from lab.baselines.interface import (
 )
 from lab.baselines.network import FitConfig, NetworkBaseline, use_one_thread
 from lab.baselines.paper import PaperBaseline
+from lab.baselines.signal import SignalBaseline
+from lab.baselines.spline import SplineBaseline
 
 __all__ = [
     "BASELINES",
@@ -67,6 +70,9 @@ BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
     },
     "random-forest": partial(HandBaseline, estimator=RandomForest(trees=1000)),
     "gradient-boosting": partial(HandBaseline, estimator=GradientBoosting(leaves=31)),
+    "spline-svm": partial(SplineBaseline, estimator=Standardised(SupportVectors())),
+    "signal-svm": partial(SignalBaseline, estimator=Standardised(SupportVectors())),
+    "signal-mlp": partial(SignalBaseline, estimator=Standardised(Perceptron())),
 }
 """Baselines that are not networks, by name, tuned on sets that no table uses."""
 

@@ -5,6 +5,7 @@ settings, since results are kept by the `repr` of a method.
 """
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -15,6 +16,8 @@ from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassif
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.neural_network import MLPClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 Estimator = Any
@@ -122,6 +125,19 @@ class GradientBoosting:
             min_samples_leaf=5,
             random_state=seed,
         )
+
+
+@final
+@dataclass(frozen=True)
+class Standardised:
+    """This estimator standardises features for another one."""
+
+    of: Callable[[int], Estimator]
+    """Function that builds the other estimator from a seed."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Build the classifier."""
+        return make_pipeline(StandardScaler(), self.of(seed))
 
 
 @final
