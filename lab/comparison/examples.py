@@ -33,7 +33,7 @@ from eskin.live import GraphConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
-from lab.baselines import READINGS, SkinWindows
+from lab.baselines.interface import READINGS, SkinWindows
 from lab.comparison.touches import (
     Arrays,
     Form,

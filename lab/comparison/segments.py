@@ -19,8 +19,7 @@ from eskin.learn.ground_truth import Segment
 from eskin.live import GraphConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.units import format_count
-from lab.baselines import READINGS
-from lab.baselines.interface import STEP_NS
+from lab.baselines.interface import READINGS, STEP_NS
 from lab.comparison.examples import Examples
 from lab.comparison.touches import Arrays, TouchSpan
 
