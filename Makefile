@@ -47,8 +47,8 @@ bench: $(READY)
 	$(BIN)/python -m lab.memory
 	$(BIN)/python -m lab.start
 
-# The tables of docs/results.md: simulated people, some hours on two cores; real
-# recordings, half an hour. What was answered is kept in SETS/kept, so that a run that was
+# The tables of docs/results.md: simulated people and real recordings, each some hours on
+# two cores, most of them for networks. What was answered is kept in SETS/kept, so that a run that was
 # cut goes on. FORM=short shows in two minutes that all of it runs.
 FORM ?= long
 SETS ?= sets
@@ -56,8 +56,8 @@ results: $(READY)
 	$(BIN)/python -m lab.results all --form $(FORM) --sets "$(SETS)"
 	$(BIN)/python -m lab.paper all --form $(FORM) --sets "$(SETS)"
 ifneq ($(FORM),short)
-	$(BIN)/python -m lab.real_recordings sleeve --data "$(DATA)"
-	$(BIN)/python -m lab.real_recordings shearsense --data "$(SHEARSENSE)"
+	$(BIN)/python -m lab.real_recordings sleeve --data "$(DATA)" --work "$(SETS)"
+	$(BIN)/python -m lab.real_recordings shearsense --data "$(SHEARSENSE)" --work "$(SETS)"
 endif
 
 # What the simulated world is held to, and the weights on touches that it did not make.
