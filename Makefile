@@ -48,8 +48,8 @@ bench: $(READY)
 	$(BIN)/python -m lab.start
 
 # The tables of docs/results.md: simulated people and real recordings, each some hours on
-# two cores, most of them for networks. What was answered is kept in SETS/kept, so that a run that was
-# cut goes on. FORM=short shows in two minutes that all of it runs.
+# two cores, most of them for networks. What was answered is kept in SETS/kept, so that a
+# run that was cut goes on. FORM=short shows in two minutes that all of it runs.
 FORM ?= long
 SETS ?= sets
 results: $(READY)

@@ -70,7 +70,9 @@ BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
     },
     "random-forest": partial(HandBaseline, estimator=RandomForest(trees=1000)),
     "gradient-boosting": partial(HandBaseline, estimator=GradientBoosting(leaves=31)),
-    "spline-svm": partial(SplineBaseline, estimator=Standardised(SupportVectors())),
+    "spline-svm": partial(
+        SplineBaseline, estimator=Standardised(SupportVectors(C=100.0))
+    ),
     "signal-svm": partial(SignalBaseline, estimator=Standardised(SupportVectors())),
     "signal-mlp": partial(SignalBaseline, estimator=Standardised(Perceptron())),
 }

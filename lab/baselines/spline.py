@@ -1,9 +1,9 @@
 """This module classifies windows by smooth surfaces fitted to the pressure.
 
 It stands for Kubus et al. 2017 in the paper's Table I: 16 gestures on 2048 taxels, told
-apart by a support vector machine. From the paper (section II) is that they use "spline
-fitting for spatial feature extraction". All else is our choice: which splines, the
-distance of their knots, the smoothing, the parts in time, and the features.
+apart by a support vector machine. The paper says of it only "spline fitting for spatial
+feature extraction" (section II). All else is our choice: which splines, the distance of
+their knots, the smoothing, the parts in time, and moments of the surfaces as features.
 """
 
 from collections.abc import Callable
@@ -34,15 +34,13 @@ SMOOTHING = 0.1
 class SplineSurface:
     """A spline surface is fitted to the pressures of one link's taxels, unrolled.
 
-    The fit is linear in the pressures, so that it is one matrix (Eilers and Marx 1996).
+    It is linear in the pressures, so that it is one matrix (Eilers and Marx 1996).
     """
 
     taxels: Int[np.ndarray, "part"]
     """Indices of the taxels of the link."""
-    fit: Float[np.ndarray, "coefficient part"]
-    """Matrix from pressures to coefficients."""
-    basis: Float[np.ndarray, "part coefficient"]
-    """Matrix from coefficients to the heights of the surface at the taxels."""
+    smooth: Float[np.ndarray, "part part"]
+    """Matrix from pressures to heights of the surface, both at the taxels."""
     places: Float[np.ndarray, "part 2"]
     """Place of each taxel along the link and around it [m]."""
 
@@ -66,7 +64,7 @@ def build_surface(skin: Skin, taxels: Int[np.ndarray, "part"]) -> SplineSurface:
     penalty += np.kron(np.eye(along.shape[1]), penalise(around.shape[1]))
     # The small identity decides on coefficients that no taxel and no penalty does.
     normal = basis.T @ basis + SMOOTHING * penalty + 1e-6 * np.eye(len(penalty))
-    return SplineSurface(taxels, np.linalg.solve(normal, basis.T), basis, points)
+    return SplineSurface(taxels, basis @ np.linalg.solve(normal, basis.T), points)
 
 
 def unroll_link(
@@ -106,9 +104,11 @@ def penalise(count: int) -> Float[np.ndarray, "basis basis"]:
 
 @final
 class SplineBaseline(RowBaseline):
-    """This baseline classifies coefficients and moments of fitted surfaces.
+    """This baseline classifies moments of fitted surfaces.
 
     One surface a link is fitted to the mean pressure in each of ten parts of a window.
+    Coefficients of the splines as features, alone or with moments, were less accurate
+    on simulated clips of their own (`lab/notes/comparison.md`).
     """
 
     def __init__(
@@ -124,13 +124,12 @@ class SplineBaseline(RowBaseline):
         shape = (clips.count, *parts, self.mounted.skin.count)
         means = clips.pressure.reshape(shape).mean(axis=2, dtype=np.float32)
         means /= PRESSURE_UNIT
-        found = []
-        for surface in self.surfaces:
-            coefficients = means[..., surface.taxels] @ surface.fit.T
-            heights = coefficients @ surface.basis.T
-            found += [coefficients, compute_moments(heights, surface.places)]
-        rows = np.concatenate(found, axis=-1)
-        return rows.reshape(clips.count, -1).astype(np.float32)
+        moments = [
+            compute_moments(means[..., each.taxels] @ each.smooth.T, each.places)
+            for each in self.surfaces
+        ]
+        rows = np.concatenate(moments, axis=-1).reshape(clips.count, -1)
+        return rows.astype(np.float32)
 
 
 def compute_moments(

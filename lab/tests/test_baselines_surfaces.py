@@ -24,7 +24,7 @@ def test_pressure_that_is_linear_in_place_is_fitted_exactly(mounted):
     for surface in build_surfaces(mounted.skin):
         for axis in (0, 1):
             pressure = 2.0 + surface.places[:, axis]
-            heights = surface.basis @ surface.fit @ pressure
+            heights = surface.smooth @ pressure
             np.testing.assert_allclose(heights, pressure, atol=1e-3)
 
 
@@ -46,7 +46,7 @@ def test_moments_follow_a_press_and_tell_its_size():
     for place in np.quantile(surface.places, [0.4, 0.6], axis=0):
         distance = np.linalg.norm(surface.places - place, axis=1)
         small, wide = (
-            compute_moments(surface.basis @ surface.fit @ pressure, surface.places)
+            compute_moments(surface.smooth @ pressure, surface.places)
             for pressure in np.exp(-((distance / np.array([[0.015], [0.03]])) ** 2))
         )
         np.testing.assert_allclose(small[2:4], place, atol=0.01)
