@@ -123,6 +123,8 @@ paper: but none within a second of the pause
 paper: the arm stands while a touch is strong, which is then obeyed
     map paper; grab a 60N; 0.4; say a; 0.02; ? speed_limit=0; ? at work; lift a; 0.2 >
     close_gripper; close a; 0.02; ? speed_limit=1
+paper: a touch does what it asked for as it was recognised
+    map paper; grab a; 0.4; say a; arm gripper=closed; lift a; 0.2 > close_gripper
 paper: a hold ends by two pokes
     map paper; arm hold; 1; double_pat a. > !next_waypoint [the arm is held: test; to
     go on: poke, then poke at least 1 s later]; 1; poke b. > pause; 1; poke c. > resume;
