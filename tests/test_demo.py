@@ -13,6 +13,7 @@ from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
+from eskin.page.hand import USUAL
 from eskin.recording import TruthRecord
 from eskin.sim.arm import SimulatedArm
 from eskin.sim.commands.demo import open_once, tell_link
@@ -262,6 +263,37 @@ def test_orders_of_page_touch_skin_and_pause_arm():
     assert not scan.received[skin.mounted.skin.find_taxels("wrist_1")].any()
     handler.handle(PageOrder("skin", "ur5-half"))
     assert choice.skin == "ur5-half"
+
+
+def test_clicks_of_page_play_task_of_the_paper():
+    clock = ManualClock(SECOND)
+    arm = SimulatedArm(clock=clock)
+    skin = InteractiveSkin("ur5", 1, "flawless", loses=False)
+    model = load_model("ur5")
+    vocabulary = model.card.vocabulary
+    policy = Policy(arm, PAPER, vocabulary, PolicyConfig(check_period=None))
+    recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
+    source = LiveSource(skin, arm, clock)
+    stream = SynchronousStream(source, [recognition, policy])
+    handler = PageOrderHandler(skin, arm)
+    taxel = int(skin.mounted.skin.find_taxels("forearm_front")[200])
+    place = tuple(skin.mounted.skin.positions[taxel].tolist())
+
+    def click(kind):
+        order = TouchOrder(kind, "forearm_link", place, *USUAL[kind], 1)
+        handler.handle(order)
+        for _ in range(round(3.0 / skin.period)):
+            stream.publish(source.read())
+        return arm.state()
+
+    assert click("poke").paused
+    grip, target = arm.state().gripper, arm.state().target
+    assert click("grab").gripper != grip
+    assert click("grab").gripper == grip
+    assert click("double_pat").target != target
+    assert arm.state().paused
+    assert not click("poke").paused
+    assert click("poke").paused
 
 
 def test_simulated_time_waits_for_readings_that_are_processed_too_slowly():
