@@ -32,7 +32,9 @@ class FitConfig:
     """These settings determine how a network is trained."""
 
     epochs: int = 40
-    """Largest number of passes over the windows."""
+    """Largest number of epochs."""
+    drawn: int | None = None
+    """Most windows of an epoch, which are drawn at random; None takes all."""
     batch: int = 16
     """Windows in a step."""
     rate: float = 2e-3
@@ -47,6 +49,8 @@ class FitConfig:
     """Limits of the augmentation; None takes windows as they were recorded."""
 
 
+MOST_HELD = 250
+"""Most windows that the epoch is chosen by, which are classified after each."""
 SCORED_AT_ONCE = 16
 """Windows that are classified together to choose the epoch."""
 
@@ -109,8 +113,9 @@ class NetworkBaseline(Baseline):
             self.network = self.build()
             rng = np.random.default_rng(seed)
             order = rng.permutation(clips.count)
-            held = np.sort(order[: round(self.config.held_out * clips.count)])
-            own = np.setdiff1d(order, held)
+            share = round(self.config.held_out * clips.count)
+            own = order[share:]
+            held = order[: min(share, MOST_HELD)]
             self.train_network(self.network, clips, labels, own, held, rng)
         self.network.eval()
 
@@ -135,7 +140,8 @@ class NetworkBaseline(Baseline):
         """
         config = self.config
         adam = torch.optim.Adam(network.parameters(), config.rate)
-        steps = config.epochs * -(-len(own) // config.batch)
+        drawn = min(len(own), config.drawn or len(own))
+        steps = config.epochs * -(-drawn // config.batch)
         if config.schedule == "one-cycle":
             schedule = OneCycleLR(adam, config.rate, total_steps=steps)
         else:
@@ -147,7 +153,7 @@ class NetworkBaseline(Baseline):
         kept = network.state_dict()
         for epoch in range(config.epochs):
             network.train()
-            for chosen in torch.randperm(len(own)).split(config.batch):
+            for chosen in torch.randperm(len(own))[:drawn].split(config.batch):
                 rows = own[chosen.numpy()]
                 pressure = clips.pressure[rows]
                 if config.augment is not None:

@@ -112,6 +112,7 @@ FIT_CONFIGS: dict[str, FitConfig] = {
     "tactile-image": FitConfig(),
     "paper": FitConfig(
         epochs=60,
+        drawn=500,
         batch=8,
         rate=3e-3,
         schedule="constant",

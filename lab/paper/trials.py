@@ -41,6 +41,11 @@ DISTANCES: dict[Distance, str] = {
 """Distances between taxels, and what they are called in tables."""
 
 
+SLOWER_RATE = 1e-3
+"""Learning rate of the paper's network with more neighbours than eight, whose messages
+are larger sums, and with mean pooling: the usual rate does not train these."""
+
+
 def build_paper_method(
     k: int = 8,
     pooling: Pooling = "max",
@@ -57,9 +62,9 @@ def build_paper_method(
         augment: limits of the augmentation, if any.
         on_touch: whether it sees the segmented touch alone.
     """
-    config = FIT_CONFIGS["paper"]
-    if augment is not None:
-        config = replace(config, augment=augment)
+    config = replace(FIT_CONFIGS["paper"], augment=augment)
+    if k > 8 or pooling == "mean":
+        config = replace(config, rate=SLOWER_RATE)
     make = partial(
         PaperBaseline,
         config=config,
