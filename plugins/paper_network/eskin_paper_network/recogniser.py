@@ -2,6 +2,8 @@
 
 The network sees the whole skin, so all touches of a reading have the same
 probabilities: those of the two seconds that end with it. Each reading is encoded once.
+A network with a stride also answers at every reading, from those that lie whole strides
+before it.
 """
 
 from collections.abc import Iterator
@@ -48,22 +50,15 @@ class FeatureWindow:
         features: features of each slot.
     """
 
-    def __init__(self, rest: Float[Tensor, "width"], slots: int, period: int) -> None:
-        """Start at rest.
-
-        Args:
-            rest: features of an untouched skin.
-            slots: number of slots.
-            period: time from one slot to the next [ns].
-        """
+    def __init__(self, rest: Float[Tensor, "width"], slots: int) -> None:
+        """Start with `slots` slots at rest, the features of an untouched skin."""
         self.rest = rest.expand(slots, -1)
-        self.period = period
         self.features: Float[Tensor, "slot width"] = self.rest
         self.stamp = -(2**62)
 
     def count_slots(self, stamp: int) -> int:
         """Return how many slots later a reading is than the newest slot."""
-        return (stamp - self.stamp + (self.period - 1) // 2) // self.period
+        return (stamp - self.stamp + (SLOT_NS - 1) // 2) // SLOT_NS
 
     def push(self, stamp: int, feature: Float[Tensor, "1 width"]) -> None:
         """Add the features of a reading that is in a later slot."""
@@ -73,7 +68,7 @@ class FeatureWindow:
             self.stamp = stamp
             slots = 1
         else:
-            self.stamp += slots * self.period
+            self.stamp += slots * SLOT_NS
         held = self.features[-1:].expand(slots - 1, -1)
         self.features = torch.cat([self.features[slots:], held, feature])
 
@@ -92,9 +87,7 @@ class PaperClassifier(TouchClassifier):
         self.without = None if settings.knows_none else vocabulary.index(NONE)
         nothing = np.zeros(touches.mounted.skin.count, np.float32)
         q = np.zeros(len(touches.mounted.robot.joint_names))
-        rest = self.encode(nothing, q)[0]
-        slots = READINGS // settings.stride
-        self.window = FeatureWindow(rest, slots, SLOT_NS * settings.stride)
+        self.window = FeatureWindow(self.encode(nothing, q)[0], READINGS)
         self.is_classified = False
         self.answer = np.empty((2, len(vocabulary)), np.float32)
 
@@ -127,7 +120,7 @@ class PaperClassifier(TouchClassifier):
     def classify(self) -> Float[np.ndarray, "class"]:
         """Return the logits of the window; that of an unknown `none` is -inf."""
         with one_thread():
-            logits = self.network.classify_used(self.window.features[None])[0].numpy()
+            logits = self.network.classify(self.window.features[None])[0].numpy()
         if self.without is None:
             return logits
         return np.insert(logits, self.without, -np.inf)
