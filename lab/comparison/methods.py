@@ -230,7 +230,12 @@ METHODS: dict[str, Method] = {
     },
     "paper": BaselineMethod(
         partial(
-            PaperBaseline, config=FIT_CONFIGS["paper"], k=8, pooling="max", stride=4
+            PaperBaseline,
+            config=FIT_CONFIGS["paper"],
+            k=8,
+            pooling="max",
+            distance="kinematic",
+            stride=4,
         )
     ),
 }
