@@ -31,6 +31,7 @@ from jaxtyping import Float, Int
 
 from eskin.command import (
     FRAME_TASK,
+    STARTING_ACTIONS,
     SUSPEND,
     Policy,
     PolicyConfig,
@@ -500,7 +501,12 @@ def count_told(lines: Lines) -> list[int]:
 
     What the policy does by itself for the skin's sake counts only if it stops.
     """
-    wanted = (("paused", MORE), ("slow", MORE), ("working", MORE), ("working", STOPS))
+    wanted = (
+        ("paused", STARTING_ACTIONS),
+        ("slow", MORE),
+        ("working", MORE),
+        ("working", STOPS),
+    )
     return [
         sum(
             any(
