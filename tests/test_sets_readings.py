@@ -353,7 +353,7 @@ BAD = {
     ),
     "readings out of order": (
         lambda c: change(c, "stamp", 8, c["stamp"][6]),
-        "reading 8 is 20000000 ns before",
+        "reading 8 is of 1700000000120000000 ns, the one before it of 17000000001400",
     ),
     "milliseconds": (
         lambda c: c | {"stamp": 20 * np.arange(COUNT)},

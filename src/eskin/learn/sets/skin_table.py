@@ -226,12 +226,13 @@ def check_order(
 ) -> None:
     """Raise unless the stamps of each run increase, by periods of a sensor."""
     for run in runs:
-        steps = np.diff(stamps[run])
+        own = stamps[run]
+        steps = np.diff(own)
         for number in np.flatnonzero(steps <= 0)[:1].tolist():
             raise ImportSourceError(
-                f"{path}: reading {run.start + number + 1} is {-steps[number]} ns "
-                "before the one before it; allowed are stamps that increase for each "
-                "person and session; sort the readings"
+                f"{path}: reading {run.start + number + 1} is of {own[number + 1]} ns, "
+                f"the one before it of {own[number]} ns; allowed are stamps that "
+                "increase for each person and session; sort the readings"
             )
         usual = float(np.median(steps)) if len(steps) else PERIODS[0]
         if not PERIODS[0] <= usual <= PERIODS[1]:
