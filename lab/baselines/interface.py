@@ -37,6 +37,9 @@ class SkinWindows:
     """Pressure of each taxel [kPa] (float32, or float16 where there are many)."""
     q: Float[np.ndarray, "clip 100 joint"]
     """Joint positions [rad] (float32)."""
+    example: Int[np.ndarray, "clip"] | None = None
+    """Example that each window is of, such as a labelled segment; None where each is of
+    one of its own."""
 
     @property
     def count(self) -> int:
@@ -45,7 +48,8 @@ class SkinWindows:
 
     def select(self, chosen: Bool[np.ndarray, "clip"]) -> "SkinWindows":
         """Return the windows for which `chosen` is true."""
-        return SkinWindows(self.pressure[chosen], self.q[chosen])
+        example = None if self.example is None else self.example[chosen]
+        return SkinWindows(self.pressure[chosen], self.q[chosen], example)
 
 
 class BaselineStream(ABC):

@@ -112,10 +112,7 @@ class NetworkBaseline(Baseline):
             torch.manual_seed(seed)
             self.network = self.build()
             rng = np.random.default_rng(seed)
-            order = rng.permutation(clips.count)
-            share = round(self.config.held_out * clips.count)
-            own = order[share:]
-            held = order[: min(share, MOST_HELD)]
+            own, held = hold_windows_out(clips, self.config.held_out, rng)
             self.train_network(self.network, clips, labels, own, held, rng)
         self.network.eval()
 
@@ -214,6 +211,22 @@ class CachedStream(BaselineStream):
             feature = self.network.encode(*to_tensors(pressure[None], q[None]))
             window = torch.from_numpy(self.window.push(feature.numpy()[0]))
             return self.network.classify(window[None]).softmax(dim=1).numpy()[0]
+
+
+def hold_windows_out(
+    clips: SkinWindows, share: float, rng: np.random.Generator
+) -> tuple[Int[np.ndarray, "own"], Int[np.ndarray, "held"]]:
+    """Return windows to train on, and some of a share of the examples held out.
+
+    All windows of an example are on one side, since they overlap.
+    """
+    numbers = clips.example
+    if numbers is None:
+        numbers = np.arange(clips.count)
+    examples = rng.permutation(np.unique(numbers))
+    out = np.isin(numbers, examples[: round(share * len(examples))])
+    held = rng.permutation(np.flatnonzero(out))
+    return np.flatnonzero(~out), held[:MOST_HELD]
 
 
 def score_windows(

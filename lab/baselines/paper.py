@@ -3,8 +3,9 @@
 from copy import copy
 from typing import final
 
-from eskin.skin import MountedSkin
 from eskin_paper_network import Distance, PaperNetwork, Pooling
+
+from eskin.skin import MountedSkin
 from lab.baselines.interface import BaselineStream, WindowStream
 from lab.baselines.network import CachedStream, FitConfig, NetworkBaseline
 

@@ -179,6 +179,7 @@ class Examples(ABC):
         return SkinWindows(
             np.concatenate([part["pressure"] for part in parts]),
             np.concatenate([part["q"] for part in parts]),
+            self.window_example,
         )
 
     @cached_property

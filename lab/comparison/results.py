@@ -22,6 +22,9 @@ from eskin.touch import PipelineConfig
 from lab.comparison.examples import Examples
 from lab.comparison.methods import Method
 
+PAPER_NETWORK = "eskin_paper_network.network"
+"""Module of the one method whose code is in a package of its own."""
+
 
 @dataclass(frozen=True)
 class AnsweredClips:
@@ -88,7 +91,8 @@ class TrainingTask:
         """Return a digest of all that determines the result: code, settings, data."""
         tests = {name: each.digest for name, each in self.tests.items()}
         text = (
-            f"{digest_code(__name__)} {PipelineConfig()} {self.method} "
+            f"{digest_code(__name__)} {digest_code(PAPER_NETWORK)} "
+            f"{PipelineConfig()} {self.method} "
             f"{self.train.digest} {tests} {self.seed} {self.share}"
         )
         return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -20,6 +20,7 @@ from lab.baselines import (
 from lab.baselines.estimators import GradientBoosting, RandomForest
 from lab.baselines.hand import HandBaseline
 from lab.baselines.interface import RollingWindow
+from lab.baselines.network import MOST_HELD, hold_windows_out
 
 pytestmark = pytest.mark.slow
 
@@ -153,3 +154,19 @@ def test_a_rolling_window_holds_the_last_readings_oldest_first():
 def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="no baseline 'oracle'; allowed are svm-max"):
         build_baseline("oracle", mounted())
+
+
+def test_windows_of_one_example_are_held_out_together():
+    """They overlap, so that those held out would otherwise be known."""
+    example = np.repeat(np.arange(40), 5)
+    clips = SkinWindows(np.zeros((200, 1, 1)), np.zeros((200, 1, 1)), example)
+    own, held = hold_windows_out(clips, 0.25, np.random.default_rng(0))
+    assert len(own) == 150 and len(held) == 50
+    assert not set(example[own]) & set(example[held])
+
+
+def test_at_most_some_windows_choose_the_epoch():
+    clips = SkinWindows(np.zeros((4000, 1, 1)), np.zeros((4000, 1, 1)))
+    own, held = hold_windows_out(clips, 0.15, np.random.default_rng(0))
+    assert len(own) == 3400 and len(held) == MOST_HELD
+    assert len(hold_windows_out(clips, 0.0, np.random.default_rng(0))[1]) == 0

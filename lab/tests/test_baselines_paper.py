@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import torch
+from eskin_paper_network import PaperNetwork
+from eskin_paper_network.layer import PaperLayer
 
 from eskin.live import find_live_neighbours
 from helpers.baselines import UR5
 from helpers.graphs import FOLDED
-from eskin_paper_network import PaperNetwork
-from eskin_paper_network.layer import PaperLayer
 
 pytestmark = pytest.mark.slow
 

@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from eskin_paper_network import PaperNetwork
 
 from eskin.skin import MountedSkin
 from helpers.graphs import book
-from eskin_paper_network import PaperNetwork
 
 pytestmark = pytest.mark.slow
 
