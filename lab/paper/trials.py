@@ -45,6 +45,10 @@ SLOWER_RATE = 1e-3
 """Learning rate of the paper's network with more neighbours than eight, whose messages
 are larger sums, and with mean pooling: the usual rate does not train these."""
 
+MEAN_PATIENCE = 30
+"""Patience with mean pooling [epochs]: the mean over 2112 taxels of which few are
+touched hardly changes, and the network answers by chance for many epochs at first."""
+
 
 def build_paper_method(
     k: int = 8,
@@ -65,6 +69,8 @@ def build_paper_method(
     config = replace(FIT_CONFIGS["paper"], augment=augment)
     if k > 8 or pooling == "mean":
         config = replace(config, rate=SLOWER_RATE)
+    if pooling == "mean":
+        config = replace(config, patience=MEAN_PATIENCE)
     make = partial(
         PaperBaseline,
         config=config,
