@@ -106,8 +106,8 @@ class PaperClassifier(TouchClassifier):
                 [logits, compute_probabilities(logits, self.temperature)]
             )
             self.is_classified = True
-        self.logits = dict.fromkeys(keys, self.answer[0])
-        self.probabilities = dict.fromkeys(keys, self.answer[1])
+        self.logits = {key: self.answer[0] for key in keys}
+        self.probabilities = {key: self.answer[1] for key in keys}
 
     def encode(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
