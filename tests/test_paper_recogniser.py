@@ -55,7 +55,7 @@ def build(on, classes=4, **settings):
 def path(tmp_path_factory):
     """The path of a model of the UR5 that does not know `none`."""
     path = tmp_path_factory.mktemp("paper") / "paper.safetensors"
-    paper.save_paper_model(path, build(mounted("ur5")), GESTURES, 8)
+    paper.save_paper_model(path, build(mounted("ur5")), GESTURES)
     return path
 
 
@@ -91,7 +91,7 @@ def test_probabilities_are_those_of_the_whole_window_offline(
     """Slower readings are repeated; of faster ones the first of each slot counts."""
     on, path = mounted("ur5"), tmp_path / "a.safetensors"
     network = build(on, stride=stride)
-    model = paper.save_paper_model(path, network, GESTURES, 8)
+    model = paper.save_paper_model(path, network, GESTURES)
     stream = scans(on, two_hands(on), rate, 4.6)
     pressure, q = select_felt(on, stream)
     found = []
@@ -151,9 +151,7 @@ def test_file_is_read_as_it_was_written(vocabulary, tmp_path):
     on, path = mounted("ur5"), tmp_path / "a.safetensors"
     settings = {"k": 5, "pooling": "mean", "distance": "patch", "stride": 2}
     network = build(on, len(vocabulary), **settings)
-    saved = paper.save_paper_model(
-        path, network, vocabulary, 5, "patch", training={"epochs": "3"}
-    )
+    saved = paper.save_paper_model(path, network, vocabulary, training={"epochs": "3"})
     found = load_model(path)
     assert found.card == saved.card and found.digest == saved.digest
     assert set(found.card.vocabulary) == {"none", *vocabulary}

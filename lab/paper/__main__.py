@@ -44,7 +44,9 @@ from lab.tables import format_head, format_row
 FLATTENED = ("svm-max", "knn-max", "mlp-max")
 """The paper's methods on flattened values, each taxel's maximum over the window."""
 BEST = "paper-k32-max"
-"""The paper's network with the number of neighbours that is best on validation."""
+"""The paper's network with most neighbours, which are as good on validation as eight."""
+SIGNAL = "signal-svm"
+"""An SVM on the total force over time alone, which knows no place."""
 
 Part = Literal["table2", "table3", "fig11", "distances", "forms", "variants", "all"]
 
@@ -124,6 +126,7 @@ def format_accuracy(answers: Answers, form: str, method: str, test: str) -> str:
 def print_table2(command: PaperCommand) -> None:
     """Compare accuracies (Table II)."""
     methods = ["eskin", "boosting-on-touch", "paper", BEST, *NETWORKS, *FLATTENED]
+    methods += [SIGNAL]
     if command.is_short:
         methods = ["paper", *FLATTENED]
     methods = list(dict.fromkeys(methods))
@@ -198,7 +201,7 @@ def print_distances(command: PaperCommand) -> None:
 
 def print_forms(command: PaperCommand) -> None:
     """Compare methods on all forms of the data set."""
-    methods = ["eskin", "paper", BEST, "cnn-lstm", *FLATTENED]
+    methods = ["eskin", "paper", BEST, "cnn-lstm", *FLATTENED, SIGNAL]
     if command.is_short:
         methods = ["knn-max", "svm-max"]
     answers = run_trials(command, FORMS, methods)

@@ -59,9 +59,7 @@ def train(command: ModelCommand) -> dict[str, object]:
     accuracy = float((answers == test.truth(gestures)).mean())
     metrics = {"held_out_accuracy": max(baseline.history)[0], "test_accuracy": accuracy}
     assert isinstance(baseline.network, PaperNetwork)
-    save_paper_model(
-        command.out, baseline.network, gestures, NEIGHBOURS, metrics=metrics
-    )
+    save_paper_model(command.out, baseline.network, gestures, metrics=metrics)
     print(f"{command.out}: {accuracy:.1%} of {test.count} test clips")
     return {"out": str(command.out), **metrics}
 

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import torch
 from annotated_types import Interval
@@ -31,7 +31,7 @@ class PaperSettings:
     """Pooling over the nodes of a reading."""
     distance: Distance = "kinematic"
     """Distance between taxels."""
-    stride: Annotated[int, Interval(ge=1, le=8)] = 1
+    stride: Literal[1, 2, 4] = 1
     """Of so many readings of a window one is used; the window has 100 at 50 Hz."""
     knows_none: bool = False
     """Whether `none` is a class of the network; without it, its probability is 0."""
@@ -44,8 +44,6 @@ def save_paper_model(
     path: Path,
     network: PaperNetwork,
     vocabulary: tuple[str, ...],
-    k: int,
-    distance: Distance = "kinematic",
     **entries: Any,  # noqa: ANN401
 ) -> Model:
     """Write a model file of a trained network, and return the model.
@@ -54,12 +52,12 @@ def save_paper_model(
         path: path of the file (.safetensors).
         network: the network.
         vocabulary: its classes, in the order of its logits.
-        k: number of neighbours of a taxel inside its patch.
-        distance: distance between taxels.
         entries: further entries of the card, such as `decision` or `metrics`.
     """
     knows_none = NONE in vocabulary
-    settings = PaperSettings(k, network.pooling, distance, network.stride, knows_none)
+    settings = PaperSettings(
+        network.k, network.pooling, network.distance, network.stride, knows_none
+    )
     card = ModelCard(
         vocabulary if knows_none else (NONE, *vocabulary),
         recogniser=RECOGNISER,

@@ -44,6 +44,8 @@ double from convolution to convolution, so that all of them together see a secon
 
 READINGS = 100
 """Readings of a window: two seconds at 50 Hz (section IV-C3)."""
+STRIDES = (1, 2, 4)
+"""Numbers of readings of which one may be used."""
 PRESSURE_UNIT = 10.0
 """Unit of pressure [kPa]."""
 TOUCHED = 0.5
@@ -98,7 +100,14 @@ class PaperNetwork(nn.Module):
             stride: of so many readings of a window one is used, the newest among them.
         """
         super().__init__()
+        if stride not in STRIDES:
+            raise ValueError(
+                f"stride is {stride}; allowed are {', '.join(map(str, STRIDES))}, so "
+                "that the newest reading of a window is used; change it"
+            )
         self.mounted = mounted
+        self.k = k
+        self.distance: Distance = distance
         self.pooling: Pooling = pooling
         self.stride = stride
         self.whole = False
