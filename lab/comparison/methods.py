@@ -117,7 +117,7 @@ FIT_CONFIGS: dict[str, FitConfig] = {
         rate=3e-3,
         schedule="constant",
         held_out=0.15,
-        patience=10,
+        patience=20,
     ),
 }
 """Training of the baselines that are networks, tuned on sets of their own."""

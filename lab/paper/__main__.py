@@ -43,8 +43,8 @@ from lab.tables import format_head, format_row
 
 FLATTENED = ("svm-max", "knn-max", "mlp-max")
 """The paper's methods on flattened values, each taxel's maximum over the window."""
-BEST = "paper-k32-max"
-"""The paper's network with most neighbours, which are as good on validation as eight."""
+BEST = "paper-k16-max"
+"""The paper's network with the number of neighbours that is best on validation."""
 SIGNAL = "signal-svm"
 """An SVM on the total force over time alone, which knows no place."""
 
@@ -220,7 +220,7 @@ def print_forms(command: PaperCommand) -> None:
 
 def print_variants(command: PaperCommand) -> None:
     """Compare the paper's network with what ours has, one thing at a time."""
-    methods = ["paper", "paper-augmented", "paper-on-touch", "paper-k32-on-touch"]
+    methods = ["paper", "paper-augmented", "paper-on-touch"]
     if command.is_short:
         methods = ["paper-on-touch"]
     answers = run_trials(command, ["paper"], methods)

@@ -114,7 +114,6 @@ TRIED: dict[str, Method] = {
     **{name_distance(each): build_paper_method(distance=each) for each in DISTANCES},
     "paper-augmented": build_paper_method(augment=AugmentConfig()),
     "paper-on-touch": build_paper_method(on_touch=True),
-    "paper-k32-on-touch": build_paper_method(k=32, on_touch=True),
 }
 """All methods that are tried, by name."""
 
