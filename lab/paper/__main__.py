@@ -29,6 +29,7 @@ from lab.paper.trials import (
     FORMS,
     NEIGHBOURS,
     POOLINGS,
+    SCREENED,
     Answers,
     Place,
     Trial,
@@ -43,8 +44,6 @@ from lab.tables import format_head, format_row
 
 FLATTENED = ("svm-max", "knn-max", "mlp-max")
 """The paper's methods on flattened values, each taxel's maximum over the window."""
-BEST = "paper-k16-max"
-"""The paper's network with the number of neighbours that is best on validation."""
 SIGNAL = "signal-svm"
 """An SVM on the total force over time alone, which knows no place."""
 
@@ -125,10 +124,10 @@ def format_accuracy(answers: Answers, form: str, method: str, test: str) -> str:
 
 def print_table2(command: PaperCommand) -> None:
     """Compare accuracies (Table II)."""
-    methods = ["eskin", "boosting-on-touch", "paper", BEST, *NETWORKS, *FLATTENED]
-    methods += [SIGNAL]
+    methods = ["eskin", "boosting-on-touch", "paper", "paper-until-stop", SCREENED]
+    methods += [*NETWORKS, *FLATTENED, SIGNAL]
     if command.is_short:
-        methods = ["paper", *FLATTENED]
+        methods = [SCREENED, *FLATTENED]
     methods = list(dict.fromkeys(methods))
     answers = run_trials(command, ["paper"], methods)
     heads = ("method", "paper: validation", "test", "here: validation", "test", "ahead")
@@ -201,7 +200,7 @@ def print_distances(command: PaperCommand) -> None:
 
 def print_forms(command: PaperCommand) -> None:
     """Compare methods on all forms of the data set."""
-    methods = ["eskin", "paper", BEST, "cnn-lstm", *FLATTENED, SIGNAL]
+    methods = ["eskin", SCREENED, "cnn-lstm", *FLATTENED, SIGNAL]
     if command.is_short:
         methods = ["knn-max", "svm-max"]
     answers = run_trials(command, FORMS, methods)
@@ -209,7 +208,8 @@ def print_forms(command: PaperCommand) -> None:
     heads = ("method", "paper", *(f"{FORMS[form]}, {test}" for form, test in columns))
     print(format_head(heads))
     for method in methods:
-        printed = " ".join(f"{share:.1f}" for share in ACCURACIES.get(method, ()))
+        name = "paper" if method == SCREENED else method
+        printed = " ".join(f"{share:.1f}" for share in ACCURACIES.get(name, ()))
         cells = (format_accuracy(answers, form, method, t) for form, t in columns)
         print(format_row([method, printed, *cells]))
     print(f"\n{format_head((f'{methods[0]} ahead, test', *FORMS.values()))}")
@@ -220,7 +220,7 @@ def print_forms(command: PaperCommand) -> None:
 
 def print_variants(command: PaperCommand) -> None:
     """Compare the paper's network with what ours has, one thing at a time."""
-    methods = ["paper", "paper-augmented", "paper-on-touch"]
+    methods = [SCREENED, "paper-augmented", "paper-on-touch"]
     if command.is_short:
         methods = ["paper-on-touch"]
     answers = run_trials(command, ["paper"], methods)
