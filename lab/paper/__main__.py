@@ -29,7 +29,6 @@ from lab.paper.trials import (
     FORMS,
     NEIGHBOURS,
     POOLINGS,
-    SCREENED,
     Answers,
     Place,
     Trial,
@@ -124,10 +123,10 @@ def format_accuracy(answers: Answers, form: str, method: str, test: str) -> str:
 
 def print_table2(command: PaperCommand) -> None:
     """Compare accuracies (Table II)."""
-    methods = ["eskin", "boosting-on-touch", "paper", "paper-until-stop", SCREENED]
-    methods += [*NETWORKS, *FLATTENED, SIGNAL]
+    methods = ["eskin", "boosting-on-touch", "paper", "paper-ten-epochs"]
+    methods += ["paper-every-reading", *NETWORKS, *FLATTENED, SIGNAL]
     if command.is_short:
-        methods = [SCREENED, *FLATTENED]
+        methods = ["paper", *FLATTENED]
     methods = list(dict.fromkeys(methods))
     answers = run_trials(command, ["paper"], methods)
     heads = ("method", "paper: validation", "test", "here: validation", "test", "ahead")
@@ -200,7 +199,7 @@ def print_distances(command: PaperCommand) -> None:
 
 def print_forms(command: PaperCommand) -> None:
     """Compare methods on all forms of the data set."""
-    methods = ["eskin", SCREENED, "cnn-lstm", *FLATTENED, SIGNAL]
+    methods = ["eskin", "paper", "cnn-lstm", *FLATTENED, SIGNAL]
     if command.is_short:
         methods = ["knn-max", "svm-max"]
     answers = run_trials(command, FORMS, methods)
@@ -208,8 +207,7 @@ def print_forms(command: PaperCommand) -> None:
     heads = ("method", "paper", *(f"{FORMS[form]}, {test}" for form, test in columns))
     print(format_head(heads))
     for method in methods:
-        name = "paper" if method == SCREENED else method
-        printed = " ".join(f"{share:.1f}" for share in ACCURACIES.get(name, ()))
+        printed = " ".join(f"{share:.1f}" for share in ACCURACIES.get(method, ()))
         cells = (format_accuracy(answers, form, method, t) for form, t in columns)
         print(format_row([method, printed, *cells]))
     print(f"\n{format_head((f'{methods[0]} ahead, test', *FORMS.values()))}")
@@ -220,7 +218,7 @@ def print_forms(command: PaperCommand) -> None:
 
 def print_variants(command: PaperCommand) -> None:
     """Compare the paper's network with what ours has, one thing at a time."""
-    methods = [SCREENED, "paper-augmented", "paper-on-touch"]
+    methods = ["paper", "paper-augmented", "paper-on-touch"]
     if command.is_short:
         methods = ["paper-on-touch"]
     answers = run_trials(command, ["paper"], methods)

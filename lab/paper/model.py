@@ -52,7 +52,7 @@ def train(command: ModelCommand) -> dict[str, object]:
     test = find_examples([folder / "test"], pack, command.workers)
     gestures = clips.gestures
     baseline = PaperBaseline(
-        clips.mounted, FIT_CONFIGS["paper-quarter"], NEIGHBOURS, "max", stride=STRIDE
+        clips.mounted, FIT_CONFIGS["paper"], NEIGHBOURS, "max", stride=STRIDE
     )
     baseline.fit(clips.windows, clips.truth(gestures))
     answers = baseline.predict_probabilities(test.windows).argmax(axis=1)

@@ -14,7 +14,7 @@ from eskin_paper_network import Distance, Pooling
 
 from eskin.learn.config import AugmentConfig
 from eskin.learn.metrics import bootstrap_accuracy, bootstrap_difference
-from lab.baselines import PaperBaseline
+from lab.baselines import FitConfig, PaperBaseline
 from lab.comparison.examples import find_examples
 from lab.comparison.methods import FIT_CONFIGS, METHODS, BaselineMethod, Method
 from lab.comparison.results import AnsweredClips, MethodResult, TrainingTask
@@ -66,7 +66,7 @@ def build_paper_method(
         augment: limits of the augmentation, if any.
         on_touch: whether it sees the segmented touch alone.
     """
-    config = replace(FIT_CONFIGS["paper-quarter"], augment=augment)
+    config = replace(FIT_CONFIGS["paper"], augment=augment)
     if k > 8 or pooling == "mean":
         config = replace(config, rate=SLOWER_RATE)
     if pooling == "mean":
@@ -93,18 +93,36 @@ def shorten_training(method: Method, epochs: int) -> Method:
     return replace(method, make=make)
 
 
-SCREENED = "paper-k8-max"
-"""Name of the paper's network with its own settings, on every fourth reading."""
+TEN_EPOCHS = FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant")
+"""Training that was chosen for the paper's network before it was trained until it
+stops."""
+
+
+def build_at_every_reading(config: FitConfig) -> Method:
+    """Return the paper's network on every reading.
+
+    Args:
+        config: settings of the training.
+    """
+    make = partial(
+        PaperBaseline,
+        config=config,
+        k=8,
+        pooling="max",
+        distance="kinematic",
+        stride=1,
+    )
+    return BaselineMethod(make)
 
 
 def name_cell(k: int, pooling: Pooling) -> str:
-    """Return the name of a method of Fig. 11."""
-    return f"paper-k{k}-{pooling}"
+    """Return the name of a method of Fig. 11; that of Table II has the paper's name."""
+    return "paper" if (k, pooling) == (8, "max") else f"paper-k{k}-{pooling}"
 
 
 def name_distance(distance: Distance) -> str:
     """Return the name of the paper's network with a distance between taxels."""
-    return SCREENED if distance == "kinematic" else f"paper-{distance}"
+    return "paper" if distance == "kinematic" else f"paper-{distance}"
 
 
 POOLINGS: tuple[Pooling, ...] = ("max", "mean")
@@ -116,15 +134,9 @@ TRIED: dict[str, Method] = {
         for pooling in POOLINGS
     },
     **{name_distance(each): build_paper_method(distance=each) for each in DISTANCES},
-    "paper-until-stop": BaselineMethod(
-        partial(
-            PaperBaseline,
-            config=replace(FIT_CONFIGS["paper"], epochs=60, held_out=0.15, patience=10),
-            k=8,
-            pooling="max",
-            distance="kinematic",
-            stride=1,
-        )
+    "paper-ten-epochs": build_at_every_reading(TEN_EPOCHS),
+    "paper-every-reading": build_at_every_reading(
+        replace(TEN_EPOCHS, epochs=60, held_out=0.15, patience=10)
     ),
     "paper-augmented": build_paper_method(augment=AugmentConfig()),
     "paper-on-touch": build_paper_method(on_touch=True),

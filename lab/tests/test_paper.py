@@ -9,7 +9,6 @@ from lab.paper.trials import (
     DISTANCES,
     NEIGHBOURS,
     POOLINGS,
-    SCREENED,
     TRIED,
     Trial,
     compute_accuracy,
@@ -44,7 +43,7 @@ def test_every_cell_of_fig_11_and_every_distance_is_tried_once():
     cells = {name_cell(k, pooling) for k in NEIGHBOURS for pooling in POOLINGS}
     distances = {name_distance(distance) for distance in DISTANCES}
     assert len(cells) == 8 and len(distances) == 4
-    assert cells & distances == {SCREENED}
+    assert cells & distances == {"paper"}
     assert cells | distances <= set(TRIED)
 
 
@@ -105,6 +104,6 @@ def test_what_has_not_been_run_has_no_accuracy():
 
 
 def test_fig_11_is_drawn_of_the_cells_that_there_are(tmp_path):
-    some = answers(**{SCREENED: (20, 25)})
+    some = answers(paper=(20, 25))
     draw_neighbours(some, NEIGHBOURS, tmp_path / "fig11.png")
     assert (tmp_path / "fig11.png").stat().st_size > 10_000
