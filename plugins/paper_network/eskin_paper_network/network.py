@@ -62,6 +62,8 @@ class RestState:
     """Coordinates in the frames of the links, before the first layer and after each."""
     order: np.ndarray
     """Taxels by each channel of the last features, the largest first."""
+    pooled: Float[Tensor, "width"]
+    """Maximum or mean of the last features over all nodes."""
 
 
 @final
@@ -183,7 +185,7 @@ class PaperNetwork(nn.Module):
         computed = torch.arange(len(felt))
         if not self.whole:
             computed = computed[(felt > 0).any(dim=1)]
-        features = self.pool_rest(rest).expand(len(felt), -1)
+        features = rest.pooled.expand(len(felt), -1)
         if len(computed) == 0:
             return features
         encoded = self.encode_touched(felt[computed], q[computed], rest)
@@ -242,12 +244,8 @@ class PaperNetwork(nn.Module):
             vs.append(v)
             xs.append(x)
         order = np.argsort(-v.detach().numpy(), axis=0)
-        return RestState(vs, xs, order)
-
-    def pool_rest(self, rest: RestState) -> Float[Tensor, "width"]:
-        """Return the maximum or mean over all nodes of an untouched skin."""
-        nodes = rest.v[-1]
-        return nodes.amax(dim=0) if self.pooling == "max" else nodes.mean(dim=0)
+        pooled = v.amax(dim=0) if self.pooling == "max" else v.mean(dim=0)
+        return RestState(vs, xs, order, pooled)
 
     def pool(
         self,

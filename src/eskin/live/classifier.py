@@ -75,8 +75,9 @@ class GraphClassifier(TouchClassifier):
     def __init__(self, model: Model, touches: TouchPipeline) -> None:
         """Start before the first reading; see `TouchClassifier`."""
         super().__init__(model, touches)
-        poses, graph = touches.tracker.poses, model.card.graph_used
-        self.graphs = GraphStream(touches.mounted, graph, poses)
+        self.graphs = GraphStream(
+            touches.mounted, model.card.graph_used, touches.tracker.poses
+        )
         self.stream = LogitStream(model, self.graphs.builder)
         self.features = self.stream.network.parts.features
 
