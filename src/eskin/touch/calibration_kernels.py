@@ -15,7 +15,7 @@ from pydantic import Field
 
 from eskin.compiled import compiled
 from eskin.files import Duration, Factor, Pressure, Share
-from eskin.touch.adjacency import Adjacency
+from eskin.touch.adjacency import Adjacency, TaxelGroups
 
 Taxels = Int[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
@@ -111,6 +111,13 @@ class BaselineContext(NamedTuple):
     state: np.ndarray  # (taxel) `BASELINE`, which is updated
     samples: np.ndarray  # (taxel, sample) samples of the tare, ascending
     parameters: BaselineParameters  # How baselines are tared and tracked
+    rows: TaxelGroups  # Rows of the taxels
+    columns: TaxelGroups  # Columns of the taxels
+    crosstalk: np.ndarray
+    """(taxel) counts that the touched taxels of its row and column may add, updated."""
+    line_share: float
+    """Largest share of the counts of a touched taxel on the others of its row, and of
+    its column; 0 where taxels are not read out by rows and columns."""
 
 
 SILENCE_SECONDS = 10.0
@@ -126,6 +133,9 @@ alone is corrupt, and its peak is not remembered."""
 LOW_SECONDS = 0.06
 """Time below the baseline after which it is lowered [s]: a corrupt value is of one
 scan."""
+MATRIX_LINE_SHARE = 0.05
+"""Largest share of the counts of a taxel that its row and its column show elsewhere in
+a matrix that is read out by rows and columns."""
 MAX_SCALE_SHARE = 0.999
 """Fraction of a divider's full scale above which pressures are indistinguishable."""
 
@@ -210,6 +220,7 @@ def calibrate(
     # Local references to the arrays make the compiled loops faster.
     gain, curve, state = context.gain, context.curve, context.state
     size = context.samples.shape[1]
+    touched = False
     for i in range(len(counts)):
         taxel = state[i]
         if not use[i]:
@@ -225,6 +236,7 @@ def calibrate(
         taxel.above = above
         out[i] = add_unfelt(linearise_counts(above, curve) * gain[i], curve)
         if above > margin[i]:
+            touched = True
             if taxel.touched_since == np.inf:
                 taxel.touched_since = now
             if not is_residual(i, above, now, margin[i], context):
@@ -235,7 +247,34 @@ def calibrate(
         above = counts[i] - state[i].baseline
         if use[i] and not is_residual(i, above, now, margin[i], context):
             mark_touched(i, now, context)
+    if context.line_share > 0.0:
+        if touched:
+            bound_crosstalk(use, margin, context)
+        else:
+            context.crosstalk[:] = 0.0
     update_baselines(counts, use, now, margin, context)
+
+
+@compiled
+def bound_crosstalk(use: Flags, margin: Values, context: BaselineContext) -> None:
+    """Write how many counts the touched taxels of its lines may add to each taxel.
+
+    Rest and noise are not learned where this explains what is measured.
+    """
+    rows, columns, state = context.rows, context.columns, context.state
+    row_sums = np.zeros(len(rows.sizes))
+    column_sums = np.zeros(len(columns.sizes))
+    for i in range(len(state)):
+        above = state[i].above
+        if use[i] and above > margin[i]:
+            row_sums[rows.group_index[i]] += above
+            column_sums[columns.group_index[i]] += above
+    for i in range(len(state)):
+        own = 0.0
+        if use[i] and state[i].above > margin[i]:
+            own = state[i].above
+        others = row_sums[rows.group_index[i]] + column_sums[columns.group_index[i]]
+        context.crosstalk[i] = context.line_share * (others - 2.0 * own)
 
 
 @compiled
@@ -289,7 +328,7 @@ def is_residual(
     taxel, parameters = context.state[i], context.parameters
     if now - taxel.steady_since <= parameters.steady_seconds:
         return False
-    if above <= parameters.steady_band * margin:
+    if above <= max(parameters.steady_band * margin, context.crosstalk[i]):
         return False
     if above < parameters.residual * taxel.peak:
         return True
@@ -322,8 +361,12 @@ def update_baselines(
         if taxel.sample_count < size:
             continue
         above = counts[i] - taxel.baseline
+        foreign = context.crosstalk[i]
         if abs(counts[i] - taxel.steady_level) > band * least:
             taxel.steady_level, taxel.steady_since = counts[i], now
+        if foreign > band * least and abs(above) <= foreign:
+            taxel.low = taxel.low_since = np.inf
+            continue
         if abs(above) <= least and taxel.peak == 0.0 and taxel.low_since == np.inf:
             # Nearly all taxels of nearly all scans.
             if above <= band * least and now - taxel.last_touched > freeze:
@@ -360,23 +403,22 @@ def update_baselines(
 
 MIN_OTHERS = 0.3
 """Smallest conductance of the others, relative to half scale, for an observation."""
-MAX_DETOUR_SHARE = 0.02
-"""Ratio of detours to lines below which a taxel shows leakage only."""
 MIN_SHARES = 8
 """Smallest number of taxels for an observation."""
 MAX_TOUCHED_SHARE = 0.25
 """Largest fraction of a patch that may be touched for an observation."""
-MIN_TOUCHED = 0.1
-"""Conductance of a touched taxel over the largest of its patch."""
-SUBTRACTION_FACTOR = 2.5
-"""Factor by which the estimate is subtracted. Taxels that the bend of the skin presses
-at rest conduct detours too, but do not show in pressures above rest. Touched taxels
-lose little by the factor."""
+MIN_TOUCHED = 0.3
+"""Conductance of a touched taxel over the largest of its patch: crosstalk along the
+lines of a hand shows less."""
+GHOST_FACTOR = 2.5
+"""Factor by which ghosts are subtracted. Taxels that the bend of the skin presses at
+rest conduct detours too, but do not show in pressures above rest. Touched taxels lose
+little by the factor."""
 EPSILON = 1e-9
 """Negligible conductance that prevents a division by zero."""
 LEAK, GHOST = 0, 1
 """Indices of the two coefficients: leakage along lines, and ghosts by detours."""
-MAX_ESTIMATE = (0.03, 0.15)
+MAX_ESTIMATE = (0.08, 0.15)
 """Largest value of each coefficient; a larger observation is due to a touch and is
 discarded."""
 SHARE_QUANTILE = (0.4, 0.25)
@@ -389,14 +431,14 @@ class MatrixPatch(NamedTuple):
     taxels: np.ndarray  # (taxel) indices of its taxels in the skin
     rows: np.ndarray  # (taxel) row, numbered from 0 without gaps
     columns: np.ndarray  # (taxel) column, numbered from 0 without gaps
+    row_sizes: np.ndarray  # (row) number of its taxels
+    column_sizes: np.ndarray  # (column) number of its taxels
     half_scale: np.ndarray
     """(taxel) pressure at half scale, or at full scale of a linear device [kPa]."""
-    shown: np.ndarray
-    """(row, column) measured conductance, relative to half scale; 0 without a taxel."""
-    own: np.ndarray  # (row, column) that conductance without leakage
-    row_sums: np.ndarray  # (row) sums of `own`
-    column_sums: np.ndarray  # (column) sums of `own`
-    lines: np.ndarray  # (taxel) conductance of the others of its row and column
+    shown: np.ndarray  # (taxel) measured conductance, relative to half scale
+    own: np.ndarray  # (taxel) that conductance without leakage
+    row_sums: np.ndarray  # (row) sums of conductances
+    column_sums: np.ndarray  # (column) sums of conductances
     detours: np.ndarray  # (taxel) conductance of the paths over three others
     shares: np.ndarray
     """(taxel) space for ratios of a taxel's conductance to that of the others."""
@@ -420,28 +462,22 @@ def compensate_patch(
     patch: MatrixPatch,
     estimate: CrosstalkEstimate,
 ) -> None:
-    """Update the estimate from one patch, and subtract crosstalk from its pressures.
+    """Update the estimate from one patch, and remove crosstalk from its pressures.
 
     `pressure` [kPa] is that of the whole skin, zero where not valid.
     """
     largest = write_conductance(pressure, curve, patch)
-    for row in range(patch.own.shape[0]):
-        for column in range(patch.own.shape[1]):
-            patch.own[row, column] = patch.shown[row, column]
-    sum_others(patch)
-    # The conductance of the others contains leakage too, which the second pass removes.
-    leak = estimate.value[LEAK]
+    touched = MIN_TOUCHED * largest
+    is_small = count_touched(patch, touched) <= MAX_TOUCHED_SHARE * len(patch.taxels)
+    if is_small:
+        observe_leak(touched, valid, patch, estimate)
+    remove_leak(estimate.value[LEAK], patch)
+    write_detours(patch)
+    if is_small:
+        observe_ghost(valid, patch, estimate)
+    ghost = GHOST_FACTOR * estimate.value[GHOST]
     for k in range(len(patch.taxels)):
-        i, j = patch.rows[k], patch.columns[k]
-        patch.own[i, j] = max(patch.shown[i, j] - leak * patch.lines[k], 0.0)
-    sum_others(patch)
-    if compute_touched_share(patch, largest) <= MAX_TOUCHED_SHARE:
-        update_estimate(valid, patch, estimate)
-    leak, ghost = estimate.value[LEAK], estimate.value[GHOST]
-    for k in range(len(patch.taxels)):
-        foreign = leak * patch.lines[k] + ghost * patch.detours[k]
-        shown = patch.shown[patch.rows[k], patch.columns[k]]
-        own = max(shown - SUBTRACTION_FACTOR * foreign, 0.0)
+        own = max(patch.own[k] - ghost * patch.detours[k], 0.0)
         felt = own ** (1.0 / curve.exponent) * patch.half_scale[k]
         pressure[patch.taxels[k]] = add_unfelt(felt, curve)
 
@@ -457,61 +493,99 @@ def write_conductance(
         conductance = 0.0
         if felt > 0.0:
             conductance = (felt / patch.half_scale[k]) ** curve.exponent
-        patch.shown[patch.rows[k], patch.columns[k]] = conductance
+        patch.shown[k] = conductance
         largest = max(largest, conductance)
     return largest
 
 
 @compiled
-def sum_others(patch: MatrixPatch) -> None:
-    """Write the conductances of the lines and of the detours of each taxel."""
-    own, row_sums, column_sums = patch.own, patch.row_sums, patch.column_sums
-    row_sums[:] = 0.0
-    column_sums[:] = 0.0
+def count_touched(patch: MatrixPatch, touched: float) -> int:
+    """Return the number of taxels of a patch that show more than a conductance."""
+    count = 0
+    for shown in patch.shown:
+        count += shown > touched
+    return count
+
+
+@compiled
+def sum_lines(values: Values, least: float, patch: MatrixPatch) -> float:
+    """Write the sums of the values above a least one along lines; return their sum."""
+    patch.row_sums[:] = 0.0
+    patch.column_sums[:] = 0.0
     total = 0.0
+    for k in range(len(values)):
+        if values[k] > least:
+            patch.row_sums[patch.rows[k]] += values[k]
+            patch.column_sums[patch.columns[k]] += values[k]
+            total += values[k]
+    return total
+
+
+@compiled
+def observe_leak(
+    touched: float, valid: Flags, patch: MatrixPatch, estimate: CrosstalkEstimate
+) -> None:
+    """Observe leakage on taxels of which one line is touched, and the other is not."""
+    sum_lines(patch.shown, touched, patch)
+    count = 0
     for k in range(len(patch.taxels)):
-        i, j = patch.rows[k], patch.columns[k]
-        row_sums[i] += own[i, j]
-        column_sums[j] += own[i, j]
-        total += own[i, j]
+        row = patch.row_sums[patch.rows[k]]
+        column = patch.column_sums[patch.columns[k]]
+        line = max(row, column)
+        if min(row, column) == 0.0 and line > MIN_OTHERS and valid[patch.taxels[k]]:
+            patch.shares[count] = patch.shown[k] / line
+            count += 1
+    add_observation(LEAK, patch.shares[:count], estimate)
+
+
+@compiled
+def remove_leak(leak: float, patch: MatrixPatch) -> None:
+    """Write the conductances that show as measured once lines have leaked.
+
+    A taxel shows its own conductance and a share of that of all others of its row and
+    column. Sums over rows, columns and the patch solve these equations where each
+    crossing has a taxel, and nearly so elsewhere.
+    """
+    total = sum_lines(patch.shown, 0.0, patch)
+    kept = 1.0 - 2.0 * leak
+    size = len(patch.taxels)
+    sizes = size / len(patch.row_sizes) + size / len(patch.column_sizes)
+    total /= kept + leak * sizes
+    for row in range(len(patch.row_sizes)):
+        own = patch.row_sums[row] - leak * total
+        patch.row_sums[row] = max(own / (kept + leak * patch.row_sizes[row]), 0.0)
+    for column in range(len(patch.column_sizes)):
+        own = patch.column_sums[column] - leak * total
+        own /= kept + leak * patch.column_sizes[column]
+        patch.column_sums[column] = max(own, 0.0)
+    for k in range(size):
+        lines = patch.row_sums[patch.rows[k]] + patch.column_sums[patch.columns[k]]
+        own = (patch.shown[k] - leak * lines) / kept
+        patch.own[k] = min(max(own, 0.0), patch.shown[k])
+
+
+@compiled
+def write_detours(patch: MatrixPatch) -> None:
+    """Write the conductance of the detours of each taxel over three others."""
+    total = sum_lines(patch.own, 0.0, patch)
     for k in range(len(patch.taxels)):
-        i, j = patch.rows[k], patch.columns[k]
-        row, column = row_sums[i] - own[i, j], column_sums[j] - own[i, j]
-        rest = max(total - row - column - own[i, j], 0.0)
+        own = patch.own[k]
+        row = patch.row_sums[patch.rows[k]] - own
+        column = patch.column_sums[patch.columns[k]] - own
+        rest = max(total - row - column - own, 0.0)
         a, b, c = row + EPSILON, rest + EPSILON, column + EPSILON
-        patch.lines[k] = row + column
         patch.detours[k] = 1.0 / (1.0 / a + 1.0 / b + 1.0 / c)
 
 
 @compiled
-def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
-    """Return the share of the patch's taxels that count as touched."""
-    count = 0
-    for k in range(len(patch.taxels)):
-        shown = patch.shown[patch.rows[k], patch.columns[k]]
-        if shown > MIN_TOUCHED * largest:
-            count += 1
-    return count / len(patch.taxels)
-
-
-@compiled
-def update_estimate(
+def observe_ghost(
     valid: Flags, patch: MatrixPatch, estimate: CrosstalkEstimate
 ) -> None:
-    """Observe leakage where detours are negligible, and ghosts where they are not."""
-    lines, detours, count = patch.lines, patch.detours, 0
+    """Observe ghosts where detours conduct much."""
+    count = 0
     for k in range(len(patch.taxels)):
-        direct = lines[k] > MIN_OTHERS and detours[k] < MAX_DETOUR_SHARE * lines[k]
-        if direct and valid[patch.taxels[k]]:
-            shown = patch.shown[patch.rows[k], patch.columns[k]]
-            patch.shares[count] = shown / lines[k]
-            count += 1
-    add_observation(LEAK, patch.shares[:count], estimate)
-    leak, count = estimate.value[LEAK], 0
-    for k in range(len(patch.taxels)):
-        if detours[k] > 0.5 * MIN_OTHERS and valid[patch.taxels[k]]:
-            shown = patch.shown[patch.rows[k], patch.columns[k]]
-            patch.shares[count] = (shown - leak * lines[k]) / detours[k]
+        if patch.detours[k] > 0.5 * MIN_OTHERS and valid[patch.taxels[k]]:
+            patch.shares[count] = patch.own[k] / patch.detours[k]
             count += 1
     add_observation(GHOST, patch.shares[:count], estimate)
 

@@ -8,13 +8,14 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.errors import SkinError
 from eskin.skin import Skin
-from eskin.touch.adjacency import Adjacency
+from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.belief_kernels import CLEAR_FACTOR
 from eskin.touch.calibration import Calibration
 from eskin.touch.calibration_kernels import (
     BASELINE,
     GHOST,
     LEAK,
+    MATRIX_LINE_SHARE,
     SILENCE_SECONDS,
     BaselineContext,
     BaselineParameters,
@@ -144,6 +145,10 @@ class Calibrator:
             self.state,
             np.zeros((skin.count, self.config.tare_samples)),
             BaselineParameters(**vars(self.config)),
+            TaxelGroups.build(skin, np.asarray(skin.rows)),
+            TaxelGroups.build(skin, np.asarray(skin.columns)),
+            np.zeros(skin.count),
+            MATRIX_LINE_SHARE if calibration.matrix else 0.0,
         )
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
         self.first: int | None = None
@@ -323,12 +328,13 @@ def build_matrix_patch(skin: Skin, patch: int, calibration: Calibration) -> Matr
         taxels,
         rows,
         columns,
+        row_sizes=np.bincount(rows),
+        column_sizes=np.bincount(columns),
         half_scale=gain[taxels] * calibration.full_scale,
-        shown=np.zeros(shape),
-        own=np.zeros(shape),
+        shown=np.zeros(count),
+        own=np.zeros(count),
         row_sums=np.zeros(shape[0]),
         column_sums=np.zeros(shape[1]),
-        lines=np.zeros(count),
         detours=np.zeros(count),
         shares=np.zeros(count),
     )
