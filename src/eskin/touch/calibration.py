@@ -42,6 +42,7 @@ LIMITS = {
     "gain_deviation": (0.0, 1e3),
     "exponent_deviation": (0.0, 1e3),
     "unfelt_deviation": (0.0, 1e3),
+    "release_seconds": (1e-3, 10.0),
 }
 """Smallest and largest value of each field, beyond those of any sensor."""
 MEASURED = ("noise", "rest", "gain_deviation")
@@ -52,6 +53,7 @@ DEFAULT_FREE = (
     "unfelt_deviation",
     "source",
     "falling",
+    "release_seconds",
 )
 """Keys that are left out of the text where they have their defaults, so that a nominal
 calibration is written as it always was."""
@@ -124,6 +126,8 @@ class Calibration:
     """Where the constants come from. `nominal`: a data sheet; `rest`: rest and noise of
     this skin were measured; `presses`: its gains as well, from presses; `exact`: the
     true constants of a simulated sensor."""
+    release_seconds: float = 0.04
+    """Time constant with which the pressure falls once a sensor is let go [s]."""
     noise: Float[np.ndarray, "taxel"] | None = None
     """Standard deviation of each taxel at rest, rounding included [counts]; None where
     it was not measured."""
@@ -289,6 +293,7 @@ class Calibration:
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
                 span=float(content.get("span", 0.0)),
+                release_seconds=float(content.get("release_seconds", 0.04)),
                 matrix=parse_flag("matrix", content.get("matrix", False)),
                 falling=parse_flag("falling", content.get("falling", False)),
                 source=parse_choice(

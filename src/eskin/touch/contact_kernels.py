@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import Packed, compiled
 from eskin.touch.belief_kernels import CLEAR_FACTOR
-from eskin.touch.calibration_kernels import SHORTEST_PRESS
 from eskin.touch.records import (
     KernelReading,
     TrackerContext,
@@ -20,6 +19,15 @@ PA_PER_KPA = 1000.0
 LATCHED_FLOOR = 0.75
 """Floor of the noise of a taxel that is active, or beside one that rises, in units of
 that of others."""
+FALL_SECONDS = 0.1
+"""Time over which the fall of a pressure is looked at [s]."""
+FALL_RATE = 0.65
+"""Rate of such a fall from which nothing holds a taxel any more, in units of the rate
+at which its sensor falls by itself."""
+AGAIN_SHARE = 0.25
+"""Rise after such a fall that is contact again, in units of the lowest pressure."""
+MIN_SLOT_SECONDS = 0.0125
+"""Time between two pressures that are kept to see a fall [s]."""
 MIN_NOISE = 0.1
 """Smallest pressure that is taken for noise [kPa]."""
 BEGIN, END, LINK, PATCH, AGE, FORCE, AREA, PEAK, EVIDENCE = range(9)
@@ -124,17 +132,16 @@ def find_candidates(
 
 
 @compiled
-def select_active(
+def select_pressed(
     candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> Indices:
-    """Select the active taxels among candidates, in their order.
+    """Select the taxels that something presses among candidates, in their order.
 
-    For a taxel that is latched, which was active and has not been released, the
+    For a taxel that is latched, which was pressed and has not come to rest, the
     threshold is the lower one. A taxel that is not received stays latched for a short
-    time. Both thresholds rise with the noise of the taxel, and with the recent peak of
-    it and its neighbours, so that the residual of a sensor after a release is no
-    contact. A taxel that rises alone becomes active with the next reading that confirms
-    it, since corrupt values last for one; not so in readings without noise.
+    time. Both thresholds rise with the noise of the taxel. A taxel that rises alone is
+    pressed with the next reading that confirms it, since corrupt values last for one;
+    not so in readings without noise.
     """
     parameters, state = context.parameters, context.state
     chosen = np.empty(len(candidates), np.int64)
@@ -144,13 +151,11 @@ def select_active(
         if not reading.valid[i]:
             continue
         taxel, pressure = state.taxels[i], reading.pressure[i]
-        recent = compute_recent_peak(taxel, now, parameters.fade_seconds)
         if taxel.latched and taxel.active_at >= since:
             least = max(parameters.off, LATCHED_FLOOR * reading.floor[i])
-            enough = pressure >= max(least, parameters.off_share * recent)
+            enough = pressure >= least
         else:
-            least = max(parameters.on, reading.floor[i])
-            enough = pressure >= max(least, parameters.on_share * recent)
+            enough = pressure >= max(parameters.on, reading.floor[i])
             is_new = taxel.risen_at < since and reading.floor[i] > 0.0
             if enough and is_new and rises_alone(i, reading, context):
                 taxel.risen_at, taxel.highest, taxel.moved = now, pressure, 1
@@ -175,55 +180,90 @@ def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool
 
 
 @compiled
-def compute_recent_peak(taxel: np.void, now: float, fade_seconds: float) -> float:
-    """Return the recent peak of a taxel and its neighbours, which fades [kPa]."""
-    return taxel.peak * fade_seconds / (fade_seconds + now - taxel.peak_at)
+def update_pressed(
+    pressed: Indices, reading: KernelReading, context: TrackerContext
+) -> Indices:
+    """Update the states of the pressed taxels, and return those in contact.
 
-
-@compiled
-def update_active(
-    active: Indices, reading: KernelReading, context: TrackerContext
-) -> None:
-    """Update the states of the active taxels and of their neighbours."""
+    The contact of a taxel ends where its pressure falls nearly as fast as its sensor
+    does by itself once it is let go, and begins again where it has risen by more than
+    noise since.
+    """
     parameters, state, now = context.parameters, context.state, reading.now
     since = min(reading.previous, now - parameters.dropout_seconds)
-    for i in active:
+    slot = advance_slot(now, state)
+    before = find_slot(now - FALL_SECONDS + MIN_SLOT_SECONDS / 2, state)
+    left = 1.0
+    if before >= 0:
+        elapsed = now - state.recent_times[before]
+        left = math.exp(-FALL_RATE * elapsed / parameters.release_seconds)
+    active = np.empty_like(pressed)
+    count = 0
+    for i in pressed:
         taxel, pressure = state.taxels[i], reading.pressure[i]
         if max(taxel.active_at, taxel.risen_at) != reading.previous:
             taxel.onset = reading.stamp
         if max(taxel.active_at, taxel.risen_at) < since:
             taxel.highest, taxel.moved = 0.0, 0
+        if taxel.active_at < since or not taxel.latched:
+            taxel.released = 0
+            state.recent[i, :] = 0.0
         change = pressure - taxel.highest
         least = max(parameters.min_rise * pressure, reading.floor[i])
         taxel.changed, taxel.moved = taxel.moved, change >= least
         taxel.highest = max(taxel.highest, pressure)
-        # Corrupt values are of one reading, a press of more.
-        peak = pressure
-        if reading.floor[i] > 0.0 and now - reading.previous <= SHORTEST_PRESS:
-            peak = min(pressure, taxel.pressure) if taxel.active_at >= since else 0.0
-        taxel.active_at, taxel.pressure = now, pressure
-        raise_peak(taxel, peak, now, parameters.fade_seconds)
-        span = context.geometry[i].neighbours
-        for k in range(span[0], span[1]):
-            near = state.taxels[context.neighbours[k]]
-            raise_peak(near, peak, now, parameters.fade_seconds)
-    update_latched(active, reading.valid, since, state)
+        taxel.active_at = now
+        state.recent[i, slot] = pressure
+        if taxel.released:
+            taxel.lowest = min(taxel.lowest, pressure)
+            rise = max(AGAIN_SHARE * taxel.lowest, reading.floor[i])
+            if pressure >= taxel.lowest + rise:
+                taxel.released = 0
+                taxel.onset = reading.stamp
+                state.recent[i, :] = 0.0
+                state.recent[i, slot] = pressure
+        elif before >= 0:
+            earlier = state.recent[i, before]
+            if earlier > 0.0 and pressure <= left * earlier:
+                taxel.released, taxel.lowest = 1, pressure
+        if not taxel.released:
+            active[count] = i
+            count += 1
+    update_latched(pressed, reading.valid, since, state)
+    return active[:count]
 
 
 @compiled
-def raise_peak(
-    taxel: np.void, pressure: float, now: float, fade_seconds: float
-) -> None:
-    """Set the recent peak of a taxel to a pressure [kPa] that exceeds it."""
-    if pressure >= compute_recent_peak(taxel, now, fade_seconds):
-        taxel.peak, taxel.peak_at = pressure, now
+def advance_slot(now: float, state: TrackerState) -> int:
+    """Return the slot of the pressures of a reading, a new one after some time."""
+    slot = state.slot[0]
+    if now - state.recent_times[slot] >= MIN_SLOT_SECONDS:
+        slot = (slot + 1) % len(state.recent_times)
+        state.slot[0] = slot
+        state.recent_times[slot] = now
+        state.recent[:, slot] = 0.0
+    return slot
+
+
+@compiled
+def find_slot(latest: float, state: TrackerState) -> int:
+    """Return the slot of the latest pressures until a time [s]; -1 for none."""
+    found, best = -1, -np.inf
+    for slot in range(len(state.recent_times)):
+        time = state.recent_times[slot]
+        if best < time <= latest:
+            found, best = slot, time
+    return found
 
 
 @compiled
 def update_latched(
-    active: Indices, valid: Bool[np.ndarray, "taxel"], since: float, state: TrackerState
+    pressed: Indices,
+    valid: Bool[np.ndarray, "taxel"],
+    since: float,
+    state: TrackerState,
 ) -> None:
-    """Hold the active taxels, and keep those not received that were active recently."""
+    """Hold the pressed taxels, and keep those not received that were active recently."""
     taxels, latched, count = state.taxels, state.latched, 0
     for k in range(state.held[0]):
         i = latched[k]
@@ -232,7 +272,7 @@ def update_latched(
         else:
             latched[count] = i
             count += 1
-    for i in active:
+    for i in pressed:
         taxels[i].latched = 1
         latched[count] = i
         count += 1
@@ -369,7 +409,8 @@ def find_contacts(
     context = packed_context.fields
     geometry, state = context.geometry, context.state
     links, T_world_link = geometry.link, reading.T_world_link
-    active = select_active(candidates, reading, context)
+    pressed = select_pressed(candidates, reading, context)
+    active = update_pressed(pressed, reading, context)
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
     labels = label_components(active, p_world, context)
     strong = select_strong(active, labels, reading, context.parameters.peak_share)
@@ -378,7 +419,6 @@ def find_contacts(
         p_world = transform_to_world(active, position, links, T_world_link, 1.0)
         labels = label_components(active, p_world, context)
     n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
-    update_active(active, reading, context)
     rows = allocate_rows(labels)
     taxels, points = np.empty(len(active), np.int64), np.empty((len(active), 3))
     largest = np.zeros(len(rows))

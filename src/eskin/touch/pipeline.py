@@ -107,6 +107,7 @@ class TouchTracker:
         tracks: TrackConfig,
         touches: TouchConfig,
         poses: LinkPoseCache,
+        release_seconds: float,
     ) -> None:
         """Start with an untouched skin."""
         skin = mounted.skin
@@ -122,7 +123,7 @@ class TouchTracker:
         self.no_floor = np.zeros(skin.count)
         self.state = build_tracker_state(skin.count)
         parameters = build_tracking_parameters(
-            contacts, tracks, touches, skin.calibrated
+            contacts, tracks, touches, skin.calibrated, release_seconds
         )
         # By patch, row and column.
         self.order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
@@ -299,6 +300,7 @@ class TouchPipeline:
             self.config.tracks,
             self.config.touches,
             poses or LinkPoseCache(mounted),
+            calibration.release_seconds,
         )
         self.reading: Reading | None = None
 

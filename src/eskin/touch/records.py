@@ -184,13 +184,16 @@ TAXEL_GEOMETRY = build_dtype(
 in `Adjacency` [m], link, patch, and the span of its neighbours on the same link."""
 
 TAXEL_STATE = build_dtype(
-    "onset latched changed moved scratch_index",
-    "active_at peak peak_at pressure highest risen_at",
+    "onset latched released changed moved scratch_index",
+    "active_at highest lowest risen_at",
 )
-"""State of a taxel: when it was last active [s], its recent peak and its pressure at
-that time [kPa], the stamp from which it was active [ns], whether it has not been
-released since, its highest pressure since it became active [kPa], and an index that
-kernels use as a temporary variable and reset to -1."""
+"""State of a taxel: when it was last pressed [s], the stamp from which it was [ns],
+whether it still is, and whether its contact has ended though its sensor has not come to
+rest; its highest pressure since it was pressed, and its lowest since its contact ended
+[kPa]; and an index that kernels use as a temporary variable and reset to -1."""
+
+RECENT = 8
+"""Number of pressures of a taxel that are kept to see it fall."""
 
 
 class TrackerState(NamedTuple):
@@ -202,6 +205,12 @@ class TrackerState(NamedTuple):
     """(taxel) indices of the latched taxels, then unused space."""
     held: np.ndarray
     """(1) number of the latched taxels."""
+    recent: np.ndarray
+    """(taxel, `RECENT`) pressures of pressed taxels in turn [kPa]; 0 while not pressed."""
+    recent_times: np.ndarray
+    """(`RECENT`) times of these pressures [s]."""
+    slot: np.ndarray
+    """(1) index of the latest of these."""
 
 
 @dataclass(frozen=True)
@@ -212,15 +221,8 @@ class ContactConfig:
     """Pressure from which a taxel becomes active [kPa]."""
     off: Pressure = 0.5
     """Pressure from which an active taxel stays active [kPa]."""
-    on_share: Share = 0.25
-    """Fraction of the recent peak of it and its neighbours that a released taxel must
-    reach to become active."""
-    off_share: Share = 0.2
-    """Fraction of that peak that an active taxel must reach to stay active."""
     peak_share: Share = 0.2
     """Fraction of the greatest pressure of its contact that an active taxel reaches."""
-    fade_seconds: Duration = 5.0
-    """Time after which the recent peak counts half [s]."""
     dropout_seconds: Annotated[Pause, Field(alias="hold_seconds")] = 0.1
     """Time for which a taxel that is not received still counts as active [s]."""
     reach: Annotated[float, Interval(ge=0.0, le=4.0)] = 1.6
@@ -287,14 +289,18 @@ CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
 TrackingParameters = namedtuple(
     "TrackingParameters",
     [one.name for config in CONFIGS for one in fields(config)]
-    + ["pause_ns", "settle_ns", "calibrated"],
+    + ["pause_ns", "settle_ns", "calibrated", "release_seconds"],
 )
 """Parameters of the tracking kernels: the fields of their configurations, two of its
-times in ns, and `Skin.calibrated`."""
+times in ns, `Skin.calibrated` and `Calibration.release_seconds`."""
 
 
 def build_tracking_parameters(
-    contacts: ContactConfig, tracks: TrackConfig, touches: TouchConfig, calibrated: bool
+    contacts: ContactConfig,
+    tracks: TrackConfig,
+    touches: TouchConfig,
+    calibrated: bool,
+    release_seconds: float,
 ) -> TrackingParameters:
     """Build the parameters of the tracking kernels."""
     values = vars(contacts) | vars(tracks) | vars(touches)
@@ -306,6 +312,7 @@ def build_tracking_parameters(
         pause_ns=round(touches.pause_seconds * NS_PER_S),
         settle_ns=round(touches.settle_seconds * NS_PER_S),
         calibrated=calibrated,
+        release_seconds=release_seconds,
     )
 
 
@@ -358,7 +365,14 @@ def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarr
 def build_tracker_state(count: int) -> TrackerState:
     """Build the state of a skin that was never touched."""
     taxels = np.zeros(count, TAXEL_STATE)
-    for name in ("active_at", "peak_at", "risen_at"):
+    for name in ("active_at", "risen_at"):
         taxels[name] = -np.inf
     taxels["scratch_index"] = -1
-    return TrackerState(taxels, np.empty(count, np.int64), np.zeros(1, np.int64))
+    return TrackerState(
+        taxels=taxels,
+        latched=np.empty(count, np.int64),
+        held=np.zeros(1, np.int64),
+        recent=np.zeros((count, RECENT)),
+        recent_times=np.full(RECENT, -np.inf),
+        slot=np.zeros(1, np.int64),
+    )
