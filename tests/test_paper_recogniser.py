@@ -72,7 +72,7 @@ def select_felt(on, stream):
     pipeline = TouchPipeline(on, calibration_of(on.skin))
     pressures, joints = [], []
     for scan in stream:
-        floor = pipeline.faults.noise.limits.floor
+        floor = pipeline.front_end.floor
         state = pipeline.push(scan)
         felt = state.reading.valid & (state.reading.pressure >= floor)
         pressures.append(np.where(felt, state.reading.pressure, 0.0))

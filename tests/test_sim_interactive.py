@@ -18,7 +18,7 @@ from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.model import SensorStages
 from eskin.sim.sensor.noise import ReadingLosses
 from eskin.sim.sensor.sensor import Sensor
-from eskin.touch import Calibrator, ContactConfig
+from eskin.touch import FrontEnd, ContactConfig
 from eskin.transforms import apply
 from helpers.sensors import CONSTANTS
 from helpers.simulation import RATE, StandIn, build_small_simulator
@@ -149,16 +149,16 @@ def test_grab_is_no_firmer_than_the_person_can():
 )
 def test_poke_is_felt_at_its_place_and_nothing_without_it(patch, motion):
     live = InteractiveSkin()
-    calibrator = Calibrator(live.mounted.skin, live.calibration)
+    front_end = FrontEnd(live.mounted.skin, live.calibration)
     for reading, (scan, truths) in enumerate(scan_many(live, 200, motion)):
-        made = calibrator.push(scan)
+        made = front_end.push(scan)
         assert truths == ()
         np.testing.assert_array_equal(scan.q, motion(reading))
         assert reading < 100 or made.pressure[made.valid].max() < ContactConfig().on
     point = find_point(live, patch, 30)
     live.hand.poke(point, 8.0, 0.4)
     readings = [
-        calibrator.push(live.scan(PERIOD * reading, motion(reading)))
+        front_end.push(live.scan(PERIOD * reading, motion(reading)))
         for reading in range(201, 241)
     ]
     pressure = np.array([np.where(made.valid, made.pressure, 0) for made in readings])
@@ -312,10 +312,10 @@ def test_player_makes_no_contact_where_stretches_meet():
     simulator = build_small_simulator("ur5")
     build = TouchPlayer(simulator).build
     assert build.name.startswith("device") and build.kind == "fresh"
-    calibrator = Calibrator(simulator.mounted.skin, simulator.calibration(build))
+    front_end = FrontEnd(simulator.mounted.skin, simulator.calibration(build))
     nearby, peaks, others = RATE // 2, [], []
     for number, scan in enumerate(play(simulator, LEAD + STRETCH + STRETCH // 3)):
-        reading = calibrator.push(scan)
+        reading = front_end.push(scan)
         is_near = (number - LEAD + nearby) % STRETCH < 2 * nearby
         found = peaks if is_near and number > LEAD + nearby else others
         found.append(reading.pressure[reading.valid].max())

@@ -8,7 +8,7 @@ import pytest
 from eskin.sim.sensor.build import build_nominal_sensor, draw_build
 from eskin.sim.sensor.model import SensorStages
 from eskin.sim.sensor.sensor import sense
-from eskin.touch import Calibrator
+from eskin.touch import FrontEnd
 from helpers.sensors import (
     CONSTANTS,
     ELEMENT_STAGES,
@@ -100,12 +100,12 @@ def test_calibration_reads_the_true_pressure_of_a_nominal_taxel():
     build = build_nominal_sensor(SKIN, CONSTANTS)
     stages = replace(ELEMENT_STAGES, threshold=True)
     counts = read_counts(step_load(20.0, 1.1, before=3.0), build, stages)
-    calibrator = Calibrator(SKIN, build.calibration(SKIN))
+    front_end = FrontEnd(SKIN, build.calibration(SKIN))
     scans = [
         scan_at(number * 0.02, np.where(ALL_TAXELS == TAXEL, count, 0))
         for number, count in enumerate(counts[:201])
     ]
-    pressure = [calibrator.push(scan).pressure for scan in scans][-1]
+    pressure = [front_end.push(scan).pressure for scan in scans][-1]
     assert pressure[TAXEL] == pytest.approx(20.0, rel=0.02)
     assert not np.delete(pressure, TAXEL).any()
 

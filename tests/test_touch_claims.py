@@ -152,7 +152,7 @@ def test_model_does_not_decide_what_is_a_fault():
             counts = 200 + rng.integers(-1, 2, 64)
             counts[9] += 150 * (-1) ** number
             pipeline.push(scan_at(number / 50, counts))
-        masks.append(pipeline.faults.mask)
+        masks.append(pipeline.front_end.mask)
     assert masks[0][9]
     np.testing.assert_array_equal(*masks)
 

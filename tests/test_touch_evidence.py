@@ -142,7 +142,7 @@ def test_hand_is_not_taken_for_noise(force):
             counts = 200 + rng.standard_normal(SKIN.count)
             counts += share * force(t) * PAD * (t >= 6.6)
             pipeline.push(scan_at(t, np.round(counts)))
-        floors.append(pipeline.faults.noise.limits.floor)
+        floors.append(pipeline.front_end.floor.copy())
     assert (floors[1] <= 1.5 * floors[0]).all()
 
 
@@ -219,9 +219,10 @@ FLOOR = np.full(SKIN.count, 0.7)
 def push_noisy(pressure, seconds, rate=RATE, valid=None):
     """Push readings of a noisy skin; return touches by id, and states."""
     pipeline, seen, states = build_pipeline(MOUNTED), {}, []
+    pipeline.front_end.taxels["floor"] = FLOOR
     for n in range(round(seconds * rate)):
         reading = reading_at(n / rate, pressure(n), valid and valid(n))
-        states.append(pipeline.push_reading(reading, (), FLOOR))
+        states.append(pipeline.push_reading(reading))
         for touch in (*states[-1].touches, *states[-1].closed_touches):
             seen[touch.id] = touch
     return seen, states

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.touch import Calibration, Calibrator, FaultDetector
+from eskin.touch import Calibration, FrontEnd
 from helpers.touch import SECOND, START, build_grid_skin, calibration_of, scan_at
 
 SKIN = build_grid_skin(patches=2)
@@ -20,21 +20,20 @@ def push_counts(change, seconds=12.0, rate=50, noise=2.0, rest=200, scale=100.0)
     """
     rng = np.random.default_rng(3)
     calibration = Calibration.uniform(SKIN.count, 1000, scale)
-    calibrator = Calibrator(SKIN, calibration)
-    detector = FaultDetector(SKIN, calibration)
+    detector = FrontEnd(SKIN, calibration)
     for t in np.arange(round(seconds * rate)) / rate:
         counts = np.round(rest + noise * rng.standard_normal(SKIN.count)).astype(int)
         received = np.ones(SKIN.count, bool)
         change(t, counts, received)
         scan = scan_at(t, np.clip(counts, -1, 1000), received)
-        detector.push(scan, calibrator.push(scan).pressure, calibrator.rest)
+        detector.push(scan)
         yield t, detector
 
 
 def find_faults(change, *words, **options):
     """Push counts, see `push_counts`; return times, masks and faults."""
     pushed = push_counts(change, *words, **options)
-    return [(t, detector.mask.copy(), detector.faults) for t, detector in pushed]
+    return [(t, detector.mask.copy(), detector.taxel_faults) for t, detector in pushed]
 
 
 def set_counts(taxels, value, start=3.0, end=np.inf):
@@ -307,15 +306,13 @@ def test_patch_that_swings_or_hides_any_press_is_one_fault(change):
 
 def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
     calibration = calibration_of(SKIN)
-    calibrator = Calibrator(SKIN, calibration)
-    detector = FaultDetector(SKIN, calibration)
+    detector = FrontEnd(SKIN, calibration)
     rng, doubted, masked = np.random.default_rng(7), [], []
     for t in np.arange(400) / 50:
         counts = np.full(SKIN.count, 200)
         counts[TAXEL] += round(5 * rng.standard_normal())
         scan = scan_at(t, counts)
-        rest = calibrator.rest
-        detector.push(scan, calibrator.push(scan).pressure, rest)
+        detector.push(scan)
         doubted.append(bool(detector.doubtful[TAXEL]))
         masked.append(bool(detector.mask[TAXEL]))
     assert doubted.index(True) < masked.index(True)
@@ -325,15 +322,13 @@ def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
 def find_doubtful(change, skin=SKIN, seconds=3.0):
     """Push counts at rest, changed from 2.5 s on; return which taxels are doubtful."""
     calibration = calibration_of(skin)
-    calibrator = Calibrator(skin, calibration)
-    detector = FaultDetector(skin, calibration)
+    detector = FrontEnd(skin, calibration)
     for t in np.arange(round(50 * seconds)) / 50:
         counts = np.full(skin.count, 200)
         if t > 2.5:
             change(counts)
         scan = scan_at(t, counts)
-        rest = calibrator.rest
-        detector.push(scan, calibrator.push(scan).pressure, rest)
+        detector.push(scan)
     return detector.doubtful
 
 

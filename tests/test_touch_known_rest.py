@@ -106,7 +106,7 @@ def test_noise_that_has_grown_is_followed():
     for t in np.arange(20 * RATE) / RATE:
         noisy = REST_COUNTS + 3.0 * rng.standard_normal(SKIN.count)
         pipeline.push(scan_at(t, np.round(noisy)))
-    assert np.median(pipeline.faults.noise.limits.floor) == pytest.approx(1.8, rel=0.3)
+    assert np.median(pipeline.front_end.floor) == pytest.approx(1.8, rel=0.3)
 
 
 def test_taxels_are_compared_as_they_are_received():

@@ -361,7 +361,7 @@ def read_pressures(
     pipeline = TouchPipeline(mounted, recording.calibration)
     for scan in recording.scans():
         reading, _ = pipeline.calibrate(scan)
-        above = reading.pressure >= pipeline.faults.noise.limits.floor
+        above = reading.pressure >= pipeline.front_end.floor
         bounded = np.minimum(reading.pressure, LARGEST_PRESSURE)
         felt = np.where(reading.valid & above, bounded, 0.0)
         yield reading.stamp, felt, reading.q

@@ -64,7 +64,7 @@ def test_windows_hold_the_calibrated_pressures_of_their_clip(a):
     assert a.windows.pressure.shape[:2] == (len(a.clips), READINGS)
     for scan in recording.scans():
         reading, _ = pipeline.calibrate(scan)
-        above = reading.pressure >= pipeline.faults.noise.limits.floor
+        above = reading.pressure >= pipeline.front_end.floor
         pressure = np.where(reading.valid & above, reading.pressure, 0)
         for n, clip in enumerate(clips):
             if clip.start <= scan.stamp < clip.end:
@@ -117,7 +117,7 @@ def test_noise_is_zero_in_windows_and_saturation_is_bounded(a, monkeypatch):
 
     def noisy(pipeline, scan):
         reading, faults = calibrate(pipeline, scan)
-        pressure = 0.9 * pipeline.faults.noise.limits.floor.astype(np.float32)
+        pressure = 0.9 * pipeline.front_end.floor.astype(np.float32)
         pressure[::2] = 1e6
         return replace(reading, pressure=pressure), faults
 

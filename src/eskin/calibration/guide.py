@@ -28,7 +28,7 @@ from eskin.touch import (
     Contact,
     Fault,
     FaultConfig,
-    FaultDetector,
+    FrontEnd,
     PressDetector,
     Scan,
     TouchPipeline,
@@ -228,7 +228,7 @@ class PressGuide(ABC, Generic[Press]):
             verb = "fall" if self.assumed.falling else "rise"
             return GuideEvent("turned", f"counts {verb} under pressure")
         if self.phase == "rest":
-            return self.push_rest(self.pipeline.turn(scan), state)
+            return self.push_rest(self.pipeline.front_end.turn(scan), state)
         taxel = self.detector.push(state)
         if self.is_pressed:
             self.pressing.add(state)
@@ -362,11 +362,11 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         self.highest = self.strongest = 0
         self.largest = self.firmest = 0.0
 
-    def build_fault_detector(self) -> FaultDetector:
-        """Build a detector that finds stuck taxels within the time at rest."""
+    def build_fault_detector(self) -> FrontEnd:
+        """Build a front end that finds stuck taxels within the time at rest."""
         seconds = min(FaultConfig().stuck_seconds, STUCK_SHARE * self.config.seconds)
         config = FaultConfig(stuck_seconds=seconds)
-        return FaultDetector(self.skin, self.assumed, config, self.on)
+        return FrontEnd(self.skin, self.assumed.rising, faults=config)
 
     def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan without taxels that seem touched at rest."""
@@ -374,7 +374,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         event = super().push(scan)
         self.highest = max(self.highest, int(scan.counts[scan.received].max(initial=0)))
         if self.rest is not None and self.state is not None:
-            above = self.pipeline.turn(scan).counts - self.rest.rest
+            above = self.pipeline.front_end.turn(scan).counts - self.rest.rest
             rise = np.where(scan.received, above, 0.0)
             forces = [contact.force for contact in self.state.contacts]
             if rise.max() > self.largest:
@@ -395,8 +395,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             return self.restart_rest(text, scan.stamp)
         self.began = scan.stamp if self.began is None else self.began
         self.record.append(scan)
-        baseline = self.pipeline.calibrator.rest
-        self.faults.push(scan, state.reading.pressure, baseline)
+        self.faults.push(scan)
         if self.rest_share < 1.0:
             return None
         rest = estimate_rest(self.record, self.skin)
@@ -428,7 +427,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             pressure = state.reading.pressure[contact.taxels]
             if np.count_nonzero(pressure >= self.touched_from) >= TOUCH_TAXELS:
                 return f"patch '{contact.patch}' is touched"
-        above = scan.counts - self.pipeline.calibrator.rest
+        above = scan.counts - self.pipeline.front_end.rest
         low = scan.received & (above < -self.min_touch_counts)
         if np.count_nonzero(low) >= LIFTED_TAXELS:
             lifted = np.bincount(self.skin.patch_index[low])
@@ -480,7 +479,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
 
     def has_fault(self, taxel: int) -> bool:
         """Tell whether a taxel or one of its neighbours is faulty."""
-        mask = self.ignored | self.pipeline.faults.mask
+        mask = self.ignored | self.pipeline.front_end.mask
         starts = self.adjacency.starts
         neighbours = self.adjacency.neighbours[starts[taxel] : starts[taxel + 1]]
         return bool(mask[taxel] or mask[neighbours].any())
@@ -584,8 +583,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         return CalibrationResult(
             calibration,
             self.rest,
-            self.faults.faults,
-            self.faults.history["code"].copy(),
+            self.faults.taxel_faults,
+            self.faults.taxels["code"].copy(),
             tuple(self.presses),
             gains,
         )

@@ -163,11 +163,10 @@ def check_yaml(path: Path) -> None:
 def check_recording(path: Path) -> None:
     """Raise if a recording cannot be used, or its skin takes too much memory."""
     from eskin.recording import read_recording
-    from eskin.touch import Calibrator, CrosstalkCompensator
+    from eskin.touch import FrontEnd
 
     recording = read_recording(path)
-    Calibrator(recording.skin, recording.calibration)
-    CrosstalkCompensator(recording.skin, recording.calibration)
+    FrontEnd(recording.skin, recording.calibration)
 
 
 def check_way(pipeline: "TouchPipeline") -> None:

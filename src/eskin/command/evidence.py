@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
 from eskin.touch import Adjacency, ContactConfig
-from eskin.touch.belief_kernels import LINE_SHARE
+from eskin.touch.fault_kernels import LINE_SHARE
 from eskin.touch.outage_kernels import MAX_PRESSED, NEARLY_ALL
 from eskin.units import NS_PER_S
 

@@ -35,7 +35,7 @@ from eskin.live.graph_kernels import (
 )
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import LinkPoseCache, Reading, TouchRecord, TouchState
-from eskin.touch.tracks import measure_distance
+from eskin.touch.tracking import measure_distance
 
 MAX_STEP = 0.5  # [s] between readings from which a rate is computed
 MIN_STEP = 1e-4  # [s]

@@ -168,7 +168,7 @@ class Recognizer:
         classifier = self.classifier
         if isinstance(sample, Scan):
             state = self.touches.push(sample)
-            classifier.push(state, self.touches.faults.noise.limits.floor)
+            classifier.push(state, self.touches.front_end.floor)
         else:
             state = self.touches.push_reading(sample)
             classifier.push(state, None)

@@ -76,6 +76,7 @@ class RecordingGuide:
     Attributes:
         attempts: attempts so far.
         skipped: gestures that are no longer asked for.
+        state: contacts, touches and faults at the latest scan; None before the first.
     """
 
     def __init__(
@@ -96,6 +97,7 @@ class RecordingGuide:
         self.mounted, self.calibration = mounted, calibration
         self.gestures, self.times = tuple(gestures), times
         self.pipeline = TouchPipeline(mounted, calibration)
+        self.state: TouchState | None = None
         self.attempts: list[RecordingAttempt] = []
         self.is_last_kept = True
         self.skipped: set[str] = set()
@@ -137,7 +139,8 @@ class RecordingGuide:
 
     def push(self, scan: Scan) -> AttemptEvent | None:
         """Process the next scan, and return what it has led to."""
-        state, scan = self.pipeline.push(scan), self.pipeline.turn(scan)
+        state = self.state = self.pipeline.push(scan)
+        scan = self.pipeline.front_end.turn(scan)
         if not self.is_ready:
             return self.push_rest(state)
         if self.touch is None:

@@ -1,10 +1,10 @@
-"""This package computes touches from counts: calibration, faults, contacts, tracks."""
+"""This package computes touches from counts: rest, faults, contacts, tracks."""
 
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import MAX_CALIBRATION_BYTES, Calibration
-from eskin.touch.calibration_kernels import SILENCE_SECONDS, CalibrationConfig
-from eskin.touch.calibrator import Calibrator, CrosstalkCompensator
-from eskin.touch.faults import Fault, FaultConfig, FaultDetector
+from eskin.touch.fault_kernels import FaultConfig
+from eskin.touch.faults import Fault
+from eskin.touch.front_end import FrontEnd
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
 from eskin.touch.records import (
@@ -16,6 +16,8 @@ from eskin.touch.records import (
     TouchRecord,
     TrackingResult,
 )
+from eskin.touch.rest_kernels import CalibrationConfig
+from eskin.touch.taxel_kernels import SILENCE_SECONDS
 from eskin.touch.touches import Contact, PressDetector, Touch, TouchState, Track
 
 __all__ = [
@@ -26,14 +28,12 @@ __all__ = [
     "Calibration",
     "MAX_CALIBRATION_BYTES",
     "CalibrationConfig",
-    "Calibrator",
     "Contact",
     "ContactConfig",
     "ContactRecord",
-    "CrosstalkCompensator",
     "Fault",
     "FaultConfig",
-    "FaultDetector",
+    "FrontEnd",
     "LinkPoseCache",
     "PipelineConfig",
     "PressDetector",

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.skin import Skin
-from eskin.touch.calibration_kernels import (
+from eskin.touch.pressure_kernels import (
     PressureCurve,
     compute_counts,
     compute_pressures,

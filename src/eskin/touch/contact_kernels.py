@@ -8,16 +8,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import Packed, compiled
-from eskin.touch.belief_kernels import CLEAR_FACTOR
+from eskin.touch.noise_kernels import CLEAR_FACTOR
 from eskin.touch.records import (
     KernelReading,
     TrackerContext,
-    TrackerState,
 )
 
 PA_PER_KPA = 1000.0
-LATCHED_FLOOR = 0.75
-"""Floor of the noise of a taxel that is active, or beside one that rises, in units of
+PRESSED_FLOOR = 0.75
+"""Floor of the noise of a taxel that is pressed, or beside one that rises, in units of
 that of others."""
 FALL_SECONDS = 0.1
 """Time over which the fall of a pressure is looked at [s]."""
@@ -137,29 +136,33 @@ def select_pressed(
 ) -> Indices:
     """Select the taxels that something presses among candidates, in their order.
 
-    For a taxel that is latched, which was pressed and has not come to rest, the
-    threshold is the lower one. A taxel that is not received stays latched for a short
-    time. Both thresholds rise with the noise of the taxel. A taxel that rises alone is
-    pressed with the next reading that confirms it, since corrupt values last for one;
-    not so in readings without noise.
+    For a taxel that was pressed and has not come to rest since, the threshold is the
+    lower one. A taxel that is not received stays pressed for a short time. Both
+    thresholds rise with the noise of the taxel. A taxel that rises alone is pressed
+    with the next reading that confirms it, since corrupt values last for one; not so in
+    readings without noise.
     """
-    parameters, state = context.parameters, context.state
+    parameters = context.parameters
+    instant = reading.instant
+    since = min(instant.previous, instant.now - parameters.dropout_seconds)
     chosen = np.empty(len(candidates), np.int64)
-    count, now = 0, reading.now
-    since = min(reading.previous, now - parameters.dropout_seconds)
+    count = 0
     for i in candidates:
         if not reading.valid[i]:
             continue
-        taxel, pressure = state.taxels[i], reading.pressure[i]
-        if taxel.latched and taxel.active_at >= since:
-            least = max(parameters.off, LATCHED_FLOOR * reading.floor[i])
+        taxel = context.taxels[i]
+        pressure = reading.pressure[i]
+        if taxel.pressed and taxel.pressed_at >= since:
+            least = max(parameters.off, PRESSED_FLOOR * taxel.floor)
             enough = pressure >= least
         else:
-            enough = pressure >= max(parameters.on, reading.floor[i])
-            is_new = taxel.risen_at < since and reading.floor[i] > 0.0
+            enough = pressure >= max(parameters.on, taxel.floor)
+            is_new = taxel.risen_at < since and taxel.floor > 0.0
             if enough and is_new and rises_alone(i, reading, context):
-                taxel.risen_at, taxel.highest, taxel.moved = now, pressure, 1
-                taxel.onset = reading.stamp
+                taxel.risen_at = instant.now
+                taxel.highest = pressure
+                taxel.moved = 1
+                taxel.onset = instant.stamp
                 enough = False
         if enough:
             chosen[count] = i
@@ -173,7 +176,7 @@ def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool
     span = context.geometry[i].neighbours
     for k in range(span[0], span[1]):
         j = context.neighbours[k]
-        least = max(context.parameters.off, LATCHED_FLOOR * reading.floor[j])
+        least = max(context.parameters.off, PRESSED_FLOOR * context.taxels[j].floor)
         if reading.valid[j] and reading.pressure[j] >= least:
             return False
     return True
@@ -189,94 +192,103 @@ def update_pressed(
     does by itself once it is let go, and begins again where it has risen by more than
     noise since.
     """
-    parameters, state, now = context.parameters, context.state, reading.now
-    since = min(reading.previous, now - parameters.dropout_seconds)
-    slot = advance_slot(now, state)
-    before = find_slot(now - FALL_SECONDS + MIN_SLOT_SECONDS / 2, state)
-    left = 1.0
+    parameters = context.parameters
+    instant = reading.instant
+    now = instant.now
+    since = min(instant.previous, now - parameters.dropout_seconds)
+    slot = advance_slot(now, context)
+    before = find_slot(now - FALL_SECONDS + MIN_SLOT_SECONDS / 2, context)
+    left = 0.0
     if before >= 0:
-        elapsed = now - state.recent_times[before]
+        elapsed = now - context.recent_times[before]
         left = math.exp(-FALL_RATE * elapsed / parameters.release_seconds)
     active = np.empty_like(pressed)
     count = 0
     for i in pressed:
-        taxel, pressure = state.taxels[i], reading.pressure[i]
-        if max(taxel.active_at, taxel.risen_at) != reading.previous:
-            taxel.onset = reading.stamp
-        if max(taxel.active_at, taxel.risen_at) < since:
-            taxel.highest, taxel.moved = 0.0, 0
-        if taxel.active_at < since or not taxel.latched:
+        taxel = context.taxels[i]
+        pressure = reading.pressure[i]
+        last = max(taxel.pressed_at, taxel.risen_at)
+        if last != instant.previous:
+            taxel.onset = instant.stamp
+        if last < since:
+            taxel.highest = 0.0
+            taxel.moved = 0
+        if taxel.pressed_at < since or not taxel.pressed:
             taxel.released = 0
-            state.recent[i, :] = 0.0
+            context.recent[:, i] = 0.0
         change = pressure - taxel.highest
-        least = max(parameters.min_rise * pressure, reading.floor[i])
-        taxel.changed, taxel.moved = taxel.moved, change >= least
+        taxel.changed = taxel.moved
+        taxel.moved = change >= max(parameters.min_rise * pressure, taxel.floor)
         taxel.highest = max(taxel.highest, pressure)
-        taxel.active_at = now
-        state.recent[i, slot] = pressure
+        taxel.pressed_at = now
+        context.recent[slot, i] = pressure
         if taxel.released:
             taxel.lowest = min(taxel.lowest, pressure)
-            rise = max(AGAIN_SHARE * taxel.lowest, reading.floor[i])
+            rise = max(AGAIN_SHARE * taxel.lowest, taxel.floor)
             if pressure >= taxel.lowest + rise:
                 taxel.released = 0
-                taxel.onset = reading.stamp
-                state.recent[i, :] = 0.0
-                state.recent[i, slot] = pressure
-        elif before >= 0:
-            earlier = state.recent[i, before]
-            if earlier > 0.0 and pressure <= left * earlier:
-                taxel.released, taxel.lowest = 1, pressure
+                taxel.onset = instant.stamp
+                context.recent[:, i] = 0.0
+                context.recent[slot, i] = pressure
+        elif before >= 0 and pressure <= left * context.recent[before, i]:
+            taxel.released = 1
+            taxel.lowest = pressure
         if not taxel.released:
             active[count] = i
             count += 1
-    update_latched(pressed, reading.valid, since, state)
+    keep_pressed(pressed, reading.valid, since, context)
     return active[:count]
 
 
 @compiled
-def advance_slot(now: float, state: TrackerState) -> int:
+def advance_slot(now: float, context: TrackerContext) -> int:
     """Return the slot of the pressures of a reading, a new one after some time."""
-    slot = state.slot[0]
-    if now - state.recent_times[slot] >= MIN_SLOT_SECONDS:
-        slot = (slot + 1) % len(state.recent_times)
-        state.slot[0] = slot
-        state.recent_times[slot] = now
-        state.recent[:, slot] = 0.0
+    times = context.recent_times
+    slot = context.slot[0]
+    if now - times[slot] >= MIN_SLOT_SECONDS:
+        slot = (slot + 1) % len(times)
+        context.slot[0] = slot
+        times[slot] = now
+        context.recent[slot, :] = 0.0
     return slot
 
 
 @compiled
-def find_slot(latest: float, state: TrackerState) -> int:
+def find_slot(latest: float, context: TrackerContext) -> int:
     """Return the slot of the latest pressures until a time [s]; -1 for none."""
-    found, best = -1, -np.inf
-    for slot in range(len(state.recent_times)):
-        time = state.recent_times[slot]
+    found = -1
+    best = -np.inf
+    for slot in range(len(context.recent_times)):
+        time = context.recent_times[slot]
         if best < time <= latest:
-            found, best = slot, time
+            found = slot
+            best = time
     return found
 
 
 @compiled
-def update_latched(
+def keep_pressed(
     pressed: Indices,
     valid: Bool[np.ndarray, "taxel"],
     since: float,
-    state: TrackerState,
+    context: TrackerContext,
 ) -> None:
-    """Hold the pressed taxels, and keep those not received that were active recently."""
-    taxels, latched, count = state.taxels, state.latched, 0
-    for k in range(state.held[0]):
-        i = latched[k]
-        if valid[i] or taxels[i].active_at < since:
-            taxels[i].latched = 0
+    """Keep the pressed taxels, and those not received that were so recently."""
+    taxels = context.taxels
+    kept = context.pressed
+    count = 0
+    for k in range(context.pressed_count[0]):
+        i = kept[k]
+        if valid[i] or taxels[i].pressed_at < since:
+            taxels[i].pressed = 0
         else:
-            latched[count] = i
+            kept[count] = i
             count += 1
     for i in pressed:
-        taxels[i].latched = 1
-        latched[count] = i
+        taxels[i].pressed = 1
+        kept[count] = i
         count += 1
-    state.held[0] = count
+    context.pressed_count[0] = count
 
 
 @compiled
@@ -301,8 +313,10 @@ def label_components(
     active: Indices, p_world: Points, context: TrackerContext
 ) -> Indices:
     """Label the connected sets of active taxels in the order of their first taxel."""
-    geometry, neighbours = context.geometry, context.neighbours
-    taxels, count = context.state.taxels, len(active)
+    geometry = context.geometry
+    neighbours = context.neighbours
+    taxels = context.taxels
+    count = len(active)
     parents = np.arange(count)
     for a in range(count):
         taxels[active[a]].scratch_index = a
@@ -407,8 +421,10 @@ def find_contacts(
         other, each in the order of the candidates.
     """
     context = packed_context.fields
-    geometry, state = context.geometry, context.state
-    links, T_world_link = geometry.link, reading.T_world_link
+    geometry = context.geometry
+    taxel_states = context.taxels
+    links = geometry.link
+    T_world_link = reading.T_world_link
     pressed = select_pressed(candidates, reading, context)
     active = update_pressed(pressed, reading, context)
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
@@ -426,7 +442,7 @@ def find_contacts(
         i, row = active[a], rows[labels[a]]
         k, pressure = int(row[END]), reading.pressure[i]
         row[END] += 1
-        row[AGE] = max(row[AGE], float(reading.stamp - state.taxels[i].onset))
+        row[AGE] = max(row[AGE], float(reading.instant.stamp - taxel_states[i].onset))
         taxels[k] = i
         force = PA_PER_KPA * pressure * geometry[i].area
         row[FORCE] += force
@@ -475,18 +491,23 @@ def weigh_contact(
     rises above what it was before, since the offset of a taxel may jump, and then stays
     or swings. In readings without noise every contact is evidence enough.
     """
-    parameters, state = context.parameters, context.state
-    evidence, clear, strongest, changed = 0.0, 0, 0.0, False
+    most = context.parameters.max_taxel_llr
+    evidence = 0.0
+    clear = 0
+    strongest = 0.0
+    changed = False
     for i in taxels:
-        if reading.floor[i] == 0.0:
+        taxel = context.taxels[i]
+        if taxel.floor == 0.0:
             return np.inf
-        noise = max(reading.floor[i], MIN_NOISE)
+        noise = max(taxel.floor, MIN_NOISE)
         strength = math.log(max(reading.pressure[i] / noise, 1.0))
-        strength = min(strength, parameters.max_taxel_llr)
+        strength = min(strength, most)
         evidence += strength
         clear += reading.pressure[i] >= CLEAR_FACTOR * noise
         if strength > strongest:
-            strongest, changed = strength, state.taxels[i].changed != 0
+            strongest = strength
+            changed = taxel.changed != 0
     return evidence if clear > 1 or changed else 0.0
 
 

@@ -1,45 +1,77 @@
-"""Compiled kernels that follow the counts of each taxel, and find invalid data."""
+"""Compiled kernels that find faults: what a taxel, line or patch does, and no touch.
+
+A touch changes counts from scan to scan, and takes neighbours along. What a taxel does
+alone in one step, and what a line or patch does as a whole, is its own.
+"""
 
 # pyright: reportAttributeAccessIssue=false
 # Fields of records are known to numba only.
 
 from collections import namedtuple
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.compiled import compiled
-from eskin.touch.adjacency import Adjacency, TaxelGroups
-from eskin.touch.belief_kernels import MIN_LINE, NEVER, CountScan
-from eskin.touch.calibration_kernels import SILENCE_SECONDS, find_near, select
+from eskin.compiled import Packed, compiled
+from eskin.touch.adjacency import TaxelGroups
+from eskin.touch.context import FrontEndContext, KernelScan
+from eskin.touch.noise_kernels import (
+    FOLLOWS,
+    NOISE_SECONDS,
+    find_side,
+    follow_noise,
+    is_alone,
+    limit_noise,
+)
+from eskin.touch.taxel_kernels import NEVER, NO_FAULT, find_near, select
 
 Values = Float[np.ndarray, "taxel"]
 Flags = Bool[np.ndarray, "taxel"]
-Index = Int[np.ndarray, "taxel"]
+Taxels = Int[np.ndarray, "some"]
 
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
-"""Codes of the faults of a taxel; -1 for none."""
-
-HISTORY = np.dtype(
-    [("counts", np.int64), ("code", np.int64)]
-    + [
-        (name, np.float64)
-        for name in (
-            *("first_received", "last_received", "last_changed", "last_negative"),
-            *("last_below_full", "last_nonzero", "last_zero", "least"),
-            *("last_unpressed", "unanswered", "last_sound", "since", "last_found"),
-        )
-    ]
-)
-"""The history of a taxel: its counts last received; the code of its fault; and times
-[s]: of its first data, or of the first after a long silence; of its last data, of the
-last change of its counts, and at which they were last negative, below full scale, above
-zero and zero; `least`, its smallest counts above zero, zero after they left zero until
-they are measured again some time later; when none of its neighbours was last pressed,
-and for how long it did not respond while they were; when it was last no noisy taxel;
-from when on it is faulty, and when evidence of that was last found."""
+"""Codes of the faults of a taxel."""
+SUSPICION_SECONDS = 10.0
+"""Time constant with which the suspicion of a fault fades [s]."""
+MOST_SUSPICION = 2.0
+"""Largest suspicion, as of a lone step after which a taxel stays flat; a lone step that
+lasts two scans, or is gone after one, counts for one."""
+STEP_SIGMAS = 6.6
+"""Smallest lone step, in standard deviations of the noise."""
+FLAT = 0.25
+"""Largest change of the counts in the scan before a lone step and in that after it, in
+units of the step. One end of it is as near to rest: a hand that is on a taxel changes
+its counts as it moves."""
+FLAT_SECONDS = 0.15
+"""Time with flat counts after which such a step is no touch [s]."""
+FLAT_SCANS = 7
+"""Number of scans with flat counts after which such a step is no touch."""
+MAX_STEP_INTERVAL = 0.03
+"""Largest time between two scans in which no finger lands or lifts completely [s]."""
+MAX_FLAT_INTERVAL = 0.042
+"""Largest time between two scans at which flat counts tell anything [s]."""
+LINE_SHARE = 1 / 3
+"""Share of a row or column above which what its taxels do is taken for its own: more
+are faulty, or active. It is not connected, though some taxels do not show it at zero
+or full scale."""
+MIN_LINE = 3
+"""Number of taxels from which a row or column can be faulty as a whole, and of its
+taxels away from rest or faulty from which it is doubted: beside a pressed taxel, one
+that was released may be below rest for a while."""
+MIN_LEARNED = 0.3
+"""Time from which the noise is known well enough to tell what is away from rest [s]."""
+SWING_SHARE = 0.25
+"""Share of a patch that is above rest by more than noise, and soon after below it, as
+no hand does."""
+MIXED_SHARE = 0.2
+"""Share of a row or column above rest by more than noise, and another below it, that
+makes it doubtful: it is not connected."""
+EVEN_SIZE = 6
+"""Number of taxels of a row or column from which it must not be pressed evenly."""
+EVEN_SPREAD = 0.2
+"""Standard deviation of the counts above rest of a line, in units of their mean, below
+which it is pressed evenly, as by hum and by no hand."""
 
 
 @dataclass(frozen=True)
@@ -87,58 +119,47 @@ FaultParameters = namedtuple(
 """The fields of a `FaultConfig` for compiled code."""
 
 
-class FaultContext(NamedTuple):
-    """A context holds the arguments of the kernels that are kept between scans."""
+@compiled
+def follow_faults(scan: KernelScan, packed_context: Packed) -> None:
+    """Update what is known of the noise and of faults of each taxel by a scan.
 
-    full_scale: int  # Counts at which the converter saturates
-    parameters: FaultParameters  # Thresholds
-    adjacency: Adjacency  # Neighbours of each taxel
-    patches: TaxelGroups  # Patches of the taxels
-    rows: TaxelGroups  # Rows of the taxels
-    columns: TaxelGroups  # Columns of the taxels
-    history: np.ndarray  # (taxel) `HISTORY`, which is updated
-
-
-def build_history(count: int) -> np.ndarray:
-    """Build the history of a skin before its first scan."""
-    history = np.zeros(count, HISTORY)
-    for name in HISTORY.names or ():
-        if name.startswith("last"):
-            history[name] = NEVER
-    history["last_sound"] = 0.0
-    history["code"] = -1
-    history["first_received"] = history["least"] = np.inf
-    return history
+    Negative counts are faulty at once.
+    """
+    context = packed_context.fields
+    note_counts(scan, context)
+    low = follow_noise(scan, context)
+    follow_steps(scan, context)
+    is_known = scan.now >= MIN_LEARNED
+    if is_known and (low > 0 or is_turned(context) or has_outage(scan)):
+        find_swings(scan, context)
 
 
 @compiled
-def update_history(
-    scan: CountScan,
-    full_scale: int,
-    saturated_seconds: float,
-    history: np.ndarray,
-) -> None:
-    """Update the history with a scan, and mask negative counts at once.
-
-    At full scale for `saturated_seconds` is no fault.
-    """
-    counts, now = scan.counts, scan.now
-    for i in range(len(counts)):
+def note_counts(scan: KernelScan, context: FrontEndContext) -> None:
+    """Note when the counts of each taxel last did what tells of a fault."""
+    taxels = context.taxels
+    now = scan.now
+    for i in range(len(taxels)):
         if not scan.received[i]:
             continue
-        taxel, count = history[i], counts[i]
-        if now - taxel.last_received > SILENCE_SECONDS:
-            reset_taxel(i, count, now, history)
+        taxel = taxels[i]
+        count = scan.counts[i]
+        if taxel.first_received == np.inf:
+            taxel.first_received = taxel.last_changed = now
+            taxel.counts = count
         taxel.last_received = now
         if count != taxel.counts:
-            taxel.counts, taxel.last_changed, taxel.unanswered = count, now, 0.0
-        if count < full_scale:
+            taxel.counts = count
+            taxel.last_changed = now
+            taxel.unanswered = 0.0
+        if count < context.full_scale:
             taxel.last_below_full = now
         if count > 0:
             if taxel.last_nonzero < taxel.last_zero:
                 taxel.least = 0.0
-            elif taxel.least == 0.0 and now - taxel.last_zero > saturated_seconds:
-                taxel.least = count
+            elif taxel.least == 0.0:
+                if now - taxel.last_zero > context.faults.saturated_seconds:
+                    taxel.least = count
             elif count < taxel.least:
                 taxel.least = count
             taxel.last_nonzero = now
@@ -146,138 +167,424 @@ def update_history(
             taxel.last_zero = now
         else:
             taxel.last_negative = now
-            scan.mask[i] = True
+            scan.faulty[i] = True
 
 
 @compiled
-def reset_taxel(i: int, count: int, now: float, history: np.ndarray) -> None:
-    """Reset the history of a taxel at its first data or the first after a silence."""
-    taxel = history[i]
-    taxel.first_received = taxel.last_changed = now
-    taxel.counts, taxel.least, taxel.unanswered = count, np.inf, 0.0
-    taxel.last_below_full = taxel.last_nonzero = -np.inf
-    taxel.last_zero = taxel.last_unpressed = -np.inf
+def follow_steps(scan: KernelScan, context: FrontEndContext) -> None:
+    """Suspect taxels that stepped alone between the last two scans, or stay flat.
+
+    So does one whose contact is intermittent. What touches goes on to press harder or
+    more lightly, within a scan or two. At full scale all that presses is flat.
+    """
+    taxels = context.taxels
+    forget = np.exp(-scan.elapsed / SUSPICION_SECONDS)
+    follows = scan.elapsed <= MAX_FLAT_INTERVAL
+    for i in range(len(taxels)):
+        taxel = taxels[i]
+        taxel.suspicion *= forget
+        if not scan.received[i]:
+            taxel.flat_since = NEVER
+            continue
+        if not follows or scan.now - taxel.first_received < NOISE_SECONDS:
+            taxel.flat_since = NEVER
+            continue
+        if taxel.flat_since > NEVER:
+            follow_flat(i, scan, context)
+        if abs(taxel.second - taxel.third) >= taxel.band:
+            judge_step(i, scan, context)
+
+
+@compiled
+def follow_flat(i: int, scan: KernelScan, context: FrontEndContext) -> None:
+    """Suspect a taxel that stays flat after a lone step for long enough."""
+    taxel = context.taxels[i]
+    if taxel.first >= context.full_scale:
+        taxel.flat_since = NEVER
+    elif abs(taxel.first - taxel.flat_level) > FOLLOWS * taxel.flat_step:
+        taxel.flat_since = NEVER
+    elif scan.now - taxel.flat_since >= max(FLAT_SECONDS, FLAT_SCANS * scan.elapsed):
+        taxel.suspicion = MOST_SUSPICION
+        taxel.flat_since = NEVER
+
+
+@compiled
+def judge_step(i: int, scan: KernelScan, context: FrontEndContext) -> None:
+    """Suspect a taxel whose step was alone, and follow whether it stays flat."""
+    taxel = context.taxels[i]
+    step = taxel.second - taxel.third
+    size = abs(step)
+    contact = context.constants[i].contact
+    least = max(STEP_SIGMAS * taxel.noise, contact, taxel.band)
+    flat = FLAT * size
+    rest = taxel.rest
+    off_rest = min(abs(taxel.second - rest), abs(taxel.third - rest))
+    before = abs(taxel.third - taxel.fourth)
+    # A comparison with counts that are not known, which are NaN, is never true.
+    if size < least or not max(off_rest, before) <= flat:
+        return
+    if not is_alone(i, size, context):
+        return
+    goes_on = abs(taxel.first - taxel.second) <= flat
+    if scan.elapsed <= MAX_STEP_INTERVAL:
+        if goes_on or abs(taxel.first - taxel.third) <= flat:
+            taxel.suspicion = min(taxel.suspicion + 1.0, MOST_SUSPICION)
+    least = max(least, STEP_SIGMAS / FOLLOWS * taxel.noise)
+    if goes_on and min(step, taxel.second - rest) >= least:
+        if taxel.first < context.full_scale:
+            taxel.flat_since = scan.now - scan.elapsed
+            taxel.flat_step = step
+            taxel.flat_level = taxel.second
+
+
+@compiled
+def is_turned(context: FrontEndContext) -> bool:
+    """Return whether it is known on which side of rest a part of a patch was."""
+    for patch in context.patches:
+        if patch.side != 0:
+            return True
+    return False
+
+
+@compiled
+def has_outage(scan: KernelScan) -> bool:
+    """Return whether data of a scan counts as not received."""
+    for i in range(len(scan.heard)):
+        if scan.heard[i] != scan.received[i]:
+            return True
+    return False
+
+
+@compiled
+def find_swings(scan: KernelScan, context: FrontEndContext) -> None:
+    """Find patches that swing about rest, and lines that are on both sides of it.
+
+    Data of an outage swings with its patch. What the touched taxels of its lines may
+    add to a taxel tells of no swing.
+    """
+    taxels = context.taxels
+    away = np.empty(len(taxels), np.int64)
+    count = 0
+    for i in range(len(taxels)):
+        above = abs(scan.counts[i] - taxels[i].rest)
+        if scan.heard[i] and above > taxels[i].band + context.crosstalk.bound[i]:
+            away[count] = i
+            count += 1
+    places = context.places
+    sides = count_sides(scan, away[:count], scan.heard, places.patches, context)
+    follow_swings(scan.now, sides, context)
+    for lines in (places.rows, places.columns):
+        sides = count_sides(scan, away[:count], scan.received, lines, context)
+        doubt_mixed_lines(scan.now, sides, lines, context)
+
+
+@compiled
+def count_sides(
+    scan: KernelScan,
+    away: Taxels,
+    chosen: Flags,
+    groups: TaxelGroups,
+    context: FrontEndContext,
+) -> Float[np.ndarray, "2 group"]:
+    """Count the chosen ones of taxels away from rest: above it, and below it."""
+    sides = np.zeros((2, len(groups.sizes)))
+    for i in away:
+        if chosen[i]:
+            is_low = int(scan.counts[i] < context.taxels[i].rest)
+            sides[is_low, groups.group_index[i]] += 1.0
+    return sides
+
+
+@compiled
+def follow_swings(
+    now: float, sides: Float[np.ndarray, "2 patch"], context: FrontEndContext
+) -> None:
+    """Suspect the taxels of patches that turn about rest, as by mains hum."""
+    groups = context.places.patches
+    for n in range(len(groups.sizes)):
+        size = groups.sizes[n]
+        patch = context.patches[n]
+        side = 0
+        if sides[0, n] / size >= SWING_SHARE:
+            side = 1
+        if sides[1, n] / size >= SWING_SHARE:
+            side = -1
+        if side not in (0, patch.side):
+            if patch.side != 0:
+                for i in groups.order[groups.starts[n] : groups.starts[n + 1]]:
+                    taxel = context.taxels[i]
+                    taxel.suspicion = min(taxel.suspicion + 1.0, MOST_SUSPICION)
+            patch.side = side
+            patch.turned_at = now
+        if now - patch.turned_at > SUSPICION_SECONDS:
+            patch.side = 0
+
+
+@compiled
+def doubt_mixed_lines(
+    now: float,
+    sides: Float[np.ndarray, "2 line"],
+    lines: TaxelGroups,
+    context: FrontEndContext,
+) -> None:
+    """Doubt rows or columns that are partly above rest and partly below it.
+
+    So does a line that is not connected, of which at least `MIN_LINE` taxels are away
+    from rest; a hand presses, and presses nothing below rest.
+    """
+    for line in range(len(lines.sizes)):
+        size = lines.sizes[line]
+        high = sides[0, line]
+        low = sides[1, line]
+        is_mixed = high / size >= MIXED_SHARE and low / size >= MIXED_SHARE
+        if high + low >= MIN_LINE and is_mixed:
+            doubt_line(line, now, lines, context)
+
+
+@compiled
+def doubt_line(
+    line: int, now: float, lines: TaxelGroups, context: FrontEndContext
+) -> None:
+    """Doubt all taxels of a row or column."""
+    for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
+        context.taxels[i].last_doubted = now
+
+
+@compiled
+def doubt_even_lines(scan: KernelScan, context: FrontEndContext) -> None:
+    """Doubt rows and columns that are pressed evenly from end to end.
+
+    That is where all taxels of one are about as far above rest.
+    """
+    taxels = context.taxels
+    count = 0
+    for i in range(len(taxels)):
+        count += scan.received[i] and scan.counts[i] - taxels[i].rest > taxels[i].band
+    if count < EVEN_SIZE:
+        return
+    for lines in (context.places.rows, context.places.columns):
+        for line in range(len(lines.sizes)):
+            if lines.sizes[line] >= EVEN_SIZE and is_even(line, scan, lines, context):
+                doubt_line(line, scan.now, lines, context)
+
+
+@compiled
+def is_even(
+    line: int, scan: KernelScan, lines: TaxelGroups, context: FrontEndContext
+) -> bool:
+    """Return whether a row or column is pressed evenly from end to end."""
+    total = 0.0
+    squares = 0.0
+    for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
+        above = scan.counts[i] - context.taxels[i].rest
+        if not (scan.received[i] and above > context.taxels[i].band):
+            return False
+        total += above
+        squares += above**2
+    size = lines.sizes[line]
+    mean = total / size
+    return squares / size <= (1.0 + EVEN_SPREAD**2) * mean**2
+
+
+@compiled
+def check_faults(
+    scan: KernelScan,
+    pressure: Values,
+    last_check: float,
+    elapsed: float,
+    packed_context: Packed,
+) -> None:
+    """Update what may be noise, and the fault of each taxel, by the evidence for it.
+
+    Args:
+        scan: latest scan, whose faulty taxels are written.
+        pressure: pressure of the taxels [kPa].
+        last_check: time of the last check [s].
+        elapsed: time since then that counts [s].
+        packed_context: `FrontEndContext`.
+    """
+    context = packed_context.fields
+    count = len(context.taxels)
+    noisy = np.empty(count, np.bool_)
+    lifted = np.empty(count, np.bool_)
+    doubt_even_lines(scan, context)
+    limit_noise(scan, context, noisy, lifted)
+    update_unanswered(pressure, elapsed, scan, context)
+    update_codes(last_check, scan, noisy, lifted, context)
+    any_noisy = False
+    for i in range(count):
+        code = context.taxels[i].code
+        scan.faulty[i] = code != NO_FAULT
+        noisy[i] = code == NOISY
+        any_noisy |= noisy[i]
+    if any_noisy:
+        for lines in (context.places.rows, context.places.columns):
+            spread_line_faults(scan, noisy, lines, context)
+
+
+@compiled
+def spread_line_faults(
+    scan: KernelScan, noisy: Flags, lines: TaxelGroups, context: FrontEndContext
+) -> None:
+    """Mark the taxels of rows or columns as faulty that are noisy in part.
+
+    A line explains what is measured on it alone: a taxel that a hand presses or has
+    left together with a sound one beside the line is doubtful instead.
+    """
+    index = lines.group_index
+    counts = np.zeros(len(lines.sizes))
+    for i in range(len(noisy)):
+        counts[index[i]] += noisy[i]
+    for line in range(len(counts)):
+        count = counts[line]
+        if count < MIN_LINE or count / lines.sizes[line] <= LINE_SHARE:
+            continue
+        for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
+            if is_touched_beside(i, line, noisy, lines, context):
+                context.taxels[i].last_doubted = scan.now
+            else:
+                scan.faulty[i] = True
+
+
+@compiled
+def is_touched_beside(
+    i: int, line: int, noisy: Flags, lines: TaxelGroups, context: FrontEndContext
+) -> bool:
+    """Return whether a taxel is away from rest as a sound one beside its line is."""
+    side = find_side(i, context)
+    if side != 0:
+        for j in find_near(i, context.places.adjacency):
+            if lines.group_index[j] != line and not noisy[j]:
+                if find_side(j, context) == side:
+                    return True
+    return False
 
 
 @compiled
 def update_unanswered(
-    pressure: Values, elapsed: float, scan: CountScan, context: FaultContext
+    pressure: Values, elapsed: float, scan: KernelScan, context: FrontEndContext
 ) -> None:
     """Add the elapsed time to taxels that do not respond while neighbours are pressed.
 
     Such a taxel has not changed since all its neighbours were at rest; one that is held
     down steadily changed when it was pressed.
     """
-    history, adjacency = context.history, context.adjacency
-    least, highest = context.parameters.pressed, 0.0
+    taxels = context.taxels
+    adjacency = context.places.adjacency
+    least = context.faults.pressed
+    highest = 0.0
     for each in pressure:
         highest = max(highest, each)
-    for i in range(len(pressure)):
-        taxel, known, count = history[i], 0, 0
+    for i in range(len(taxels)):
+        taxel = taxels[i]
+        known = 0
+        count = 0
         if highest >= least:
             for j in find_near(i, adjacency):
-                if scan.received[j] and not scan.mask[j]:
+                if scan.received[j] and not scan.faulty[j]:
                     known += 1
                     count += pressure[j] >= least
         if count == 0:
             taxel.last_unpressed = scan.now
-        elif known >= 3 and count >= context.parameters.pressed_share * known:
+        elif known >= 3 and count >= context.faults.pressed_share * known:
             if taxel.last_changed <= taxel.last_unpressed:
                 taxel.unanswered += elapsed
 
 
 @compiled
-def has_offset(taxel: np.void, full_scale: int, parameters: FaultParameters) -> bool:
+def has_offset(i: int, context: FrontEndContext) -> bool:
     """Return whether a taxel has had counts well above zero for long enough."""
+    taxel = context.taxels[i]
+    parameters = context.faults
     seconds = taxel.last_nonzero - taxel.first_received
-    is_above = taxel.least >= parameters.offset * full_scale
+    is_above = taxel.least >= parameters.offset * context.full_scale
     return seconds >= parameters.offset_seconds and is_above and taxel.least < np.inf
 
 
 @compiled
-def compute_stuck_seconds(context: FaultContext) -> Values:
+def compute_stuck_seconds(context: FrontEndContext) -> Values:
     """Return the seconds without a change that make a taxel of each patch stuck."""
-    parameters, patches = context.parameters, context.patches
-    history = context.history
-    limits, ages = np.empty(len(patches.sizes)), np.empty(len(history))
+    taxels = context.taxels
+    patches = context.places.patches
+    limits = np.empty(len(patches.sizes))
+    ages = np.empty(len(taxels))
     for patch in range(len(limits)):
         count = 0
         for i in patches.order[patches.starts[patch] : patches.starts[patch + 1]]:
-            taxel = history[i]
+            taxel = taxels[i]
             if taxel.counts > 0 and taxel.last_received > NEVER:
                 ages[count] = taxel.last_received - taxel.last_changed
                 count += 1
         limits[patch] = np.inf
         if count > 0:
             usual = select(ages[:count], 3 * count // 4)
-            least = parameters.stuck_seconds
-            limits[patch] = max(least, parameters.stuck_factor * usual)
+            least = context.faults.stuck_seconds
+            limits[patch] = max(least, context.faults.stuck_factor * usual)
     return limits
 
 
 @compiled
 def update_codes(
-    pressure: Values,
     last_check: float,
-    elapsed: float,
-    scan: CountScan,
+    scan: KernelScan,
     noisy: Flags,
     lifted: Flags,
-    context: FaultContext,
+    context: FrontEndContext,
 ) -> None:
     """Update the code of the fault of each taxel by the evidence for it.
 
     Args:
-        pressure: pressure of the taxels [kPa].
         last_check: time of the last update [s].
-        elapsed: time since then that counts [s].
         scan: latest scan.
         noisy: taxels that are noisy.
         lifted: taxels from which a hand has lifted that was taken for their rest.
         context: what is kept between scans.
     """
-    now, history, parameters = scan.now, context.history, context.parameters
-    patches, rows, columns = context.patches, context.rows, context.columns
-    update_unanswered(pressure, elapsed, scan, context)
+    now = scan.now
+    taxels = context.taxels
+    parameters = context.faults
+    patches = context.places.patches
+    rows = context.places.rows
+    columns = context.places.columns
     stuck_seconds = compute_stuck_seconds(context)
     offsets = np.zeros(len(patches.sizes), np.int64)
     lost_rows = np.zeros(len(rows.sizes), np.int64)
     lost_columns = np.zeros(len(columns.sizes), np.int64)
-    row_index, column_index = rows.group_index, columns.group_index
-    full_scale, patch_index = context.full_scale, patches.group_index
-    for i in range(len(history)):
-        taxel = history[i]
-        if has_offset(taxel, full_scale, parameters):
-            offsets[patch_index[i]] += 1
+    for i in range(len(taxels)):
+        taxel = taxels[i]
+        if has_offset(i, context):
+            offsets[patches.group_index[i]] += 1
             seconds = taxel.last_received - taxel.last_nonzero
             if taxel.counts == 0 and seconds >= parameters.line_seconds:
-                lost_rows[row_index[i]] += 1
-                lost_columns[column_index[i]] += 1
-    for i in range(len(history)):
-        taxel, patch = history[i], patch_index[i]
-        count, is_known = taxel.counts, taxel.last_received > NEVER
+                lost_rows[rows.group_index[i]] += 1
+                lost_columns[columns.group_index[i]] += 1
+    for i in range(len(taxels)):
+        taxel = taxels[i]
+        patch = patches.group_index[i]
+        count = taxel.counts
+        is_known = taxel.last_received > NEVER
         if not noisy[i]:
             taxel.last_sound = now
         age = taxel.last_received - taxel.last_changed
-        inside = 0 <= count < full_scale
         has_rest = offsets[patch] / patches.sizes[patch] >= parameters.offset_share
         still = (count > 0 or has_rest) and age > stuck_seconds[patch]
         still |= taxel.unanswered >= parameters.ignored_seconds
-        still &= inside
-        row, column = row_index[i], column_index[i]
+        still &= 0 <= count < context.full_scale
+        row = rows.group_index[i]
+        column = columns.group_index[i]
         lost = lost_rows[row] == rows.sizes[row] >= MIN_LINE
         lost |= lost_columns[column] == columns.sizes[column] >= MIN_LINE
-        full = count >= full_scale and is_full_long(taxel, parameters)
+        full = count >= context.full_scale and is_full_long(i, context)
         if is_known and still and count != 0:
-            set_code(taxel, STUCK, taxel.last_changed, now)
+            set_code(i, STUCK, taxel.last_changed, now, taxels)
         if is_known and ((still and count == 0) or lost):
-            set_code(taxel, DEAD, taxel.last_changed, now)
+            set_code(i, DEAD, taxel.last_changed, now, taxels)
         if is_known and taxel.last_negative > last_check:
-            set_code(taxel, NEGATIVE, taxel.last_negative, now)
+            set_code(i, NEGATIVE, taxel.last_negative, now, taxels)
         if is_known and full:
-            set_code(taxel, SATURATED, taxel.last_below_full, now)
+            set_code(i, SATURATED, taxel.last_below_full, now, taxels)
         if is_known and noisy[i]:
-            set_code(taxel, NOISY, taxel.last_sound, now)
+            set_code(i, NOISY, taxel.last_sound, now, taxels)
         recover = parameters.recover_seconds
         if taxel.code == NEGATIVE:
             recover = parameters.negative_seconds
@@ -285,21 +592,26 @@ def update_codes(
         if taxel.code == NOISY or taxel.code == SATURATED:
             is_over |= lifted[i] and not noisy[i]
         if is_over:
-            taxel.code = -1
+            taxel.code = NO_FAULT
 
 
 @compiled
-def is_full_long(taxel: np.void, parameters: FaultParameters) -> bool:
+def is_full_long(i: int, context: FrontEndContext) -> bool:
     """Return whether a taxel is at full scale for longer than a touch, or still is."""
-    begun, limit = taxel.last_below_full, parameters.saturated_seconds
+    taxel = context.taxels[i]
+    begun = taxel.last_below_full
+    limit = context.faults.saturated_seconds
     if begun < taxel.first_received:
-        begun, limit = taxel.first_received, parameters.saturated_start_seconds
+        begun = taxel.first_received
+        limit = context.faults.saturated_start_seconds
     return taxel.last_received - begun >= limit or taxel.code == SATURATED
 
 
 @compiled
-def set_code(taxel: np.void, code: int, begun: float, now: float) -> None:
+def set_code(i: int, code: int, begun: float, now: float, taxels: np.ndarray) -> None:
     """Set the code of the fault of a taxel, for which there is evidence now."""
+    taxel = taxels[i]
     if taxel.code != code:
-        taxel.code, taxel.since = code, max(begun, taxel.first_received)
+        taxel.code = code
+        taxel.since = max(begun, taxel.first_received)
     taxel.last_found = now

@@ -1,6 +1,17 @@
-"""Compiled kernels that find the scans of a patch that no touch can cause."""
+"""Compiled kernels that find the scans of a patch that no touch can cause.
+
+After a reset of its board, with a loose plug or in a corrupt packet, nearly all taxels
+of a patch move within one scan: to zero or elsewhere below rest, to full scale, or
+anywhere. Such a scan counts as not received, and so do the next ones until the counts
+are near those of the last scan that was used. If nearly all taxels move up, a hand may
+press them: the second such scan is used.
+
+A patch restarts at such a move before its rest is known, and when it leaves zeros that
+it has sent from the start, soon after it.
+"""
 
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportReturnType=false
 # Fields of records, and what is an element of an array, are known to numba only.
 
 from typing import NamedTuple
@@ -8,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from eskin.compiled import compiled
-from eskin.touch.belief_kernels import NEVER
-from eskin.touch.calibration_kernels import SILENCE_SECONDS
+from eskin.compiled import Packed, compiled
+from eskin.touch.context import FrontEndContext, KernelScan
+from eskin.touch.crosstalk_kernels import compute_conductance, find_own
+from eskin.touch.taxel_kernels import is_silent, reset_taxel
 
 Taxels = Int[np.ndarray, "taxel"]
 
@@ -26,44 +38,6 @@ MOVE_CONTACTS = 4.0
 a move by one of these keeps a patch refused."""
 USED, REFUSED, RESTARTED = range(3)
 """Outcomes of the check of a patch."""
-
-
-PATCH = np.dtype(
-    [("first_seen", np.float64), ("last_seen", np.float64)]
-    + [("refused_since", np.float64), ("may_press", np.int64)]
-    + [("only_zeros", np.int64), ("outcome", np.int64)]
-)
-"""What is known of a patch: the time of its first data, or of the first after a long
-silence, and of the last [s]; from when on its data is refused, infinite while it is
-used; whether a hand may have caused the data that is refused; whether all its counts
-were zero so far; and the outcome of the check of the latest scan."""
-
-
-class MovedScan(NamedTuple):
-    """A scan is passed to the kernels in this form; arrays are (taxel)."""
-
-    counts: np.ndarray
-    received: np.ndarray
-    rest: np.ndarray
-    """Counts at rest."""
-    sample_count: np.ndarray
-    """Number of samples taken for the tare."""
-    noise: np.ndarray
-    """Counts above rest up to which they may be noise."""
-    now: float
-    """Time at which it was taken, since the first scan [s]."""
-
-
-class OutageContext(NamedTuple):
-    """A context holds the arguments of the kernels that are kept between scans."""
-
-    contact: np.ndarray  # (taxel) counts above rest at which contact begins
-    full_scale: int  # Counts at which the converter saturates
-    tare_samples: int  # Number of samples from which rest is known
-    order: np.ndarray  # (taxel) indices of the taxels, patch by patch
-    starts: np.ndarray  # (patch + 1) place of the first taxel of each patch in `order`
-    accepted: np.ndarray  # (taxel) counts of the last scan that was used
-    state: np.ndarray  # (patch) `PATCH`, which is updated
 
 
 class PatchMoves(NamedTuple):
@@ -84,76 +58,107 @@ class PatchMoves(NamedTuple):
     """At full scale."""
 
 
-def build_patch_state(patches: int) -> np.ndarray:
-    """Build the state of a skin before its first scan, of dtype `PATCH`."""
-    state = np.zeros(patches, PATCH)
-    state["first_seen"] = state["last_seen"] = NEVER
-    state["refused_since"], state["only_zeros"] = np.inf, True
-    return state
-
-
 @compiled
 def count_moves(
-    scan: MovedScan, taxels: Taxels, is_refused: bool, context: OutageContext
+    scan: KernelScan, members: Taxels, is_refused: bool, context: FrontEndContext
 ) -> PatchMoves:
     """Count the taxels of a patch that moved; see `PatchMoves`."""
-    counts, received, accepted = scan.counts, scan.received, context.accepted
-    noises, contact, full_scale = scan.noise, context.contact, context.full_scale
+    size = context.samples.shape[1]
     factor = 1.0 if is_refused else MOVE_CONTACTS
-    used, known, positive, up, low, zero, full = 0, 0, 0, 0, 0, 0, 0
-    for i in taxels:
-        if not received[i]:
+    used = 0
+    known = 0
+    positive = 0
+    up = 0
+    low = 0
+    zero = 0
+    full = 0
+    for i in members:
+        if not scan.received[i]:
             continue
-        count, last, step = counts[i], accepted[i], factor * contact[i]
+        taxel = context.taxels[i]
+        count = scan.counts[i]
+        step = factor * context.constants[i].contact
         used += 1
         positive += count > 0
-        full += count >= full_scale
-        up += count > last + step
-        if count < last - noises[i]:
-            is_zero = count <= 0 and scan.rest[i] > noises[i]
+        full += count >= context.full_scale
+        up += count > taxel.accepted + step
+        if count < taxel.accepted - taxel.noise_limit:
+            is_zero = count <= 0 and taxel.rest > taxel.noise_limit
             zero += is_zero
-            low += is_zero or count < scan.rest[i] - step
+            low += is_zero or count < taxel.rest - step
         if is_refused:
-            known += scan.sample_count[i] >= context.tare_samples
+            known += taxel.sample_count >= size
+    if context.line_share > 0.0 and up > 0 and up >= NEARLY_ALL * used:
+        up = count_pressed(scan, members, factor, context)
     return PatchMoves(used, known, positive, up, low, zero, full)
 
 
 @compiled
-def check_patches(scan: MovedScan, context: OutageContext) -> bool:
+def count_pressed(
+    scan: KernelScan, members: Taxels, contacts: float, context: FrontEndContext
+) -> int:
+    """Count the taxels of a matrix that moved up by more than crosstalk."""
+    find_own(members, scan.counts, context)
+    count = 0
+    for i in members:
+        step = contacts * context.constants[i].contact
+        above = max(context.taxels[i].accepted - context.taxels[i].rest, 0.0)
+        least = compute_conductance(above + step, context)
+        count += scan.received[i] and context.crosstalk.own[i] > least
+    return count
+
+
+@compiled
+def check_patches(scan: KernelScan, packed_context: Packed) -> bool:
     """Find out whether the data of each patch is used, refused or restarts.
 
+    Refused data is marked as not received, and not used. Taxels of which nothing is
+    known any more, and those of a patch that restarts, begin anew.
+
     Returns:
-        Whether all data is used.
+        Whether some taxels begin anew.
     """
-    all_used = True
-    for p in range(len(context.state)):
-        taxels = context.order[context.starts[p] : context.starts[p + 1]]
-        patch = context.state[p]
+    context = packed_context.fields
+    groups = context.places.patches
+    begins = False
+    for n in range(len(groups.sizes)):
+        members = groups.order[groups.starts[n] : groups.starts[n + 1]]
+        patch = context.patches[n]
         is_refused = patch.refused_since < np.inf
-        moves = count_moves(scan, taxels, is_refused, context)
+        moves = count_moves(scan, members, is_refused, context)
         patch.outcome = USED
         if moves.received > 0:
-            check_patch(moves, len(taxels), scan.now, patch)
-        all_used &= patch.outcome == USED
-        if patch.outcome != REFUSED:
-            for i in taxels:
-                if scan.received[i]:
-                    context.accepted[i] = scan.counts[i]
-    return all_used
+            check_patch(moves, len(members), scan.now, patch)
+        for i in members:
+            taxel = context.taxels[i]
+            if patch.outcome == REFUSED:
+                scan.received[i] = False
+                scan.used[i] = False
+            elif scan.received[i]:
+                taxel.accepted = scan.counts[i]
+            is_new = scan.received[i] and is_silent(taxel.last_received, scan.now)
+            if is_new or patch.outcome == RESTARTED:
+                begins = True
+                reset_taxel(i, context.constants, context.taxels)
+            if patch.outcome == RESTARTED:
+                taxel.sample_count = 0
+    return begins
 
 
 @compiled
 def check_patch(moves: PatchMoves, size: int, now: float, patch: np.void) -> None:
     """Find out whether the data of a patch of some taxels is used."""
-    least, is_wide = NEARLY_ALL * moves.received, moves.received > MAX_PRESSED
+    least = NEARLY_ALL * moves.received
+    is_wide = moves.received > MAX_PRESSED
     is_low = moves.low >= least and 2 * moves.received > size
     is_up = is_wide and moves.up >= least
     is_full = is_wide and moves.full >= least
     is_early = now - patch.first_seen <= START_SECONDS
-    only_zeros, since = patch.only_zeros, patch.refused_since
+    only_zeros = patch.only_zeros
+    since = patch.refused_since
     patch.only_zeros = only_zeros and moves.positive == 0
     patch.refused_since = np.inf
-    if now - patch.last_seen > SILENCE_SECONDS:  # Then any counts are used.
+    if is_silent(patch.last_seen, now):  # Then any counts are used.
         patch.first_seen = now
         patch.only_zeros = moves.positive == 0
         patch.outcome = REFUSED if is_full else USED
@@ -162,10 +167,12 @@ def check_patch(moves: PatchMoves, size: int, now: float, patch: np.void) -> Non
         patch.only_zeros = is_full
     elif is_low or (is_wide and moves.up + moves.low >= least):
         patch.outcome = REFUSED
-        if since < np.inf and moves.zero + moves.full < least:
+        if since < np.inf and moves.full < least:
             if moves.known < least:
                 patch.outcome = RESTARTED
-            elif is_up and patch.may_press:
+                patch.first_seen = now
+                patch.only_zeros = moves.positive == 0
+            elif moves.zero < least and is_up and patch.may_press:
                 patch.outcome = USED
     patch.last_seen = now
     if patch.outcome == REFUSED:

@@ -10,9 +10,7 @@ from eskin.compiled import pack
 from eskin.errors import ReadingError, SkinMismatchError
 from eskin.skin import MountedSkin, Skin
 from eskin.touch.adjacency import Adjacency
-from eskin.touch.belief_kernels import CLEAR_FACTOR
 from eskin.touch.calibration import MAX_CONTACT, Calibration
-from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import (
     AGE,
     AREA,
@@ -30,13 +28,13 @@ from eskin.touch.contact_kernels import (
     find_candidates,
     find_contacts,
 )
-from eskin.touch.faults import Fault, FaultConfig, FaultDetector
-from eskin.touch.grouping import TouchGrouper
-from eskin.touch.outages import OutageDetector
-from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
-from eskin.touch.reading import Reading, Scan, check_count, check_order
+from eskin.touch.faults import Fault
+from eskin.touch.front_end import FrontEnd
+from eskin.touch.noise_kernels import CLEAR_FACTOR
+from eskin.touch.reading import Reading, Scan, check_count
 from eskin.touch.records import (
     NO_TOUCHES,
+    RECENT,
     ContactConfig,
     ContactRecord,
     KernelReading,
@@ -45,12 +43,12 @@ from eskin.touch.records import (
     TrackerContext,
     TrackingResult,
     build_taxel_geometry,
-    build_tracker_state,
     build_tracking_parameters,
 )
+from eskin.touch.rest_kernels import CalibrationConfig
+from eskin.touch.taxels import Instant
 from eskin.touch.touches import Touch, TouchState
-from eskin.touch.tracks import TrackFollower
-from eskin.units import NS_PER_S
+from eskin.touch.tracking import TouchGrouper, TrackFollower
 
 MAX_MEDIAN_CONTACT = 0.6
 """Largest share of full scale at which contact begins by the calibration of half of the
@@ -107,9 +105,20 @@ class TouchTracker:
         tracks: TrackConfig,
         touches: TouchConfig,
         poses: LinkPoseCache,
+        taxels: np.ndarray,
         release_seconds: float,
     ) -> None:
-        """Start with an untouched skin."""
+        """Start with an untouched skin.
+
+        Args:
+            mounted: the skin on its robot.
+            contacts: thresholds of contacts.
+            tracks: limits of the motion of contacts.
+            touches: limits of what belongs to one touch.
+            poses: poses of the robot's links.
+            taxels: (taxel) `TAXEL`, whose contact is updated.
+            release_seconds: `Calibration.release_seconds`.
+        """
         skin = mounted.skin
         self.skin = skin
         self.poses = poses
@@ -120,77 +129,65 @@ class TouchTracker:
         least = np.float32(min(contacts.on, contacts.off))
         self.least = np.nextafter(least, np.float32(-np.inf))
         self.candidates = np.empty(skin.count, np.int64)
-        self.no_floor = np.zeros(skin.count)
-        self.state = build_tracker_state(skin.count)
         parameters = build_tracking_parameters(
             contacts, tracks, touches, skin.calibrated, release_seconds
         )
         # By patch, row and column.
         self.order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
-        geometry = build_taxel_geometry(mounted, adjacency)
+        self.pressed_taxels = np.empty(skin.count, np.int64)
+        self.pressed_count = np.zeros(1, np.int64)
         self.context = pack(
-            TrackerContext(parameters, geometry, adjacency.neighbours, self.state)
+            TrackerContext(
+                parameters=parameters,
+                geometry=build_taxel_geometry(mounted, adjacency),
+                neighbours=adjacency.neighbours,
+                taxels=taxels,
+                pressed=self.pressed_taxels,
+                pressed_count=self.pressed_count,
+                recent=np.zeros((RECENT, skin.count)),
+                recent_times=np.full(RECENT, -np.inf),
+                slot=np.zeros(1, np.int64),
+            )
         )
         self.tracks = TrackFollower(skin.areas, parameters)
         self.touches = TouchGrouper(parameters)
         self.result = NO_TOUCHES
-        self.first: int | None = None
-        self.last: int | None = None
 
-    def push(
-        self, reading: Reading, floor: Float[np.ndarray, "taxel"] | None = None
-    ) -> TrackingResult:
-        """Process the next reading; up to `floor` [kPa] it may be noise, 0 for None.
-
-        Raises:
-            ReadingError: It is of another skin or robot, or not later than the last
-                one. The state is then unchanged.
-        """
-        check_count(reading, self.skin)
-        self.poses.check(reading.q)
-        check_order(self.last, reading.stamp)
+    def push(self, reading: Reading, instant: Instant) -> TrackingResult:
+        """Return the touches of the next reading, at its instant."""
         found = find_candidates(
             reading.pressure, self.least, self.order, self.candidates
         )
         touched = self.result is not NO_TOUCHES
-        if found or touched or self.state.held[0]:
-            floor = self.no_floor if floor is None else floor
-            self.result = self.track(reading, self.candidates[:found], floor)
-        self.first = reading.stamp if self.first is None else self.first
-        self.last = reading.stamp
+        if found or touched or self.pressed_count[0]:
+            self.result = self.track(reading, instant, self.candidates[:found])
         return self.result
 
     def track(
-        self, reading: Reading, candidates: np.ndarray, floor: np.ndarray
+        self, reading: Reading, instant: Instant, candidates: np.ndarray
     ) -> TrackingResult:
         """Return the touches of the next reading from the taxels that may be active."""
-        stamp = reading.stamp
-        first = stamp if self.first is None else self.first
-        last = stamp if self.last is None else self.last
         kernel_reading = KernelReading(
-            stamp=stamp,
-            elapsed=stamp - last,
-            now=(stamp - first) / NS_PER_S,
-            previous=(last - first) / NS_PER_S,
+            instant=instant,
             pressure=reading.pressure,
-            floor=floor,
             valid=reading.valid,
             T_world_link=self.poses.get(reading.q),
         )
         rows, taxels = find_contacts(candidates, kernel_reading, self.context)
-        contacts = build_contacts(stamp, rows, taxels)
+        contacts = build_contacts(instant.stamp, rows, taxels)
         self.tracks.push(contacts, kernel_reading)
         self.touches.push(self.tracks, rows[:, NEAR:], kernel_reading)
-        opened, closed = tuple(self.touches.touches.values()), self.touches.closed
+        opened = tuple(self.touches.touches.values())
+        closed = tuple(self.touches.closed)
         if not (opened or closed or self.tracks.all):
             return NO_TOUCHES
         tracks = (*self.tracks.ongoing, *self.tracks.ended)
-        return TrackingResult(contacts, tracks, opened, tuple(closed))
+        return TrackingResult(contacts, tracks, opened, closed)
 
     @property
-    def latched(self) -> Int[np.ndarray, "latched"]:
-        """Indices of the taxels that were in contact at the last reading."""
-        return self.state.latched[: self.state.held[0]]
+    def pressed(self) -> Int[np.ndarray, "pressed"]:
+        """Indices of the taxels that were pressed at the last reading."""
+        return self.pressed_taxels[: self.pressed_count[0]]
 
     def finish(self) -> TrackingResult:
         """Drop all tracks and touches, and return the touches of the last reading."""
@@ -263,8 +260,7 @@ def find_insensitive(
 class TouchPipeline:
     """A pipeline finds the touches on one skin from its scans; stateful.
 
-    Its stages are the detection of outages, calibration, fault detection, crosstalk and
-    tracking. Counts that fall under pressure are turned before the first of them.
+    A front end turns scans into readings; a tracker finds touches in them.
     """
 
     def __init__(
@@ -277,32 +273,23 @@ class TouchPipeline:
         """Start with every stage in its initial state; `poses` may be shared."""
         self.config = config or PipelineConfig()
         self.mounted = mounted
-        self.given, calibration = calibration, calibration.rising
-        self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
+        self.front_end = FrontEnd(mounted.skin, calibration, self.config.calibration)
         contacts = self.config.contacts.with_floor(calibration.floor)
-        usual = ContactConfig().with_floor(calibration.floor)
-        self.faults = FaultDetector(mounted.skin, calibration, FaultConfig(), usual.on)
         self.contact = contacts.on
-        self.insensitive = find_insensitive(mounted.skin, calibration, contacts.on)
-        if calibration.noise is not None:
-            self.calibrator.set_noise(self.faults.noise.limits.counts)
-        self.outages = OutageDetector(self.faults, self.calibrator.config.tare_samples)
-        self.polarity = PolarityDetector(
-            mounted.skin,
-            "rising" if self.given.falling else "falling",
-            calibration.full_scale,
-            calibration.compute_counts(LEAST_PRESSURE + calibration.floor),
+        self.insensitive = find_insensitive(
+            mounted.skin, self.front_end.calibration, contacts.on
         )
-        self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
         self.tracker = TouchTracker(
             mounted,
             contacts,
             self.config.tracks,
             self.config.touches,
             poses or LinkPoseCache(mounted),
+            self.front_end.taxels,
             calibration.release_seconds,
         )
         self.reading: Reading | None = None
+        self.calibrated: Instant | None = None
 
     def push(self, scan: Scan) -> TouchState:
         """Process the next scan.
@@ -311,7 +298,7 @@ class TouchPipeline:
             ReadingError: The scan is of another skin or robot, or not later than the
                 last one. The state is then unchanged.
         """
-        return self.push_reading(*self.calibrate(scan), self.faults.noise.limits.floor)
+        return self.push_reading(*self.calibrate(scan))
 
     def calibrate(self, scan: Scan) -> tuple[Reading, tuple[Fault, ...]]:
         """Calibrate the next scan, and mark data that cannot be trusted as not valid.
@@ -320,81 +307,52 @@ class TouchPipeline:
             ReadingError: As for `push`.
         """
         self.tracker.poses.check(scan.q)
-        check_count(scan, self.calibrator.skin)
-        scan = self.turn(scan)
-        # The fault detector needs the pressure of this scan, so faults are masked by
-        # those of the last one; negative counts are invalid at once.
-        invalid = self.faults.mask | (scan.counts < 0)
-        rest = self.calibrator.rest
-        refused, restarted = self.outages.push(
-            scan, self.calibrator.state, self.faults.noise.limits.counts
-        )
-        if len(restarted):
-            self.calibrator.restart(restarted)
-            self.faults.restart(restarted)
-        used = scan
-        if refused is not None:
-            used = replace(scan, received=scan.received & ~refused)
-        reading = self.calibrator.push(used, invalid, self.find_latched())
-        peak, share = self.calibrator.state["peak"], self.config.calibration.dip_share
-        mask, faults = self.faults.push(
-            scan, reading.pressure, rest, refused, peak, share
-        )
-        self.calibrator.set_noise(self.faults.noise.limits.counts)
-        reading.valid[mask] = False
-        faults += self.polarity.push(scan, self.calibrator.margin, mask)
-        reading = self.crosstalk.compensate(reading)
+        reading = self.front_end.push(scan, self.find_pressed())
+        self.calibrated = self.front_end.clock.latest
         if len(self.insensitive):
-            reading = self.raise_insensitive(reading, scan.counts)
-        return reading, faults
+            self.raise_insensitive(reading, self.front_end.turn(scan).counts)
+        return reading, self.front_end.faults
 
     def raise_insensitive(
         self, reading: Reading, counts: Int[np.ndarray, "taxel"]
-    ) -> Reading:
-        """Return a reading with contact where counts above rest are high enough.
+    ) -> None:
+        """Raise pressures to contact where counts above rest are high enough.
 
         Taxels that need more by their calibration have it from a share of full scale.
         """
         taxels = self.insensitive
-        above = counts[taxels] - self.calibrator.rest[taxels]
-        high = above >= MAX_CONTACT * self.faults.full_scale
+        above = counts[taxels] - self.front_end.rest[taxels]
+        high = above >= MAX_CONTACT * self.front_end.calibration.full_scale
         raised = taxels[high & reading.valid[taxels]]
-        if not len(raised):
-            return reading
-        pressure = reading.pressure.copy()
         # Rounded up, so that float32 does not end below the threshold.
         least = np.nextafter(np.float32(self.contact), np.float32(np.inf))
-        pressure[raised] = np.maximum(pressure[raised], least)
-        return replace(reading, pressure=pressure)
+        reading.pressure[raised] = np.maximum(reading.pressure[raised], least)
 
-    def turn(self, scan: Scan) -> Scan:
-        """Return a scan whose counts rise under pressure."""
-        if not self.given.falling:
-            return scan
-        return replace(scan, counts=self.given.turn_counts(scan.counts))
-
-    def find_latched(self) -> Int[np.ndarray, "latched"]:
-        """Find the taxels that are in contact, and clearly above their noise."""
-        latched, floor = self.tracker.latched, self.faults.noise.limits.floor
-        if self.reading is None or not len(latched):
-            return latched
-        pressure = self.reading.pressure[latched]
-        return latched[pressure >= CLEAR_FACTOR * floor[latched]]
+    def find_pressed(self) -> Int[np.ndarray, "pressed"]:
+        """Find the taxels that are pressed, clearly above their noise."""
+        pressed = self.tracker.pressed
+        if self.reading is None or not len(pressed):
+            return pressed
+        floor = self.front_end.floor[pressed]
+        return pressed[self.reading.pressure[pressed] >= CLEAR_FACTOR * floor]
 
     def push_reading(
-        self,
-        reading: Reading,
-        faults: tuple[Fault, ...] = (),
-        floor: Float[np.ndarray, "taxel"] | None = None,
+        self, reading: Reading, faults: tuple[Fault, ...] = ()
     ) -> TouchState:
         """Process the next reading, which is calibrated already.
 
-        Pressures up to `floor` [kPa] may be noise; for None every contact is a touch.
+        Without a scan before, no pressure is noise: every contact is a touch.
 
         Raises:
             ReadingError: As for `push`.
         """
-        result = self.tracker.push(reading, floor)
+        check_count(reading, self.mounted.skin)
+        self.tracker.poses.check(reading.q)
+        instant = self.calibrated
+        if instant is None or instant.stamp != reading.stamp:
+            instant = self.front_end.clock.advance(reading.stamp)
+        self.calibrated = None
+        result = self.tracker.push(reading, instant)
         self.reading = reading
         return self.build_state(reading, faults, result)
 
@@ -415,7 +373,7 @@ class TouchPipeline:
         return TouchState(
             reading,
             faults,
-            self.faults.doubtful,
+            self.front_end.doubtful,
             result,
             self.mounted,
             self.tracker.poses.use_kinematics,

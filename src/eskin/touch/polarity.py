@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
-from eskin.touch.belief_kernels import MIN_LINE
+from eskin.touch.fault_kernels import MIN_LINE
 from eskin.touch.faults import Fault, FaultKind
 from eskin.touch.outage_kernels import MAX_PRESSED
 from eskin.touch.reading import Scan
+from eskin.touch.taxels import Instant
 from eskin.units import NS_PER_S
 
 Flags = Bool[np.ndarray, "taxel"]
@@ -98,21 +99,24 @@ class PolarityDetector:
         self.moves: dict[int, Move] = {}
         self.alone: tuple[set[int], set[int]] = (set(), set())
         self.risen = 0
-        self.last: int | None = None
+        self.last = -np.inf
         self.faults: tuple[Fault, ...] = ()
 
-    def push(self, scan: Scan, margin: Values, mask: Flags) -> tuple[Fault, ...]:
+    def push(
+        self, scan: Scan, instant: Instant, margin: Values, mask: Flags
+    ) -> tuple[Fault, ...]:
         """Check the next scan.
 
         Args:
             scan: the scan.
+            instant: its time.
             margin: counts from which a taxel may be touched.
             mask: taxels that are faulty.
         """
-        elapsed = np.inf if self.last is None else (scan.stamp - self.last) / NS_PER_S
+        elapsed = instant.now - self.last
         if self.risen >= ENOUGH or elapsed < PERIOD:
             return self.faults
-        self.last = scan.stamp
+        self.last = instant.now
         # A press the wrong way looks like a fault, which must not hide the rest of it.
         if self.moves:
             mask = mask.copy()

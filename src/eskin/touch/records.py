@@ -14,27 +14,14 @@ from annotated_types import Interval
 from jaxtyping import Int
 from pydantic import Field
 
-from eskin.files import Distance, Duration, Pause, Pressure, Share
+from eskin.files import Distance, Pause, Pressure, Share
 from eskin.skin import MountedSkin
 from eskin.touch.adjacency import MICROMETRE, Adjacency
+from eskin.touch.taxels import Instant, build_dtype
 from eskin.units import NS_PER_S
 
 NO_INDEX = -1
 """Index of no contact, track or touch."""
-
-
-def build_dtype(
-    integers: str, reals: str, vectors: str = "", spans: str = ""
-) -> np.dtype:
-    """Build the type of records from the names of their fields of each kind."""
-    kinds = ((integers, "i8", ()), (reals, "f8", ()), (vectors, "f8", 3))
-    return np.dtype(
-        [
-            (name, kind, shape)
-            for names, kind, shape in (*kinds, (spans, "i8", 2))
-            for name in names.split()
-        ]
-    )
 
 
 Vector = tuple[float, float, float]
@@ -183,35 +170,6 @@ TAXEL_GEOMETRY = build_dtype(
 """A taxel in the frame of its link: position [m], outward normal, area [m2], reach as
 in `Adjacency` [m], link, patch, and the span of its neighbours on the same link."""
 
-TAXEL_STATE = build_dtype(
-    "onset latched released changed moved scratch_index",
-    "active_at highest lowest risen_at",
-)
-"""State of a taxel: when it was last pressed [s], the stamp from which it was [ns],
-whether it still is, and whether its contact has ended though its sensor has not come to
-rest; its highest pressure since it was pressed, and its lowest since its contact ended
-[kPa]; and an index that kernels use as a temporary variable and reset to -1."""
-
-RECENT = 8
-"""Number of pressures of a taxel that are kept to see it fall."""
-
-
-class TrackerState(NamedTuple):
-    """Arrays hold the state of the taxels, which every reading updates."""
-
-    taxels: np.ndarray
-    """(taxel) TAXEL_STATE."""
-    latched: np.ndarray
-    """(taxel) indices of the latched taxels, then unused space."""
-    held: np.ndarray
-    """(1) number of the latched taxels."""
-    recent: np.ndarray
-    """(taxel, `RECENT`) pressures of pressed taxels in turn [kPa]; 0 while not pressed."""
-    recent_times: np.ndarray
-    """(`RECENT`) times of these pressures [s]."""
-    slot: np.ndarray
-    """(1) index of the latest of these."""
-
 
 @dataclass(frozen=True)
 class ContactConfig:
@@ -316,6 +274,10 @@ def build_tracking_parameters(
     )
 
 
+RECENT = 8
+"""Number of pressures of each taxel that are kept to see it fall."""
+
+
 class TrackerContext(NamedTuple):
     """A context holds the arguments of the kernels that are kept between readings."""
 
@@ -325,25 +287,27 @@ class TrackerContext(NamedTuple):
     """(taxel) TAXEL_GEOMETRY."""
     neighbours: np.ndarray
     """(pair) neighbours of all taxels; the spans in `geometry` refer to it."""
-    state: TrackerState
-    """State of the tracker, which is updated."""
+    taxels: np.ndarray
+    """(taxel) TAXEL, which is updated."""
+    pressed: np.ndarray
+    """(taxel) indices of the pressed taxels, then unused space."""
+    pressed_count: np.ndarray
+    """(1) number of the pressed taxels."""
+    recent: np.ndarray
+    """(`RECENT`, taxel) pressures of pressed taxels in turn [kPa], else 0."""
+    recent_times: np.ndarray
+    """(`RECENT`) times of these pressures [s]."""
+    slot: np.ndarray
+    """(1) index of the latest of these."""
 
 
 class KernelReading(NamedTuple):
     """A reading is passed to the kernels in this form."""
 
-    stamp: int
-    """Time at which it was taken [ns]."""
-    elapsed: int
-    """Time since the previous reading [ns]; 0 at the first."""
-    now: float
-    """Time at which it was taken, since the first reading [s]."""
-    previous: float
-    """Time of the previous reading, or of this one if it is the first [s]."""
+    instant: Instant
+    """Its time."""
     pressure: np.ndarray
     """(taxel) pressure [kPa]."""
-    floor: np.ndarray
-    """(taxel) pressure up to which it is noise [kPa]."""
     valid: np.ndarray
     """(taxel) whether the pressure is valid."""
     T_world_link: np.ndarray
@@ -354,25 +318,12 @@ def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarr
     """Build the TAXEL_GEOMETRY of every taxel of a skin."""
     skin = mounted.skin
     geometry = np.empty(skin.count, TAXEL_GEOMETRY)
-    geometry["position"], geometry["normal"] = skin.positions, skin.normals
-    geometry["area"], geometry["reach"] = skin.areas, adjacency.reach
-    geometry["link"], geometry["patch"] = mounted.taxel_link_index, skin.patch_index
+    geometry["position"] = skin.positions
+    geometry["normal"] = skin.normals
+    geometry["area"] = skin.areas
+    geometry["reach"] = adjacency.reach
+    geometry["link"] = mounted.taxel_link_index
+    geometry["patch"] = skin.patch_index
     geometry["neighbours"][:, 0] = adjacency.starts[:-1]
     geometry["neighbours"][:, 1] = adjacency.starts[1:]
     return geometry
-
-
-def build_tracker_state(count: int) -> TrackerState:
-    """Build the state of a skin that was never touched."""
-    taxels = np.zeros(count, TAXEL_STATE)
-    for name in ("active_at", "risen_at"):
-        taxels[name] = -np.inf
-    taxels["scratch_index"] = -1
-    return TrackerState(
-        taxels=taxels,
-        latched=np.empty(count, np.int64),
-        held=np.zeros(1, np.int64),
-        recent=np.zeros((count, RECENT)),
-        recent_times=np.full(RECENT, -np.inf),
-        slot=np.zeros(1, np.int64),
-    )

@@ -23,7 +23,7 @@ from eskin.sim.dataset.settings import GenerationSettings
 from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.sim.sensor import FAMILIES
 from eskin.touch import Calibration
-from eskin.touch.calibration_kernels import linearise_counts
+from eskin.touch.pressure_kernels import linearise_counts
 from eskin.units import NS_PER_S
 
 

@@ -1,17 +1,17 @@
-"""This module groups the tracks of each reading into touches."""
+"""This module continues tracks from reading to reading, and groups them into touches."""
 
 from collections.abc import Sequence
-from itertools import combinations
-from math import exp, inf
+from itertools import combinations, product
+from math import exp, inf, sqrt
 from operator import attrgetter
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.touch.belief_kernels import MAX_STEP_INTERVAL
-from eskin.touch.calibration_kernels import LOW_SECONDS
+from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
 from eskin.touch.records import (
+    NO_INDEX,
     NO_TAXELS,
     ContactRecord,
     KernelReading,
@@ -21,9 +21,10 @@ from eskin.touch.records import (
     Vector,
     copy_record,
 )
-from eskin.touch.tracks import TrackFollower, measure_distance, measure_gap
+from eskin.touch.rest_kernels import LOW_SECONDS
 from eskin.units import NS_PER_S
 
+UM_PER_M = 1e6
 SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
 """Time between two readings from which a touch may last for one of them [ns]."""
 FADE_SECONDS = 2.0
@@ -34,6 +35,189 @@ MIN_LIFT_NS = round(LOW_SECONDS * NS_PER_S)
 contain a reading."""
 
 by_force, by_track_force = attrgetter("force"), attrgetter("contact.force")
+
+
+@final
+class TrackFollower:
+    """A follower continues tracks in the contacts of each reading; stateful.
+
+    1. A track continues in the contact that covers most of its previous area; ties go
+       to the stronger contact, then to the first.
+    2. Merging: where several continue in one contact, the oldest keeps its id, of those
+       that have evidence, and the others end, `merged_into` it.
+    3. Splitting: the contact that covers most of the track keeps its id; each of the
+       others becomes a new track with this one as `parent`.
+    4. Remaining tracks and contacts, which overlap nothing, are paired nearest first
+       within the gate, so that a fast stroke keeps its id over any seam. Distances are
+       measured in the frame of the track's link: the motion of the arm does not count.
+       Tracks that may be noise are not paired.
+    5. A track without contact ends at once, as a lift is never bridged, unless most of
+       its taxels were not received: then it goes on for a short time.
+
+    Attributes:
+        ongoing: tracks with contact, or whose taxels are not received, by id.
+        ended: tracks that ended with the latest reading, by id.
+        past: tracks that ended before, while a new one may join their touch.
+    """
+
+    def __init__(
+        self, areas: Float[np.ndarray, "taxel"], parameters: TrackingParameters
+    ) -> None:
+        """Start without tracks on a skin whose taxels have these areas [m2]."""
+        self.areas = areas
+        self.parameters = parameters
+        self.covering = np.zeros(len(areas), np.int64)
+        self.next_id = 1
+        self.clear()
+
+    def clear(self) -> None:
+        """Drop all tracks."""
+        self.ongoing: list[TrackRecord] = []
+        self.ended: list[TrackRecord] = []
+        self.past: list[TrackRecord] = []
+
+    @property
+    def all(self) -> list[TrackRecord]:
+        """Ongoing, ended and past tracks."""
+        return self.ongoing + self.ended + self.past
+
+    def push(self, contacts: Sequence[ContactRecord], reading: KernelReading) -> None:
+        """Continue the tracks in the contacts of the next reading."""
+        before, pause = self.ongoing, self.parameters.pause_ns
+        self.past = [
+            copy_record(track)
+            for track in self.ended + self.past
+            if reading.instant.stamp - track.last <= pause
+        ]
+        self.ongoing, self.ended = [], []
+        successors, parents = [NO_INDEX] * len(before), [NO_INDEX] * len(contacts)
+        if reading.instant.elapsed_ns <= pause:
+            self.match_overlaps(before, contacts, successors, parents)
+            if NO_INDEX in successors:
+                self.pair_nearest(before, contacts, successors, parents, reading)
+        owners = self.find_owners(before, successors)
+        for n, contact in enumerate(successors):
+            track = copy_record(before[n])
+            if contact == NO_INDEX:
+                goes_on = self.is_coasting(track, reading)
+            elif goes_on := owners[contact] == n:
+                track.last, track.contact = reading.instant.stamp, contacts[contact]
+            else:
+                track.merged_into = before[owners[contact]].id
+            track.ended = not goes_on
+            (self.ongoing if goes_on else self.ended).append(track)
+        for n, contact in enumerate(contacts):
+            if n not in owners:
+                track = TrackRecord(
+                    self.next_id, reading.instant.stamp, reading.instant.stamp, contact
+                )
+                self.next_id += 1
+                if parents[n] != NO_INDEX:
+                    parent = before[parents[n]]
+                    track.parent, track.evidence = parent.id, parent.evidence
+                self.ongoing.append(track)
+
+    def match_overlaps(
+        self,
+        before: Sequence[TrackRecord],
+        contacts: Sequence[ContactRecord],
+        successors: list[int],
+        parents: list[int],
+    ) -> None:
+        """Match contacts that overlap the previous ones of tracks.
+
+        Write the contact in which each track continues, and the track of which each
+        contact covers most.
+        """
+        for n, track in enumerate(before):
+            self.covering[track.contact.taxels] = n + 1
+        best = [0.0] * len(before)
+        for n, contact in enumerate(contacts):
+            taxels, most = contact.taxels, 0.0
+            covered = np.bincount(self.covering[taxels], self.areas[taxels])[1:]
+            for track in covered.nonzero()[0].tolist():
+                area = float(covered[track])
+                if area > most:
+                    most, parents[n] = area, track
+                other = contacts[successors[track]]
+                if area > best[track] or (
+                    area == best[track] and contact.force > other.force
+                ):
+                    best[track], successors[track] = area, n
+        for track in before:
+            self.covering[track.contact.taxels] = 0
+
+    def pair_nearest(
+        self,
+        before: Sequence[TrackRecord],
+        contacts: Sequence[ContactRecord],
+        successors: list[int],
+        parents: list[int],
+        reading: KernelReading,
+    ) -> None:
+        """Pair tracks and contacts that overlap nothing, nearest first within the gate.
+
+        Distances are rounded to 1 um, so that rounding errors of the pose decide no
+        tie.
+        """
+        parameters, pairs, taken = self.parameters, [], set()
+        gate = parameters.gate + parameters.speed * reading.instant.elapsed
+        lost = [n for n, contact in enumerate(successors) if contact == NO_INDEX]
+        free = [k for k, track in enumerate(parents) if track == NO_INDEX]
+        for n, k in product(lost, free):
+            if before[n].evidence >= parameters.least_evidence:
+                gap = measure_gap(before[n].contact, contacts[k], reading)
+                pairs.append((round(gap * UM_PER_M) / UM_PER_M, n, k))
+        for gap, n, k in sorted(pairs):
+            if gap <= gate and successors[n] == NO_INDEX and k not in taken:
+                successors[n] = k
+                taken.add(k)
+
+    def find_owners(
+        self, before: Sequence[TrackRecord], successors: Sequence[int]
+    ) -> dict[int, int]:
+        """Return the track that keeps its id in each contact where tracks continue.
+
+        It is the oldest of them; those that may be noise come after all others.
+        """
+        owners: dict[int, int] = {}
+        for n, contact in enumerate(successors):
+            if contact != NO_INDEX:
+                owner = owners.setdefault(contact, n)
+                if owner != n and self.rank(before[n]) < self.rank(before[owner]):
+                    owners[contact] = n
+        return owners
+
+    def rank(self, track: TrackRecord) -> tuple[bool, int]:
+        """Return by what tracks are sorted that continue in one contact."""
+        return track.evidence < self.parameters.least_evidence, track.onset
+
+    def is_coasting(self, track: TrackRecord, reading: KernelReading) -> bool:
+        """Return whether most taxels of a track without contact were not received."""
+        if (
+            reading.instant.stamp - track.last
+        ) / NS_PER_S > self.parameters.coast_seconds:
+            return False
+        received = reading.valid[track.contact.taxels]
+        return 2 * int(np.count_nonzero(received)) < len(received)
+
+
+def measure_gap(
+    old: ContactRecord, new: ContactRecord, reading: KernelReading
+) -> float:
+    """Return the distance of a contact from where the link has an older one now [m]."""
+    x, y, z = old.p_link
+    here = [
+        T[0] * x + T[1] * y + T[2] * z + T[3]
+        for T in reading.T_world_link[old.link, :3].tolist()
+    ]
+    return measure_distance(new.p_world, here)
+
+
+def measure_distance(one: Vector, other: Sequence[float]) -> float:
+    """Return the distance between two points [m]."""
+    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    return sqrt(x * x + y * y + z * z)
 
 
 @final
@@ -79,7 +263,9 @@ class TouchGrouper:
         """
         self.reading, self.near = reading, near
         self.ongoing, self.tracks = tracks.ongoing, tracks.all
-        self.current = [one for one in self.ongoing if one.last == reading.stamp]
+        self.current = [
+            one for one in self.ongoing if one.last == reading.instant.stamp
+        ]
         self.before, self.touches, self.closed = self.touches, {}, []
         for number, touch in self.before.items():
             touch = self.touches[number] = copy_record(touch)
@@ -106,7 +292,7 @@ class TouchGrouper:
             weak = not touch.confirmed and touch.evidence < parameters.least_evidence
             if weak and touch.id not in ongoing:
                 pause = min(pause, MIN_LIFT_NS)
-            if self.reading.stamp - touch.last > pause:
+            if self.reading.instant.stamp - touch.last > pause:
                 self.close(touch, 0)
 
     def close(self, touch: TouchRecord, merged_into: int) -> None:
@@ -126,7 +312,7 @@ class TouchGrouper:
             others.
         """
         parameters, became_sure = self.parameters, set()
-        elapsed = min(self.reading.elapsed, parameters.pause_ns)
+        elapsed = min(self.reading.instant.elapsed_ns, parameters.pause_ns)
         kept = exp(-elapsed / (FADE_SECONDS * NS_PER_S))
         for track in self.current:
             before = kept * track.evidence
@@ -162,7 +348,7 @@ class TouchGrouper:
 
     def belongs_together(self, track: TrackRecord, other: TrackRecord) -> bool:
         """Return whether a track belongs to the same touch as another, by its place."""
-        stamp = self.reading.stamp
+        stamp = self.reading.instant.stamp
         if track.parent == other.id or not self.parameters.calibrated:
             return True
         if min(track.last, other.last) == stamp:
@@ -243,7 +429,7 @@ class TouchGrouper:
             return
         moved = [one for one in self.current if one.touch == touch.id]
         new = self.start_touch(max(moved, key=by_track_force))
-        new.onset = new.settled_at = self.reading.stamp
+        new.onset = new.settled_at = self.reading.instant.stamp
         new.confirmed, new.tracks = touch.confirmed, tuple(one.id for one in moved)
         for track in moved:
             track.touch = new.id
@@ -255,10 +441,10 @@ class TouchGrouper:
     ) -> None:
         """Update an open touch with its contacts in this reading."""
         parameters, reading = self.parameters, self.reading
-        stamp, force = reading.stamp, sum_forces(contacts)
+        stamp, force = reading.instant.stamp, sum_forces(contacts)
         # The force in a longer gap between readings is unknown.
-        if reading.elapsed <= parameters.pause_ns:
-            touch.impulse += 0.5 * (force + touch.force) * (reading.elapsed / NS_PER_S)
+        if reading.instant.elapsed_ns <= parameters.pause_ns:
+            touch.impulse += 0.5 * (force + touch.force) * reading.instant.elapsed
         touch.force = force
         if contacts:
             touch.contact = max(contacts, key=by_force)
@@ -271,7 +457,7 @@ class TouchGrouper:
             touch.taxels = contacts[0].taxels
             if len(contacts) > 1:
                 touch.taxels = np.concatenate([one.taxels for one in contacts])
-        lasts = touch.onset < stamp or reading.elapsed > SLOW_NS
+        lasts = touch.onset < stamp or reading.instant.elapsed_ns > SLOW_NS
         if touch.last == stamp and (lasts or touch.evidence == inf):
             touch.confirmed |= touch.evidence >= parameters.confirm_llr
         distance = measure_distance(touch.latest, touch.start)
@@ -280,7 +466,10 @@ class TouchGrouper:
             touch.settled, touch.settled_at = touch.peak_force, stamp
         if touch.id in self.before:
             last = self.before[touch.id].last
-            if last < stamp - reading.elapsed and touch.last - last > MIN_LIFT_NS:
+            if (
+                last < stamp - reading.instant.elapsed_ns
+                and touch.last - last > MIN_LIFT_NS
+            ):
                 touch.contacts += 1
 
     def find_centre(

@@ -1,0 +1,327 @@
+"""This module turns scans into readings, and finds faults."""
+
+import math
+from dataclasses import replace
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.compiled import pack
+from eskin.skin import Skin
+from eskin.touch.calibration import MAX_CONTACT, Calibration
+from eskin.touch.context import Crosstalk, FrontEndContext, KernelScan
+from eskin.touch.crosstalk_kernels import (
+    GHOST,
+    LEAK,
+    MIN_CROSSTALK_PRESSURE,
+    compensate,
+)
+from eskin.touch.fault_kernels import (
+    NOISY,
+    FaultConfig,
+    FaultParameters,
+    check_faults,
+    follow_faults,
+)
+from eskin.touch.faults import Fault, FaultGrouper
+from eskin.touch.known_rest import KnownRest
+from eskin.touch.noise_kernels import (
+    CLEAR_FACTOR,
+    MIN_NOISE,
+    MIN_NOISE_CONTACTS,
+    NOISE_SIGMAS,
+)
+from eskin.touch.outage_kernels import check_patches
+from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
+from eskin.touch.reading import Reading, Scan, check_count
+from eskin.touch.records import ContactConfig
+from eskin.touch.rest_kernels import (
+    MATRIX_LINE_SHARE,
+    CalibrationConfig,
+    RestParameters,
+    follow_rest,
+)
+from eskin.touch.taxel_kernels import NEVER, NO_FAULT, SILENCE_SECONDS, reset_rest
+from eskin.touch.taxels import (
+    TAXEL_CONSTANTS,
+    Clock,
+    TaxelPlaces,
+    build_patches,
+    build_taxels,
+)
+from eskin.units import NS_PER_S
+
+Flags = Bool[np.ndarray, "taxel"]
+Values = Float[np.ndarray, "taxel"]
+Counts = Int[np.ndarray, "taxel"]
+
+MAX_ELAPSED = 0.2
+"""Largest time between two checks that is added to the evidence of a fault [s]."""
+MAX_OBSERVATIONS = 200
+"""Number of latest observations of crosstalk whose median is the estimate."""
+NO_TAXELS = np.empty(0, np.int64)
+
+
+@final
+class FrontEnd:
+    """A front end turns the scans of one skin into readings; stateful.
+
+    The result depends only on the scans and their stamps, so a recording that is
+    replayed at any rate gives the same readings as the live device. Each scan passes
+    the kernels in the order of the model: outages, rest, noise, faults, crosstalk.
+
+    A fault needs evidence: constant counts of a quiet, quantised sensor, and zero where
+    zero is rest, are valid until other taxels show that they should have changed.
+
+    Attributes:
+        taxels: (taxel) `TAXEL`.
+        mask: which taxels are faulty.
+        doubtful: which are faulty, or show signs of a fault.
+        taxel_faults: faults of taxels, with a whole row, column or patch as one.
+        faults: the same, and that of a patch whose counts go another way than they are
+            taken to.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        calibration: Calibration,
+        config: CalibrationConfig | None = None,
+        faults: FaultConfig | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        """Start before the first scan.
+
+        Args:
+            skin: the skin.
+            calibration: constants of its electronics.
+            config: how rest is followed.
+            faults: the evidence that a fault needs.
+            clock: clock that others share; a new one by default.
+
+        Raises:
+            SkinMismatchError: the calibration is of another skin.
+        """
+        calibration.check_skin(skin)
+        self.skin = skin
+        self.calibration = calibration.rising
+        self.is_falling = calibration.falling
+        self.config = config or CalibrationConfig()
+        self.clock = clock or Clock()
+        self.places = TaxelPlaces.build(skin)
+        self.constants = build_constants(self.calibration, self.config)
+        self.taxels = build_taxels(self.constants)
+        sigmas = NOISE_SIGMAS * self.constants["start_noise"]
+        self.taxels["noise_limit"] = np.maximum(sigmas, self.constants["least_noise"])
+        self.taxels["band"] = self.constants["contact"] / 2.0
+        self.taxels["margin"] = self.constants["least_margin"]
+        if calibration.noise is not None:
+            clear = CLEAR_FACTOR * self.taxels["noise_limit"]
+            self.taxels["margin"] = np.maximum(self.constants["least_margin"], clear)
+        self.patches = build_patches(len(skin.patches))
+        self.crosstalk = build_crosstalk(skin.count, self.places)
+        self.fault_config = faults or FaultConfig()
+        self.context = pack(
+            FrontEndContext(
+                full_scale=float(self.calibration.full_scale),
+                curve=self.calibration.pressure_curve,
+                line_share=MATRIX_LINE_SHARE if calibration.matrix else 0.0,
+                places=self.places,
+                constants=self.constants,
+                taxels=self.taxels,
+                patches=self.patches,
+                crosstalk=self.crosstalk,
+                samples=np.zeros((skin.count, self.config.tare_samples)),
+                rest=RestParameters(**vars(self.config)),
+                faults=FaultParameters(**vars(self.fault_config)),
+            )
+        )
+        self.known_rest = KnownRest(skin, self.calibration)
+        self.grouper = FaultGrouper(skin, self.places)
+        self.polarity = PolarityDetector(
+            skin,
+            "rising" if self.is_falling else "falling",
+            self.calibration.full_scale,
+            self.calibration.compute_counts(LEAST_PRESSURE + calibration.floor),
+        )
+        self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
+        # No taxel was last used before [s]; times of a taxel only grow.
+        self.oldest = -math.inf
+        self.last_check = NEVER
+        self.mask = np.zeros(skin.count, np.bool_)
+        self.doubtful = np.zeros(skin.count, np.bool_)
+        self.taxel_faults: tuple[Fault, ...] = ()
+        self.faults: tuple[Fault, ...] = ()
+
+    def push(self, scan: Scan, pressed: Int[np.ndarray, "some"] = NO_TAXELS) -> Reading:
+        """Return the reading of the next scan.
+
+        Data that cannot be trusted is not valid in it. The rest of `pressed` taxels,
+        which were pressed at the last reading, stays.
+
+        Raises:
+            ReadingError: the scan is of another skin, or not later than the last one.
+                The state is then unchanged.
+        """
+        check_count(scan, self.skin)
+        instant = self.clock.advance(scan.stamp)
+        scan = self.turn(scan)
+        # Faults need the pressure of this scan, so taxels are masked by those of the
+        # last one; negative counts are invalid at once.
+        invalid = self.mask | (scan.counts < 0)
+        received = scan.received.copy()
+        kernel_scan = KernelScan(
+            counts=scan.counts,
+            received=received,
+            heard=scan.received,
+            used=received & ~invalid,
+            pressed=pressed,
+            faulty=self.mask.copy(),
+            now=instant.now,
+            elapsed=instant.elapsed,
+        )
+        if check_patches(kernel_scan, self.context):
+            self.oldest = -math.inf
+        self.start_from_rest(kernel_scan)
+        pressure = np.empty(self.skin.count, np.float32)
+        follow_rest(kernel_scan, self.context, pressure)
+        follow_faults(kernel_scan, self.context)
+        self.mask = kernel_scan.faulty
+        if instant.now - self.last_check >= self.fault_config.check_seconds - 1e-6:
+            self.check(kernel_scan, pressure)
+        valid = kernel_scan.used & ~self.mask
+        shear = None
+        if scan.shear is not None:
+            shear = self.calibrate_shear(scan.shear, kernel_scan)
+        self.compensate(pressure, valid)
+        polarity = self.polarity.push(scan, instant, self.taxels["margin"], self.mask)
+        self.faults = self.taxel_faults + polarity
+        return Reading(scan.stamp, pressure, valid, scan.q, shear)
+
+    def turn(self, scan: Scan) -> Scan:
+        """Return a scan whose counts rise under pressure."""
+        if not self.is_falling:
+            return scan
+        return replace(scan, counts=self.calibration.turn_counts(scan.counts))
+
+    def check(self, scan: KernelScan, pressure: Float[np.ndarray, "taxel"]) -> None:
+        """Check the evidence of faults, and list them."""
+        config = self.fault_config
+        elapsed = min(scan.now - self.last_check, MAX_ELAPSED)
+        check_faults(scan, pressure, self.last_check, elapsed, self.context)
+        self.last_check = scan.now
+        doubted = scan.now - self.taxels["last_doubted"] <= config.recover_seconds
+        self.doubtful = doubted | self.mask
+        received = np.maximum(self.taxels["last_received"], 0.0)
+        silent = scan.now - received >= config.line_seconds
+        self.taxel_faults = ()
+        if self.mask.any() or silent.any():
+            code = self.taxels["code"].copy()
+            code[(code == NO_FAULT) & self.mask] = NOISY
+            begun = np.where(self.mask, self.taxels["since"], received) * NS_PER_S
+            since = np.round(begun).astype(np.int64) + (self.clock.first or 0)
+            self.taxel_faults = tuple(self.grouper.list_faults(code, silent, since))
+
+    def start_from_rest(self, scan: KernelScan) -> None:
+        """Start rest from what is known where a taxel has its first data.
+
+        That is the calibrated rest, or after a long silence the rest before it. Where
+        it is not plausible, the taxel is tared.
+        """
+        if scan.now - self.oldest <= SILENCE_SECONDS:
+            return
+        taxels = self.taxels
+        starts = scan.used & (scan.now - taxels["last_used"] > SILENCE_SECONDS)
+        if not starts.any():
+            self.oldest = float(taxels["last_used"].min())
+            return
+        known = self.known_rest
+        known.rest = np.where(self.is_tared, self.rest, known.rest)
+        rest, plausible = known.compare(
+            scan.counts, scan.used, taxels["margin"], self.places.adjacency
+        )
+        for i in np.flatnonzero(starts):
+            reset_rest(i, taxels)
+        found = starts & plausible
+        taxels["last_used"][starts] = scan.now
+        taxels["rest"][found] = rest[found]
+        taxels["sample_count"][starts] = 0
+        taxels["sample_count"][found] = self.config.tare_samples
+
+    def calibrate_shear(
+        self, counts: Int[np.ndarray, "taxel 2"], scan: KernelScan
+    ) -> Float[np.ndarray, "taxel 2"]:
+        """Return the shear [kPa], and follow its rest while the taxel is untouched."""
+        above = counts - self.shear_rest
+        untouched = scan.now - self.taxels["last_touched"] > self.config.freeze_seconds
+        idle = scan.used & untouched
+        step = scan.elapsed / (self.config.drift_seconds + scan.elapsed)
+        self.shear_rest[idle] += step * above[idle]
+        shear = (above * self.calibration.shear_gain).astype(np.float32)
+        shear[~scan.used] = 0.0
+        return shear
+
+    def compensate(self, pressure: Float[np.ndarray, "taxel"], valid: Flags) -> None:
+        """Remove crosstalk from pressures [kPa], and learn from them how much it is."""
+        is_matrix = self.calibration.matrix
+        if is_matrix and pressure.max() > MIN_CROSSTALK_PRESSURE:
+            pressure[~valid] = 0.0
+            compensate(pressure, valid, self.context)
+
+    @property
+    def rest(self) -> Values:
+        """Counts of each taxel at rest."""
+        return self.taxels["rest"]
+
+    @property
+    def is_tared(self) -> Flags:
+        """Which taxels have a rest from a whole tare, or a calibrated one."""
+        return self.taxels["sample_count"] >= self.config.tare_samples
+
+    @property
+    def floor(self) -> Values:
+        """Pressure of each taxel up to which it may be noise [kPa]."""
+        return self.taxels["floor"]
+
+    @property
+    def leak(self) -> float:
+        """Apparent conductance of a taxel over that of the others of its lines."""
+        return float(self.crosstalk.value[LEAK])
+
+    @property
+    def ghost(self) -> float:
+        """Apparent conductance of a taxel over that of detours over three others."""
+        return float(self.crosstalk.value[GHOST])
+
+
+def build_constants(calibration: Calibration, config: CalibrationConfig) -> np.ndarray:
+    """Build the constants (taxel) of a skin, of dtype `TAXEL_CONSTANTS`."""
+    constants = np.zeros(len(calibration.gain), TAXEL_CONSTANTS)
+    on = ContactConfig().with_floor(calibration.floor).on
+    contact = calibration.compute_contact(on)
+    constants["gain"] = calibration.gain
+    constants["contact"] = contact
+    constants["least_margin"] = calibration.compute_counts(config.margin)
+    constants["least_noise"] = np.clip(MIN_NOISE_CONTACTS * contact, *MIN_NOISE)
+    if calibration.noise is not None:
+        most = MAX_CONTACT * calibration.full_scale / NOISE_SIGMAS
+        constants["start_noise"] = np.minimum(calibration.noise, most)
+    return constants
+
+
+def build_crosstalk(count: int, places: TaxelPlaces) -> Crosstalk:
+    """Build the crosstalk of a device of some taxels of which nothing is known."""
+    return Crosstalk(
+        bound=np.zeros(count),
+        shown=np.zeros(count),
+        own=np.zeros(count),
+        detours=np.zeros(count),
+        shares=np.zeros(count),
+        row_sums=np.zeros(len(places.rows.sizes)),
+        column_sums=np.zeros(len(places.columns.sizes)),
+        value=np.zeros(2),
+        seen=np.zeros(2, np.int64),
+        observed=np.zeros((2, MAX_OBSERVATIONS)),
+        ranked=np.zeros(MAX_OBSERVATIONS),
+    )

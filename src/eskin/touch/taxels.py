@@ -1,0 +1,195 @@
+"""This module defines what is known of each taxel and patch, and how time passes.
+
+Three records hold what is known of a taxel: `TAXEL_CONSTANTS`, which a calibration
+gives; `TaxelPlaces`, which says what it belongs to; and `TAXEL`, its state, which every
+reading updates. The kernels that do so are, in their order, those of outages, rest,
+noise, faults, crosstalk and contacts.
+"""
+
+import math
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.skin import Skin
+from eskin.touch.adjacency import Adjacency, TaxelGroups
+from eskin.touch.reading import check_order
+from eskin.touch.taxel_kernels import NEVER, reset_taxel
+from eskin.units import NS_PER_S
+
+Taxels = Int[np.ndarray, "some"]
+Flags = Bool[np.ndarray, "taxel"]
+Values = Float[np.ndarray, "taxel"]
+
+
+def build_dtype(
+    integers: str, reals: str, vectors: str = "", spans: str = ""
+) -> np.dtype:
+    """Build the type of records from the names of their fields of each kind."""
+    kinds = (
+        (integers, "i8", ()),
+        (reals, "f8", ()),
+        (vectors, "f8", 3),
+        (spans, "i8", 2),
+    )
+    return np.dtype(
+        [(name, kind, shape) for names, kind, shape in kinds for name in names.split()]
+    )
+
+
+TAXEL_CONSTANTS = build_dtype("", "gain contact least_margin least_noise start_noise")
+"""Constants of a taxel: its gain [kPa/count]; the counts above rest at which contact
+begins, from which it may be touched at least, and that may be noise at least; and the
+calibrated standard deviation of its noise [counts], 0 where it was not measured."""
+
+TAXEL = build_dtype(
+    integers=" ".join(
+        [
+            "counts accepted code sample_count",
+            "onset pressed released changed moved scratch_index",
+        ]
+    ),
+    reals=" ".join(
+        [
+            "first_received last_received last_used",
+            "rest above confirmed peak margin low low_since",
+            "touched_since last_touched steady_level steady_since next_sample",
+            "first second third fourth noise wander noise_limit band floor",
+            "suspicion flat_since flat_level flat_step last_doubted",
+            "last_changed last_negative last_below_full last_nonzero last_zero least",
+            "last_unpressed unanswered last_sound since last_found",
+            "pressed_at highest lowest risen_at",
+        ]
+    ),
+)
+"""State of a taxel. Times are in seconds since the first reading.
+
+`first_received`, `last_received`, `last_used`: time of the first data since the taxel
+is known, of the latest, and of the latest while it had no fault. `counts`: latest counts; `accepted`: the latest of no outage; `first` to
+`fourth`: the latest four, NaN where they are not known.
+
+Rest: `rest` [counts]; `above`, the counts above it at the latest scan; `confirmed`, the
+lesser of those of two scans if they are at most `SHORTEST_PRESS` apart; `peak`, the
+recent peak of `confirmed` of it and its neighbours, which fades; `margin`, the counts
+above rest from which it may be touched; `low` and `low_since`, the counts of the latest
+scan where they were below rest, and since when they are; `touched_since`, infinite
+while it is not touched; `last_touched`, when it or a neighbour was; `steady_level` and
+`steady_since`, the counts near which the latest ones stayed, and since when;
+`sample_count` and `next_sample`, the samples taken for the tare, and when the next one
+is due.
+
+Noise: `noise` and `wander`, its standard deviation from scan to scan and about rest
+[counts]; `noise_limit`, the counts above rest that may be noise; `band`, the counts from
+which it is away from rest, for faults; `floor`, the pressure that may be noise [kPa].
+
+Faults: `suspicion`, the evidence of a fault; `flat_since`, `flat_level`, `flat_step`:
+since when it has been flat after a lone step, at which counts, after which step;
+`last_doubted`, when it was last doubtful; `code`, its fault, `NO_FAULT` for none;
+`since` and `last_found`, since when it is faulty, and when evidence was last found;
+`last_sound`, when it was last no noisy taxel; `last_changed`, `last_negative`,
+`last_below_full`, `last_nonzero`, `last_zero`: when its counts last did so; `least`,
+its smallest counts above zero; `last_unpressed` and `unanswered`, when no neighbour was
+last pressed, and for how long it did not respond while they were.
+
+Contact: `pressed`, whether something presses it; `pressed_at`, when it last did;
+`onset`, the stamp since which it is in contact [ns]; `released`, whether its contact has
+ended although it is pressed; `highest` and `lowest`, the greatest pressure since it is
+pressed, and the smallest since its contact ended [kPa]; `moved` and `changed`, whether
+its pressure rose at this reading, and at the one before; `risen_at`, when it last rose
+alone; `scratch_index`, a temporary variable, -1 between readings."""
+
+PATCH = build_dtype(
+    "may_press only_zeros outcome side",
+    "first_seen last_seen refused_since turned_at",
+)
+"""State of a patch: the time of its first data, or of the first after a long silence,
+and of the latest [s]; since when its data is refused, infinite while it is used;
+whether a hand may have caused the data that is refused; whether all its counts were
+zero so far; the outcome of the check of the latest scan; and on which side of rest a
+part of it was, 1 above, -1 below, 0 if it is not known, and since when [s]."""
+
+
+class Instant(NamedTuple):
+    """An instant is the time of a reading."""
+
+    stamp: int
+    """Time at which it was taken [ns]."""
+    now: float
+    """Time since the first reading [s]."""
+    previous: float
+    """Time of the previous reading since the first [s]; that of this one if it is the
+    first."""
+    elapsed: float
+    """Time since the previous reading [s]; 0 at the first."""
+    elapsed_ns: int
+    """The same in [ns]."""
+
+
+@final
+class Clock:
+    """A clock turns stamps into the time since the first reading; stateful."""
+
+    def __init__(self) -> None:
+        """Start before the first reading."""
+        self.first: int | None = None
+        self.latest: Instant | None = None
+
+    def advance(self, stamp: int) -> Instant:
+        """Advance to a reading of a stamp [ns].
+
+        Raises:
+            ReadingError: It is not later than the latest one.
+        """
+        last = None if self.latest is None else self.latest.stamp
+        check_order(last, stamp)
+        first = stamp if self.first is None else self.first
+        last = stamp if last is None else last
+        self.first = first
+        self.latest = Instant(
+            stamp=stamp,
+            now=(stamp - first) / NS_PER_S,
+            previous=(last - first) / NS_PER_S,
+            elapsed=(stamp - last) / NS_PER_S,
+            elapsed_ns=stamp - last,
+        )
+        return self.latest
+
+
+class TaxelPlaces(NamedTuple):
+    """Places say to which neighbourhood, patch, row and column each taxel belongs."""
+
+    adjacency: Adjacency
+    patches: TaxelGroups
+    rows: TaxelGroups
+    columns: TaxelGroups
+
+    @classmethod
+    def build(cls, skin: Skin) -> "TaxelPlaces":
+        """Build the places of the taxels of a skin."""
+        return cls(
+            adjacency=Adjacency.build(skin),
+            patches=TaxelGroups.build(skin, np.asarray(skin.patch_index)),
+            rows=TaxelGroups.build(skin, np.asarray(skin.rows)),
+            columns=TaxelGroups.build(skin, np.asarray(skin.columns)),
+        )
+
+
+def build_taxels(constants: np.ndarray) -> np.ndarray:
+    """Build the state (taxel) of a skin of which no data has been received."""
+    taxels = np.zeros(len(constants), TAXEL)
+    taxels["scratch_index"] = -1
+    taxels["last_doubted"] = NEVER
+    for i in range(len(taxels)):
+        reset_taxel(i, constants, taxels)
+    return taxels
+
+
+def build_patches(count: int) -> np.ndarray:
+    """Build the state (patch) of a skin of which no data has been received."""
+    patches = np.zeros(count, PATCH)
+    for name in ("first_seen", "last_seen"):
+        patches[name] = NEVER
+    patches["refused_since"] = math.inf
+    patches["only_zeros"] = True
+    return patches
