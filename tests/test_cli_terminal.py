@@ -71,9 +71,3 @@ def test_patches_at_another_time_or_of_another_kind_are_printed(capsys):
 def test_events_that_are_not_of_patches_are_all_printed(capsys, kind):
     events = [Event(n * MS, kind, f"port {n}") for n in range(8)]
     assert len(print_events(capsys, events)) == 8
-
-
-def test_faults_of_one_reading_are_counted(capsys):
-    events = [Event(0, "fault", f"taxel {n}", "p0") for n in range(8)]
-    lines = print_events(capsys, events)
-    assert len(lines) == 2 and lines[-1].endswith("and 7 faults more")

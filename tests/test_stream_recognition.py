@@ -7,10 +7,9 @@ import pytest
 from eskin.drivers import Event
 from eskin.errors import SkinMismatchError
 from eskin.live import Detection, Recognizer
-from eskin.stream import FaultReporter, Recognition, RecognitionState, Stream
-from eskin.touch import Fault
+from eskin.stream import Recognition, RecognitionState, Stream
 from helpers.live import calibration_of, model_of, mounted, network, scans, two_hands
-from helpers.streams import INFO, START, Ear, make_scans, played
+from helpers.streams import INFO, Ear, make_scans, played
 
 
 def build_recognizer(on):
@@ -57,66 +56,6 @@ def test_source_of_another_skin_is_refused():
     with pytest.raises(SkinMismatchError, match="sim:test.*'square'"):
         with Stream(played(make_scans(2)), [recognition]):
             pass
-
-
-def fault(kind, row=None, column=None, taxel=None, patch="a"):
-    return Fault(kind, patch, row, column, taxel, START)
-
-
-TAXEL, ROW, PATCH = fault("stuck", 1, 2, 17), fault("row", row=1), fault("patch")
-COLUMN = fault("column", column=2)
-
-
-def report(reporter, *faults):
-    """Return kinds and places of the events of a reading."""
-    return [
-        (event.kind, event.patch, event.row, event.column, event.taxel)
-        for event in reporter.push(START, faults)
-    ]
-
-
-def test_fault_is_reported_when_it_comes_and_when_it_goes():
-    reporter = FaultReporter()
-    assert report(reporter) == []
-    assert report(reporter, TAXEL) == [("fault", "a", 1, 2, 17)]
-    assert report(reporter, replace(TAXEL, since=START + 5)) == []
-    assert report(reporter, TAXEL, ROW) == [("fault", "a", 1, None, None)]
-    assert report(reporter, ROW) == []
-    assert report(reporter) == [("mended", "a", 1, None, None)]
-
-
-@pytest.mark.parametrize(
-    ("other", "covers"),
-    [
-        (ROW, True),
-        (COLUMN, True),
-        (PATCH, True),
-        (fault("row", row=2), False),
-        (fault("patch", patch="b"), False),
-    ],
-)
-def test_part_of_a_larger_fault_is_not_over(other, covers):
-    reporter = FaultReporter()
-    report(reporter, TAXEL)
-    mended = [("mended", "a", 1, 2, 17)] * (not covers)
-    place = "fault", other.patch, other.row, other.column, None
-    assert report(reporter, other) == [*mended, place]
-
-
-@pytest.mark.parametrize(
-    ("found", "parts"),
-    [
-        (TAXEL, ("taxel 17", "row 1, column 2", "patch 'a'", "frozen")),
-        (ROW, ("row 1 of patch 'a'", "lines")),
-        (COLUMN, ("column 2 of patch 'a'", "lines")),
-        (PATCH, ("patch 'a'", "silent")),
-    ],
-)
-def test_text_of_a_fault_names_its_place(found, parts):
-    reporter = FaultReporter()
-    [event], [over] = reporter.push(START, [found]), reporter.push(START, [])
-    assert all(part in event.text for part in parts)
-    assert over.text.startswith(event.text.split(" is ")[0])
 
 
 def test_stuck_taxel_is_an_event_of_the_stream():

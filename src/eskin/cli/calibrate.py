@@ -1,5 +1,6 @@
 """`eskin calibrate` measures the calibration of a skin with a person's help."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,6 @@ from eskin.cli.checks import check_writable
 from eskin.cli.guided import (
     Dialogue,
     PressCommand,
-    describe_cell,
     describe_taxel,
     guide_presses,
     open_guided_source,
@@ -23,6 +23,7 @@ from eskin.units import format_count
 if TYPE_CHECKING:
     from eskin.calibration import CalibrationGuide, CalibrationResult, PressRequest
     from eskin.skin import Skin
+    from eskin.touch import Fault
 
 MAX_SECONDS, MAX_PRESSES = 120.0, 50
 """Longest time at rest [s], and most presses of a patch."""
@@ -129,6 +130,10 @@ class CalibrationDialogue(Dialogue["CalibrationGuide"]):
             f"{describe_taxel(guide.skin, request.taxel)}"
         )
 
+    def list_faults(self) -> "Sequence[Fault]":
+        """List the faults of the skin now, and those found while it was at rest."""
+        return [*super().list_faults(), *self.guide.faults.faults]
+
     def describe_skip(self, request: "PressRequest") -> str:
         """Describe that a patch is left out, and why light presses may not be felt."""
         bits = self.guide.fewer_bits
@@ -138,6 +143,8 @@ class CalibrationDialogue(Dialogue["CalibrationGuide"]):
 
 def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
     """Describe noise, faults, and the gain of each patch that was pressed, in lines."""
+    from eskin.stream import describe_places
+
     lines = []
     noise = result.rest.noise[result.codes < 0]
     if len(noise):
@@ -145,11 +152,8 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
             f"noise at rest: median {np.median(noise):.2f} counts, worst "
             f"{noise.max():.2f}"
         )
-    patches = {patch.id: patch for patch in skin.patches}
-    for fault in result.faults:
-        cell = describe_cell(patches[fault.patch], fault.row, fault.column)
-        where = f", {cell}" if cell else ""
-        lines.append(f"  {fault.kind}: patch '{fault.patch}'{where}")
+    if result.faults:
+        lines.append(f"left out: {describe_places(result.faults)}")
     if result.calibration.falling:
         lines.append("counts fall under pressure, which the file says (falling)")
     rows = build_patch_rows(result, skin)

@@ -13,7 +13,7 @@ from eskin.files import read_file
 
 if TYPE_CHECKING:
     from eskin.recording import Overrides
-    from eskin.touch import TouchPipeline
+    from eskin.touch import Fault
 
 PICTURES = (".png", ".svg", ".pdf")
 MAX_CHECKED = 20
@@ -169,15 +169,15 @@ def check_recording(path: Path) -> None:
     FrontEnd(recording.skin, recording.calibration)
 
 
-def check_way(pipeline: "TouchPipeline") -> None:
-    """Raise if counts go another way under pressure than they are taken to.
+def check_way(faults: "Sequence[Fault]") -> None:
+    """Raise if one of the faults is that counts go another way under pressure.
 
     Raises:
         DeviceError: they do, so that nothing is felt.
     """
     from eskin.stream import describe_way
 
-    if text := describe_way(pipeline.polarity.faults):
+    if text := describe_way(faults):
         raise DeviceError(text)
 
 

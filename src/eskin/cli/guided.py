@@ -18,12 +18,12 @@ from eskin.units import NS_PER_S, format_count
 if TYPE_CHECKING:
     from eskin.app import SourceConfig
     from eskin.calibration import GuideEvent, PressGuide, PressRequest
-    from eskin.drivers import Source
+    from eskin.drivers import Event, Source
     from eskin.page import GuideBoard, PressPlace
     from eskin.page.viewer import CalibrationViewer
     from eskin.registry import Driver
-    from eskin.skin import MountedSkin, Patch, Skin
-    from eskin.touch import Scan
+    from eskin.skin import MountedSkin, Skin
+    from eskin.touch import Fault, Scan
 
 PATIENCE = 10.0
 """Longest wait for the first byte of a device [s]."""
@@ -198,6 +198,10 @@ class Dialogue(ABC, Generic[Guide]):
             return f"  {event.text}: not used, {place}"
         return f"  felt on {place}{self.describe_progress()}"
 
+    def list_faults(self) -> "Sequence[Fault]":
+        """List the faults of the skin now."""
+        return () if self.guide.state is None else self.guide.state.faults
+
     def build_board(self) -> "GuideBoard":
         """Build what the page shows of the guide."""
         from eskin.page import GuideBoard
@@ -211,17 +215,13 @@ class Dialogue(ABC, Generic[Guide]):
 
 
 def describe_taxel(skin: "Skin", taxel: int) -> str:
-    """Describe where a taxel is: patch, link, row and column."""
+    """Describe where a taxel is: patch, link, row and column, which count from 0."""
     patch = skin.patches[int(skin.patch_index[taxel])]
-    cell = describe_cell(patch, int(skin.rows[taxel]), int(skin.columns[taxel]))
-    return f"patch '{patch.id}' on {patch.link}, {cell}"
-
-
-def describe_cell(patch: "Patch", row: int | None, column: int | None) -> str:
-    """Describe row and column, where there are, as people count: from 1."""
-    places = (("row", row, patch.rows), ("column", column, patch.columns))
-    words = [f"{name} {n + 1} of {count}" for name, n, count in places if n is not None]
-    return ", ".join(words)
+    row, column = int(skin.rows[taxel]), int(skin.columns[taxel])
+    return (
+        f"patch '{patch.id}' on {patch.link}, row {row} of 0 to {patch.rows - 1}, "
+        f"column {column} of 0 to {patch.columns - 1}"
+    )
 
 
 def build_place(request: "PressRequest", mounted: "MountedSkin") -> "PressPlace":
@@ -373,12 +373,18 @@ def guide_person(
             recording, which nobody can be asked for presses.
         page: page that shows the same as the terminal; None without a page.
     """
-    guide = dialogue.guide
+    from eskin.cli.terminal import FaultPrinter
+    from eskin.stream import WAY_TEXTS
+
+    guide, faults = dialogue.guide, FaultPrinter()
     say(dialogue.describe_request())
     since: int | None = None
     for scan in scans:
         since = scan.stamp if since is None else since
         was_rest, event = guide.phase == "rest", guide.push(scan)
+        # Which way counts go the guide finds out, and says.
+        found = [each for each in dialogue.list_faults() if each.kind not in WAY_TEXTS]
+        tell_events(faults.push(scan.stamp, found), page)
         limit = wait + guide.rest_seconds * was_rest
         # A press that goes on is waited for.
         is_late = scan.stamp - since > limit * NS_PER_S and not guide.is_pressed
@@ -386,7 +392,7 @@ def guide_person(
         if event is not None:
             told = dialogue.describe_event(event)
         elif is_late and was_rest:
-            return
+            break
         elif (is_late or is_skipped(guide, page)) and guide.request is not None:
             left_out = dialogue.describe_skip(guide.request)
             told = f"{'nothing felt: ' * is_late}{left_out}"
@@ -402,7 +408,15 @@ def guide_person(
         if page is not None and guide.state is not None and page.wants():
             page.show(guide.state, dialogue.build_board())
         if guide.phase == "done":
-            return
+            break
+    tell_events(faults.finish(), page)
+
+
+def tell_events(events: "Sequence[Event]", page: "CalibrationViewer | None") -> None:
+    """Add events that are printed to the log of the page, where there is one."""
+    if page is not None:
+        for event in events:
+            page.tell(event.text)
 
 
 def is_skipped(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bool:

@@ -17,6 +17,7 @@ from eskin.errors import RecordingError
 from eskin.units import format_count
 
 if TYPE_CHECKING:
+    from eskin.cli.terminal import FaultPrinter
     from eskin.recording import RecordingWriter
     from eskin.recording.guided import AttemptEvent, AttemptReview, RecordingGuide
     from eskin.touch import Scan
@@ -56,6 +57,7 @@ class RecordCommand(GuidedCommand):
 
 def run(command: RecordCommand) -> dict[str, object]:
     """Record until every gesture was made often enough, and return what there is."""
+    from eskin.cli.terminal import FaultPrinter
     from eskin.recording import Metadata, RecordingWriter
     from eskin.recording.guided import RecordingGuide, review_attempts
 
@@ -64,6 +66,7 @@ def run(command: RecordCommand) -> dict[str, object]:
         source, mounted = open_guided_source(command, stack)
         info, gestures = source.info, command.gestures
         guide = RecordingGuide(mounted, info.calibration, gestures, command.times)
+        faults = FaultPrinter()
         writer = stack.enter_context(
             RecordingWriter(
                 command.out,
@@ -76,7 +79,8 @@ def run(command: RecordCommand) -> dict[str, object]:
             )
         )
         with suppress(KeyboardInterrupt):
-            record_attempts(source, guide, writer)
+            record_attempts(source, guide, writer, faults)
+        faults.finish()
         write_last_label(guide, writer)
         if not guide.attempts:
             raise RecordingError(
@@ -120,7 +124,10 @@ def check_options(command: RecordCommand) -> None:
 
 
 def record_attempts(
-    scans: "Iterable[Scan]", guide: "RecordingGuide", writer: "RecordingWriter"
+    scans: "Iterable[Scan]",
+    guide: "RecordingGuide",
+    writer: "RecordingWriter",
+    faults: "FaultPrinter",
 ) -> None:
     """Write scans until every gesture has its attempts, and say what to do.
 
@@ -132,7 +139,9 @@ def record_attempts(
     for scan in scans:
         writer.write(scan)
         event = guide.push(scan)
-        check_way(guide.pipeline)
+        if guide.state is not None:
+            check_way(guide.state.faults)
+            faults.push(scan.stamp, guide.state.faults)
         if event is not None:
             if event.attempt is not None and len(guide.attempts) > 1:
                 writer.write_label(guide.attempts[-2].label)

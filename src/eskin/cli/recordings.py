@@ -172,10 +172,10 @@ class ReplayCommand:
 
 def run_replay(command: ReplayCommand) -> dict[str, object]:
     """Replay the recording, print and return the detections."""
+    from eskin.cli.terminal import FaultPrinter
     from eskin.live import Recognizer, load_model
     from eskin.recording import read_recording, rewrite_recording, select_labels
     from eskin.skin import MountedSkin
-    from eskin.stream import describe_way
 
     check_replay(command)
     overrides = load_overrides(command.calibration, command.robot_urdf)
@@ -193,14 +193,16 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     truth = select_labels(recording.labels)
     found: list[Detection] = []
     rows: list[dict[str, object]] = []
+    faults = FaultPrinter()
     for scan in recording.scans():
         found += recognizer.push(scan)
         rows += report(recording, truth, found[len(rows) :])
+        if recognizer.state is not None:
+            faults.push(scan.stamp, recognizer.state.faults)
     found += recognizer.finish()
     rows += report(recording, truth, found[len(rows) :])
+    faults.finish()
     print(f"{len(rows)} detection{'s' * (len(rows) != 1)}")
-    if recognizer.state is not None and (text := describe_way(recognizer.state.faults)):
-        print(text)
     if command.record is not None:
         rewrite_recording(
             recording, command.record, detections=[f.record() for f in found]

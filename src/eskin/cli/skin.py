@@ -195,8 +195,9 @@ def wait_for_press(
     detector, start = PressDetector(), None
     for scan in source:
         start = scan.stamp if start is None else start
-        taxel = detector.push(pipeline.push(scan))
-        check_way(pipeline)
+        state = pipeline.push(scan)
+        taxel = detector.push(state)
+        check_way(state.faults)
         if taxel is not None or scan.stamp - start > wait * NS_PER_S:
             return taxel
     return None

@@ -1,12 +1,13 @@
 """This module prints detections, events and commands as lines on the terminal."""
 
+from collections.abc import Sequence
 from typing import final
 
 from eskin.drivers import Event
 from eskin.live import Detection
-from eskin.stream import CommandEvent, Context, Listener, Message, found_together
+from eskin.stream import CommandEvent, Context, FaultReporter, Listener, Message
 from eskin.stream.listener import Drop
-from eskin.touch import Scan
+from eskin.touch import Fault, Scan
 from eskin.units import NS_PER_S, format_count
 
 PATCH_KINDS = {"appeared", "silent", "returned", "slow", "on_rate", "late", "in_time"}
@@ -17,13 +18,47 @@ TOGETHER = NS_PER_S // 2
 """Longest time between two such events that are counted together [ns]."""
 
 
+def format_event(event: Event, first: int) -> str:
+    """Return an event as a line, with the seconds since a first stamp [ns]."""
+    seconds = (event.stamp - first) / NS_PER_S
+    return f"{seconds:7.2f}s  {event.kind:12} {'':4}  {event.text}"
+
+
+@final
+class FaultPrinter:
+    """A printer of the faults of a skin, for commands that read its scans themselves.
+
+    Its lines are those that `TerminalPrinter` prints of a stream.
+    """
+
+    def __init__(self) -> None:
+        """Start before the first scan."""
+        self.reporter = FaultReporter()
+        self.first: int | None = None
+
+    def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
+        """Print what there is to tell of a reading, and return it."""
+        self.first = stamp if self.first is None else self.first
+        return self.print_events(self.reporter.push(stamp, faults))
+
+    def finish(self) -> list[Event]:
+        """Print what is not told yet, after the last reading, and return it."""
+        return self.print_events(self.reporter.finish())
+
+    def print_events(self, events: list[Event]) -> list[Event]:
+        """Print events, and return them."""
+        for event in events:
+            print(format_event(event, self.first or 0), flush=True)
+        return events
+
+
 @final
 class TerminalPrinter(Listener):
     """A listener that prints what happens, with seconds since the stream began.
 
-    Of faults that are found together, it prints one and counts the others; of patches
-    that appear or become silent together, three. Scans tell it that time has passed, so
-    that the count is printed while nothing else happens.
+    Of patches that appear or become silent together, it prints three and counts the
+    others. Scans tell it that time has passed, so that the count is printed while
+    nothing else happens.
     """
 
     name = "terminal"
@@ -34,11 +69,9 @@ class TerminalPrinter(Listener):
     def start(self, context: Context) -> None:
         """Print the column titles."""
         self.first = context.clock.now()
-        self.fault: Event | None = None
         self.last: Event | None = None
         self.together: list[str] = []
         self.more = 0
-        self.counted = ""
         print(f"{'time':>8}  {'what':12} {'conf':>4}  where", flush=True)
 
     def on_message(self, item: Message) -> None:
@@ -50,22 +83,18 @@ class TerminalPrinter(Listener):
             if isinstance(item, Event) and self.is_counted(item):
                 return
             self.close()
-            self.fault = item if isinstance(item, Event) else None
             self.write(item)
 
     def is_counted(self, event: Event) -> bool:
-        """Count an event that is one of many of its kind at once; return whether it is.
+        """Count a patch that is one of many with an event; return whether it is.
 
-        Faults are counted, and patches, each once however many events it has.
+        Each is counted once however many events it has.
         """
         is_new = self.gather(event)
-        if event.patch in self.together[LISTED:]:
-            self.more, self.counted = self.more + is_new, "patch"
-            return True
-        if found_together(self.fault, event):
-            self.more, self.counted = self.more + 1, "fault"
-            return True
-        return False
+        if event.patch not in self.together[LISTED:]:
+            return False
+        self.more += is_new
+        return True
 
     def gather(self, event: Event) -> bool:
         """Collect patches with events of one kind at once; return whether it is new."""
@@ -84,10 +113,11 @@ class TerminalPrinter(Listener):
 
     def write(self, item: Detection | Event | CommandEvent) -> None:
         """Print one line."""
-        seconds = (item.stamp - self.first) / NS_PER_S
         if isinstance(item, Event):
-            text = f"{item.kind:12} {'':4}  {item.text}"
-        elif isinstance(item, CommandEvent):
+            print(format_event(item, self.first), flush=True)
+            return
+        seconds = (item.stamp - self.first) / NS_PER_S
+        if isinstance(item, CommandEvent):
             outcome = "done" if item.accepted else "not done"
             text = f"  {item.action:15}  {outcome}: {item.why}"
         else:
@@ -98,8 +128,8 @@ class TerminalPrinter(Listener):
         print(f"{seconds:7.2f}s  {text}", flush=True)
 
     def close(self) -> None:
-        """Print the number of faults or patches that were only counted."""
+        """Print the number of patches that were only counted."""
         if self.more:
-            text = f"and {format_count(self.more, self.counted)} more"
+            text = f"and {format_count(self.more, 'patch')} more"
             print(f"{'':8}  {'':12} {'':4}  {text}", flush=True)
         self.more = 0

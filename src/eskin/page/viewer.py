@@ -45,7 +45,6 @@ from eskin.stream import (
     Message,
     Recognition,
     RecognitionState,
-    found_together,
 )
 from eskin.stream.listener import RARE, Drop
 from eskin.touch import Contact, TouchState
@@ -71,7 +70,6 @@ class FrameEncoder:
         """
         self.mounted, self.begin = mounted, begin
         self.log_entries: deque[LogEntry] = deque(maxlen=MAX_LOG_ENTRIES)
-        self.last_event: Event | None = None
         joints = len(mounted.robot.joint_names)
         self.T_world_link = mounted.kinematics.poses(np.zeros(joints))
 
@@ -88,11 +86,7 @@ class FrameEncoder:
         match item:
             case Detection():
                 self.log_entries.append(self.describe_detection(item))
-            case Event() if found_together(self.last_event, item):
-                # Of faults found together one is logged; the page counts all.
-                pass
             case Event():
-                self.last_event = item
                 self.log(item.stamp, "event", to_words(item.text))
             case CommandEvent():
                 kind = "command" if item.accepted else "refused"

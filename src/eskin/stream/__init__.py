@@ -1,5 +1,11 @@
 """This package publishes the scans of a source to recogniser, recorder and viewer."""
 
+from eskin.stream.faults import (
+    WAY_TEXTS,
+    FaultReporter,
+    describe_places,
+    describe_way,
+)
 from eskin.stream.listener import (
     BoundedQueue,
     CommandEvent,
@@ -12,12 +18,7 @@ from eskin.stream.listener import (
     RecognitionState,
     short_switch_interval,
 )
-from eskin.stream.recognition import (
-    FaultReporter,
-    Recognition,
-    describe_way,
-    found_together,
-)
+from eskin.stream.recognition import Recognition
 from eskin.stream.recorder import Recorder, RecorderConfig
 from eskin.stream.stream import Stream, stop_on_signals
 
@@ -36,8 +37,9 @@ __all__ = [
     "Recorder",
     "RecorderConfig",
     "Stream",
+    "WAY_TEXTS",
+    "describe_places",
     "describe_way",
-    "found_together",
     "short_switch_interval",
     "stop_on_signals",
 ]

@@ -1,12 +1,11 @@
 """This module runs a recogniser, and a report of faults, as one listener."""
 
-from collections.abc import Sequence
 from time import perf_counter
 from typing import final
 
-from eskin.drivers import Event
 from eskin.errors import SkinMismatchError
 from eskin.live import Detection, Recognizer
+from eskin.stream.faults import FaultReporter
 from eskin.stream.listener import (
     Context,
     Drop,
@@ -15,115 +14,7 @@ from eskin.stream.listener import (
     Message,
     RecognitionState,
 )
-from eskin.touch import Fault, Scan
-
-FAULT_TEXTS = {
-    "stuck": "is frozen at one count",
-    "dead": "is frozen at zero",
-    "negative": "counts below zero",
-    "saturated": "is at full scale for longer than anybody touches",
-    "noisy": "jumps to and fro on its own",
-    "row": "is out",
-    "column": "is out",
-    "patch": "is out or silent",
-}
-WAY_TEXTS = {
-    "falling": "has counts that fall under pressure; use --falling, or run eskin "
-    "calibrate, which finds that by itself: no touch is felt",
-    "rising": "has counts that rise under pressure; leave out --falling, or "
-    "run eskin calibrate, which finds that by itself: no touch is felt",
-}
-
-
-@final
-class FaultReporter:
-    """Turns lists of current faults into events of faults that begin and end."""
-
-    def __init__(self) -> None:
-        """Start with a skin without faults."""
-        self.known: tuple[Fault, ...] = ()
-
-    def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
-        """Return the events of a reading with some stamp [ns] and faults.
-
-        A fault that becomes part of a larger one, such as a taxel whose row fails, does
-        not count as over.
-        """
-        faults = tuple(faults)
-        if faults == self.known:
-            return []
-        previous, now = map(faults_by_place, (self.known, faults))
-        self.known = faults
-        over = [
-            fault
-            for place, fault in previous.items()
-            if place not in now and not any(covers(other, fault) for other in faults)
-        ]
-        begun = [fault for place, fault in now.items() if place not in previous]
-        return [
-            *(fault_event(stamp, fault, over=True) for fault in over),
-            *(fault_event(stamp, fault, over=False) for fault in begun),
-        ]
-
-
-def found_together(last: Event | None, event: Event) -> bool:
-    """Return whether two events are faults found at the same reading."""
-    return (
-        last is not None
-        and event.kind == last.kind == "fault"
-        and event.stamp == last.stamp
-    )
-
-
-def faults_by_place(faults: Sequence[Fault]) -> dict[tuple[object, ...], Fault]:
-    """Return faults keyed by kind and place."""
-    return {
-        (fault.kind, fault.patch, fault.row, fault.column, fault.taxel): fault
-        for fault in faults
-    }
-
-
-def covers(fault: Fault, other: Fault) -> bool:
-    """Return whether a fault of a line or patch includes another."""
-    if fault.patch != other.patch:
-        return False
-    if fault.kind in ("row", "column"):
-        line = "row" if fault.kind == "row" else "column"
-        return other.taxel is not None and getattr(fault, line) == getattr(other, line)
-    return fault.kind == "patch"
-
-
-def describe_way(faults: Sequence[Fault]) -> str:
-    """Describe that counts go another way under pressure; empty where they do not."""
-    texts = [
-        f"patch '{fault.patch}' {WAY_TEXTS[fault.kind]}"
-        for fault in faults
-        if fault.kind in WAY_TEXTS
-    ]
-    return "".join(texts[:1])
-
-
-def fault_event(stamp: int, fault: Fault, over: bool) -> Event:
-    """Return the event of a fault that has begun, or is over."""
-    what = f"patch '{fault.patch}'"
-    if fault.taxel is not None:
-        what = f"taxel {fault.taxel} (row {fault.row}, column {fault.column}) of {what}"
-    elif fault.row is not None or fault.column is not None:
-        number = fault.column if fault.row is None else fault.row
-        what = f"{fault.kind} {number} of {what}"
-    text = describe_way((fault,))
-    if not text:
-        found = FAULT_TEXTS[fault.kind]
-        text = f"{what} {found} and is left out; check its lines and plug"
-    return Event(
-        stamp,
-        "mended" if over else "fault",
-        f"{what} is in order again" if over else text,
-        fault.patch,
-        fault.row,
-        fault.column,
-        fault.taxel,
-    )
+from eskin.touch import Scan
 
 
 @final
@@ -188,8 +79,10 @@ class Recognition(Listener):
             )
 
     def close(self) -> None:
-        """Close the touches that are still open."""
+        """Close the touches that are still open, and tell what is not told yet."""
         self.publish(self.recognizer.finish())
+        for event in self.faults.finish():
+            self.context.publish(event)
 
     def publish(self, detections: list[Detection]) -> None:
         """Publish and count detections."""
