@@ -14,8 +14,9 @@ from eskin.sim.dataset.clip import make_clip
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.sensor import FAMILIES, draw_build
 from eskin.skin import build_grid_skin
+from eskin.touch import Calibration
 from eskin.units import NS_PER_S
-from lab.release.__main__ import compare, main
+from lab.release.__main__ import compare, main, measure_release
 from lab.release.scoring import Followed, Follower, score_stream
 from lab.release.streams import (
     DRAWS,
@@ -228,12 +229,23 @@ def test_stream_of_the_control_is_that_of_the_published_set_and_creep_adds_to_it
 
 def test_figures_differ_by_nothing_from_themselves():
     events = [make_event((10, 40)), make_event((60, 90))]
-    one = score_stream(
-        ScoredStream(events, [], 9.0, ""), [make_touch(10, 90)], GESTURES
-    )
-    table = compare({"old": {"slow": {"a": one}}, "new": {"slow": {"a": one}}})
-    rows = [line for line in table.splitlines() if "joined" in line]
-    assert "0.500" in rows[0] and "+0.000 (+0.000 to +0.000)" in rows[0]
+    stream = ScoredStream(events, [], 9.0, "")
+    joined = score_stream(stream, [make_touch(10, 90)], GESTURES)
+    apart = score_stream(stream, [make_touch(10, 40)], GESTURES)
+    streams = {"linear a": joined, "linear b": apart}
+    table = compare({"old": {"slow": streams}, "new": {"slow": streams}})
+    [row] = [line for line in table.splitlines() if "joined" in line]
+    assert "0.250 (0.000 to 0.500)" in row and "+0.000 (+0.000 to +0.000)" in row
+
+
+def test_presses_measure_the_release_of_the_pressure_with_a_small_error():
+    nominal = Calibration.uniform(4, 4095, 100.0)
+    square = replace(nominal, curve="divider", exponent=2.0)
+    for calibration, true in ((nominal, 0.2), (square, 0.4)):
+        names = (f"stream {number}" for number in range(200))
+        found = [measure_release(calibration, 0.2, name) for name in names]
+        errors = np.log([one.release_seconds for one in found]) - np.log(true)
+        assert abs(errors.mean()) < 0.05 and 0.1 < errors.std() < 0.2
 
 
 def test_builds_of_a_kind_are_compared_by_themselves():
