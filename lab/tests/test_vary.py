@@ -19,7 +19,7 @@ from lab.vary.table import compare, describe
 KERNELS = '''"""Kernels."""
 from numba import njit
 
-NEVER = -1.0
+NOWHERE = -1.0
 FIRST, LAST = 0, 1
 LIMIT, SHARES = 3.0, (0.25, 4)
 COUNT = 3
@@ -132,7 +132,7 @@ def test_tuned_are_named_numbers_and_defaults_of_configurations(sources):
 def test_what_is_not_tuned_says_why(sources):
     why = {place[1]: sources.why_not_tuned(place) for place in sources.list_places()}
     assert why["FIRST"] == "index"
-    assert why["NEVER"] == "stands for nothing"
+    assert why["NOWHERE"] == "stands for nothing"
     assert why["FACTOR"] == why["RuleConfig.half"] == "computed from others"
 
 
@@ -193,7 +193,7 @@ def make_figures(felt="1111", deaf=0.1, openings=2.0):
 
 def test_only_a_difference_that_chance_does_not_explain_is_clear():
     usual = make_figures("1" * 20 + "0" * 20)
-    line = {"error": "", "figures": make_figures("1" * 17 + "0" * 20 + "111")}
+    line = {"error": "", "figures": make_figures("1" * 14 + "0" * 24 + "11")}
     assert describe(line, usual) == "little"
     line["figures"] = make_figures("1" * 14 + "0" * 26)
     assert describe(line, usual) == "felt 20 to 14 (+0 -6)"
