@@ -5,7 +5,7 @@ and gain differ from taxel to taxel. Touches of a fingertip or a palm follow eac
 with pauses.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import final
 
 import numpy as np
@@ -82,10 +82,16 @@ def build_matrix_skin() -> MountedSkin:
 
 
 def build_calibration(
-    mounted: MountedSkin, rest: Float[np.ndarray, "taxel"] | None
+    plan: MatrixPlan, mounted: MountedSkin, rest: Float[np.ndarray, "taxel"] | None
 ) -> Calibration:
-    """Build the nominal calibration, with counts at rest where they are known."""
+    """Build the nominal calibration, with counts at rest where they are known.
+
+    How slowly the sensor releases is known too, to front ends that can be told.
+    """
     calibration = nominal_calibration(mounted.skin).with_full_scale(FULL_SCALE)
+    known = {one.name for one in fields(calibration)}
+    if plan.release and "release_seconds" in known:
+        calibration = replace(calibration, **{"release_seconds": plan.release})
     return replace(calibration, rest=rest)
 
 

@@ -221,7 +221,7 @@ def read_matrix(folder: Path, name: str) -> World:
     return World(
         name,
         mounted,
-        build_calibration(mounted, rest if known else None),
+        build_calibration(plan, mounted, rest if known else None),
         stamps,
         np.clip(data["counts"].astype(np.int32), -1, FULL_SCALE),
         data["received"],
