@@ -188,7 +188,7 @@ def make_figures(felt="1111", deaf=0.1, openings=2.0):
     )
     counts |= dict.fromkeys(("force", "false seconds", "false believed", "parts"), 0.0)
     counts |= {"deaf": deaf, "openings": openings, "touches": float(len(felt))}
-    return {"world": {"outcomes": {"felt": felt}, "counts": counts}}
+    return {"world": {"outcomes": {"felt": felt, "believed": ""}, "counts": counts}}
 
 
 def test_only_a_difference_that_chance_does_not_explain_is_clear():

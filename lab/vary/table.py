@@ -41,6 +41,8 @@ SHARES = ("deaf", "masked", "polarity")
 NAMES = {"parts": "cut in two", "wait": "time to evidence", "masked": "faulty masked"}
 """Names of figures in the table, where they differ."""
 SIGMAS = 1.96
+MOST = 5
+"""Number of figures of a variant that are printed, the ones that move most."""
 Figures = dict[str, dict]
 """Figures by world, as `lab.vary.play` writes them."""
 
@@ -99,7 +101,7 @@ def measure(gained: float, lost: float) -> float:
 
 def compare_means(name: str, usual: Figures, found: Figures) -> Change | None:
     """Compare the mean of a figure over all worlds."""
-    worlds = [one for one in usual if is_counted(name, usual[one])]
+    worlds = [one for one in usual if is_counted(name, usual[one])] or list(usual)
     old = sum(usual[one]["counts"][name] for one in worlds) / len(worlds)
     new = sum(found[one]["counts"][name] for one in worlds) / len(worlds)
     if all(usual[one]["counts"][name] == found[one]["counts"][name] for one in worlds):
@@ -111,7 +113,9 @@ def compare_means(name: str, usual: Figures, found: Figures) -> Change | None:
 
 def is_counted(name: str, figures: dict) -> bool:
     """Return whether a world tells something of a figure."""
-    if name in ("onset error", "end error", "wait", "force"):
+    if name == "wait":
+        return bool(figures["outcomes"]["believed"])
+    if name in ("onset error", "end error", "force"):
         return figures["counts"]["touches"] > 0
     return True
 
@@ -143,7 +147,7 @@ def describe(line: dict | None, usual: Figures) -> str:
     changes = compare(usual, line["figures"])
     clear = [one.text for one in changes if one.size >= 1.0]
     if clear:
-        return ", ".join(clear)
+        return ", ".join(clear[:MOST])
     return "little" if changes else "nothing"
 
 
