@@ -348,7 +348,9 @@ def describe_reasons(faults: Sequence[Fault]) -> str:
 
 def format_seconds(nanoseconds: int) -> str:
     """Return a time [ns] in seconds, minutes or hours, whichever is readable."""
-    seconds = max(round(nanoseconds / NS_PER_S), 1)
+    seconds = nanoseconds / NS_PER_S
+    if seconds < 1:
+        return f"{max(seconds, 0.1):.1f} s"
     if seconds < 120:
-        return f"{seconds} s"
-    return f"{seconds // 60} min" if seconds < 7200 else f"{seconds // 3600} h"
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"
