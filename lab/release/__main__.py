@@ -47,7 +47,8 @@ class Command:
     only: tuple[str, ...] = tuple(DRAWS)
     """Draws to make or to play."""
     streams: int | None = None
-    """Number of streams of each draw that are made; its own unless given."""
+    """Number of streams of each draw to make, or to play of those that were made; all
+    unless given."""
     presses: bool = False
     """Give calibrations the time constant of the release that presses would measure,
     with an error of 15 %; by default calibrations are nominal."""
@@ -87,7 +88,7 @@ def main(args: list[str] | None = None) -> None:
 def play(command: Command, folder: Path, name: str) -> dict[str, Figures]:
     """Play all streams of a draw; return their figures by kind of build and file."""
     made = find_folder(folder, name, command.seed)
-    paths = find_streams(made)
+    paths = find_streams(made)[: command.streams]
     builds = read_builds(made)
     times = [float(builds[path.name]["time constant"]) for path in paths]
     names = [f"{builds[path.name]['kind']} {path.name}" for path in paths]
