@@ -12,6 +12,7 @@ figure of any world.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,6 +56,8 @@ class Command:
     """Files of figures; the later ones count first."""
     sources: Path = Path(eskin.__file__).parent
     """Folder of the package whose numbers were varied."""
+    without: tuple[str, ...] = ()
+    """Worlds that do not count, as where the front end is chaotic."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,14 @@ def format_mean(name: str, value: float) -> str:
     return f"{value:.3g}{unit}"
 
 
+def leave_out(worlds: Collection[str], lines: list[dict]) -> list[dict]:
+    """Return the lines of a file without some worlds."""
+    for line in lines:
+        for world in worlds:
+            line["figures"].pop(world, None)
+    return lines
+
+
 def compare(usual: Figures, found: Figures) -> list[Change]:
     """List what differs between two variants, the largest changes first."""
     outcomes = next(iter(usual.values()))["outcomes"]
@@ -180,7 +191,7 @@ def build_row(number: Number, files: list[list[dict]]) -> list[str]:
 def main(command: Command) -> None:
     """Print the table, a part a module, and what is not varied."""
     sources = Sources(command.sources)
-    files = [read_lines(path) for path in command.found]
+    files = [leave_out(command.without, read_lines(path)) for path in command.found]
     numbers = sources.list_numbers()
     for module in sources.modules:
         own = [number for number in numbers if number.module == module]
