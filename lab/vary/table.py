@@ -28,10 +28,10 @@ CLEAR = {
     "masked": 0.02,
     "polarity": 0.02,
     "faults": 1.0,
-    "onset error": 0.005,
+    "onset error": 0.01,
     "end error": 0.02,
-    "wait": 0.005,
-    "force": 0.2,
+    "wait": 0.01,
+    "force": 0.3,
     "false seconds": 1.0,
 }
 """Differences of means over worlds from which they are clear: of shares, of the number
