@@ -69,8 +69,15 @@ def build_words(command, recording, folder, model):
         "replay": ("replay", recording, "--model", model),
         "run": ("run", "--source", source, "--model", model, "--pace", "inf"),
         "record": (
-            *("record", source, "--out", folder / "own.mcap"),
-            *("--gestures", "knock", "none", "--times", "9"),
+            "record",
+            source,
+            "--out",
+            folder / "own.mcap",
+            "--gestures",
+            "knock",
+            "none",
+            "--times",
+            "9",
         ),
         "calibrate": ("calibrate", source, "--out", folder / "c.json"),
     }[command]

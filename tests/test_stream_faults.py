@@ -30,7 +30,8 @@ COLUMN = fault("column", column=2)
 
 def report(faults_at, seconds, rate=20, ends=True):
     """Return the events of the faults at each of some seconds."""
-    reporter, events = FaultReporter(), []
+    reporter = FaultReporter()
+    events = []
     for n in range(round(seconds * rate)):
         stamp = START + round(n * SECOND / rate)
         events += reporter.push(stamp, faults_at(n / rate))
@@ -121,6 +122,20 @@ def test_part_of_a_larger_fault_is_not_over(other, covers):
     mended = [("mended", "a", 1, 2, 17)] * (not covers)
     place = "fault", other.patch, other.row, other.column, None
     assert list_places(events[1:]) == [place, *mended]
+
+
+def test_part_that_is_not_told_yet_is_told_by_a_larger_fault():
+    taxels = [find_taxel(100 * row + 2) for row in range(10)]
+
+    def find(t):
+        return taxels[: int(t) + 1] if t < 12 else [COLUMN]
+
+    events = report(find, 150)
+    assert [event.taxel for event in events[:LISTED]] == [2, 102, 202]
+    assert list_places(events[LISTED:]) == [
+        ("fault", "a", None, None, None),
+        ("fault", "a", None, 2, None),
+    ]
 
 
 def test_larger_part_in_order_again_names_what_is_still_faulty_in_it():

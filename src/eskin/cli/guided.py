@@ -376,7 +376,8 @@ def guide_person(
     from eskin.cli.terminal import FaultPrinter
     from eskin.stream import WAY_TEXTS
 
-    guide, faults = dialogue.guide, FaultPrinter()
+    guide = dialogue.guide
+    faults = FaultPrinter()
     say(dialogue.describe_request())
     since: int | None = None
     for scan in scans:

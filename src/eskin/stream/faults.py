@@ -183,7 +183,11 @@ class FaultReporter:
             part.fault = fault
         larger = [fault for fault in faults if fault.taxel is None]
         for place, part in list(self.parts.items()):
-            if place in now or any(covers(fault, part.fault) for fault in larger):
+            if place in now:
+                continue
+            if any(covers(fault, part.fault) for fault in larger):
+                if not part.is_told:
+                    del self.parts[place]
                 continue
             if part.is_out:
                 part.is_out = False
@@ -320,7 +324,8 @@ def describe_event(parts: list[FaultyPart], stamp: int) -> str:
     what = describe_place(faults[0]) if is_one else describe_group(faults)
     if faults[0].kind in WAY_TEXTS and parts[0].kind == "fault":
         return f"{what} {'has' if is_one else 'have'} {WAY_TEXTS[faults[0].kind]}"
-    verb, whose = ("is", "its") if is_one else ("are", "their")
+    verb = "is" if is_one else "are"
+    whose = "its" if is_one else "their"
     if parts[0].kind == "mended":
         passed = max(part.ended for part in parts) - min(part.since for part in parts)
         return f"{what} {verb} in order again after {format_seconds(passed)}"
