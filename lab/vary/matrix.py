@@ -31,6 +31,8 @@ TIP, PALM = 0.005, 0.02
 """Standard deviation of the pressure of a fingertip and of a palm over distance [m]."""
 DEAD = 5
 """Column that is dead where one is."""
+LOOSE = 18.0
+"""Time for which a loose matrix moves before the first touch [s]."""
 START = 2.0
 """Time before the first touch [s]."""
 KINDS = ("poke", "double_pat", "stroke", "circle", "palm", "rub", "hold")
@@ -57,6 +59,10 @@ class MatrixPlan:
     """Whether counts fall under pressure; the calibration does not tell."""
     events: bool = False
     """Whether a hand lies on it at the start, taxels fail and data is lost."""
+    loose: bool = False
+    """Whether rows and the whole patch move and return before the first touch."""
+    drift: float = 0.0
+    """Counts by which all taxels have drifted since they were calibrated."""
     rests: float = 0.0
     """Time for which a hand rests on it before the touches [s]; it eases meanwhile."""
 
@@ -157,6 +163,8 @@ class Matrix:
         counts += NOISE * self.rng.standard_normal(skin.count)
         if plan.dead:
             counts[skin.columns == DEAD] = 0.0
+        if plan.loose:
+            self.loosen(counts)
         if plan.falling:
             counts = FULL_SCALE - counts
         received = np.ones(skin.count, bool)
@@ -169,6 +177,13 @@ class Matrix:
         if force > 0.0:
             centre = np.average(skin.positions, axis=0, weights=pressure)
         self.centres.append(centre)
+
+    def loosen(self, counts: Float[np.ndarray, "taxel"]) -> None:
+        """Move a row, or the whole patch, for half a second of every three."""
+        turn, phase = divmod(self.seconds, 3.0)
+        if self.seconds < LOOSE and 1.5 < phase < 2.0:
+            moved = self.skin.rows == turn if turn % 2.0 else self.skin.rows >= 0
+            counts[moved] += (-30.0, 90.0, -FULL_SCALE)[int(turn) % 3]
 
     def disturb(self, counts: Float[np.ndarray, "taxel"]) -> bool:
         """Let taxels and the plug fail; return whether data arrives."""
@@ -189,7 +204,8 @@ class Matrix:
             counts[rng.random(skin.count) < 0.9] = rng.uniform(0.0, FULL_SCALE)
         if rng.random() < 0.02:
             counts[rng.integers(skin.count)] = rng.uniform(0.0, FULL_SCALE)
-        return not (60.0 < t < 71.0 or 75.0 < t < 75.6)
+        is_lost = t % 7.0 < 0.12 or rng.random() < 0.02
+        return not (is_lost or 60.0 < t < 71.0 or 75.0 < t < 75.6)
 
     def wait(self, seconds: float) -> None:
         """Take scans without a touch."""
@@ -263,7 +279,7 @@ def simulate(plan: MatrixPlan, seconds: float, seed: int) -> Recorded:
     if plan.events:
         matrix.press([(0.0, 0.0)] * round(4.0 * RATE), 25.0, PALM)
         matrix.wait(4.0)
-    matrix.wait(START)
+    matrix.wait(LOOSE if plan.loose else START)
     if plan.rests:
         matrix.rest_hand(plan.rests)
     while matrix.seconds < seconds:

@@ -40,8 +40,9 @@ MATRICES = {
     "dead column": MatrixPlan(dead=True),
     "slow release": MatrixPlan(crosstalk=0.02, release=0.5, creep=0.1),
     "events": MatrixPlan(crosstalk=0.0, events=True),
-    "rests": MatrixPlan(crosstalk=0.01, rests=65.0),
-    "falling": MatrixPlan(crosstalk=0.0, falling=True),
+    "rests": MatrixPlan(crosstalk=0.01, drift=25.0, rests=65.0),
+    "loose": MatrixPlan(crosstalk=0.0, loose=True),
+    "falling": MatrixPlan(crosstalk=0.02, release=0.3, creep=0.1, falling=True),
 }
 """Matrices by the names of their worlds."""
 FAULT_STARTS = {
@@ -55,7 +56,7 @@ FAULT_STARTS = {
 """Faults that are put on the arm in the world `faults`, and when they begin [s]."""
 SECONDS_PER_TOUCH = 4.5
 """Mean time of a touch on the arm with the pause after it [s]."""
-HALF = (*FAMILIES, "falling")
+HALF = (*FAMILIES, "falling", "loose")
 """Worlds that are half as long as the others."""
 JUDGED = ("fresh", "flaws", "matrix", "dead column", "shearsense")
 """Worlds, or sets of them, in which it is judged which touches may command."""
@@ -211,7 +212,7 @@ def read_matrix(folder: Path, name: str) -> World:
         begin = end
     # With a hand on it at the start, or counts that fall, rest is not known before.
     known = not (plan.events or plan.falling)
-    rest = np.where(data["sound"], data["rest"], 0.0)
+    rest = np.where(data["sound"], data["rest"] - plan.drift, 0.0)
     untouched = np.ones(len(stamps), bool)
     untouched[stamps < data["starts"][0]] = not plan.events
     if plan.falling:
