@@ -126,7 +126,7 @@ class Calibration:
     """Where the constants come from. `nominal`: a data sheet; `rest`: rest and noise of
     this skin were measured; `presses`: its gains as well, from presses; `exact`: the
     true constants of a simulated sensor."""
-    release_seconds: float = 0.04
+    release_seconds: float = 0.1
     """Time constant with which the pressure falls once a sensor is let go [s]."""
     noise: Float[np.ndarray, "taxel"] | None = None
     """Standard deviation of each taxel at rest, rounding included [counts]; None where
@@ -293,7 +293,7 @@ class Calibration:
                 exponent=float(content.get("exponent", 1.0)),
                 unfelt=float(content.get("unfelt", 0.0)),
                 span=float(content.get("span", 0.0)),
-                release_seconds=float(content.get("release_seconds", 0.04)),
+                release_seconds=float(content.get("release_seconds", 0.1)),
                 matrix=parse_flag("matrix", content.get("matrix", False)),
                 falling=parse_flag("falling", content.get("falling", False)),
                 source=parse_choice(

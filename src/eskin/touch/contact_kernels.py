@@ -5,7 +5,7 @@
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from eskin.compiled import Packed, compiled
 from eskin.touch.noise_kernels import CLEAR_FACTOR
@@ -13,6 +13,7 @@ from eskin.touch.records import (
     KernelReading,
     TrackerContext,
 )
+from eskin.touch.taxel_kernels import SHORTEST_PRESS, select
 
 PA_PER_KPA = 1000.0
 PRESSED_FLOOR = 0.75
@@ -20,11 +21,21 @@ PRESSED_FLOOR = 0.75
 that of others."""
 FALL_SECONDS = 0.1
 """Time over which the fall of a pressure is looked at [s]."""
-FALL_RATE = 0.65
+FALL_RATE = 0.5
 """Rate of such a fall from which nothing holds a taxel any more, in units of the rate
 at which its sensor falls by itself."""
+HAND_SECONDS = 0.08
+"""Time constant with which the pressure of a hand that lifts falls [s]: no sensor is
+seen to fall faster."""
 AGAIN_SHARE = 0.25
 """Rise after such a fall that is contact again, in units of the lowest pressure."""
+CLEAR_PRESS = 4.0
+"""Smallest pressure whose fall tells how fast the sensor falls, in units of the
+pressure at which it is at rest."""
+SMOOTH_SECONDS = 0.03
+"""Time constant with which the noise of a pressed taxel is averaged [s]."""
+REST_SECONDS = 1.0
+"""Time at rest after which nothing is left of a press [s]."""
 MIN_SLOT_SECONDS = 0.0125
 """Time between two pressures that are kept to see a fall [s]."""
 MIN_NOISE = 0.1
@@ -198,10 +209,9 @@ def update_pressed(
     since = min(instant.previous, now - parameters.dropout_seconds)
     slot = advance_slot(now, context)
     before = find_slot(now - FALL_SECONDS + MIN_SLOT_SECONDS / 2, context)
-    left = 0.0
-    if before >= 0:
-        elapsed = now - context.recent_times[before]
-        left = math.exp(-FALL_RATE * elapsed / parameters.release_seconds)
+    elapsed = now - context.recent_times[before] if before >= 0 else np.inf
+    limit = FALL_RATE * min(context.release_rate[0], 1.0 / HAND_SECONDS)
+    weight = 1.0 - math.exp(-instant.elapsed / SMOOTH_SECONDS)
     active = np.empty_like(pressed)
     count = 0
     for i in pressed:
@@ -214,30 +224,64 @@ def update_pressed(
             taxel.highest = 0.0
             taxel.moved = 0
         if taxel.pressed_at < since or not taxel.pressed:
-            taxel.released = 0
+            taxel.fastest = 0.0
+            taxel.latest = pressure
+            taxel.smooth = pressure
+            if taxel.released:
+                taxel.smooth = min(taxel.lowest, pressure)
             context.recent[:, i] = 0.0
+        if now - taxel.pressed_at > REST_SECONDS:
+            taxel.released = 0
         change = pressure - taxel.highest
         taxel.changed = taxel.moved
         taxel.moved = change >= max(parameters.min_rise * pressure, taxel.floor)
         taxel.highest = max(taxel.highest, pressure)
         taxel.pressed_at = now
-        context.recent[slot, i] = pressure
-        if taxel.released:
-            taxel.lowest = min(taxel.lowest, pressure)
-            rise = max(AGAIN_SHARE * taxel.lowest, taxel.floor)
-            if pressure >= taxel.lowest + rise:
+        # Corrupt values are of one reading, a press of more.
+        lasting = pressure
+        if instant.elapsed <= SHORTEST_PRESS:
+            low = min(pressure, taxel.latest)
+            high = max(pressure, taxel.latest)
+            lasting = min(max(taxel.smooth, low), high)
+        taxel.smooth += weight * (lasting - taxel.smooth)
+        taxel.latest = pressure
+        context.recent[slot, i] = taxel.smooth
+        rate = compute_fall(i, taxel.smooth, before, elapsed, context)
+        if taxel.smooth >= CLEAR_PRESS * max(parameters.off, taxel.floor):
+            taxel.fastest = max(taxel.fastest, rate)
+        if not taxel.released and rate >= limit:
+            taxel.released = 1
+            taxel.lowest = taxel.smooth
+        elif taxel.released:
+            taxel.lowest = min(taxel.lowest, taxel.smooth)
+            rise = max(AGAIN_SHARE * taxel.lowest, parameters.on, taxel.floor)
+            if taxel.smooth >= taxel.lowest + rise:
                 taxel.released = 0
                 taxel.onset = instant.stamp
                 context.recent[:, i] = 0.0
-                context.recent[slot, i] = pressure
-        elif before >= 0 and pressure <= left * context.recent[before, i]:
-            taxel.released = 1
-            taxel.lowest = pressure
+                context.recent[slot, i] = taxel.smooth
         if not taxel.released:
             active[count] = i
             count += 1
-    keep_pressed(pressed, reading.valid, since, context)
+    keep_pressed(pressed, before, elapsed, reading, context)
     return active[:count]
+
+
+@compiled
+def compute_fall(
+    i: int, pressure: float, before: int, elapsed: float, context: TrackerContext
+) -> float:
+    """Return the rate at which the pressure of a taxel has fallen lately [1/s].
+
+    It is that of the logarithm, from the pressures in the slot before, some time ago
+    [s]; 0 where there are none.
+    """
+    if before < 0:
+        return 0.0
+    earlier = context.recent[before, i]
+    if earlier <= pressure:
+        return 0.0
+    return math.log(earlier / pressure) / elapsed
 
 
 @compiled
@@ -269,17 +313,35 @@ def find_slot(latest: float, context: TrackerContext) -> int:
 @compiled
 def keep_pressed(
     pressed: Indices,
-    valid: Bool[np.ndarray, "taxel"],
-    since: float,
+    before: int,
+    elapsed: float,
+    reading: KernelReading,
     context: TrackerContext,
 ) -> None:
-    """Keep the pressed taxels, and those not received that were so recently."""
+    """Keep the pressed taxels, and those not received that were so recently.
+
+    What has come to rest after a clear press tells how fast the sensor falls.
+    """
     taxels = context.taxels
     kept = context.pressed
+    instant = reading.instant
+    since = min(instant.previous, instant.now - context.parameters.dropout_seconds)
     count = 0
+    for i in pressed:
+        taxels[i].pressed = 2
     for k in range(context.pressed_count[0]):
         i = kept[k]
-        if valid[i] or taxels[i].pressed_at < since:
+        if taxels[i].pressed == 2:
+            continue
+        if reading.valid[i]:
+            least = max(context.parameters.off, taxels[i].floor)
+            rate = taxels[i].fastest
+            if before >= 0 and context.recent[before, i] >= CLEAR_PRESS * least:
+                # It fell faster than could be followed.
+                rate = max(rate, compute_fall(i, least, before, elapsed, context))
+            if rate > 0.0:
+                add_release(rate, context)
+        if reading.valid[i] or taxels[i].pressed_at < since:
             taxels[i].pressed = 0
         else:
             kept[count] = i
@@ -289,6 +351,15 @@ def keep_pressed(
         kept[count] = i
         count += 1
     context.pressed_count[0] = count
+
+
+@compiled
+def add_release(rate: float, context: TrackerContext) -> None:
+    """Add the rate of a release [1/s] to those that tell how fast the sensor falls."""
+    rates = context.release_rates
+    rates[context.releases[0] % len(rates)] = rate
+    context.releases[0] += 1
+    context.release_rate[0] = select(rates.copy(), len(rates) // 2)
 
 
 @compiled
@@ -342,17 +413,28 @@ def label_components(
 
 @compiled
 def select_strong(
-    active: Indices, labels: Indices, reading: KernelReading, share: float
+    active: Indices, labels: Indices, reading: KernelReading, context: TrackerContext
 ) -> Indices:
-    """Select the taxels that reach a fraction of the peak of their connected set."""
-    peaks, strong, count = np.zeros(len(active)), np.empty_like(active), 0
+    """Select the taxels that reach a fraction of the peak of their connected set.
+
+    The others are in contact once they rise: what is weak beside a press may be the
+    residual of one, crosstalk, or a hand that hovers, and stays as the press ends.
+    """
+    share = context.parameters.peak_share
+    peaks = np.zeros(len(active))
+    strong = np.empty_like(active)
+    count = 0
     for a in range(len(active)):
         label = labels[a]
         peaks[label] = max(peaks[label], reading.pressure[active[a]])
     for a in range(len(active)):
-        if reading.pressure[active[a]] >= share * peaks[labels[a]]:
-            strong[count] = active[a]
+        i = active[a]
+        if reading.pressure[i] >= share * peaks[labels[a]]:
+            strong[count] = i
             count += 1
+        else:
+            context.taxels[i].released = 1
+            context.taxels[i].lowest = context.taxels[i].smooth
     return strong[:count]
 
 
@@ -429,7 +511,7 @@ def find_contacts(
     active = update_pressed(pressed, reading, context)
     p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
     labels = label_components(active, p_world, context)
-    strong = select_strong(active, labels, reading, context.parameters.peak_share)
+    strong = select_strong(active, labels, reading, context)
     if len(strong) < len(active):
         active, position = strong, geometry.position
         p_world = transform_to_world(active, position, links, T_world_link, 1.0)

@@ -35,6 +35,7 @@ from eskin.touch.reading import Reading, Scan, check_count
 from eskin.touch.records import (
     NO_TOUCHES,
     RECENT,
+    RELEASES,
     ContactConfig,
     ContactRecord,
     KernelReading,
@@ -130,12 +131,15 @@ class TouchTracker:
         self.least = np.nextafter(least, np.float32(-np.inf))
         self.candidates = np.empty(skin.count, np.int64)
         parameters = build_tracking_parameters(
-            contacts, tracks, touches, skin.calibrated, release_seconds
+            contacts, tracks, touches, skin.calibrated
         )
         # By patch, row and column.
         self.order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
         self.pressed_taxels = np.empty(skin.count, np.int64)
         self.pressed_count = np.zeros(1, np.int64)
+        self.release_rates = np.full(RELEASES, 1.0 / release_seconds)
+        self.release_rate = np.full(1, 1.0 / release_seconds)
+        self.releases = np.zeros(1, np.int64)
         self.context = pack(
             TrackerContext(
                 parameters=parameters,
@@ -147,6 +151,9 @@ class TouchTracker:
                 recent=np.zeros((RECENT, skin.count)),
                 recent_times=np.full(RECENT, -np.inf),
                 slot=np.zeros(1, np.int64),
+                release_rates=self.release_rates,
+                release_rate=self.release_rate,
+                releases=self.releases,
             )
         )
         self.tracks = TrackFollower(skin.areas, parameters)

@@ -247,10 +247,10 @@ CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
 TrackingParameters = namedtuple(
     "TrackingParameters",
     [one.name for config in CONFIGS for one in fields(config)]
-    + ["pause_ns", "settle_ns", "calibrated", "release_seconds"],
+    + ["pause_ns", "settle_ns", "calibrated"],
 )
 """Parameters of the tracking kernels: the fields of their configurations, two of its
-times in ns, `Skin.calibrated` and `Calibration.release_seconds`."""
+times in ns, and `Skin.calibrated`."""
 
 
 def build_tracking_parameters(
@@ -258,7 +258,6 @@ def build_tracking_parameters(
     tracks: TrackConfig,
     touches: TouchConfig,
     calibrated: bool,
-    release_seconds: float,
 ) -> TrackingParameters:
     """Build the parameters of the tracking kernels."""
     values = vars(contacts) | vars(tracks) | vars(touches)
@@ -270,12 +269,15 @@ def build_tracking_parameters(
         pause_ns=round(touches.pause_seconds * NS_PER_S),
         settle_ns=round(touches.settle_seconds * NS_PER_S),
         calibrated=calibrated,
-        release_seconds=release_seconds,
     )
 
 
 RECENT = 8
 """Number of pressures of each taxel that are kept to see it fall."""
+
+
+RELEASES = 64
+"""Number of the latest releases whose median tells how fast the sensor falls."""
 
 
 class TrackerContext(NamedTuple):
@@ -299,6 +301,12 @@ class TrackerContext(NamedTuple):
     """(`RECENT`) times of these pressures [s]."""
     slot: np.ndarray
     """(1) index of the latest of these."""
+    release_rates: np.ndarray
+    """(`RELEASES`) rates at which taxels fell that were let go, in turn [1/s]."""
+    release_rate: np.ndarray
+    """(1) median of these rates [1/s]."""
+    releases: np.ndarray
+    """(1) number of releases so far."""
 
 
 class KernelReading(NamedTuple):

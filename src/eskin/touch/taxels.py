@@ -59,15 +59,16 @@ TAXEL = build_dtype(
             "suspicion flat_since flat_level flat_step last_doubted",
             "last_changed last_negative last_below_full last_nonzero last_zero least",
             "last_unpressed unanswered last_sound since last_found",
-            "pressed_at highest lowest risen_at",
+            "pressed_at latest smooth highest lowest fastest risen_at",
         ]
     ),
 )
 """State of a taxel. Times are in seconds since the first reading.
 
 `first_received`, `last_received`, `last_used`: time of the first data since the taxel
-is known, of the latest, and of the latest while it had no fault. `counts`: latest counts; `accepted`: the latest of no outage; `first` to
-`fourth`: the latest four, NaN where they are not known.
+is known, of the latest, and of the latest while it had no fault. `counts`: latest
+counts; `accepted`: the latest of no outage; `first` to `fourth`: the latest four, NaN
+where they are not known.
 
 Rest: `rest` [counts]; `above`, the counts above it at the latest scan; `confirmed`, the
 lesser of those of two scans if they are at most `SHORTEST_PRESS` apart; `peak`, the
@@ -80,8 +81,9 @@ while it is not touched; `last_touched`, when it or a neighbour was; `steady_lev
 is due.
 
 Noise: `noise` and `wander`, its standard deviation from scan to scan and about rest
-[counts]; `noise_limit`, the counts above rest that may be noise; `band`, the counts from
-which it is away from rest, for faults; `floor`, the pressure that may be noise [kPa].
+[counts]; `noise_limit`, the counts above rest that may be noise; `band`, the counts
+from which it is away from rest, for faults; `floor`, the pressure that may be noise
+[kPa].
 
 Faults: `suspicion`, the evidence of a fault; `flat_since`, `flat_level`, `flat_step`:
 since when it has been flat after a lone step, at which counts, after which step;
@@ -93,10 +95,12 @@ its smallest counts above zero; `last_unpressed` and `unanswered`, when no neigh
 last pressed, and for how long it did not respond while they were.
 
 Contact: `pressed`, whether something presses it; `pressed_at`, when it last did;
-`onset`, the stamp since which it is in contact [ns]; `released`, whether its contact has
-ended although it is pressed; `highest` and `lowest`, the greatest pressure since it is
-pressed, and the smallest since its contact ended [kPa]; `moved` and `changed`, whether
-its pressure rose at this reading, and at the one before; `risen_at`, when it last rose
+`onset`, the stamp since which it is in contact [ns]; `released`, whether its contact
+has ended although it has not been at rest since; `latest`, its latest pressure;
+`smooth`, the same without noise; `highest`, the greatest since it is pressed, and
+`lowest`, the smallest of the smooth ones since its contact ended [kPa]; `fastest`, the greatest rate
+at which its pressure fell since it is pressed [1/s]; `moved` and `changed`, whether its
+pressure rose at this reading, and at the one before; `risen_at`, when it last rose
 alone; `scratch_index`, a temporary variable, -1 between readings."""
 
 PATCH = build_dtype(

@@ -1,4 +1,4 @@
-"""This module continues tracks from reading to reading, and groups them into touches."""
+"""This module continues tracks of contacts, and groups them into touches."""
 
 from collections.abc import Sequence
 from itertools import combinations, product
