@@ -580,6 +580,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
                     gains = other
                     calibration = calibration.with_full_scale(small.full_scale)
             calibration = gains.apply(calibration, self.skin)
+            seconds = self.pipeline.tracker.release_seconds
+            calibration = replace(calibration, release_seconds=seconds)
         return CalibrationResult(
             calibration,
             self.rest,

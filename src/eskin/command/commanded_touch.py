@@ -117,6 +117,9 @@ class CommandedTouch:
     closed: bool = False
     """Whether it has closed."""
 
+    is_held: bool = False
+    """Whether something still presses its taxels, though it has closed."""
+
     clashes: bool = False
     """Whether two that have commanded or asked to have merged into it."""
 
@@ -124,6 +127,11 @@ class CommandedTouch:
     def breadth(self) -> float:
         """Median breadth of its readings in contact [m]; 0 where there are none."""
         return float(np.median(self.breadths)) if self.breadths else 0.0
+
+    @property
+    def is_present(self) -> bool:
+        """Whether it is open, or something still presses its taxels."""
+        return self.is_held or not self.closed
 
     def has_commanded(self, onset: int) -> bool:
         """Return whether it has commanded or asked to; each touch does so once."""
@@ -151,8 +159,15 @@ class CommandedTouch:
             self.untouched_since = untouched_since
         if self.onset is None or row.force > config.light_force:
             self.light_since = stamp
-        self.onset, self.patch, self.force = row.onset, patch, row.force
-        self.duration = (stamp - row.onset) / NS_PER_S
+        self.onset = row.onset
+        self.patch = patch
+        self.force = row.force
+        self.age(stamp, config)
+
+    def age(self, stamp: int, config: SkinMonitorConfig) -> None:
+        """Update how long its taxels have been pressed, until a stamp [ns]."""
+        if self.onset is not None:
+            self.duration = (stamp - self.onset) / NS_PER_S
         self.lasts = stamp - self.light_since > config.light_seconds * NS_PER_S
 
     def find_excess(self, config: SkinMonitorConfig) -> tuple[str, str]:
@@ -232,7 +247,7 @@ class CommandedTouches:
     Attributes:
         by_id: each touch by its id.
         requests: actions that are asked for and not decided yet, in their order.
-        felt: confirmed touches that are in contact in the latest reading.
+        felt: confirmed touches that press the skin in the latest reading.
         ended: touches that closed with the latest reading and merged into no other.
         latest: stamp of the latest reading [ns since the epoch].
         last_contact: stamp of the latest contact anywhere [ns since the epoch].
@@ -281,12 +296,27 @@ class CommandedTouches:
         if self.last_contact != self.latest:
             self.untouched_since = self.last_contact
         self.latest = state.reading.stamp
-        self.by_id = {i: one for i, one in self.by_id.items() if not one.closed}
-        self.ended, self.felt = [], []
+        held = {row.id for row in state.tracking.held}
+        for number, touch in self.by_id.items():
+            touch.is_held = number in held
+        self.by_id = {
+            number: one
+            for number, one in self.by_id.items()
+            if one.is_held or not one.closed
+        }
+        self.ended = []
+        self.felt = []
         merged = {status.id: status.merged_into for status in state.closed}
-        gone = self.by_id.keys() - merged - {one.id for one in state.tracking.open}
+        known = {number for number, one in self.by_id.items() if not one.closed}
+        gone = known - merged.keys() - {one.id for one in state.tracking.open}
         for number in (*merged, *sorted(gone)):
             self.close(number, merged.get(number, 0))
+            self.by_id[number].is_held = number in held
+        for touch in self.by_id.values():
+            if touch.is_held and touch.closed:
+                self.last_contact = self.latest
+                touch.age(self.latest, self.config)
+                self.felt.append(touch)
         if state.open:
             for row in state.rows:
                 if row.confirmed and not row.closed:
@@ -323,6 +353,8 @@ class CommandedTouches:
         if probabilities is not None:
             touch.stop_chance = sum(float(probabilities[index]) for index in stops)
             touch.stop_required = min(stops.values(), default=1.0)
+        if len(row.held):
+            self.last_contact = self.latest
         if row.last == self.latest:
             touch.feel(row, patch, self.latest, self.untouched_since, self.config)
             taxels = row.taxels
@@ -350,8 +382,8 @@ class CommandedTouches:
 
     @property
     def is_suspending(self) -> bool:
-        """Whether the arm is suspended for an open touch."""
-        return any(one.suspends and not one.closed for one in self.by_id.values())
+        """Whether the arm is suspended for a touch that is open, or still presses."""
+        return any(one.suspends and one.is_present for one in self.by_id.values())
 
     def release(self) -> None:
         """Suspend the arm for no touch any more: it is stopped."""
@@ -365,11 +397,11 @@ class CommandedTouches:
         return f"a light touch on patch '{patches[0]}' {longer}" if patches else None
 
     def list_other_onsets(self, touch: CommandedTouch) -> list[int]:
-        """Return the onsets of the other open touches [ns since the epoch]."""
+        """Return the onsets of the others that are present [ns since the epoch]."""
         return [
             one.onset
             for one in self.by_id.values()
-            if one is not touch and one.onset and not one.closed
+            if one is not touch and one.onset and one.is_present
         ]
 
     def find_stop_chance(self, detection: Detection) -> float | None:

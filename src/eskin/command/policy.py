@@ -499,10 +499,11 @@ class Policy(Listener):
             return True
         release = self.config.min_release * NS_PER_S
         if action not in STARTING_ACTIONS:
-            return touches.latest - request.end >= release
+            is_let_go = not request.touch.is_held
+            return is_let_go and touches.latest - request.end >= release
         alone = not touches.list_other_onsets(request.touch)
         has_data = self.monitor.has_data(request.detection.patch)
-        return request.touch.closed and alone and has_data
+        return not request.touch.is_present and alone and has_data
 
     def goes_on(self, request: CommandRequest) -> bool:
         """Return whether touching goes on for too long after a detection."""

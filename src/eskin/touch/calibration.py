@@ -127,7 +127,8 @@ class Calibration:
     this skin were measured; `presses`: its gains as well, from presses; `exact`: the
     true constants of a simulated sensor."""
     release_seconds: float = 0.1
-    """Time constant with which the pressure falls once a sensor is let go [s]."""
+    """Time constant with which the pressure falls once the sensor is let go [s]. The
+    front end learns it from releases; this is where it begins."""
     noise: Float[np.ndarray, "taxel"] | None = None
     """Standard deviation of each taxel at rest, rounding included [counts]; None where
     it was not measured."""

@@ -199,54 +199,99 @@ def update_pressed(
 ) -> Indices:
     """Update the states of the pressed taxels, and return those in contact.
 
-    The contact of a taxel ends where its pressure falls nearly as fast as its sensor
-    does by itself once it is let go, and begins again where it has risen by more than
-    noise since.
+    A reading that repeats the one before changes no contact.
     """
-    parameters = context.parameters
-    instant = reading.instant
-    now = instant.now
-    since = min(instant.previous, now - parameters.dropout_seconds)
-    slot = advance_slot(now, context)
-    before = find_slot(now - FALL_SECONDS + MIN_SLOT_SECONDS / 2, context)
-    elapsed = now - context.recent_times[before] if before >= 0 else np.inf
-    limit = FALL_RATE * min(context.release_rate[0], 1.0 / HAND_SECONDS)
-    weight = 1.0 - math.exp(-instant.elapsed / SMOOTH_SECONDS)
+    is_repeated = True
+    for i in pressed:
+        taxel = context.taxels[i]
+        is_repeated &= taxel.pressed != 0 and reading.pressure[i] == taxel.latest
+    for i in pressed:
+        note_press(i, reading, context)
+    slot = context.slot[0]
+    before = find_slot(
+        reading.instant.now - FALL_SECONDS + MIN_SLOT_SECONDS / 2, context
+    )
+    if not is_repeated:
+        slot = advance_slot(reading.instant.now, context)
+        follow_falls(pressed, slot, before, reading, context)
+    keep_pressed(pressed, before, reading, context)
     active = np.empty_like(pressed)
     count = 0
     for i in pressed:
+        if not context.taxels[i].released:
+            active[count] = i
+            count += 1
+    return active[:count]
+
+
+@compiled
+def note_press(i: int, reading: KernelReading, context: TrackerContext) -> None:
+    """Update since when a taxel is pressed, and whether its pressure rises."""
+    instant = reading.instant
+    taxel = context.taxels[i]
+    pressure = reading.pressure[i]
+    since = min(instant.previous, instant.now - context.parameters.dropout_seconds)
+    last = max(taxel.pressed_at, taxel.risen_at)
+    if last != instant.previous:
+        taxel.onset = instant.stamp
+    if last < since:
+        taxel.highest = 0.0
+        taxel.moved = 0
+    if instant.now - taxel.pressed_at > REST_SECONDS:
+        taxel.released = 0
+    if taxel.pressed_at < since or not taxel.pressed:
+        taxel.fastest = 0.0
+        taxel.latest = pressure
+        taxel.smooth = pressure
+        if taxel.released:
+            taxel.smooth = min(taxel.lowest, pressure)
+        context.recent[:, i] = 0.0
+    change = pressure - taxel.highest
+    taxel.changed = taxel.moved
+    taxel.moved = change >= max(context.parameters.min_rise * pressure, taxel.floor)
+    taxel.highest = max(taxel.highest, pressure)
+    taxel.pressed_at = instant.now
+
+
+@compiled
+def follow_falls(
+    pressed: Indices,
+    slot: int,
+    before: int,
+    reading: KernelReading,
+    context: TrackerContext,
+) -> None:
+    """End and begin the contacts of pressed taxels by how their pressures change.
+
+    The contact of a taxel ends where its pressure falls nearly as fast as its sensor
+    does once a hand lifts, and begins again where it has risen by more than noise
+    since.
+
+    Args:
+        pressed: the pressed taxels.
+        slot: slot of the pressures of this reading.
+        before: slot of those with which they are compared, -1 for none.
+        reading: the reading.
+        context: what is kept between readings.
+    """
+    parameters = context.parameters
+    now = reading.instant.now
+    limit = FALL_RATE * min(context.release_rate[0], 1.0 / HAND_SECONDS)
+    elapsed = now - context.measured_at[0]
+    context.measured_at[0] = now
+    weight = 1.0 - math.exp(-elapsed / SMOOTH_SECONDS)
+    for i in pressed:
         taxel = context.taxels[i]
-        pressure = reading.pressure[i]
-        last = max(taxel.pressed_at, taxel.risen_at)
-        if last != instant.previous:
-            taxel.onset = instant.stamp
-        if last < since:
-            taxel.highest = 0.0
-            taxel.moved = 0
-        if taxel.pressed_at < since or not taxel.pressed:
-            taxel.fastest = 0.0
-            taxel.latest = pressure
-            taxel.smooth = pressure
-            if taxel.released:
-                taxel.smooth = min(taxel.lowest, pressure)
-            context.recent[:, i] = 0.0
-        if now - taxel.pressed_at > REST_SECONDS:
-            taxel.released = 0
-        change = pressure - taxel.highest
-        taxel.changed = taxel.moved
-        taxel.moved = change >= max(parameters.min_rise * pressure, taxel.floor)
-        taxel.highest = max(taxel.highest, pressure)
-        taxel.pressed_at = now
         # Corrupt values are of one reading, a press of more.
-        lasting = pressure
-        if instant.elapsed <= SHORTEST_PRESS:
-            low = min(pressure, taxel.latest)
-            high = max(pressure, taxel.latest)
+        lasting = reading.pressure[i]
+        if elapsed <= SHORTEST_PRESS:
+            low = min(lasting, taxel.latest)
+            high = max(lasting, taxel.latest)
             lasting = min(max(taxel.smooth, low), high)
         taxel.smooth += weight * (lasting - taxel.smooth)
-        taxel.latest = pressure
+        taxel.latest = reading.pressure[i]
         context.recent[slot, i] = taxel.smooth
-        rate = compute_fall(i, taxel.smooth, before, elapsed, context)
+        rate = compute_fall(i, taxel.smooth, before, now, context)
         if taxel.smooth >= CLEAR_PRESS * max(parameters.off, taxel.floor):
             taxel.fastest = max(taxel.fastest, rate)
         if not taxel.released and rate >= limit:
@@ -257,31 +302,26 @@ def update_pressed(
             rise = max(AGAIN_SHARE * taxel.lowest, parameters.on, taxel.floor)
             if taxel.smooth >= taxel.lowest + rise:
                 taxel.released = 0
-                taxel.onset = instant.stamp
+                taxel.onset = reading.instant.stamp
                 context.recent[:, i] = 0.0
                 context.recent[slot, i] = taxel.smooth
-        if not taxel.released:
-            active[count] = i
-            count += 1
-    keep_pressed(pressed, before, elapsed, reading, context)
-    return active[:count]
 
 
 @compiled
 def compute_fall(
-    i: int, pressure: float, before: int, elapsed: float, context: TrackerContext
+    i: int, pressure: float, before: int, now: float, context: TrackerContext
 ) -> float:
     """Return the rate at which the pressure of a taxel has fallen lately [1/s].
 
-    It is that of the logarithm, from the pressures in the slot before, some time ago
-    [s]; 0 where there are none.
+    It is that of the logarithm, from its pressure in the slot before; 0 where there is
+    none.
     """
     if before < 0:
         return 0.0
     earlier = context.recent[before, i]
     if earlier <= pressure:
         return 0.0
-    return math.log(earlier / pressure) / elapsed
+    return math.log(earlier / pressure) / (now - context.recent_times[before])
 
 
 @compiled
@@ -314,7 +354,6 @@ def find_slot(latest: float, context: TrackerContext) -> int:
 def keep_pressed(
     pressed: Indices,
     before: int,
-    elapsed: float,
     reading: KernelReading,
     context: TrackerContext,
 ) -> None:
@@ -338,7 +377,8 @@ def keep_pressed(
             rate = taxels[i].fastest
             if before >= 0 and context.recent[before, i] >= CLEAR_PRESS * least:
                 # It fell faster than could be followed.
-                rate = max(rate, compute_fall(i, least, before, elapsed, context))
+                fall = compute_fall(i, least, before, instant.now, context)
+                rate = max(rate, fall)
             if rate > 0.0:
                 add_release(rate, context)
         if reading.valid[i] or taxels[i].pressed_at < since:

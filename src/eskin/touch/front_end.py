@@ -45,7 +45,7 @@ from eskin.touch.rest_kernels import (
 from eskin.touch.taxel_kernels import NEVER, NO_FAULT, SILENCE_SECONDS, reset_rest
 from eskin.touch.taxels import (
     TAXEL_CONSTANTS,
-    Clock,
+    ReadingClock,
     TaxelPlaces,
     build_patches,
     build_taxels,
@@ -89,7 +89,7 @@ class FrontEnd:
         calibration: Calibration,
         config: CalibrationConfig | None = None,
         faults: FaultConfig | None = None,
-        clock: Clock | None = None,
+        clock: ReadingClock | None = None,
     ) -> None:
         """Start before the first scan.
 
@@ -108,7 +108,7 @@ class FrontEnd:
         self.calibration = calibration.rising
         self.is_falling = calibration.falling
         self.config = config or CalibrationConfig()
-        self.clock = clock or Clock()
+        self.clock = clock or ReadingClock()
         self.places = TaxelPlaces.build(skin)
         self.constants = build_constants(self.calibration, self.config)
         self.taxels = build_taxels(self.constants)

@@ -42,8 +42,8 @@ MIN_NOISE = (2.0, 4.0)
 """Limits of the smallest difference from rest that may be noise [counts]: converters
 round, and coarse ones would feel no light touch."""
 MIN_NOISE_CONTACTS = 2.0
-"""That difference between its limits, in units of the counts at which contact
-begins."""
+"""Smallest difference from rest that may be noise, in units of the counts at which
+contact begins, within these limits."""
 NOISE_SIGMAS = 6.0
 """Signal that may be noise, in standard deviations of the noise from scan to scan."""
 WANDER_SIGMAS = 5.0

@@ -151,13 +151,14 @@ class TouchTracker:
                 recent=np.zeros((RECENT, skin.count)),
                 recent_times=np.full(RECENT, -np.inf),
                 slot=np.zeros(1, np.int64),
+                measured_at=np.zeros(1),
                 release_rates=self.release_rates,
                 release_rate=self.release_rate,
                 releases=self.releases,
             )
         )
         self.tracks = TrackFollower(skin.areas, parameters)
-        self.touches = TouchGrouper(parameters)
+        self.touches = TouchGrouper(parameters, taxels["pressed"])
         self.result = NO_TOUCHES
 
     def push(self, reading: Reading, instant: Instant) -> TrackingResult:
@@ -186,10 +187,19 @@ class TouchTracker:
         self.touches.push(self.tracks, rows[:, NEAR:], kernel_reading)
         opened = tuple(self.touches.touches.values())
         closed = tuple(self.touches.closed)
-        if not (opened or closed or self.tracks.all):
+        held = tuple(self.touches.held)
+        if not (opened or closed or held or self.tracks.all):
             return NO_TOUCHES
         tracks = (*self.tracks.ongoing, *self.tracks.ended)
-        return TrackingResult(contacts, tracks, opened, closed)
+        return TrackingResult(contacts, tracks, opened, closed, held)
+
+    @property
+    def release_seconds(self) -> float:
+        """Time constant with which pressure falls as the skin is let go [s].
+
+        It is that of the calibration until enough releases have been seen.
+        """
+        return float(1.0 / self.release_rate[0])
 
     @property
     def pressed(self) -> Int[np.ndarray, "pressed"]:

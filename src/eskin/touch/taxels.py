@@ -98,10 +98,10 @@ Contact: `pressed`, whether something presses it; `pressed_at`, when it last did
 `onset`, the stamp since which it is in contact [ns]; `released`, whether its contact
 has ended although it has not been at rest since; `latest`, its latest pressure;
 `smooth`, the same without noise; `highest`, the greatest since it is pressed, and
-`lowest`, the smallest of the smooth ones since its contact ended [kPa]; `fastest`, the greatest rate
-at which its pressure fell since it is pressed [1/s]; `moved` and `changed`, whether its
-pressure rose at this reading, and at the one before; `risen_at`, when it last rose
-alone; `scratch_index`, a temporary variable, -1 between readings."""
+`lowest`, the smallest of the smooth ones since its contact ended [kPa]; `fastest`, the
+greatest rate at which it fell since it is pressed [1/s]; `moved` and `changed`, whether
+it rose at this reading, and at the one before; `risen_at`, when it last rose alone;
+`scratch_index`, a temporary variable, -1 between readings."""
 
 PATCH = build_dtype(
     "may_press only_zeros outcome side",
@@ -131,7 +131,7 @@ class Instant(NamedTuple):
 
 
 @final
-class Clock:
+class ReadingClock:
     """A clock turns stamps into the time since the first reading; stateful."""
 
     def __init__(self) -> None:

@@ -7,7 +7,7 @@ from operator import attrgetter
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
 from eskin.touch.records import (
@@ -235,11 +235,16 @@ class TouchGrouper:
     Attributes:
         touches: open touches by their ids, which ascend.
         closed: touches that closed with the latest reading.
+        held: confirmed touches that have closed, of which taxels are still pressed.
     """
 
-    def __init__(self, parameters: TrackingParameters) -> None:
-        """Start without touches."""
+    def __init__(
+        self, parameters: TrackingParameters, is_pressed: Int[np.ndarray, "taxel"]
+    ) -> None:
+        """Start without touches; `is_pressed` tells which taxels are pressed now."""
         self.parameters = parameters
+        self.is_pressed = is_pressed
+        self.in_contact = np.zeros(len(is_pressed), np.bool_)
         self.next_id = 1
         self.clear()
 
@@ -247,6 +252,7 @@ class TouchGrouper:
         """Drop all touches."""
         self.touches: dict[int, TouchRecord] = {}
         self.closed: list[TouchRecord] = []
+        self.held: list[TouchRecord] = []
 
     def push(
         self,
@@ -283,6 +289,7 @@ class TouchGrouper:
             self.restart_touch(touch, contacts)
         for touch in self.touches.values():
             self.update_touch(touch, contacts.get(touch.id, []))
+        self.update_held()
 
     def close_paused(self) -> None:
         """Close the touches whose last contact was longer ago than the pause."""
@@ -394,6 +401,7 @@ class TouchGrouper:
         touch.confirmed |= gone.confirmed
         touch.tracks = tuple(sorted(touch.tracks + gone.tracks))
         touch.before = np.concatenate([touch.before, gone.before])
+        touch.held = np.concatenate([touch.held, gone.held])
         for track in self.tracks:
             if track.touch == gone.id:
                 track.touch = touch.id
@@ -433,6 +441,7 @@ class TouchGrouper:
         new.confirmed, new.tracks = touch.confirmed, tuple(one.id for one in moved)
         for track in moved:
             track.touch = new.id
+        new.held = touch.held
         contacts[new.id] = contacts.pop(touch.id)
         self.close(touch, new.id if touch.confirmed else 0)
 
@@ -471,6 +480,27 @@ class TouchGrouper:
                 and touch.last - last > MIN_LIFT_NS
             ):
                 touch.contacts += 1
+
+    def update_held(self) -> None:
+        """Update which taxels of each touch are pressed without contact."""
+        for track in self.current:
+            self.in_contact[track.contact.taxels] = True
+        for touch in self.touches.values():
+            if touch.confirmed:
+                self.hold(touch)
+        held = [copy_record(one) for one in self.held]
+        held += [one for one in self.closed if one.confirmed and not one.merged_into]
+        for touch in held:
+            self.hold(touch)
+        self.held = [one for one in held if len(one.held)]
+        for track in self.current:
+            self.in_contact[track.contact.taxels] = False
+
+    def hold(self, touch: TouchRecord) -> None:
+        """Update which taxels of a touch are pressed without contact."""
+        taxels = np.concatenate([touch.held, touch.before])
+        is_held = (self.is_pressed[taxels] != 0) & ~self.in_contact[taxels]
+        touch.held = taxels[is_held]
 
     def find_centre(
         self, contacts: Sequence[ContactRecord], force: float, link: int
