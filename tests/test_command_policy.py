@@ -292,6 +292,46 @@ def test_what_touches_again_within_a_second_never_starts_arm(sequence):
     assert "resume" not in scene.arm.orders
 
 
+def test_hand_that_eases_and_stays_starts_nothing_until_it_has_left():
+    scene = make_paused_scene()
+    number = scene.begin_detected("grab", seconds=0.8)
+    scene.lift(number)
+    scene.wait(0.4)
+    scene.close(number, is_held=True)
+    scene.wait(10.0)
+    assert "resume" not in scene.arm.orders
+
+
+@pytest.mark.parametrize("gap", [0.5, 1.5])
+def test_second_without_touch_begins_as_the_hand_has_left(gap):
+    scene = Scene()
+    number = scene.begin_detected("poke", seconds=0.3)
+    scene.lift(number)
+    scene.wait(0.4)
+    scene.close(number, is_held=True)
+    scene.wait(3.0)
+    scene.held = ()
+    scene.wait(gap)
+    assert scene.arm.paused
+    scene.touch("grab")
+    assert ("resume" in scene.arm.orders) == (gap > 1.0)
+
+
+def test_arm_that_stands_for_a_touch_stands_until_it_has_left():
+    scene = Scene()
+    number = scene.begin("none", force=2.0)
+    scene.wait(scene.policy.config.monitor.max_seconds + 0.2)
+    assert scene.arm.speed_limit == 0.0
+    scene.lift(number)
+    scene.wait(0.4)
+    scene.close(number, is_held=True)
+    scene.wait(1.0)
+    assert scene.arm.speed_limit == 0.0
+    scene.held = ()
+    scene.wait(1.0)
+    assert scene.arm.speed_limit > 0.0
+
+
 def let_skin_be_silent(scene):
     scene.clock.sleep(0.5)
     scene.policy.check_skin()

@@ -208,6 +208,7 @@ class Scene:
         events: what the policy has published, but for the touches that it waits for.
         waits: ids of the touches that the arm has stood for.
         touches: open touches by their id.
+        held: records of touches that have closed, and still press.
         faulty_patches: ids of patches that are reported as faulty.
         silent_patches: ids of patches without valid taxels.
         doubtful: which taxels show signs of a fault.
@@ -223,6 +224,7 @@ class Scene:
         self.policy = Policy(self.arm, commands, VOCABULARY, config)
         self.policy.start(Context(INFO, self.clock, self.note))
         self.touches = {}
+        self.held = ()
         self.count = 0
         self.faulty_patches = self.silent_patches = ()
         self.doubtful = np.zeros(SKIN.count, bool)
@@ -263,7 +265,7 @@ class Scene:
         silent = [patch.id in self.silent_patches for patch in SKIN.patches]
         valid = ~np.array(silent)[SKIN.patch_index] & (PLACE < self.valid_share)
         reading = Reading(now, pressure, valid, Q)
-        tracking = NO_TOUCHES._replace(open=going, closed=closed)
+        tracking = NO_TOUCHES._replace(open=going, closed=closed, held=self.held)
         state = TouchState(
             *(reading, faults, self.doubtful, tracking, MOUNTED), contact=self.contact
         )
@@ -308,9 +310,12 @@ class Scene:
         """Lift the finger; the touch closes later."""
         self.touches[number].pressed = False
 
-    def close(self, number, heir=0):
-        """Close a touch, or merge it into its heir."""
+    def close(self, number, heir=0, is_held=False):
+        """Close a touch, or merge it into its heir; something may press on."""
         status = self.status(number, heir, True)
+        if is_held:
+            status.held = status.taxels
+            self.held = (*self.held, status)
         del self.touches[number]
         self.step((status,))
 

@@ -158,7 +158,7 @@ class TouchTracker:
             )
         )
         self.tracks = TrackFollower(skin.areas, parameters)
-        self.touches = TouchGrouper(parameters, taxels["pressed"])
+        self.touches = TouchGrouper(parameters, taxels)
         self.result = NO_TOUCHES
 
     def push(self, reading: Reading, instant: Instant) -> TrackingResult:

@@ -7,7 +7,7 @@ from operator import attrgetter
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
 from eskin.touch.records import (
@@ -30,6 +30,9 @@ SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
 FADE_SECONDS = 2.0
 """Time constant with which the evidence of a track fades [s]: what has given none for
 some seconds may be a taxel that does not return to its rest, and joins no other."""
+HELD_SHARE = 0.15
+"""Share of its greatest pressure from which a taxel is still pressed whose contact has
+ended; creep leaves less."""
 MIN_LIFT_NS = round(LOW_SECONDS * NS_PER_S)
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
@@ -238,13 +241,11 @@ class TouchGrouper:
         held: confirmed touches that have closed, of which taxels are still pressed.
     """
 
-    def __init__(
-        self, parameters: TrackingParameters, is_pressed: Int[np.ndarray, "taxel"]
-    ) -> None:
-        """Start without touches; `is_pressed` tells which taxels are pressed now."""
+    def __init__(self, parameters: TrackingParameters, taxels: np.ndarray) -> None:
+        """Start without touches on a skin whose state is (taxel) `TAXEL`."""
         self.parameters = parameters
-        self.is_pressed = is_pressed
-        self.in_contact = np.zeros(len(is_pressed), np.bool_)
+        self.taxels = taxels
+        self.in_contact = np.zeros(len(taxels), np.bool_)
         self.next_id = 1
         self.clear()
 
@@ -497,10 +498,16 @@ class TouchGrouper:
             self.in_contact[track.contact.taxels] = False
 
     def hold(self, touch: TouchRecord) -> None:
-        """Update which taxels of a touch are pressed without contact."""
+        """Update which taxels of a touch are pressed without contact.
+
+        What is left of a press is less than a share of it, a hand that eases is not.
+        """
         taxels = np.concatenate([touch.held, touch.before])
-        is_held = (self.is_pressed[taxels] != 0) & ~self.in_contact[taxels]
-        touch.held = taxels[is_held]
+        if len(taxels):
+            states = self.taxels[taxels]
+            is_held = (states["pressed"] != 0) & ~self.in_contact[taxels]
+            is_held &= states["smooth"] >= HELD_SHARE * states["highest"]
+            touch.held = taxels[is_held]
 
     def find_centre(
         self, contacts: Sequence[ContactRecord], force: float, link: int
