@@ -457,8 +457,9 @@ def select_strong(
 ) -> Indices:
     """Select the taxels that reach a fraction of the peak of their connected set.
 
-    The others are in contact once they rise: what is weak beside a press may be the
-    residual of one, crosstalk, or a hand that hovers, and stays as the press ends.
+    The peak is also that of taxels beside it whose contact has just ended. The others
+    are in contact once they rise: what is weak beside a press may be the residual of
+    one, crosstalk, or a hand that hovers, and stays as the press ends.
     """
     share = context.parameters.peak_share
     peaks = np.zeros(len(active))
@@ -466,7 +467,8 @@ def select_strong(
     count = 0
     for a in range(len(active)):
         label = labels[a]
-        peaks[label] = max(peaks[label], reading.pressure[active[a]])
+        peak = find_peak(active[a], reading, context)
+        peaks[label] = max(peaks[label], peak)
     for a in range(len(active)):
         i = active[a]
         if reading.pressure[i] >= share * peaks[labels[a]]:
@@ -476,6 +478,18 @@ def select_strong(
             context.taxels[i].released = 1
             context.taxels[i].lowest = context.taxels[i].smooth
     return strong[:count]
+
+
+@compiled
+def find_peak(i: int, reading: KernelReading, context: TrackerContext) -> float:
+    """Return the pressure of a taxel, or that of a press beside it that has ended."""
+    peak = float(reading.pressure[i])
+    span = context.geometry[i].neighbours
+    for k in range(span[0], span[1]):
+        near = context.taxels[context.neighbours[k]]
+        if near.released and reading.instant.now - near.pressed_at <= REST_SECONDS:
+            peak = max(peak, near.highest)
+    return peak
 
 
 @compiled
