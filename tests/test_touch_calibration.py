@@ -254,7 +254,7 @@ def test_saturated_divider_reads_finite_increasing_pressure():
 @pytest.mark.parametrize("calibration", [LINEAR, DIVIDER, CLOSING])
 @pytest.mark.parametrize(("factor", "is_learned"), [(0.9, True), (1.1, False)])
 def test_margin_is_the_same_pressure_for_every_curve(calibration, factor, is_learned):
-    at_margin = calibration.compute_counts(1.5)
+    at_margin = calibration.compute_counts(2.0 * ContactConfig().on)
     high = np.round(factor * at_margin).astype(int)
     low = high - np.round(0.4 * at_margin).astype(int)
 

@@ -441,3 +441,13 @@ def test_faults_do_not_depend_on_the_rate():
 
     slow, fast = (describe(find_faults(change, 12.0, rate)) for rate in (10, 50))
     assert len(slow) == 2 and slow == fast
+
+
+def test_dead_row_and_the_dead_column_that_it_crosses_are_two_faults():
+    row = (SKIN.patch_index == 1) & (SKIN.rows == 2)
+    column = (SKIN.patch_index == 1) & (SKIN.columns == 3)
+    found = find_faults(set_counts(row | column, 0), seconds=8.0)
+    assert describe(found) == [
+        ("row", "p1", 2, None, None),
+        ("column", "p1", None, 3, None),
+    ]

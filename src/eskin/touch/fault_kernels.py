@@ -59,8 +59,6 @@ MIN_LINE = 3
 """Number of taxels from which a row or column can be faulty as a whole, and of its
 taxels away from rest or faulty from which it is doubted: beside a pressed taxel, one
 that was released may be below rest for a while."""
-MIN_LEARNED = 0.3
-"""Time from which the noise is known well enough to tell what is away from rest [s]."""
 SWING_SHARE = 0.25
 """Share of a patch that is above rest by more than noise, and soon after below it, as
 no hand does."""
@@ -109,8 +107,6 @@ class FaultConfig:
     doubtful."""
     negative_seconds: float = 1.0
     """The same after negative counts, which are invalid one by one."""
-    offset_seconds: float = 1.0
-    """Time above zero after which an offset of a taxel is known."""
 
 
 FaultParameters = namedtuple(
@@ -129,8 +125,7 @@ def follow_faults(scan: KernelScan, packed_context: Packed) -> None:
     note_counts(scan, context)
     low = follow_noise(scan, context)
     follow_steps(scan, context)
-    is_known = scan.now >= MIN_LEARNED
-    if is_known and (low > 0 or is_turned(context) or has_outage(scan)):
+    if low > 0 or is_turned(context) or has_outage(scan):
         find_swings(scan, context)
 
 
@@ -498,7 +493,7 @@ def has_offset(i: int, context: FrontEndContext) -> bool:
     parameters = context.faults
     seconds = taxel.last_nonzero - taxel.first_received
     is_above = taxel.least >= parameters.offset * context.full_scale
-    return seconds >= parameters.offset_seconds and is_above and taxel.least < np.inf
+    return seconds >= NOISE_SECONDS and is_above and taxel.least < np.inf
 
 
 @compiled

@@ -1,7 +1,7 @@
 """This module names faults: taxels, rows, columns and patches with invalid data."""
 
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -51,43 +51,45 @@ class Fault:
     """Estimated time at which it began [ns since the epoch]."""
 
 
-@final
-class FaultGrouper:
-    """A grouper lists faults, with a whole faulty row, column or patch as one."""
+def list_faults(
+    skin: Skin, places: TaxelPlaces, code: Counts, silent: Flags, since: Counts
+) -> list[Fault]:
+    """List the faults: patches first, then rows, columns and the remaining taxels.
 
-    def __init__(self, skin: Skin, places: TaxelPlaces) -> None:
-        """Store the places of the taxels of a skin."""
-        self.skin = skin
-        self.places = places
-
-    def list_faults(self, code: Counts, silent: Flags, since: Counts) -> list[Fault]:
-        """List the faults: patches first, then rows, columns and the remaining taxels.
-
-        Args:
-            code: index in `TAXEL_KINDS` of each taxel's fault, or -1.
-            silent: taxels not received, which is a fault of a whole patch only.
-            since: stamp from which each taxel is faulty or silent [ns].
-        """
-        left = code >= 0
-        faults: list[Fault] = []
-        kinds: tuple[tuple[FaultKind, TaxelGroups, int], ...] = (
-            ("patch", self.places.patches, 1),
-            ("row", self.places.rows, MIN_LINE),
-            ("column", self.places.columns, MIN_LINE),
-        )
-        for kind, groups, min_size in kinds:
-            flags = left | silent if kind == "patch" else left
-            out = (groups.flagged_share(flags) == 1.0) & (groups.sizes >= min_size)
-            for n in np.flatnonzero(out):
-                patch, number = self.skin.patches[groups.patches[n]], groups.numbers[n]
-                row = int(number) if kind == "row" else None
-                column = int(number) if kind == "column" else None
-                begun = int(since[groups.group_index == n].max())
-                faults.append(Fault(kind, patch.id, row, column, None, begun))
-            left = left & ~out[groups.group_index]
-        for i in np.flatnonzero(left).tolist():
-            patch = self.skin.patches[self.skin.patch_index[i]]
-            row, column = int(self.skin.rows[i]), int(self.skin.columns[i])
-            kind, begun = TAXEL_KINDS[code[i]], int(since[i])
-            faults.append(Fault(kind, patch.id, row, column, i, begun))
-        return faults
+    Args:
+        skin: the skin.
+        places: places of its taxels.
+        code: index in `TAXEL_KINDS` of each taxel's fault, or -1.
+        silent: taxels not received, which is a fault of a whole patch only.
+        since: stamp from which each taxel is faulty or silent [ns].
+    """
+    faulty = code >= 0
+    faults: list[Fault] = []
+    is_out = places.patches.flagged_share(faulty | silent) == 1.0
+    for n in np.flatnonzero(is_out):
+        begun = int(since[places.patches.group_index == n].max())
+        faults.append(Fault("patch", skin.patches[n].id, None, None, None, begun))
+    faulty &= ~is_out[places.patches.group_index]
+    # A dead row that crosses a dead column takes no taxel away from it.
+    left = faulty.copy()
+    lines: tuple[tuple[FaultKind, TaxelGroups], ...] = (
+        ("row", places.rows),
+        ("column", places.columns),
+    )
+    for kind, groups in lines:
+        is_lost = (groups.flagged_share(faulty) == 1.0) & (groups.sizes >= MIN_LINE)
+        for n in np.flatnonzero(is_lost):
+            patch = skin.patches[groups.patches[n]].id
+            number = int(groups.numbers[n])
+            row = number if kind == "row" else None
+            column = number if kind == "column" else None
+            begun = int(since[groups.group_index == n].max())
+            faults.append(Fault(kind, patch, row, column, None, begun))
+        left &= ~is_lost[groups.group_index]
+    for i in np.flatnonzero(left).tolist():
+        patch = skin.patches[skin.patch_index[i]].id
+        row = int(skin.rows[i])
+        column = int(skin.columns[i])
+        kind = TAXEL_KINDS[code[i]]
+        faults.append(Fault(kind, patch, row, column, i, int(since[i])))
+    return faults

@@ -24,7 +24,7 @@ from eskin.touch.fault_kernels import (
     check_faults,
     follow_faults,
 )
-from eskin.touch.faults import Fault, FaultGrouper
+from eskin.touch.faults import Fault, list_faults
 from eskin.touch.known_rest import KnownRest
 from eskin.touch.noise_kernels import (
     CLEAR_FACTOR,
@@ -33,7 +33,7 @@ from eskin.touch.noise_kernels import (
     NOISE_SIGMAS,
 )
 from eskin.touch.outage_kernels import check_patches
-from eskin.touch.polarity import LEAST_PRESSURE, PolarityDetector
+from eskin.touch.polarity import PolarityDetector
 from eskin.touch.reading import Reading, Scan, check_count
 from eskin.touch.records import ContactConfig
 from eskin.touch.rest_kernels import (
@@ -56,8 +56,6 @@ Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
 Counts = Int[np.ndarray, "taxel"]
 
-MAX_ELAPSED = 0.2
-"""Largest time between two checks that is added to the evidence of a fault [s]."""
 MAX_OBSERVATIONS = 200
 """Number of latest observations of crosstalk whose median is the estimate."""
 NO_TAXELS = np.empty(0, np.int64)
@@ -110,15 +108,13 @@ class FrontEnd:
         self.config = config or CalibrationConfig()
         self.clock = clock or ReadingClock()
         self.places = TaxelPlaces.build(skin)
-        self.constants = build_constants(self.calibration, self.config)
+        self.constants = build_constants(self.calibration)
         self.taxels = build_taxels(self.constants)
         sigmas = NOISE_SIGMAS * self.constants["start_noise"]
         self.taxels["noise_limit"] = np.maximum(sigmas, self.constants["least_noise"])
-        self.taxels["band"] = self.constants["contact"] / 2.0
-        self.taxels["margin"] = self.constants["least_margin"]
-        if calibration.noise is not None:
-            clear = CLEAR_FACTOR * self.taxels["noise_limit"]
-            self.taxels["margin"] = np.maximum(self.constants["least_margin"], clear)
+        self.taxels["band"] = self.taxels["noise_limit"]
+        clear = CLEAR_FACTOR * self.taxels["noise_limit"]
+        self.taxels["margin"] = np.maximum(self.constants["clear"], clear)
         self.patches = build_patches(len(skin.patches))
         self.crosstalk = build_crosstalk(skin.count, self.places)
         self.fault_config = faults or FaultConfig()
@@ -138,12 +134,11 @@ class FrontEnd:
             )
         )
         self.known_rest = KnownRest(skin, self.calibration)
-        self.grouper = FaultGrouper(skin, self.places)
         self.polarity = PolarityDetector(
             skin,
             "rising" if self.is_falling else "falling",
             self.calibration.full_scale,
-            self.calibration.compute_counts(LEAST_PRESSURE + calibration.floor),
+            self.constants["clear"],
         )
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
         # No taxel was last used before [s]; times of a taxel only grow.
@@ -208,7 +203,7 @@ class FrontEnd:
     def check(self, scan: KernelScan, pressure: Float[np.ndarray, "taxel"]) -> None:
         """Check the evidence of faults, and list them."""
         config = self.fault_config
-        elapsed = min(scan.now - self.last_check, MAX_ELAPSED)
+        elapsed = min(scan.now - self.last_check, 2.0 * config.check_seconds)
         check_faults(scan, pressure, self.last_check, elapsed, self.context)
         self.last_check = scan.now
         doubted = scan.now - self.taxels["last_doubted"] <= config.recover_seconds
@@ -221,7 +216,8 @@ class FrontEnd:
             code[(code == NO_FAULT) & self.mask] = NOISY
             begun = np.where(self.mask, self.taxels["since"], received) * NS_PER_S
             since = np.round(begun).astype(np.int64) + (self.clock.first or 0)
-            self.taxel_faults = tuple(self.grouper.list_faults(code, silent, since))
+            found = list_faults(self.skin, self.places, code, silent, since)
+            self.taxel_faults = tuple(found)
 
     def start_from_rest(self, scan: KernelScan) -> None:
         """Start rest from what is known where a taxel has its first data.
@@ -295,14 +291,14 @@ class FrontEnd:
         return float(self.crosstalk.value[GHOST])
 
 
-def build_constants(calibration: Calibration, config: CalibrationConfig) -> np.ndarray:
+def build_constants(calibration: Calibration) -> np.ndarray:
     """Build the constants (taxel) of a skin, of dtype `TAXEL_CONSTANTS`."""
     constants = np.zeros(len(calibration.gain), TAXEL_CONSTANTS)
     on = ContactConfig().with_floor(calibration.floor).on
     contact = calibration.compute_contact(on)
     constants["gain"] = calibration.gain
     constants["contact"] = contact
-    constants["least_margin"] = calibration.compute_counts(config.margin)
+    constants["clear"] = calibration.compute_counts(CLEAR_FACTOR * on)
     constants["least_noise"] = np.clip(MIN_NOISE_CONTACTS * contact, *MIN_NOISE)
     if calibration.noise is not None:
         most = MAX_CONTACT * calibration.full_scale / NOISE_SIGMAS

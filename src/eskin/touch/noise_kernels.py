@@ -52,12 +52,11 @@ WANDER_SHARE = 0.7
 """Smallest wandering of a taxel, in units of the median of its patch: where rest was
 learned too low, none is seen below it."""
 CLEAR_FACTOR = 2.0
-"""Smallest signal that is clearly no noise, in units of what may be noise."""
+"""Smallest signal that is clearly a touch, in units of what may be noise, and of the
+pressure at which contact begins."""
 MAX_BAND = 4.0
 """Largest distance from rest that is left to noise, in units of the counts at which
 contact begins: a patch that swings further feels no touch."""
-MAX_WANDER_BAND = 1.5
-"""The same of wandering."""
 LEARN_SCANS = 40
 """Number of scans from which noise is known well enough for a fault."""
 START_FLOOR = 7.0
@@ -233,11 +232,10 @@ def limit_noise(
         fast = max(NOISE_SIGMAS * noise, least)
         wander = max(taxel.wander / contact, WANDER_SHARE * usual[1, patch])
         slow = WANDER_SIGMAS * wander * contact
-        band = max(fast, min(slow, MAX_WANDER_BAND * contact))
-        taxel.band = min(max(band, contact / 2.0), MAX_BAND * contact)
         taxel.noise_limit = max(fast, slow)
-        least_margin = constants[i].least_margin
-        taxel.margin = max(least_margin, CLEAR_FACTOR * taxel.noise_limit)
+        taxel.band = min(taxel.noise_limit, MAX_BAND * contact)
+        clear = CLEAR_FACTOR * taxel.noise_limit
+        taxel.margin = max(constants[i].clear, clear)
         floor = linearise_counts(taxel.noise_limit, curve) * constants[i].gain
         floor = add_unfelt(floor, curve)
         if since < NOISE_SECONDS and constants[i].start_noise == 0.0:

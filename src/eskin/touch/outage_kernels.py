@@ -30,9 +30,6 @@ NEARLY_ALL = 0.8
 """Share of the received taxels of a patch that move at once."""
 MAX_PRESSED = 12
 """Number of taxels that a hand may press within one scan."""
-START_SECONDS = 10.0
-"""Time after the first data in which zeros may come from a board that starts [s]; later
-they are rest, and what leaves them is a press."""
 MOVE_CONTACTS = 4.0
 """Smallest move of a taxel that counts, in units of the counts at which contact begins;
 a move by one of these keeps a patch refused."""
@@ -153,7 +150,8 @@ def check_patch(moves: PatchMoves, size: int, now: float, patch: np.void) -> Non
     is_low = moves.low >= least and 2 * moves.received > size
     is_up = is_wide and moves.up >= least
     is_full = is_wide and moves.full >= least
-    is_early = now - patch.first_seen <= START_SECONDS
+    # Later, zeros are rest, and what leaves them is a press.
+    is_early = not is_silent(patch.first_seen, now)
     only_zeros = patch.only_zeros
     since = patch.refused_since
     patch.only_zeros = only_zeros and moves.positive == 0

@@ -27,8 +27,6 @@ RETURNED = 0.2
 """Share of the greatest move below which counts have returned."""
 ONE_WAY = 4.0
 """Least ratio of the counts that move one way to those that move the other way."""
-LEAST_PRESSURE = 3.0
-"""Pressure on some taxel, above the floor, from which a move may be a touch [kPa]."""
 WHOLE = 0.9
 """Share of the taxels of a patch that moves as a whole, which one of up to
 `MAX_PRESSED` taxels may do under a hand."""
@@ -87,7 +85,7 @@ class PolarityDetector:
             skin: the skin.
             way: kind of the fault where counts fall.
             full_scale: counts at which the converter saturates.
-            least: counts above rest of each taxel at `LEAST_PRESSURE`.
+            least: counts above rest from which a move of a taxel may be a touch.
         """
         self.skin = skin
         self.way: FaultKind = way

@@ -186,7 +186,8 @@ class ContactConfig:
     peak_share: Share = 0.2
     """Fraction of the greatest pressure of its contact that an active taxel reaches."""
     dropout_seconds: Annotated[Pause, Field(alias="hold_seconds")] = 0.1
-    """Time for which a taxel that is not received still counts as active [s]."""
+    """Time for which a taxel that is not received still counts as pressed, and for
+    which a track goes on while most of its taxels are not received [s]."""
     reach: Annotated[float, Interval(ge=0.0, le=4.0)] = 1.6
     """Distance within which active taxels connect, in units of the local spacing;
     pairs of taxels grow with its square."""
@@ -207,8 +208,6 @@ class TrackConfig:
     """Distance that the centre may move, even without time in between [m]."""
     speed: Annotated[float, Interval(ge=0.0, le=100.0)] = 1.0
     """Increase of that distance with the time between readings [m/s]."""
-    coast_seconds: Pause = 0.2
-    """Time for which a track goes on while most of its taxels are not received [s]."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from eskin.compiled import Packed, compiled
-from eskin.files import Duration, Factor, Pressure, Share
+from eskin.files import Duration, Factor, Share
 from eskin.touch.context import FrontEndContext, KernelScan
 from eskin.touch.pressure_kernels import add_unfelt, linearise_counts
 from eskin.touch.taxel_kernels import SHORTEST_PRESS, find_near
@@ -33,17 +33,12 @@ class CalibrationConfig:
     """Number of samples of the tare."""
     tare_rank: Annotated[float, Interval(ge=0.0, le=0.99)] = 0.25
     """Quantile of the samples that is the baseline: low, to exclude touches."""
-    margin: Pressure = 1.5
-    """Pressure above the baseline from which a taxel may be touched [kPa]; where it is
-    as far below, the baseline is too high."""
     drift_seconds: Duration = 10.0
     """Time constant of tracking the drift of an untouched taxel."""
     freeze_seconds: Duration = 3.0
     """How long after a touch the baselines of a taxel and its neighbours stay fixed."""
     longest_seconds: Duration = 120.0
     """Duration from which an uninterrupted touch counts as a change of the baseline."""
-    stale_seconds: Duration = 5.0
-    """Time constant of tracking such a change."""
     fade_seconds: Duration = 20.0
     """Time constant of the decay of the recent peak."""
     steady_seconds: Duration = 1.0
@@ -56,7 +51,8 @@ class CalibrationConfig:
     """Largest dip below the baseline after a touch, from which counts recover, in units
     of its peak, which fades."""
     steady_band: Annotated[Factor, Field(alias="still")] = 0.25
-    """Largest difference that counts as no change, in units of `margin`."""
+    """Largest difference that counts as no change, in units of that from which a taxel
+    is clearly touched."""
     settle_seconds: Duration = 0.3
     """Time constant of tracking counts that do not change, and of lowering a baseline
     that is too high."""
@@ -274,7 +270,7 @@ def move_rest(scan: KernelScan, context: FrontEndContext) -> None:
             step = dt / (parameters.settle_seconds + dt)
         elif taxel.touched_since < np.inf:
             if now - taxel.touched_since > parameters.longest_seconds:
-                step = dt / (parameters.stale_seconds + dt)
+                step = drift_step
         elif now - taxel.last_touched > freeze:
             step = drift_step
         taxel.rest += step * above

@@ -38,10 +38,10 @@ def build_dtype(
     )
 
 
-TAXEL_CONSTANTS = build_dtype("", "gain contact least_margin least_noise start_noise")
+TAXEL_CONSTANTS = build_dtype("", "gain contact clear least_noise start_noise")
 """Constants of a taxel: its gain [kPa/count]; the counts above rest at which contact
-begins, from which it may be touched at least, and that may be noise at least; and the
-calibrated standard deviation of its noise [counts], 0 where it was not measured."""
+begins, at which it is clear, and that may be noise at least; and the calibrated
+standard deviation of its noise [counts], 0 where it was not measured."""
 
 TAXEL = build_dtype(
     integers=" ".join(

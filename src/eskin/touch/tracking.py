@@ -199,7 +199,7 @@ class TrackFollower:
         """Return whether most taxels of a track without contact were not received."""
         if (
             reading.instant.stamp - track.last
-        ) / NS_PER_S > self.parameters.coast_seconds:
+        ) / NS_PER_S > self.parameters.dropout_seconds:
             return False
         received = reading.valid[track.contact.taxels]
         return 2 * int(np.count_nonzero(received)) < len(received)
