@@ -3,7 +3,8 @@
     python -m lab.vary table FOUND.jsonl
     python -m lab.vary table FOUND.jsonl LONGER.jsonl
 
-Of a variant that is in several files the last one counts. Figures are summed over the
+Of a variant that is in several files the last one counts. That its number had the same
+value is checked; that all else was the same is for the caller to know. Figures are summed over the
 worlds, shares and times are means. `+3 -15` are true touches that became right and
 wrong. A figure is given where it moves clearly: of touches and openings, where gains
 and losses differ by more than 1.96 standard deviations of as many coin tosses; of the
@@ -179,7 +180,7 @@ def build_row(number: Number, files: list[list[dict]]) -> list[str]:
             same = [
                 one
                 for one in lines
-                if one["key"] == number.key and one["factor"] == factor
+                if one["key"] == number.key and one["value"] == number.scale(factor)
             ]
             if same:
                 line = same[0]
