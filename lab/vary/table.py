@@ -3,13 +3,12 @@
     python -m lab.vary table FOUND.jsonl
     python -m lab.vary table FOUND.jsonl LONGER.jsonl
 
-Of a variant that is in several files the last one counts. That its number had the same
-value is checked; that all else was the same is for the caller to know. Figures are summed over the
-worlds, shares and times are means. `+3 -15` are true touches that became right and
-wrong. A figure is given where it moves clearly: of touches and openings, where gains
-and losses differ by more than 1.96 standard deviations of as many coin tosses; of the
-others by `CLEAR`. `little` is all that moves less, `nothing` is no difference in any
-figure of any world.
+Of a variant that is in several files the last one counts, if its number has the value
+that it has now. Figures are summed over the worlds, shares and times are means.
+`+3 -15` are true touches that became right and wrong. A figure is given where it moves
+clearly: of touches and openings, where gains and losses differ by more than 1.96
+standard deviations of as many coin tosses; of the others by `CLEAR`. `little` is all
+that moves less, `nothing` is no difference in any figure of any world.
 """
 
 import math
