@@ -17,6 +17,7 @@ from eskin.stream import RecognitionState
 from eskin.touch import Calibration, TouchRecord
 from eskin.units import NS_PER_S
 
+PA_PER_KPA = 1000.0
 FULL_SHARE = 0.8
 """Share of full scale above rest from which a taxel reads nearly full scale; rest lies
 at up to a fifth of it."""
@@ -299,6 +300,7 @@ class CommandedTouches:
         held = {row.id for row in state.tracking.held}
         for number, touch in self.by_id.items():
             touch.is_held = number in held
+            touch.suspends &= touch.is_held or not touch.decided
         self.by_id = {
             number: one
             for number, one in self.by_id.items()
@@ -312,11 +314,8 @@ class CommandedTouches:
         for number in (*merged, *sorted(gone)):
             self.close(number, merged.get(number, 0))
             self.by_id[number].is_held = number in held
-        for touch in self.by_id.values():
-            if touch.is_held and touch.closed:
-                self.last_contact = self.latest
-                touch.age(self.latest, self.config)
-                self.felt.append(touch)
+        for row in state.tracking.held:
+            self.hold(self.find(row.id), row, recognition)
         if state.open:
             for row in state.rows:
                 if row.confirmed and not row.closed:
@@ -353,8 +352,9 @@ class CommandedTouches:
         if probabilities is not None:
             touch.stop_chance = sum(float(probabilities[index]) for index in stops)
             touch.stop_required = min(stops.values(), default=1.0)
-        if len(row.held):
-            self.last_contact = self.latest
+        touch.is_held = bool(len(row.held))
+        if touch.is_held and row.last != self.latest:
+            self.hold(touch, row, recognition)
         if row.last == self.latest:
             touch.feel(row, patch, self.latest, self.untouched_since, self.config)
             taxels = row.taxels
@@ -368,6 +368,19 @@ class CommandedTouches:
                 touch.breadths.append(
                     self.measure_breadth(taxels[is_sound], pressure[is_sound])
                 )
+
+    def hold(
+        self, touch: CommandedTouch, row: TouchRecord, recognition: RecognitionState
+    ) -> None:
+        """Update a touch by the taxels that press on without contact."""
+        taxels = row.held
+        pressure = recognition.state.reading.pressure[taxels]
+        touch.force = float(PA_PER_KPA * pressure @ self.areas[taxels])
+        is_full = pressure >= self.full_pressure[taxels]
+        touch.full_area = float(self.areas[taxels[is_full]].sum())
+        touch.age(self.latest, self.config)
+        self.last_contact = self.latest
+        self.felt.append(touch)
 
     def measure_breadth(
         self, taxels: Int[np.ndarray, "some"], pressure: Float[np.ndarray, "some"]

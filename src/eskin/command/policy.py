@@ -183,8 +183,10 @@ class Policy(Listener):
                 self.decide(touch, item)
             elif item.gesture == UNKNOWN:
                 self.decide_unknown(touch, item)
-            touch.decided, touch.suspends = True, False
-            touch.detected_force, touch.detected_area = item.peak_force, touch.full_area
+            touch.decided = True
+            touch.suspends &= touch.is_held
+            touch.detected_force = item.peak_force
+            touch.detected_area = touch.full_area
         elif isinstance(item, RecognitionState):
             self.touches.update(item)
             self.monitor.update(item, (one.patch for one in self.touches.felt))

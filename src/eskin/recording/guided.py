@@ -150,7 +150,7 @@ class RecordingGuide:
             self.touch = TouchSummary(min(touch.onset for touch in state.open))
             self.touch.add(scan, state, self.calibration.full_scale)
             return AttemptEvent("began")
-        if state.open:
+        if state.open or state.tracking.held:
             self.touch.add(scan, state, self.calibration.full_scale)
             return None
         ended, self.touch = self.touch, None
@@ -167,7 +167,8 @@ class RecordingGuide:
     def push_rest(self, state: TouchState) -> AttemptEvent | None:
         """Wait until the skin has been at rest for long enough."""
         stamp = state.reading.stamp
-        if self.rested_since is None or state.open:
+        is_touched = bool(state.open or state.tracking.held)
+        if self.rested_since is None or is_touched:
             self.rested_since = stamp
         self.is_ready = stamp - self.rested_since >= REST * NS_PER_S
         return AttemptEvent("ready") if self.is_ready else None

@@ -21,17 +21,23 @@ PRESSED_FLOOR = 0.75
 that of others."""
 FALL_SECONDS = 0.1
 """Time over which the fall of a pressure is looked at [s]."""
+MAX_FALL_SECONDS = 0.25
+"""Time over which a fall tells nothing, as after counts that repeat [s]."""
 FALL_RATE = 0.5
 """Rate of such a fall from which nothing holds a taxel any more, in units of the rate
 at which its sensor falls by itself."""
 HAND_SECONDS = 0.08
 """Time constant with which the pressure of a hand that lifts falls [s]: no sensor is
 seen to fall faster."""
+MAX_RELEASE_SECONDS = 0.5
+"""Largest time constant of a sensor [s]: what falls more slowly is a hand."""
 AGAIN_SHARE = 0.25
 """Rise after such a fall that is contact again, in units of the lowest pressure."""
 CLEAR_PRESS = 4.0
-"""Smallest pressure whose fall tells how fast the sensor falls, in units of the
-pressure at which it is at rest."""
+"""Smallest pressure whose fall tells that a hand lifts, and how fast the sensor falls,
+in units of the pressure at which it is at rest."""
+PEAK_SECONDS = 5.0
+"""Time constant with which the greatest pressure of a press counts for less [s]."""
 SMOOTH_SECONDS = 0.03
 """Time constant with which the noise of a pressed taxel is averaged [s]."""
 REST_SECONDS = 1.0
@@ -241,10 +247,12 @@ def note_press(i: int, reading: KernelReading, context: TrackerContext) -> None:
         taxel.released = 0
     if taxel.pressed_at < since or not taxel.pressed:
         taxel.fastest = 0.0
-        taxel.latest = pressure
-        taxel.smooth = pressure
+        taxel.latest = 0.0
+        taxel.smooth = 0.0
         if taxel.released:
             taxel.smooth = min(taxel.lowest, pressure)
+        else:
+            taxel.strongest = 0.0
         context.recent[:, i] = 0.0
     change = pressure - taxel.highest
     taxel.changed = taxel.moved
@@ -279,22 +287,26 @@ def follow_falls(
     limit = FALL_RATE * min(context.release_rate[0], 1.0 / HAND_SECONDS)
     elapsed = now - context.measured_at[0]
     context.measured_at[0] = now
-    weight = 1.0 - math.exp(-elapsed / SMOOTH_SECONDS)
+    weight = 1.0 - math.exp(-elapsed / SMOOTH_SECONDS) if elapsed > 0.0 else 1.0
+    fade = math.exp(-elapsed / PEAK_SECONDS)
+    is_fast = 0.0 < reading.instant.elapsed <= SHORTEST_PRESS
     for i in pressed:
         taxel = context.taxels[i]
         # Corrupt values are of one reading, a press of more.
         lasting = reading.pressure[i]
-        if elapsed <= SHORTEST_PRESS:
+        if is_fast:
             low = min(lasting, taxel.latest)
             high = max(lasting, taxel.latest)
             lasting = min(max(taxel.smooth, low), high)
         taxel.smooth += weight * (lasting - taxel.smooth)
         taxel.latest = reading.pressure[i]
+        taxel.strongest = max(fade * taxel.strongest, taxel.smooth)
         context.recent[slot, i] = taxel.smooth
         rate = compute_fall(i, taxel.smooth, before, now, context)
-        if taxel.smooth >= CLEAR_PRESS * max(parameters.off, taxel.floor):
+        clear = CLEAR_PRESS * max(parameters.off, taxel.floor)
+        if taxel.smooth >= clear:
             taxel.fastest = max(taxel.fastest, rate)
-        if not taxel.released and rate >= limit:
+        if not taxel.released and rate >= limit and taxel.strongest >= clear:
             taxel.released = 1
             taxel.lowest = taxel.smooth
         elif taxel.released:
@@ -319,9 +331,10 @@ def compute_fall(
     if before < 0:
         return 0.0
     earlier = context.recent[before, i]
-    if earlier <= pressure:
+    elapsed = now - context.recent_times[before]
+    if earlier <= pressure or elapsed > MAX_FALL_SECONDS:
         return 0.0
-    return math.log(earlier / pressure) / (now - context.recent_times[before])
+    return math.log(earlier / pressure) / elapsed
 
 
 @compiled
@@ -366,6 +379,7 @@ def keep_pressed(
     instant = reading.instant
     since = min(instant.previous, instant.now - context.parameters.dropout_seconds)
     count = 0
+    fastest = 0.0
     for i in pressed:
         taxels[i].pressed = 2
     for k in range(context.pressed_count[0]):
@@ -379,8 +393,7 @@ def keep_pressed(
                 # It fell faster than could be followed.
                 fall = compute_fall(i, least, before, instant.now, context)
                 rate = max(rate, fall)
-            if rate > 0.0:
-                add_release(rate, context)
+            fastest = max(fastest, rate)
         if reading.valid[i] or taxels[i].pressed_at < since:
             taxels[i].pressed = 0
         else:
@@ -391,6 +404,8 @@ def keep_pressed(
         kept[count] = i
         count += 1
     context.pressed_count[0] = count
+    if fastest > 0.0:
+        add_release(fastest, context)
 
 
 @compiled
@@ -399,7 +414,8 @@ def add_release(rate: float, context: TrackerContext) -> None:
     rates = context.release_rates
     rates[context.releases[0] % len(rates)] = rate
     context.releases[0] += 1
-    context.release_rate[0] = select(rates.copy(), len(rates) // 2)
+    usual = select(rates.copy(), len(rates) // 2)
+    context.release_rate[0] = max(usual, 1.0 / MAX_RELEASE_SECONDS)
 
 
 @compiled
@@ -488,7 +504,7 @@ def find_peak(i: int, reading: KernelReading, context: TrackerContext) -> float:
     for k in range(span[0], span[1]):
         near = context.taxels[context.neighbours[k]]
         if near.released and reading.instant.now - near.pressed_at <= REST_SECONDS:
-            peak = max(peak, near.highest)
+            peak = max(peak, near.strongest)
     return peak
 
 

@@ -140,25 +140,24 @@ class TouchTracker:
         self.release_rates = np.full(RELEASES, 1.0 / release_seconds)
         self.release_rate = np.full(1, 1.0 / release_seconds)
         self.releases = np.zeros(1, np.int64)
-        self.context = pack(
-            TrackerContext(
-                parameters=parameters,
-                geometry=build_taxel_geometry(mounted, adjacency),
-                neighbours=adjacency.neighbours,
-                taxels=taxels,
-                pressed=self.pressed_taxels,
-                pressed_count=self.pressed_count,
-                recent=np.zeros((RECENT, skin.count)),
-                recent_times=np.full(RECENT, -np.inf),
-                slot=np.zeros(1, np.int64),
-                measured_at=np.zeros(1),
-                release_rates=self.release_rates,
-                release_rate=self.release_rate,
-                releases=self.releases,
-            )
+        context = TrackerContext(
+            parameters=parameters,
+            geometry=build_taxel_geometry(mounted, adjacency),
+            neighbours=adjacency.neighbours,
+            taxels=taxels,
+            pressed=self.pressed_taxels,
+            pressed_count=self.pressed_count,
+            recent=np.zeros((RECENT, skin.count)),
+            recent_times=np.full(RECENT, -np.inf),
+            slot=np.zeros(1, np.int64),
+            measured_at=np.zeros(1),
+            release_rates=self.release_rates,
+            release_rate=self.release_rate,
+            releases=self.releases,
         )
+        self.context = pack(context)
         self.tracks = TrackFollower(skin.areas, parameters)
-        self.touches = TouchGrouper(parameters, taxels)
+        self.touches = TouchGrouper(context)
         self.result = NO_TOUCHES
 
     def push(self, reading: Reading, instant: Instant) -> TrackingResult:

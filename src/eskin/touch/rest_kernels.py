@@ -242,7 +242,8 @@ def move_rest(scan: KernelScan, context: FrontEndContext) -> None:
             taxel.steady_level = count
             taxel.steady_since = now
         foreign = context.crosstalk.bound[i]
-        if foreign > band * margin and abs(above) <= foreign:
+        is_brief = now - taxel.touched_since <= parameters.longest_seconds
+        if foreign > band * margin and abs(above) <= foreign and is_brief:
             taxel.low = taxel.low_since = np.inf
             continue
         if abs(above) <= margin and taxel.peak == 0.0 and taxel.low_since == np.inf:

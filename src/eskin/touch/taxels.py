@@ -59,7 +59,7 @@ TAXEL = build_dtype(
             "suspicion flat_since flat_level flat_step last_doubted",
             "last_changed last_negative last_below_full last_nonzero last_zero least",
             "last_unpressed unanswered last_sound since last_found",
-            "pressed_at latest smooth highest lowest fastest risen_at",
+            "pressed_at latest smooth highest strongest lowest fastest risen_at",
         ]
     ),
 )
@@ -98,10 +98,11 @@ Contact: `pressed`, whether something presses it; `pressed_at`, when it last did
 `onset`, the stamp since which it is in contact [ns]; `released`, whether its contact
 has ended although it has not been at rest since; `latest`, its latest pressure;
 `smooth`, the same without noise; `highest`, the greatest since it is pressed, and
-`lowest`, the smallest of the smooth ones since its contact ended [kPa]; `fastest`, the
-greatest rate at which it fell since it is pressed [1/s]; `moved` and `changed`, whether
-it rose at this reading, and at the one before; `risen_at`, when it last rose alone;
-`scratch_index`, a temporary variable, -1 between readings."""
+`strongest`, the greatest smooth one, which fades; `lowest`, the smallest smooth one
+since its contact ended [kPa]; `fastest`, the greatest rate at which it fell [1/s];
+`moved` and `changed`, whether it rose at this reading, and at the one before;
+`risen_at`, when it last rose alone; `scratch_index`, a temporary variable, -1 between
+readings."""
 
 PATCH = build_dtype(
     "may_press only_zeros outcome side",

@@ -7,8 +7,9 @@ from operator import attrgetter
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from eskin.touch.contact_kernels import CLEAR_PRESS
 from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
 from eskin.touch.records import (
     NO_INDEX,
@@ -16,12 +17,14 @@ from eskin.touch.records import (
     ContactRecord,
     KernelReading,
     TouchRecord,
+    TrackerContext,
     TrackingParameters,
     TrackRecord,
     Vector,
     copy_record,
 )
 from eskin.touch.rest_kernels import LOW_SECONDS
+from eskin.touch.taxel_kernels import SILENCE_SECONDS
 from eskin.units import NS_PER_S
 
 UM_PER_M = 1e6
@@ -238,14 +241,19 @@ class TouchGrouper:
     Attributes:
         touches: open touches by their ids, which ascend.
         closed: touches that closed with the latest reading.
+        past: confirmed touches that have closed lately, by their ids.
         held: confirmed touches that have closed, of which taxels are still pressed.
     """
 
-    def __init__(self, parameters: TrackingParameters, taxels: np.ndarray) -> None:
-        """Start without touches on a skin whose state is (taxel) `TAXEL`."""
-        self.parameters = parameters
-        self.taxels = taxels
-        self.in_contact = np.zeros(len(taxels), np.bool_)
+    def __init__(self, context: TrackerContext) -> None:
+        """Start without touches on the skin of a tracker."""
+        self.parameters = context.parameters
+        self.taxels = context.taxels
+        self.links = context.geometry["link"]
+        self.pressed = context.pressed
+        self.pressed_count = context.pressed_count
+        self.in_contact = np.zeros(len(self.taxels), np.bool_)
+        self.owner = np.zeros(len(self.taxels), np.int64)
         self.next_id = 1
         self.clear()
 
@@ -254,6 +262,7 @@ class TouchGrouper:
         self.touches: dict[int, TouchRecord] = {}
         self.closed: list[TouchRecord] = []
         self.held: list[TouchRecord] = []
+        self.past: dict[int, TouchRecord] = {}
 
     def push(
         self,
@@ -402,7 +411,7 @@ class TouchGrouper:
         touch.confirmed |= gone.confirmed
         touch.tracks = tuple(sorted(touch.tracks + gone.tracks))
         touch.before = np.concatenate([touch.before, gone.before])
-        touch.held = np.concatenate([touch.held, gone.held])
+        self.owner[self.owner == gone.id] = touch.id
         for track in self.tracks:
             if track.touch == gone.id:
                 track.touch = touch.id
@@ -442,7 +451,7 @@ class TouchGrouper:
         new.confirmed, new.tracks = touch.confirmed, tuple(one.id for one in moved)
         for track in moved:
             track.touch = new.id
-        new.held = touch.held
+        self.owner[self.owner == touch.id] = new.id
         contacts[new.id] = contacts.pop(touch.id)
         self.close(touch, new.id if touch.confirmed else 0)
 
@@ -483,31 +492,56 @@ class TouchGrouper:
                 touch.contacts += 1
 
     def update_held(self) -> None:
-        """Update which taxels of each touch are pressed without contact."""
+        """Find the taxels that are pressed without contact, and whose they are.
+
+        They are of the touch whose contact they were in last. What has never been in
+        contact is clearly pressed, and of a touch beside it. What is left of a press is
+        less than a share of it; a hand that eases is not.
+        """
+        for touch in self.closed:
+            if touch.confirmed and not touch.merged_into:
+                self.past[touch.id] = touch
         for track in self.current:
+            self.owner[track.contact.taxels] = track.touch
             self.in_contact[track.contact.taxels] = True
-        for touch in self.touches.values():
-            if touch.confirmed:
-                self.hold(touch)
-        held = [copy_record(one) for one in self.held]
-        held += [one for one in self.closed if one.confirmed and not one.merged_into]
-        for touch in held:
-            self.hold(touch)
-        self.held = [one for one in held if len(one.held)]
+        pressed = self.pressed[: self.pressed_count[0]]
+        states = self.taxels[pressed]
+        is_held = states["smooth"] >= HELD_SHARE * states["strongest"]
+        is_held &= ~self.in_contact[pressed]
         for track in self.current:
             self.in_contact[track.contact.taxels] = False
+        clear = states["smooth"] >= CLEAR_PRESS * self.parameters.off
+        taxels = pressed[is_held & ((self.owner[pressed] > 0) | clear)]
+        self.find_owners(taxels)
+        for touch in self.touches.values():
+            touch.held = NO_TAXELS
+            if touch.confirmed:
+                touch.held = taxels[self.owner[taxels] == touch.id]
+        self.update_past(taxels)
 
-    def hold(self, touch: TouchRecord) -> None:
-        """Update which taxels of a touch are pressed without contact.
+    def find_owners(self, taxels: Int[np.ndarray, "pressed"]) -> None:
+        """Find a touch for taxels whose own is not known any more."""
+        for i in taxels.tolist():
+            owner = int(self.owner[i])
+            if owner in self.touches or owner in self.past:
+                continue
+            link = self.links[i]
+            near = [one.touch for one in self.current if one.contact.link == link]
+            self.owner[i] = near[0] if near else 0
 
-        What is left of a press is less than a share of it, a hand that eases is not.
-        """
-        taxels = np.concatenate([touch.held, touch.before])
-        if len(taxels):
-            states = self.taxels[taxels]
-            is_held = (states["pressed"] != 0) & ~self.in_contact[taxels]
-            is_held &= states["smooth"] >= HELD_SHARE * states["highest"]
-            touch.held = taxels[is_held]
+    def update_past(self, taxels: Int[np.ndarray, "pressed"]) -> None:
+        """Update the touches that have closed, by the taxels that are pressed."""
+        stamp = self.reading.instant.stamp
+        self.held = []
+        for number, touch in list(self.past.items()):
+            touch = copy_record(touch)
+            touch.held = taxels[self.owner[taxels] == number]
+            if len(touch.held):
+                touch.last = max(touch.last, stamp - self.reading.instant.elapsed_ns)
+                self.past[number] = touch
+                self.held.append(touch)
+            elif stamp - touch.last > SILENCE_SECONDS * NS_PER_S:
+                del self.past[number]
 
     def find_centre(
         self, contacts: Sequence[ContactRecord], force: float, link: int
