@@ -317,6 +317,17 @@ def test_second_without_touch_begins_as_the_hand_has_left(gap):
     assert ("resume" in scene.arm.orders) == (gap > 1.0)
 
 
+def test_touch_that_only_presses_on_is_known_by_its_patch():
+    scene = Scene()
+    number = scene.begin("none", force=2.0)
+    status = scene.status(number, closed=True)
+    status.held = status.taxels
+    del scene.touches[number]
+    scene.held = (status,)
+    scene.wait(scene.policy.config.monitor.max_seconds + 0.2)
+    assert scene.arm.speed_limit == 0.0
+
+
 def test_arm_that_stands_for_a_touch_stands_until_it_has_left():
     scene = Scene()
     number = scene.begin("none", force=2.0)

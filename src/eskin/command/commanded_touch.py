@@ -373,6 +373,10 @@ class CommandedTouches:
         self, touch: CommandedTouch, row: TouchRecord, recognition: RecognitionState
     ) -> None:
         """Update a touch by the taxels that press on without contact."""
+        if touch.onset is None:
+            touch.onset = row.onset
+            touch.light_since = row.onset
+        touch.patch = self.patches[row.contact.patch]
         taxels = row.held
         pressure = recognition.state.reading.pressure[taxels]
         touch.force = float(PA_PER_KPA * pressure @ self.areas[taxels])
