@@ -294,6 +294,7 @@ def select_touches(recognition: RecognitionState, ids: set[int]) -> RecognitionS
         tracking=tracking._replace(
             open=tuple(one for one in tracking.open if one.id in ids),
             closed=tuple(one for one in tracking.closed if one.id in ids),
+            held=tuple(one for one in tracking.held if one.id in ids),
         ),
     )
     chances = {i: p for i, p in recognition.probabilities.items() if i in ids}

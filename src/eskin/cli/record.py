@@ -31,7 +31,7 @@ class RecordCommand(GuidedCommand):
     """Record gestures of your own: make each when it is asked for, and it is labelled.
 
     Keep your hands off at first. A gesture is over when nothing has touched the skin
-    for half a second. `none` is what you do to the robot without meaning anything:
+    for a pause, 0.36 s. `none` is what you do to the robot without meaning anything:
     lean, brush past, rest a hand. It ends with the command that trains on it.
     """
 

@@ -95,8 +95,8 @@ ADVANCING_ACTIONS = ("resume", "normal", "next_waypoint", "previous_waypoint", "
 HALTING_ACTIONS = ("pause", "hold")
 """Actions that stop the arm: neither a cool-down nor an unknown touch blocks them."""
 STARTING_ACTIONS = ("resume", "jog")
-"""Actions that set a standing arm in motion: executed once their touch has closed, half
-a second after its latest contact, and nobody touches the skin."""
+"""Actions that set a standing arm in motion: executed once their touch has closed, a
+pause after its latest contact, and nothing presses the skin."""
 REDUCING_ACTIONS = ("pause", "hold", "slow")
 """Actions that make the arm do less: allowed when most others are not."""
 

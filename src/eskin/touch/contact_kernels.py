@@ -36,7 +36,7 @@ AGAIN_SHARE = 0.25
 CLEAR_PRESS = 4.0
 """Smallest pressure whose fall tells that a hand lifts, and how fast the sensor falls,
 in units of the pressure at which it is at rest."""
-PEAK_SECONDS = 5.0
+PEAK_SECONDS = 20.0
 """Time constant with which the greatest pressure of a press counts for less [s]."""
 SMOOTH_SECONDS = 0.03
 """Time constant with which the noise of a pressed taxel is averaged [s]."""

@@ -112,7 +112,7 @@ class FrontEnd:
         self.taxels = build_taxels(self.constants)
         sigmas = NOISE_SIGMAS * self.constants["start_noise"]
         self.taxels["noise_limit"] = np.maximum(sigmas, self.constants["least_noise"])
-        self.taxels["band"] = self.taxels["noise_limit"]
+        self.taxels["band"] = self.constants["contact"] / 2.0
         clear = CLEAR_FACTOR * self.taxels["noise_limit"]
         self.taxels["margin"] = np.maximum(self.constants["clear"], clear)
         self.patches = build_patches(len(skin.patches))

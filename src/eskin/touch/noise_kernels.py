@@ -57,6 +57,8 @@ pressure at which contact begins."""
 MAX_BAND = 4.0
 """Largest distance from rest that is left to noise, in units of the counts at which
 contact begins: a patch that swings further feels no touch."""
+MAX_WANDER_BAND = 1.5
+"""The same of wandering."""
 LEARN_SCANS = 40
 """Number of scans from which noise is known well enough for a fault."""
 START_FLOOR = 7.0
@@ -233,7 +235,8 @@ def limit_noise(
         wander = max(taxel.wander / contact, WANDER_SHARE * usual[1, patch])
         slow = WANDER_SIGMAS * wander * contact
         taxel.noise_limit = max(fast, slow)
-        taxel.band = min(taxel.noise_limit, MAX_BAND * contact)
+        band = max(fast, min(slow, MAX_WANDER_BAND * contact), contact / 2.0)
+        taxel.band = min(band, MAX_BAND * contact)
         clear = CLEAR_FACTOR * taxel.noise_limit
         taxel.margin = max(constants[i].clear, clear)
         floor = linearise_counts(taxel.noise_limit, curve) * constants[i].gain
