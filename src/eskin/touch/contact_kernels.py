@@ -23,7 +23,7 @@ FALL_SECONDS = 0.1
 """Time over which the fall of a pressure is looked at [s]."""
 MAX_FALL_SECONDS = 0.25
 """Time over which a fall tells nothing, as after counts that repeat [s]."""
-FALL_RATE = 0.5
+FALL_RATE = 0.3
 """Rate of such a fall from which nothing holds a taxel any more, in units of the rate
 at which its sensor falls by itself."""
 HAND_SECONDS = 0.08

@@ -516,8 +516,21 @@ class TouchGrouper:
         for touch in self.touches.values():
             touch.held = NO_TAXELS
             if touch.confirmed:
-                touch.held = taxels[self.owner[taxels] == touch.id]
+                touch.held = self.select_held(touch, taxels)
         self.update_past(taxels)
+
+    def select_held(
+        self, touch: TouchRecord, taxels: Int[np.ndarray, "pressed"]
+    ) -> Int[np.ndarray, "held"]:
+        """Select the taxels that are of a touch.
+
+        A lone taxel may have an offset of its own: it is no less than a share of the
+        greatest pressure of the touch.
+        """
+        own = taxels[self.owner[taxels] == touch.id]
+        if len(own) == 1 and self.taxels["smooth"][own[0]] < HELD_SHARE * touch.peak:
+            return NO_TAXELS
+        return own
 
     def find_owners(self, taxels: Int[np.ndarray, "pressed"]) -> None:
         """Find a touch for taxels whose own is not known any more."""
@@ -535,7 +548,7 @@ class TouchGrouper:
         self.held = []
         for number, touch in list(self.past.items()):
             touch = copy_record(touch)
-            touch.held = taxels[self.owner[taxels] == number]
+            touch.held = self.select_held(touch, taxels)
             if len(touch.held):
                 touch.last = max(touch.last, stamp - self.reading.instant.elapsed_ns)
                 self.past[number] = touch
