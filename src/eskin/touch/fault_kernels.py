@@ -59,6 +59,9 @@ MIN_LINE = 3
 """Number of taxels from which a row or column can be faulty as a whole, and of its
 taxels away from rest or faulty from which it is doubted: beside a pressed taxel, one
 that was released may be below rest for a while."""
+MIN_LEARNED = 0.3
+"""Time from which the noise is known well enough to tell what is away from rest [s]:
+before, whole patches would be doubted."""
 SWING_SHARE = 0.25
 """Share of a patch that is above rest by more than noise, and soon after below it, as
 no hand does."""
@@ -125,7 +128,8 @@ def follow_faults(scan: KernelScan, packed_context: Packed) -> None:
     note_counts(scan, context)
     low = follow_noise(scan, context)
     follow_steps(scan, context)
-    if low > 0 or is_turned(context) or has_outage(scan):
+    is_known = scan.now >= MIN_LEARNED
+    if is_known and (low > 0 or is_turned(context) or has_outage(scan)):
         find_swings(scan, context)
 
 

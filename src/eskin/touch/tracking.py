@@ -248,12 +248,13 @@ class TouchGrouper:
     def __init__(self, context: TrackerContext) -> None:
         """Start without touches on the skin of a tracker."""
         self.parameters = context.parameters
-        self.taxels = context.taxels
+        self.smooth = context.taxels["smooth"]
+        self.strongest = context.taxels["strongest"]
         self.links = context.geometry["link"]
         self.pressed = context.pressed
         self.pressed_count = context.pressed_count
-        self.in_contact = np.zeros(len(self.taxels), np.bool_)
-        self.owner = np.zeros(len(self.taxels), np.int64)
+        self.in_contact = np.zeros(len(self.links), np.bool_)
+        self.owner = np.zeros(len(self.links), np.int64)
         self.next_id = 1
         self.clear()
 
@@ -505,13 +506,13 @@ class TouchGrouper:
             self.owner[track.contact.taxels] = track.touch
             self.in_contact[track.contact.taxels] = True
         pressed = self.pressed[: self.pressed_count[0]]
-        states = self.taxels[pressed]
-        is_held = states["smooth"] >= HELD_SHARE * states["strongest"]
-        is_held &= ~self.in_contact[pressed]
+        others = pressed[~self.in_contact[pressed]]
         for track in self.current:
             self.in_contact[track.contact.taxels] = False
-        clear = states["smooth"] >= CLEAR_PRESS * self.parameters.off
-        taxels = pressed[is_held & ((self.owner[pressed] > 0) | clear)]
+        smooth = self.smooth[others]
+        is_held = smooth >= HELD_SHARE * self.strongest[others]
+        clear = smooth >= CLEAR_PRESS * self.parameters.off
+        taxels = others[is_held & ((self.owner[others] > 0) | clear)]
         self.find_owners(taxels)
         for touch in self.touches.values():
             touch.held = NO_TAXELS
@@ -528,7 +529,7 @@ class TouchGrouper:
         greatest pressure of the touch.
         """
         own = taxels[self.owner[taxels] == touch.id]
-        if len(own) == 1 and self.taxels["smooth"][own[0]] < HELD_SHARE * touch.peak:
+        if len(own) == 1 and self.smooth[own[0]] < HELD_SHARE * touch.peak:
             return NO_TAXELS
         return own
 
