@@ -132,7 +132,7 @@ def watch(
         time = scan.stamp / NS_PER_S
         state = pipeline.push(scan)
         passed = np.searchsorted(begins, time)
-        if told is None and pipeline.polarity.faults:
+        if told is None and pipeline.front_end.polarity.faults:
             told = int(passed)
         inside = passed and time <= begins[passed - 1] + seconds
         if inside and state.contacts:

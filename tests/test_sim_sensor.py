@@ -101,13 +101,15 @@ def test_calibration_reads_the_true_pressure_of_a_nominal_taxel():
     stages = replace(ELEMENT_STAGES, threshold=True)
     counts = read_counts(step_load(20.0, 1.1, before=3.0), build, stages)
     front_end = FrontEnd(SKIN, build.calibration(SKIN))
+    # Neighbours are pressed as much: a taxel that steps alone is faulty.
+    near = np.abs(ALL_TAXELS - TAXEL) <= 1
     scans = [
-        scan_at(number * 0.02, np.where(ALL_TAXELS == TAXEL, count, 0))
+        scan_at(number * 0.02, np.where(near, count, 0))
         for number, count in enumerate(counts[:201])
     ]
     pressure = [front_end.push(scan).pressure for scan in scans][-1]
-    assert pressure[TAXEL] == pytest.approx(20.0, rel=0.02)
-    assert not np.delete(pressure, TAXEL).any()
+    assert pressure[near] == pytest.approx(20.0, rel=0.02)
+    assert not pressure[~near].any()
 
 
 def test_hysteresis_forgets_a_touch_that_is_over():

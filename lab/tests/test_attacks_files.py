@@ -108,7 +108,6 @@ def test_hostile_file_is_refused_in_one_line(tmp_path, monkeypatch, kind, write)
         (squeeze_taxels(49), "touch.adjacency.MAX_PAIRS", "neighbours"),
         (squeeze_taxels(49, far=1e3), "touch.adjacency.MAX_PAIRS", "neighbours"),
         (stack_taxels(40), "skin.check.MAX_COINCIDENT", "40 taxels in one place"),
-        (spread_rows(40), "touch.calibrator.FREE_CELLS", "40 rows and 40 columns"),
     ],
 )
 def test_skin_of_too_many_pairs_or_crossings_is_refused(
