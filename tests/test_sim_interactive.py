@@ -18,7 +18,7 @@ from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.model import SensorStages
 from eskin.sim.sensor.noise import ReadingLosses
 from eskin.sim.sensor.sensor import Sensor
-from eskin.touch import FrontEnd, ContactConfig
+from eskin.touch import ContactConfig, FrontEnd
 from eskin.transforms import apply
 from helpers.sensors import CONSTANTS
 from helpers.simulation import RATE, StandIn, build_small_simulator

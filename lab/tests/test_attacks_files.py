@@ -24,7 +24,7 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import TouchPipeline
 from lab.attacks.files import FILES, NAMES
-from lab.attacks.hostile_recordings import build_skin_writer, spread_rows
+from lab.attacks.hostile_recordings import build_skin_writer
 from lab.attacks.hostile_texts import (
     SMALL,
     squeeze_taxels,
