@@ -436,7 +436,8 @@ class Policy(Listener):
                         "until it is clear",
                     )
         for touch in self.touches.ended:
-            if touch.suspends and touch.stop_chance >= touch.stop_required:
+            may_stop = touch.suspends and not touch.decided
+            if may_stop and touch.stop_chance >= touch.stop_required:
                 self.pause_for(touch, "not understood: the touch may have been a stop")
 
     def update_limit(self) -> None:

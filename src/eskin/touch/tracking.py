@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.touch.contact_kernels import CLEAR_PRESS
+from eskin.touch.contact_kernels import CLEAR_PRESS, PA_PER_KPA
 from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
 from eskin.touch.records import (
     NO_INDEX,
@@ -36,6 +36,8 @@ some seconds may be a taxel that does not return to its rest, and joins no other
 HELD_SHARE = 0.15
 """Share of its greatest pressure from which a taxel is still pressed whose contact has
 ended; creep leaves less."""
+HELD_FORCE = 1.0
+"""Force from which taxels are pressed by a hand, however weak beside a press [N]."""
 MIN_LIFT_NS = round(LOW_SECONDS * NS_PER_S)
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
@@ -251,6 +253,7 @@ class TouchGrouper:
         self.smooth = context.taxels["smooth"]
         self.strongest = context.taxels["strongest"]
         self.links = context.geometry["link"]
+        self.areas = context.geometry["area"]
         self.pressed = context.pressed
         self.pressed_count = context.pressed_count
         self.in_contact = np.zeros(len(self.links), np.bool_)
@@ -525,13 +528,14 @@ class TouchGrouper:
     ) -> Int[np.ndarray, "held"]:
         """Select the taxels that are of a touch.
 
-        A lone taxel may have an offset of its own: it is no less than a share of the
-        greatest pressure of the touch.
+        A few may have offsets of their own. They press as a hand does, or one of them
+        is no less than a share of the greatest pressure of the touch.
         """
         own = taxels[self.owner[taxels] == touch.id]
-        if len(own) == 1 and self.smooth[own[0]] < HELD_SHARE * touch.peak:
-            return NO_TAXELS
-        return own
+        pressure = self.smooth[own]
+        force = PA_PER_KPA * float(pressure @ self.areas[own])
+        is_strong = pressure.max(initial=0.0) >= HELD_SHARE * touch.peak
+        return own if is_strong or force >= HELD_FORCE else NO_TAXELS
 
     def find_owners(self, taxels: Int[np.ndarray, "pressed"]) -> None:
         """Find a touch for taxels whose own is not known any more."""
