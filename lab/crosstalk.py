@@ -276,7 +276,8 @@ def play_touches(
     period = 1.0 / condition.rate
     for _ in range(round(SETTLING * condition.rate)):
         yield 0, np.inf, matrix.read(None)
-    number, passed = 0, SETTLING
+    number = 0
+    passed = SETTLING
     while passed < seconds:
         number += 1
         if condition.skin == "ur5":

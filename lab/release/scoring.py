@@ -127,7 +127,8 @@ def find_parts(events: Sequence[TrueEvent], touches: Sequence[Followed]) -> list
                 by_stamp = shared.setdefault(number, {})
                 by_stamp[stamp] = by_stamp.get(stamp, 0.0) + force
         for number, by_stamp in shared.items():
-            first, last = min(by_stamp), max(by_stamp)
+            first = min(by_stamp)
+            last = max(by_stamp)
             impulse = sum(by_stamp.values())
             parts.append(Part(index, number, first, last, len(by_stamp), impulse))
     return parts

@@ -21,14 +21,17 @@ def main() -> None:
     from lab.vary.worlds import read_worlds
 
     logging.basicConfig(level=logging.ERROR)
-    folder, found = Path(task["folder"]), Path(task["found"])
+    folder = Path(task["folder"])
+    found = Path(task["found"])
     slots = Slots.build(Sources(Path(task["sources"])))
     settings = json.loads((folder / SETTINGS).read_text("utf-8"))
     worlds = list(read_worlds(folder, settings["seed"]))
     for each in task["variants"]:
         if time.time() > task["ends_at"]:
             return
-        variant, figures, error = Variant(**each), {}, ""
+        variant = Variant(**each)
+        figures = {}
+        error = ""
         if not task["edited"]:
             change_numbers(slots, variant.changed)
         try:

@@ -107,7 +107,8 @@ class Matrix:
 
     def __init__(self, plan: MatrixPlan, mounted: MountedSkin, seed: int) -> None:
         """Draw the taxels."""
-        self.plan, self.skin = plan, mounted.skin
+        self.plan = plan
+        self.skin = mounted.skin
         self.rng = np.random.default_rng((seed, 31))
         count = self.skin.count
         self.rest = self.rng.uniform(*REST, count)
@@ -139,7 +140,8 @@ class Matrix:
 
     def lag(self, pressure: Pressures) -> Pressures:
         """Return what the sensor shows of a pressure, after its release and creep."""
-        plan, period = self.plan, 1.0 / RATE
+        plan = self.plan
+        period = 1.0 / RATE
         falls = pressure < self.shown
         keep = np.exp(-period / plan.release) if plan.release else 0.0
         slow = pressure + keep * (self.shown - pressure)
@@ -150,7 +152,8 @@ class Matrix:
 
     def scan(self, pressure: Pressures | None = None, force: float = 0.0) -> None:
         """Take a scan under a pressure [kPa] of a force [N]."""
-        plan, skin = self.plan, self.skin
+        plan = self.plan
+        skin = self.skin
         pressure = np.zeros(skin.count) if pressure is None else pressure
         grain = 1.0 + GRAIN * self.rng.standard_normal(skin.count)
         shown = np.maximum(self.lag(pressure) * self.gain * grain, 0.0)
@@ -187,7 +190,9 @@ class Matrix:
 
     def disturb(self, counts: Float[np.ndarray, "taxel"]) -> bool:
         """Let taxels and the plug fail; return whether data arrives."""
-        t, rng, skin = self.seconds, self.rng, self.skin
+        t = self.seconds
+        rng = self.rng
+        skin = self.skin
         floating = (skin.rows == 12) & (t > 50.0)
         counts[floating] += 150.0 * rng.standard_normal(int(floating.sum()))
         single = {20: t > 15.0, 75: t > 25.0, 130: 35.0 < t < 37.0, 201: t > 20.0}

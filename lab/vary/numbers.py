@@ -210,7 +210,8 @@ class Sources:
             A number or a tuple of numbers; None for anything else.
         """
         module, name = place
-        source, changed = self.get(module), changed or {}
+        source = self.get(module)
+        changed = changed or {}
         node = source.constants.get(name) or source.defaults.get(name)
         if node is None:
             return None

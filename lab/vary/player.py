@@ -54,7 +54,8 @@ class TouchWatch:
             self.evidence.update(RecognitionState(state, {}, ()))
         for row in (*state.open, *state.closed):
             trail = self.trails.setdefault(row.id, Trail(row.id))
-            trail.onset, trail.last = row.onset, row.last
+            trail.onset = row.onset
+            trail.last = row.last
             trail.merged_into = row.merged_into
             if row.closed:
                 continue
@@ -77,8 +78,13 @@ def play(world: World) -> Figures:
     if world.is_judged:
         evidence = EvidenceMonitor(world.mounted.skin, EvidenceConfig())
     watch = TouchWatch(TouchPipeline(world.mounted, world.calibration), evidence)
-    sound, deaf, heard, masked, failed = world.sound, 0, 0, 0, 0
-    faults, polarity = 0, 0
+    sound = world.sound
+    deaf = 0
+    heard = 0
+    masked = 0
+    failed = 0
+    faults = 0
+    polarity = 0
     for scan in world.scans():
         state = watch.push(scan)
         missing = scan.received & ~state.reading.valid
@@ -104,13 +110,18 @@ def score_touches(world: World, watch: TouchWatch) -> tuple[Outcomes, dict[str, 
     outcomes: dict[str, list[bool]] = {
         name: [] for name in ("felt", "onsets", "ends", "believed")
     }
-    onsets, ends, waits, forces, parts = [], [], [], [], 0
+    onsets = []
+    ends = []
+    waits = []
+    forces = []
+    parts = 0
     for truth in world.truths:
         if truth.peak < LEAST_PEAK:
             continue
         near = list_near(truth, watch.trails)
         score = score_touch(truth, near)
-        onset, end = score.onset_error, score.end_error
+        onset = score.onset_error
+        end = score.end_error
         shown = [watch.believed[key] for key in near if key in watch.believed]
         outcomes["felt"].append(onset is not None)
         outcomes["onsets"].append(onset is not None and abs(onset) <= ONSET)
@@ -185,7 +196,9 @@ def count_false(world: World, watch: TouchWatch) -> dict[str, float]:
         near = list_near(truth, watch.trails)
         true |= {find_root(key, watch.trails) for key in near}
     untouched = dict(zip(world.stamps.tolist(), world.untouched.tolist(), strict=True))
-    openings, believed, shown = 0, 0, 0
+    openings = 0
+    believed = 0
+    shown = 0
     for key, trail in watch.trails.items():
         if find_root(key, watch.trails) in true or not trail.samples:
             continue

@@ -48,7 +48,8 @@ class Slots:
 
     def find_first(self) -> dict[Place, int]:
         """Return the first element of each constant."""
-        first, found = 0, {}
+        first = 0
+        found = {}
         for place in self.places:
             found[place] = first
             value = self.sources.compute(place)
@@ -71,7 +72,8 @@ class FunctionRewriter(ast.NodeTransformer):
 
     def __init__(self, slots: Slots, module: str) -> None:
         """Rewrite one module of the sources."""
-        self.sources, self.module = slots.sources, module
+        self.sources = slots.sources
+        self.module = module
         self.first = slots.find_first()
         self.hidden: list[set[str]] = []
 
@@ -95,7 +97,8 @@ class FunctionRewriter(ast.NodeTransformer):
         place = self.sources.find(self.module, node.id)
         if place not in self.first:
             return node
-        value, first = self.sources.compute(place), self.first[place]
+        value = self.sources.compute(place)
+        first = self.first[place]
         if isinstance(value, tuple):
             parts = [build_element(first + n, one) for n, one in enumerate(value)]
             return ast.Tuple(parts, ast.Load())
@@ -210,7 +213,8 @@ def change_numbers(slots: Slots, changed: Mapping[str, float]) -> None:
 def set_defaults(kind: type, given: Mapping[str, object]) -> None:
     """Set the defaults of some fields of a dataclass."""
     start: Any = kind.__init__
-    code, usual = start.__code__, start.__defaults__ or ()
+    code = start.__code__
+    usual = start.__defaults__ or ()
     names = code.co_varnames[: code.co_argcount][-len(usual) :]
     start.__defaults__ = tuple(
         given.get(name, value) for name, value in zip(names, usual, strict=True)

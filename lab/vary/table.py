@@ -174,7 +174,8 @@ def build_row(number: Number, files: list[list[dict]]) -> list[str]:
         if number.scale(factor) == number.value:
             cells.append("cannot be less")
             continue
-        line, usual = None, {}
+        line = None
+        usual = {}
         for lines in files:
             same = [
                 one

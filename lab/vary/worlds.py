@@ -124,7 +124,8 @@ def read_arm(folder: Path, name: str, seed: int) -> World:
         data = dict(file)
     mounted, calibration = find_skin(row, number)
     count = mounted.skin.count
-    stamps, counts = data["stamps"], data["counts"].astype(np.int32)
+    stamps = data["stamps"]
+    counts = data["counts"].astype(np.int32)
     received = np.unpackbits(data["received"], axis=1, count=count).astype(bool)
     truths = []
     for n, (start, size) in enumerate(data["spans"].tolist()):
@@ -201,9 +202,12 @@ def read_matrix(folder: Path, name: str) -> World:
     """Read the world of a matrix."""
     with np.load(folder / f"{name}.npz") as file:
         data = dict(file)
-    plan, mounted, stamps = MATRICES[name], build_matrix_skin(), data["stamps"]
+    plan = MATRICES[name]
+    mounted = build_matrix_skin()
+    stamps = data["stamps"]
     first = np.searchsorted(stamps, data["starts"])
-    truths, begin = [], 0
+    truths = []
+    begin = 0
     for n, end in enumerate(data["ends"].tolist()):
         span = slice(first[n], first[n] + end - begin)
         force, centre = data["force"][begin:end], data["centre"][begin:end]

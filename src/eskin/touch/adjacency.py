@@ -77,7 +77,8 @@ def find_pairs(
 ) -> Int[np.ndarray, "2 pair"]:
     """Find the pairs of members within the larger reach of the two, in both orders."""
     members = np.flatnonzero(is_member)
-    tree, largest = KDTree(points[members]), reach[members].max()
+    tree = KDTree(points[members])
+    largest = reach[members].max()
     count = tree.count_neighbors(tree, largest)
     if count > MAX_PAIRS:
         raise SkinError(

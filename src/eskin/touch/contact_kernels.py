@@ -380,11 +380,9 @@ def keep_pressed(
     since = min(instant.previous, instant.now - context.parameters.dropout_seconds)
     count = 0
     fastest = 0.0
-    for i in pressed:
-        taxels[i].pressed = 2
     for k in range(context.pressed_count[0]):
         i = kept[k]
-        if taxels[i].pressed == 2:
+        if taxels[i].pressed_at == instant.now:
             continue
         if reading.valid[i]:
             least = max(context.parameters.off, taxels[i].floor)
@@ -516,7 +514,9 @@ def join_links(
 
     Consecutive taxels of one link form a run; the boxes of runs are compared first.
     """
-    ends, runs, widest = np.zeros(len(active) + 1, np.int64), 0, 0.0
+    ends = np.zeros(len(active) + 1, np.int64)
+    runs = 0
+    widest = 0.0
     for a in range(len(active)):
         taxel = geometry[active[a]]
         if a == 0 or taxel.link != geometry[active[a - 1]].link:
@@ -583,16 +583,20 @@ def find_contacts(
     labels = label_components(active, p_world, context)
     strong = select_strong(active, labels, reading, context)
     if len(strong) < len(active):
-        active, position = strong, geometry.position
+        active = strong
+        position = geometry.position
         p_world = transform_to_world(active, position, links, T_world_link, 1.0)
         labels = label_components(active, p_world, context)
     n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     rows = allocate_rows(labels)
-    taxels, points = np.empty(len(active), np.int64), np.empty((len(active), 3))
+    taxels = np.empty(len(active), np.int64)
+    points = np.empty((len(active), 3))
     largest = np.zeros(len(rows))
     for a in range(len(active)):
-        i, row = active[a], rows[labels[a]]
-        k, pressure = int(row[END]), reading.pressure[i]
+        i = active[a]
+        row = rows[labels[a]]
+        k = int(row[END])
+        pressure = reading.pressure[i]
         row[END] += 1
         row[AGE] = max(row[AGE], float(reading.instant.stamp - taxel_states[i].onset))
         taxels[k] = i
@@ -627,7 +631,8 @@ def allocate_rows(labels: Indices) -> Rows:
         rows[label, END] += 1.0
     end = 0.0
     for row in rows:
-        begin, end = end, end + row[END]
+        begin = end
+        end = end + row[END]
         row[BEGIN] = row[END] = begin
     return rows
 
@@ -666,7 +671,8 @@ def weigh_contact(
 @compiled
 def normalise_sums(row: Float[np.ndarray, "column"], T_world_link: Transform) -> None:
     """Turn the sums of a contact into its centre and its unit normal."""
-    p_world, n_world = row[P_WORLD:N_WORLD], row[N_WORLD:P_LINK]
+    p_world = row[P_WORLD:N_WORLD]
+    n_world = row[N_WORLD:P_LINK]
     length = math.sqrt(n_world[0] ** 2 + n_world[1] ** 2 + n_world[2] ** 2)
     for r in range(3):
         p_world[r] /= row[FORCE]

@@ -137,9 +137,7 @@ class TouchTracker:
         self.order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
         self.pressed_taxels = np.empty(skin.count, np.int64)
         self.pressed_count = np.zeros(1, np.int64)
-        self.release_rates = np.full(RELEASES, 1.0 / release_seconds)
         self.release_rate = np.full(1, 1.0 / release_seconds)
-        self.releases = np.zeros(1, np.int64)
         context = TrackerContext(
             parameters=parameters,
             geometry=build_taxel_geometry(mounted, adjacency),
@@ -151,9 +149,9 @@ class TouchTracker:
             recent_times=np.full(RECENT, -np.inf),
             slot=np.zeros(1, np.int64),
             measured_at=np.zeros(1),
-            release_rates=self.release_rates,
+            release_rates=np.full(RELEASES, 1.0 / release_seconds),
             release_rate=self.release_rate,
-            releases=self.releases,
+            releases=np.zeros(1, np.int64),
         )
         self.context = pack(context)
         self.tracks = TrackFollower(skin.areas, parameters)
@@ -207,7 +205,8 @@ class TouchTracker:
 
     def finish(self) -> TrackingResult:
         """Drop all tracks and touches, and return the touches of the last reading."""
-        result, self.result = self.result, NO_TOUCHES
+        result = self.result
+        self.result = NO_TOUCHES
         self.tracks.clear()
         self.touches.clear()
         return result

@@ -89,7 +89,8 @@ class PolarityDetector:
         """
         self.skin = skin
         self.way: FaultKind = way
-        self.full_scale, self.least = full_scale, least
+        self.full_scale = full_scale
+        self.least = least
         index = np.asarray(skin.patch_index)
         self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.level = np.full(skin.count, np.nan)
@@ -154,7 +155,8 @@ class PolarityDetector:
             margin: counts from which a taxel may be touched.
         """
         move = self.moves.setdefault(patch, Move(scan.stamp))
-        far, least = away[own], margin[own]
+        far = away[own]
+        least = margin[own]
         sums = np.array([-far[far < -least].sum(), far[far > least].sum()])
         if sums.max() > move.most.max():
             far = -far if sums[0] > sums[1] else far
@@ -176,7 +178,8 @@ class PolarityDetector:
 
     def is_touch(self, move: Move, own: Int[np.ndarray, "own"]) -> bool:
         """Tell whether a touch alone explains a move that has returned."""
-        taxels, counts = move.taxels, move.counts
+        taxels = move.taxels
+        counts = move.counts
         before = self.level[taxels]
         is_whole = len(taxels) >= WHOLE * len(own)
         for numbers in (self.skin.rows, self.skin.columns):
@@ -208,7 +211,8 @@ class PolarityDetector:
         """Count a touch, and update the fault."""
         falls = bool(move.most[0] > move.most[1])
         if move.is_alone:
-            seen, taxel = self.alone[falls], int(move.taxels[0])
+            seen = self.alone[falls]
+            taxel = int(move.taxels[0])
             is_new = taxel not in seen
             seen.add(taxel)
             if not is_new or len(seen) < 2:

@@ -77,9 +77,12 @@ def select(values: Values, place: int) -> float:
 
     Numba compiles `np.partition` and `np.median` for ten seconds.
     """
-    first, last = 0, len(values) - 1
+    first = 0
+    last = len(values) - 1
     while first < last:
-        pivot, i, j = values[place], first, last
+        pivot = values[place]
+        i = first
+        j = last
         while i <= j:
             while values[i] < pivot:
                 i += 1

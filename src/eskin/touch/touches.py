@@ -185,7 +185,8 @@ class TouchState:
 
     def move_to_pose(self, contact: Contact) -> Contact:
         """Move a contact found with every joint at 0 to the robot's pose."""
-        link, q = self.mounted.robot.link_index(contact.link), self.reading.q
+        link = self.mounted.robot.link_index(contact.link)
+        q = self.reading.q
         poses = self.mounted.kinematics.poses(np.stack([q, np.zeros_like(q)]))
         T, T_at_zero = poses[:, link]
         return replace(
@@ -250,8 +251,13 @@ class PressDetector:
                 self.force = contact.force
                 self.taxel = int(contact.taxels[np.argmax(pressure)])
             return None
-        since, taxel, dropped = self.since, self.taxel, self.dropped
-        self.since, self.force, self.taxel, self.dropped = None, 0.0, -1, False
+        since = self.since
+        taxel = self.taxel
+        dropped = self.dropped
+        self.since = None
+        self.force = 0.0
+        self.taxel = -1
+        self.dropped = False
         if since is None or dropped or stamp - since < MIN_PRESS_SECONDS * NS_PER_S:
             return None
         return taxel

@@ -91,14 +91,17 @@ class TrackFollower:
 
     def push(self, contacts: Sequence[ContactRecord], reading: KernelReading) -> None:
         """Continue the tracks in the contacts of the next reading."""
-        before, pause = self.ongoing, self.parameters.pause_ns
+        before = self.ongoing
+        pause = self.parameters.pause_ns
         self.past = [
             copy_record(track)
             for track in self.ended + self.past
             if reading.instant.stamp - track.last <= pause
         ]
-        self.ongoing, self.ended = [], []
-        successors, parents = [NO_INDEX] * len(before), [NO_INDEX] * len(contacts)
+        self.ongoing = []
+        self.ended = []
+        successors = [NO_INDEX] * len(before)
+        parents = [NO_INDEX] * len(contacts)
         if reading.instant.elapsed_ns <= pause:
             self.match_overlaps(before, contacts, successors, parents)
             if NO_INDEX in successors:
@@ -109,7 +112,8 @@ class TrackFollower:
             if contact == NO_INDEX:
                 goes_on = self.is_coasting(track, reading)
             elif goes_on := owners[contact] == n:
-                track.last, track.contact = reading.instant.stamp, contacts[contact]
+                track.last = reading.instant.stamp
+                track.contact = contacts[contact]
             else:
                 track.merged_into = before[owners[contact]].id
             track.ended = not goes_on
@@ -122,7 +126,8 @@ class TrackFollower:
                 self.next_id += 1
                 if parents[n] != NO_INDEX:
                     parent = before[parents[n]]
-                    track.parent, track.evidence = parent.id, parent.evidence
+                    track.parent = parent.id
+                    track.evidence = parent.evidence
                 self.ongoing.append(track)
 
     def match_overlaps(
@@ -141,17 +146,20 @@ class TrackFollower:
             self.covering[track.contact.taxels] = n + 1
         best = [0.0] * len(before)
         for n, contact in enumerate(contacts):
-            taxels, most = contact.taxels, 0.0
+            taxels = contact.taxels
+            most = 0.0
             covered = np.bincount(self.covering[taxels], self.areas[taxels])[1:]
             for track in covered.nonzero()[0].tolist():
                 area = float(covered[track])
                 if area > most:
-                    most, parents[n] = area, track
+                    most = area
+                    parents[n] = track
                 other = contacts[successors[track]]
                 if area > best[track] or (
                     area == best[track] and contact.force > other.force
                 ):
-                    best[track], successors[track] = area, n
+                    best[track] = area
+                    successors[track] = n
         for track in before:
             self.covering[track.contact.taxels] = 0
 
@@ -168,7 +176,9 @@ class TrackFollower:
         Distances are rounded to 1 um, so that rounding errors of the pose decide no
         tie.
         """
-        parameters, pairs, taken = self.parameters, [], set()
+        parameters = self.parameters
+        pairs = []
+        taken = set()
         gate = parameters.gate + parameters.speed * reading.instant.elapsed
         lost = [n for n, contact in enumerate(successors) if contact == NO_INDEX]
         free = [k for k, track in enumerate(parents) if track == NO_INDEX]
@@ -281,15 +291,20 @@ class TouchGrouper:
             near: 1 where two contacts are beside each other, else 0.
             reading: the reading.
         """
-        self.reading, self.near = reading, near
-        self.ongoing, self.tracks = tracks.ongoing, tracks.all
+        self.reading = reading
+        self.near = near
+        self.ongoing = tracks.ongoing
+        self.tracks = tracks.all
         self.current = [
             one for one in self.ongoing if one.last == reading.instant.stamp
         ]
-        self.before, self.touches, self.closed = self.touches, {}, []
+        self.before = self.touches
+        self.touches = {}
+        self.closed = []
         for number, touch in self.before.items():
             touch = self.touches[number] = copy_record(touch)
-            touch.before, touch.taxels = touch.taxels, NO_TAXELS
+            touch.before = touch.taxels
+            touch.taxels = NO_TAXELS
         self.close_paused()
         became_sure = self.weigh_tracks()
         for track in self.ongoing:
@@ -307,7 +322,8 @@ class TouchGrouper:
 
     def close_paused(self) -> None:
         """Close the touches whose last contact was longer ago than the pause."""
-        parameters, ongoing = self.parameters, {one.touch for one in self.ongoing}
+        parameters = self.parameters
+        ongoing = {one.touch for one in self.ongoing}
         for touch in list(self.touches.values()):
             pause = parameters.pause_ns
             weak = not touch.confirmed and touch.evidence < parameters.least_evidence
@@ -318,7 +334,8 @@ class TouchGrouper:
 
     def close(self, touch: TouchRecord, merged_into: int) -> None:
         """Close a touch that was merged into the one of an id, 0 for none."""
-        touch.closed, touch.merged_into = True, merged_into
+        touch.closed = True
+        touch.merged_into = merged_into
         touch.before = NO_TAXELS
         self.closed.append(self.touches.pop(touch.id))
 
@@ -332,7 +349,8 @@ class TouchGrouper:
             Ids of the tracks that have enough of it only now to be of one touch with
             others.
         """
-        parameters, became_sure = self.parameters, set()
+        parameters = self.parameters
+        became_sure = set()
         elapsed = min(self.reading.instant.elapsed_ns, parameters.pause_ns)
         kept = exp(-elapsed / (FADE_SECONDS * NS_PER_S))
         for track in self.current:
@@ -403,9 +421,11 @@ class TouchGrouper:
         Returns:
             The touch that remains.
         """
-        touch, gone = older, younger
+        touch = older
+        gone = younger
         if younger.peak_force > self.parameters.restart * older.peak_force:
-            touch, gone = younger, older
+            touch = younger
+            gone = older
         touch.last = max(touch.last, gone.last)
         touch.impulse += gone.impulse
         touch.force += gone.force
@@ -452,7 +472,8 @@ class TouchGrouper:
         moved = [one for one in self.current if one.touch == touch.id]
         new = self.start_touch(max(moved, key=by_track_force))
         new.onset = new.settled_at = self.reading.instant.stamp
-        new.confirmed, new.tracks = touch.confirmed, tuple(one.id for one in moved)
+        new.confirmed = touch.confirmed
+        new.tracks = tuple(one.id for one in moved)
         for track in moved:
             track.touch = new.id
         self.owner[self.owner == touch.id] = new.id
@@ -463,8 +484,10 @@ class TouchGrouper:
         self, touch: TouchRecord, contacts: Sequence[ContactRecord]
     ) -> None:
         """Update an open touch with its contacts in this reading."""
-        parameters, reading = self.parameters, self.reading
-        stamp, force = reading.instant.stamp, sum_forces(contacts)
+        parameters = self.parameters
+        reading = self.reading
+        stamp = reading.instant.stamp
+        force = sum_forces(contacts)
         # The force in a longer gap between readings is unknown.
         if reading.instant.elapsed_ns <= parameters.pause_ns:
             touch.impulse += 0.5 * (force + touch.force) * reading.instant.elapsed
@@ -486,7 +509,8 @@ class TouchGrouper:
         distance = measure_distance(touch.latest, touch.start)
         touch.farthest = max(touch.farthest, distance)
         if stamp - touch.settled_at >= parameters.settle_ns:
-            touch.settled, touch.settled_at = touch.peak_force, stamp
+            touch.settled = touch.peak_force
+            touch.settled_at = stamp
         if touch.id in self.before:
             last = self.before[touch.id].last
             if (
@@ -512,11 +536,13 @@ class TouchGrouper:
         others = pressed[~self.in_contact[pressed]]
         for track in self.current:
             self.in_contact[track.contact.taxels] = False
-        smooth = self.smooth[others]
-        is_held = smooth >= HELD_SHARE * self.strongest[others]
-        clear = smooth >= CLEAR_PRESS * self.parameters.off
-        taxels = others[is_held & ((self.owner[others] > 0) | clear)]
-        self.find_owners(taxels)
+        taxels = NO_TAXELS
+        if len(others):
+            smooth = self.smooth[others]
+            is_held = smooth >= HELD_SHARE * self.strongest[others]
+            clear = smooth >= CLEAR_PRESS * self.parameters.off
+            taxels = others[is_held & ((self.owner[others] > 0) | clear)]
+            self.find_owners(taxels)
         for touch in self.touches.values():
             touch.held = NO_TAXELS
             if touch.confirmed:
@@ -531,6 +557,8 @@ class TouchGrouper:
         A few may have offsets of their own. They press as a hand does, or one of them
         is no less than a share of the greatest pressure of the touch.
         """
+        if not len(taxels):
+            return NO_TAXELS
         own = taxels[self.owner[taxels] == touch.id]
         pressure = self.smooth[own]
         force = PA_PER_KPA * float(pressure @ self.areas[own])
@@ -552,9 +580,10 @@ class TouchGrouper:
         stamp = self.reading.instant.stamp
         self.held = []
         for number, touch in list(self.past.items()):
-            touch = copy_record(touch)
-            touch.held = self.select_held(touch, taxels)
-            if len(touch.held):
+            held = self.select_held(touch, taxels)
+            if len(held):
+                touch = copy_record(touch)
+                touch.held = held
                 touch.last = max(touch.last, stamp - self.reading.instant.elapsed_ns)
                 self.past[number] = touch
                 self.held.append(touch)
