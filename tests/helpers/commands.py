@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eskin.command import (
+    ASK,
     FRAME_TASK,
     SUSPEND,
     Arm,
@@ -87,12 +88,12 @@ DEFAULT = make_map(
     poke="pause", grab="go_on", double_pat="toggle_gripper", stroke="slow"
 )
 TOGGLE = make_map(
-    poke="toggle_pause",
-    grab="next_waypoint",
+    poke="pause",
+    grab="toggle_pause",
     double_pat="toggle_gripper",
     stroke="toggle_speed",
 )
-"""Map in which one gesture stops and goes on, as only one for simulation may say."""
+"""Map in which one gesture stops and asks to go on."""
 PAPER = load_commands("paper", VOCABULARY, SKIN, simulated=True)
 """Map of the paper, for simulated arms alone."""
 
@@ -119,6 +120,7 @@ class RecordingArm(Arm):
         self.paused, self.hold_reason, self.jogging = False, None, False
         self.speed, self.gripper, self.at_work = 1.0, "open", True
         self.speed_limit = 1.0
+        self.shows_question = False
         self.protective_stop, self.connected, self.error = False, True, None
 
     def q_at(self, stamp):
@@ -176,6 +178,9 @@ class RecordingArm(Arm):
     def limit_speed(self, share):
         self.speed_limit = share
 
+    def show_question(self, shown):
+        self.shows_question = shown
+
     def close(self):
         self.hold("closed")
 
@@ -205,7 +210,9 @@ class Scene:
     """A policy on a manual clock, an arm, and touches on its skin.
 
     Attributes:
-        events: what the policy has published, but for the touches that it waits for.
+        events: what the policy has published, but for touches that it waits for and
+            questions.
+        questions: events of questions.
         waits: ids of the touches that the arm has stood for.
         touches: open touches by their id.
         held: records of touches that have closed, and still press.
@@ -219,7 +226,9 @@ class Scene:
     def __init__(self, commands=DEFAULT, **config):
         self.clock = ManualClock()
         self.arm = RecordingArm(self.clock)
-        self.events, self.waits = [], []
+        self.events = []
+        self.waits = []
+        self.questions = []
         config = PolicyConfig(check_period=None, **config)
         self.policy = Policy(self.arm, commands, VOCABULARY, config)
         self.policy.start(Context(INFO, self.clock, self.note))
@@ -235,6 +244,8 @@ class Scene:
         """Keep an event of the policy."""
         if event.action == SUSPEND:
             self.waits.append(event.touch)
+        elif event.action == ASK:
+            self.questions.append(event)
         else:
             self.events.append(event)
 
@@ -351,6 +362,14 @@ class Scene:
         self.lift(number)
         self.wait(0.5)
         self.close(number)
+        return self.events[before:]
+
+    def ask(self, gesture="grab", delay=0.5, answer="poke"):
+        """Touch and answer the question; return the decisions on the way."""
+        before = len(self.events)
+        self.touch(gesture)
+        self.wait(delay)
+        self.touch(answer)
         return self.events[before:]
 
 

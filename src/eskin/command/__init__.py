@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from eskin.command.actions import (
+        ASK,
         HALTING_ACTIONS,
         REDUCING_ACTIONS,
         STARTING_ACTIONS,
         SUSPEND,
         command_function,
+        moves_nothing,
         resolve_action,
     )
     from eskin.command.arm import Arm, ArmState
@@ -25,17 +27,19 @@ if TYPE_CHECKING:
         parse_commands,
     )
     from eskin.command.policy import Policy, PolicyConfig
+    from eskin.command.question import Question, QuestionConfig
     from eskin.command.skin_monitor import SkinMonitorConfig
     from eskin.command.task import FRAME_TASK, Task, TaskExecutor, Waypoint
     from eskin.command.trajectory import MotionConfig, Trajectory
     from eskin.command.ur_arm import UrArm
 
 EXPORTS = {
-    "actions": "HALTING_ACTIONS REDUCING_ACTIONS STARTING_ACTIONS SUSPEND "
-    "command_function resolve_action",
+    "actions": "ASK HALTING_ACTIONS REDUCING_ACTIONS STARTING_ACTIONS SUSPEND "
+    "command_function moves_nothing resolve_action",
     "arm": "Arm ArmState",
     "command_map": "NON_GESTURES CommandMap Rule load_commands parse_commands",
     "policy": "Policy PolicyConfig",
+    "question": "Question QuestionConfig",
     "skin_monitor": "SkinMonitorConfig",
     "task": "FRAME_TASK Task TaskExecutor Waypoint",
     "trajectory": "MotionConfig Trajectory",
@@ -44,6 +48,7 @@ EXPORTS = {
 MODULES = {name: module for module, names in EXPORTS.items() for name in names.split()}
 
 __all__ = [
+    "ASK",
     "FRAME_TASK",
     "HALTING_ACTIONS",
     "NON_GESTURES",
@@ -56,6 +61,8 @@ __all__ = [
     "MotionConfig",
     "Policy",
     "PolicyConfig",
+    "Question",
+    "QuestionConfig",
     "Rule",
     "SkinMonitorConfig",
     "Task",
@@ -65,6 +72,7 @@ __all__ = [
     "Waypoint",
     "command_function",
     "load_commands",
+    "moves_nothing",
     "parse_commands",
     "resolve_action",
 ]

@@ -40,44 +40,18 @@ FUNCTION = "function"
 MIN_CONFIDENCE = {
     "hold": 0.34,
     "pause": 0.34,
-    FUNCTION: 0.8,
     "slow": 0.49,
-    "jog": 0.95,
-    "close_gripper": 0.88,
-    "open_gripper": 0.96,
-    "next_waypoint": 0.95,
-    "previous_waypoint": 0.95,
-    "normal": 0.95,
-    "resume": 0.95,
+    FUNCTION: 0.8,
     "none": 0.0,
 }
-"""Default confidence that each action needs, by what errors of it cost.
-
-Those of the default map are chosen from data (`lab/notes/policy.md`); `hold` and
-`previous_waypoint` are like `pause` and `next_waypoint`; `jog` and functions have
-one that is set by hand.
-"""
-GRAB = "grab"
-"""Gesture of a hand that closes round a link."""
-GRAB_CONFIDENCE = 0.9
-"""Confidence from which a grab makes the arm do more, since it must be broad as well;
-with this, no strap that is pulled tight does so, and more grabs do than at 0.95 without
-(`lab/notes/policy.md`)."""
+"""Default confidence of each action that needs no answer; those of `pause` and `slow`
+are chosen from data, by what errors of them cost (`lab/notes/policy.md`)."""
+ASK_CONFIDENCE = 0.5
+"""Least confidence of a touch that asks for any other action."""
 SUSPEND = "wait"
-"""Action of events that tell that the arm is suspended until a touch is recognised, or
-has ended."""
-SUSPEND_CONFIDENCE = 0.08
-"""Probability of a stop from which a moving arm is suspended until the touch is
-recognised, where the stop itself needs more; chosen on the same data."""
-STRICT_ACTIONS = (
-    "open_gripper",
-    "resume",
-    "normal",
-    "next_waypoint",
-    "previous_waypoint",
-    "jog",
-)
-"""Actions whose default confidence a rule can only raise."""
+"""Action of events that tell that the arm is suspended while it is touched."""
+ASK = "ask"
+"""Action of events that tell that the arm asks whether it is to do more."""
 COOL_DOWN = 0.5
 """Default time for which a rule rests after it was executed [s]."""
 TOGGLES = {
@@ -88,21 +62,22 @@ TOGGLES = {
 }
 """Actions that mean one of several plain ones, by the state of the arm."""
 THING_GESTURES = ("poke", "double_pat")
-"""Gestures that things make too, which bump, bounce, swing, drip or vibrate, from one
-side and briefly: they make no arm do more (`python -m lab.attacks events`)."""
+"""Gestures that things make too, which bump, bounce, swing, drip or vibrate: they do
+not ask for more motion (`python -m lab.attacks events`)."""
 ADVANCING_ACTIONS = ("resume", "normal", "next_waypoint", "previous_waypoint", "jog")
-"""Actions that make the arm do more."""
+"""Actions that give the arm more motion."""
 HALTING_ACTIONS = ("pause", "hold")
 """Actions that stop the arm: neither a cool-down nor an unknown touch blocks them."""
 STARTING_ACTIONS = ("resume", "jog")
-"""Actions that set a standing arm in motion: executed once their touch has closed, a
-pause after its latest contact, and nothing presses the skin."""
+"""Actions that set a paused arm in motion."""
 REDUCING_ACTIONS = ("pause", "hold", "slow")
-"""Actions that make the arm do less: allowed when most others are not."""
+"""Actions that make the arm do less: they need no answer."""
 
 CommandFunction = Callable[[Arm, Detection], None]
 COMMAND_FUNCTIONS: dict[str, CommandFunction] = {}
 """Functions that Python code has registered, by name: a file can only name them."""
+MOVES_NOTHING = "moves_nothing"
+"""Attribute of functions that are declared to move nothing."""
 
 
 @final
@@ -162,27 +137,33 @@ def resolve_action(action: str, state: ArmState) -> str:
     return action
 
 
-def required_confidence(
-    action: str, requested: float | None, gesture: str = ""
-) -> float:
-    """Return the confidence that a plain action needs.
+def needs_answer(action: str, function: str | None = None) -> bool:
+    """Return whether a plain action is executed only after the arm has asked for it.
 
     Args:
         action: a plain action, not a toggle.
-        requested: the confidence that its rule gives; None where it gives none.
-        gesture: gesture that asks for it.
+        function: name of the function where the action is one.
     """
-    is_grab = gesture == GRAB and action in ADVANCING_ACTIONS
-    least = GRAB_CONFIDENCE if is_grab else MIN_CONFIDENCE[action]
-    if requested is None:
-        return least
-    return max(requested, least) if action in STRICT_ACTIONS else requested
+    if action == FUNCTION:
+        called = COMMAND_FUNCTIONS.get(function or "")
+        return not getattr(called, MOVES_NOTHING, False)
+    return action not in (*REDUCING_ACTIONS, "none")
+
+
+def moves_nothing(function: CommandFunction) -> CommandFunction:
+    """Declare that the decorated command function moves nothing.
+
+    It is called without a question, as soon as its touch is recognised.
+    """
+    setattr(function, MOVES_NOTHING, True)
+    return function
 
 
 def command_function(name: str) -> Callable[[CommandFunction], CommandFunction]:
     """Register the decorated function, so that command maps can name it.
 
     It is called like every other action: after all rules of the policy, once a touch.
+    The arm asks first, unless `moves_nothing` declares that it need not.
 
     Args:
         name: the name that files give.

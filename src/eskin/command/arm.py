@@ -159,6 +159,15 @@ class Arm(JointSource, Closing):
             ValueError: the share is not between 0 and 1.
         """
 
+    def show_question(self, shown: bool) -> None:
+        """Show whether a question of the policy is open, as by a light.
+
+        It returns at once. An arm that has nothing to show it by does nothing.
+
+        Args:
+            shown: whether a question is open.
+        """
+
 
 @final
 class ArmJoints(JointSource):

@@ -1,5 +1,6 @@
 """This module reads and checks command maps, which map touches to actions."""
 
+import logging
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,16 +11,17 @@ from pydantic_core import ErrorDetails
 from eskin.command.actions import (
     ACTIONS,
     ADVANCING_ACTIONS,
+    ASK_CONFIDENCE,
     COMMAND_FUNCTIONS,
     FUNCTION,
     FUNCTION_NAME,
     HALTING_ACTIONS,
-    STRICT_ACTIONS,
+    MIN_CONFIDENCE,
     THING_GESTURES,
     TOGGLES,
     Action,
     import_functions,
-    required_confidence,
+    needs_answer,
 )
 from eskin.errors import CommandError
 from eskin.files import Name, format_entry_path, load_plain_yaml, read_file, shorten
@@ -33,6 +35,11 @@ NAMED_MAPS = ("paper",)
 """Names of other maps that come with eskin."""
 NON_GESTURES = ("none", "unknown")
 """Classes of detections that are no gestures and command nothing."""
+NEVER = "never"
+"""Answer of maps by which nothing is asked, for simulated arms alone."""
+SIMULATION = "simulation"
+"""Key that said what `answer: never` says now."""
+logger = logging.getLogger(__name__)
 
 
 class Rule(BaseModel):
@@ -64,6 +71,13 @@ class Rule(BaseModel):
         return f"{touch}: {done}".replace("_", " ")
 
     @property
+    def needs_answer(self) -> bool:
+        """Whether the arm asks before it does what the rule says, in some state."""
+        action = self.action_or_function
+        some = TOGGLES.get(action, (action,))
+        return any(needs_answer(one, self.function) for one in some)
+
+    @property
     def key(self) -> tuple[str | None, ...]:
         """Gesture, link, patch and direction, which identify the rule."""
         return self.gesture, self.link, self.patch, self.direction
@@ -74,15 +88,16 @@ class CommandMap(BaseModel):
 
     Attributes:
         version: version of the format.
-        simulation: whether it is for simulated arms alone, which nobody stands beside:
-            there what things and faults of the skin may cause starts the arm too.
+        answer: gesture that answers when the arm asks whether it is to do more; `never`
+            for simulated arms alone, which nobody stands beside: they do not ask, so
+            that things and faults of the skin start them too.
         commands: the rules.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     version: Literal[1] = 1
-    simulation: bool = False
+    answer: Name = "poke"
     commands: Annotated[list[Rule], Field(min_length=1, max_length=1000)]
 
     def find_rule(
@@ -141,14 +156,75 @@ class CommandMap(BaseModel):
                 found[index] = self.require_confidence(rule, action)
         return found
 
+    @property
+    def asks(self) -> bool:
+        """Whether the arm asks before it does more."""
+        return self.answer != NEVER
+
+    def needs_answer(self, rule: Rule, action: str) -> bool:
+        """Return whether the arm asks before a plain action of a rule."""
+        return self.asks and needs_answer(action, rule.function)
+
     def require_confidence(self, rule: Rule, action: str) -> float:
         """Return the confidence that a plain action of a rule needs.
 
-        A simulated arm needs what the rule says, however little.
+        It is that of the rule, if it gives one; what is asked for needs no less than
+        `ASK_CONFIDENCE`.
         """
-        if self.simulation and rule.confidence is not None:
-            return rule.confidence
-        return required_confidence(action, rule.confidence, rule.gesture)
+        usual = MIN_CONFIDENCE.get(action, ASK_CONFIDENCE)
+        if rule.confidence is None:
+            return usual
+        if self.needs_answer(rule, action):
+            return max(rule.confidence, ASK_CONFIDENCE)
+        return rule.confidence
+
+    def select_rules(self, vocabulary: tuple[str, ...]) -> "CommandMap":
+        """Return the map with the rules that a model can give, and answer.
+
+        Args:
+            vocabulary: gestures that the model knows.
+        """
+        answers = self.answer in vocabulary or not self.asks
+        fitting = [
+            rule
+            for rule in self.commands
+            if rule.gesture in vocabulary and (answers or not rule.needs_answer)
+        ]
+        return self.model_copy(update={"commands": fitting})
+
+    def leave_out_answers(self, where: str) -> "CommandMap":
+        """Return the map without rules that its answer cannot ask for.
+
+        A warning tells of each, and of each confidence that is too low to count.
+
+        Args:
+            where: name of the file, for the warning.
+        """
+        kept = []
+        for index, rule in enumerate(self.commands):
+            asks = self.asks and rule.needs_answer
+            if asks and rule.gesture == self.answer:
+                logger.warning(
+                    "%s: commands[%d] is left out: got %s for %s, which is the answer "
+                    "when the arm asks; allowed is another gesture; change it, or let "
+                    "the function declare moves_nothing",
+                    where,
+                    index,
+                    rule.function or rule.action,
+                    rule.gesture,
+                )
+                continue
+            if asks and (rule.confidence or 1.0) < ASK_CONFIDENCE:
+                logger.warning(
+                    "%s: commands[%d].confidence: got %g, which counts as %g for what "
+                    "the arm asks for; raise it, or take it out",
+                    where,
+                    index,
+                    rule.confidence,
+                    ASK_CONFIDENCE,
+                )
+            kept.append(rule)
+        return self.model_copy(update={"commands": kept})
 
     def find_problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
         """Return what does not fit model, skin or other rules, each with its path."""
@@ -176,8 +252,14 @@ class CommandMap(BaseModel):
                     f"{where}.link: got {shorten(rule.link)}, allowed "
                     f"{links[rule.patch or '']}, which its patch is on, or none"
                 )
-            problems = find_rule_problems(rule, self.simulation)
+            problems = find_rule_problems(rule, self.asks)
             found += [f"{where}{problem}" for problem in problems]
+        asking = [rule for rule in self.commands if rule.needs_answer]
+        if self.asks and asking and self.answer not in known["gesture"]:
+            found.append(
+                f"answer: got {shorten(self.answer)}, allowed "
+                f"{', '.join(known['gesture'])}, or {NEVER} for a simulated arm"
+            )
         keys = [rule.key for rule in self.commands]
         for index, key in enumerate(keys):
             if (first := keys.index(key)) < index:
@@ -188,31 +270,24 @@ class CommandMap(BaseModel):
         return found
 
 
-def find_rule_problems(rule: Rule, simulation: bool) -> list[str]:
+def find_rule_problems(rule: Rule, asks: bool) -> list[str]:
     """Return what is wrong with a rule by itself.
 
     Args:
         rule: the rule.
-        simulation: whether its map is for simulated arms alone.
+        asks: whether the arm asks before it does more.
     """
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
     actions = TOGGLES.get(rule.action or "", (rule.action or "",))
     advances = set(actions) & set(ADVANCING_ACTIONS)
-    if rule.gesture in THING_GESTURES and advances and not simulation:
+    if rule.gesture in THING_GESTURES and advances and asks:
         found.append(
             f".action: got {rule.action} for {rule.gesture}, which things that bump, "
             "bounce or swing make too; allowed are actions that stop or slow; write "
-            "'gesture: grab', or 'simulation: true' for a simulated arm"
+            f"'gesture: grab', or 'answer: {NEVER}' for a simulated arm"
         )
-    if not simulation and rule.action in STRICT_ACTIONS and rule.confidence is not None:
-        least = required_confidence(rule.action, None, rule.gesture)
-        if rule.confidence < least:
-            found.append(
-                f".confidence: got {rule.confidence:g}, allowed {least:g} to 1 for "
-                f"{rule.action}; raise it"
-            )
     if rule.step is not None and rule.action != "jog":
         found.append(
             f".step: got {rule.step:g}, allowed only where the action is jog; take it "
@@ -247,15 +322,14 @@ def load_commands(
     if not simulated:
         check_real(commands, path)
     if find_shipped_map(path) is not None:
-        fitting = [rule for rule in commands.commands if rule.gesture in vocabulary]
-        commands = commands.model_copy(update={"commands": fitting})
+        commands = commands.select_rules(vocabulary)
     elif imports:
         names = [rule.function for rule in commands.commands if rule.function]
         import_functions(names, Path(str(path)).parent)
     problems = commands.find_problems(vocabulary, skin)
     if problems:
         raise CommandError(f"{format_path(path)}: {'; '.join(problems)}")
-    return commands
+    return commands.leave_out_answers(format_path(path))
 
 
 def read_commands(path: Path | str | None) -> CommandMap:
@@ -287,11 +361,11 @@ def check_real(commands: CommandMap, path: Path | str | None) -> None:
     Raises:
         CommandError: it is.
     """
-    if commands.simulation:
+    if not commands.asks:
         raise CommandError(
-            f"{format_path(path)}: simulation: got true on a real arm, which things "
-            "that bump, bounce or swing would start; allowed is a map without it; use "
-            "another map, or --robot sim:ur5"
+            f"{format_path(path)}: answer: got {NEVER} on a real arm, which things "
+            "that bump, bounce or swing would start; allowed is a gesture that answers "
+            "when the arm asks; use another map, or --robot sim:ur5"
         )
 
 
@@ -327,6 +401,15 @@ def parse_commands(text: str, file: str) -> CommandMap:
         data = load_plain_yaml(text)
     except ValueError as error:
         raise CommandError(f"{file}{error}") from None
+    if isinstance(data, dict) and isinstance(data.get(SIMULATION), bool):
+        if data.pop(SIMULATION):
+            data.setdefault("answer", NEVER)
+            logger.warning(
+                "%s: %s: got true, which says nothing any more; write 'answer: %s'",
+                file,
+                SIMULATION,
+                NEVER,
+            )
     if not isinstance(data, dict):
         raise CommandError(
             f"{file}: got {shorten(data)}, allowed a mapping with the keys "

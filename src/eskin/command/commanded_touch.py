@@ -1,14 +1,12 @@
 """This module keeps what commands depend on for each touch, until it has closed."""
 
 import math
-from collections import deque
 from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.command.actions import SUSPEND
 from eskin.command.command_map import CommandMap, Rule
 from eskin.command.skin_monitor import SkinMonitorConfig
 from eskin.live import Detection
@@ -21,35 +19,6 @@ PA_PER_KPA = 1000.0
 FULL_SHARE = 0.8
 """Share of full scale above rest from which a taxel reads nearly full scale; rest lies
 at up to a fifth of it."""
-BREADTH_READINGS = 256
-"""Number of the latest readings of a touch by which its breadth is told."""
-
-
-def compute_breadth(
-    positions: Float[np.ndarray, "taxel 3"],
-    normals: Float[np.ndarray, "taxel 3"],
-    pressure: Float[np.ndarray, "taxel"],
-) -> float:
-    """Compute how broad a touch is, other than along the way in which a surface bends.
-
-    A hand that closes round a link is as broad as its palm, however far it closes; a
-    strap round the same link is as broad as the strap. On a flat surface it is the
-    lesser of length and breadth.
-
-    Args:
-        positions: positions of the taxels that are pressed, in the link's frame [m].
-        normals: unit normals there.
-        pressure: pressures [kPa], of which one is above 0.
-
-    Returns:
-        The breadth of an even pressure with the same variance along that axis [m].
-    """
-    weights = pressure / pressure.sum()
-    away = positions - weights @ positions
-    spread = (weights * away.T) @ away
-    # Along the axis no normal points: in squared metres, turns outweigh any length.
-    axis = np.linalg.eigh(spread + (weights * normals.T) @ normals)[1][:, 0]
-    return float(np.sqrt(12.0 * max(axis @ spread @ axis, 0.0)))
 
 
 @dataclass(eq=False)
@@ -62,9 +31,12 @@ class CommandedTouch:
     onset: int | None = None
     """First contact [ns since the epoch]; None before it is felt."""
 
-    untouched_since: int = 0
-    """Stamp of the latest contact anywhere before the skin was touched without a break
-    until its onset [ns since the epoch]."""
+    last: int = 0
+    """Stamp of the latest reading in which it pressed the skin [ns since the epoch]."""
+
+    quiet_since: int = 0
+    """Stamp of the latest contact, until it was first felt, of any touch that began
+    before it [ns since the epoch]."""
 
     patch: str = ""
     """Patch of its strongest contact; empty before it is felt."""
@@ -84,16 +56,19 @@ class CommandedTouch:
     full_area: float = 0.0
     """Area of its taxels that read nearly full scale [m2]."""
 
-    breadths: deque[float] = field(
-        default_factory=lambda: deque(maxlen=BREADTH_READINGS)
-    )
-    """Its breadth at each of its latest readings in contact [m]."""
-
     light_since: int = 0
     """Stamp since which it is light [ns since the epoch]."""
 
     lasts: bool = False
     """Whether it has been light for so long that its duration does not count."""
+
+    excess: str = ""
+    """In what it has exceeded the limits of force at some time; empty if never."""
+
+    probabilities: Float[np.ndarray, "class"] = field(
+        default_factory=lambda: np.zeros(0)
+    )
+    """Its latest probabilities, in the order of the vocabulary; empty before."""
 
     stop_chance: float = 0.0
     """Probability that it is a gesture that stops a working arm, where it is."""
@@ -101,11 +76,11 @@ class CommandedTouch:
     stop_required: float = 1.0
     """Probability of these from which the arm pauses."""
 
+    told: bool = False
+    """Whether it was told that it has pressed the skin for long."""
+
     decided: bool = False
     """Whether the recogniser has said what it is, be it nothing or unknown."""
-
-    suspends: bool = False
-    """Whether the arm is suspended until it is decided."""
 
     blocked: bool = False
     """Whether it commands nothing more: the arm was stopped for it, or it has taken
@@ -125,11 +100,6 @@ class CommandedTouch:
     """Whether two that have commanded or asked to have merged into it."""
 
     @property
-    def breadth(self) -> float:
-        """Median breadth of its readings in contact [m]; 0 where there are none."""
-        return float(np.median(self.breadths)) if self.breadths else 0.0
-
-    @property
     def is_present(self) -> bool:
         """Whether it is open, or something still presses its taxels."""
         return self.is_held or not self.closed
@@ -143,7 +113,7 @@ class CommandedTouch:
         row: TouchRecord,
         patch: str,
         stamp: int,
-        untouched_since: int,
+        quiet_since: int,
         config: SkinMonitorConfig,
     ) -> None:
         """Update from a reading in which it is in contact.
@@ -152,54 +122,59 @@ class CommandedTouch:
             row: its record.
             patch: patch of its strongest contact.
             stamp: stamp of the reading [ns since the epoch].
-            untouched_since: stamp of the latest contact before the present stretch of
-                readings with contact [ns since the epoch].
+            quiet_since: stamp of the latest contact of any touch that began before it
+                [ns since the epoch].
             config: says until when a touch is light.
         """
-        if self.onset != row.onset:
-            self.untouched_since = untouched_since
+        if self.onset is None:
+            self.quiet_since = quiet_since
+        elif row.onset > self.onset:
+            # It never left the skin, and is another gesture now.
+            self.quiet_since = self.last
         if self.onset is None or row.force > config.light_force:
             self.light_since = stamp
         self.onset = row.onset
         self.patch = patch
         self.force = row.force
-        self.age(stamp, config)
+        self.press(stamp, config)
 
-    def age(self, stamp: int, config: SkinMonitorConfig) -> None:
-        """Update how long its taxels have been pressed, until a stamp [ns]."""
+    def press(self, stamp: int, config: SkinMonitorConfig) -> None:
+        """Update how long and how hard it has pressed, until a stamp [ns]."""
+        self.last = stamp
         if self.onset is not None:
             self.duration = (stamp - self.onset) / NS_PER_S
         self.lasts = stamp - self.light_since > config.light_seconds * NS_PER_S
+        self.excess = self.excess or self.find_excess(config)
 
-    def find_excess(self, config: SkinMonitorConfig) -> tuple[str, str]:
-        """Return what it does to a moving arm, and in what it exceeds its limits.
+    def find_excess(self, config: SkinMonitorConfig) -> str:
+        """Return in what it exceeds the limits of force now; empty within them.
 
-        These are those of every touch, recognised or not. Both are empty within them.
+        They are those of every touch, recognised or not.
         """
         grown = config.max_growth * max(self.detected_force, config.least_force)
         filled = config.max_growth * max(self.detected_area, config.least_full_area)
-        reason = f"touch for {self.duration:.1f} s"
         if self.force > config.max_force:
-            return "hold", f"touch of {self.force:.0f} N"
+            return f"touch of {self.force:.0f} N"
         if self.force > grown:
-            return "hold", f"touch that grew to {self.force:.0f} N after its detection"
+            return f"touch that grew to {self.force:.0f} N after its detection"
         if self.full_area > filled:
             area = f"{1e4 * self.full_area:.1f} cm2"
-            return "hold", f"touch that grew to {area} at full scale"
-        if self.lasts or self.duration <= config.max_seconds:
-            return "", ""
-        if self.duration > config.pause_seconds:
-            return "pause", reason
-        return SUSPEND, f"{reason}; the arm stands until it has ended"
+            return f"touch that grew to {area} at full scale"
+        return ""
+
+    def is_long(self, config: SkinMonitorConfig) -> bool:
+        """Return whether it has lasted for so long that the arm is paused."""
+        return not self.lasts and self.duration > config.pause_seconds
 
     def merge(self, heir: "CommandedTouch") -> None:
         """Let the touch that it merges into inherit what is known of it."""
-        heir.suspends |= self.suspends and not heir.decided
         heir.decided |= self.decided
+        heir.excess = heir.excess or self.excess
+        if self.onset is not None and (heir.onset is None or self.onset < heir.onset):
+            heir.onset = self.onset
+            heir.quiet_since = self.quiet_since
         heir.detected_force = min(heir.detected_force, self.detected_force)
         heir.detected_area = min(heir.detected_area, self.detected_area)
-        heir.breadths = max(heir.breadths, self.breadths, key=len)
-        self.suspends = False
         if self.blocked or self.asked:
             heir.clashes |= self.clashes or heir.blocked or bool(heir.asked)
             heir.blocked = True
@@ -235,11 +210,6 @@ class CommandRequest:
         """Whether its confidence is high enough."""
         return self.confidence >= self.required
 
-    @property
-    def duration(self) -> float:
-        """Time from the first to the latest contact of the touch [s]."""
-        return (self.end - self.detection.onset) / NS_PER_S
-
 
 @final
 class CommandedTouches:
@@ -251,9 +221,8 @@ class CommandedTouches:
         felt: confirmed touches that press the skin in the latest reading.
         ended: touches that closed with the latest reading and merged into no other.
         latest: stamp of the latest reading [ns since the epoch].
-        last_contact: stamp of the latest contact anywhere [ns since the epoch].
-        untouched_since: stamp of the latest contact before the latest stretch of
-            readings with contact [ns since the epoch].
+        left_at: stamp of the latest contact of a touch that has left [ns since the
+            epoch].
         stops: gestures that stop a working arm on each patch, by their indices in the
             vocabulary, with the probability from which it is paused.
     """
@@ -270,11 +239,6 @@ class CommandedTouches:
         """Start without touches at a time [ns since the epoch]."""
         self.config, self.vocabulary = config, vocabulary
         self.areas = np.asarray(skin.areas)
-        self.positions = np.asarray(skin.positions, np.float64)
-        self.normals = np.asarray(skin.normals, np.float64)
-        self.links = np.unique(skin.link_names, return_inverse=True)[1][
-            np.asarray(skin.patch_index)
-        ]
         full = np.full(skin.count, FULL_SHARE * calibration.full_scale)
         self.full_pressure = calibration.compute_pressure(full)
         self.stops = {
@@ -285,7 +249,8 @@ class CommandedTouches:
         self.requests: list[CommandRequest] = []
         self.felt: list[CommandedTouch] = []
         self.ended: list[CommandedTouch] = []
-        self.latest = self.last_contact = self.untouched_since = now
+        self.latest = now
+        self.left_at = now
 
     def find(self, touch: int) -> CommandedTouch:
         """Return a touch by its id; a new one where it is not known."""
@@ -294,18 +259,13 @@ class CommandedTouches:
     def update(self, recognition: RecognitionState) -> None:
         """Update all touches by the next recognition state."""
         state = recognition.state
-        if self.last_contact != self.latest:
-            self.untouched_since = self.last_contact
         self.latest = state.reading.stamp
         held = {row.id for row in state.tracking.held}
-        for number, touch in self.by_id.items():
+        for number, touch in tuple(self.by_id.items()):
             touch.is_held = number in held
-            touch.suspends &= touch.is_held or not touch.decided
-        self.by_id = {
-            number: one
-            for number, one in self.by_id.items()
-            if one.is_held or not one.closed
-        }
+            if not touch.is_present:
+                self.left_at = max(self.left_at, touch.last)
+                del self.by_id[number]
         self.ended = []
         self.felt = []
         merged = {status.id: status.merged_into for status in state.closed}
@@ -350,24 +310,17 @@ class CommandedTouches:
         touch, stops = self.find(row.id), self.stops[patch]
         probabilities = recognition.probabilities.get(row.id)
         if probabilities is not None:
+            touch.probabilities = probabilities
             touch.stop_chance = sum(float(probabilities[index]) for index in stops)
             touch.stop_required = min(stops.values(), default=1.0)
         touch.is_held = bool(len(row.held))
         if touch.is_held and row.last != self.latest:
             self.hold(touch, row, recognition)
         if row.last == self.latest:
-            touch.feel(row, patch, self.latest, self.untouched_since, self.config)
-            taxels = row.taxels
-            pressure = recognition.state.reading.pressure[taxels]
-            is_full = pressure >= self.full_pressure[taxels]
-            touch.full_area = float(self.areas[taxels[is_full]].sum())
+            self.measure_full_area(touch, row.taxels, recognition)
+            quiet_since = self.find_quiet(touch, row.onset)
+            touch.feel(row, patch, self.latest, quiet_since, self.config)
             self.felt.append(touch)
-            self.last_contact = self.latest
-            is_sound = ~recognition.state.doubtful[taxels] & (pressure > 0)
-            if is_sound.any():
-                touch.breadths.append(
-                    self.measure_breadth(taxels[is_sound], pressure[is_sound])
-                )
 
     def hold(
         self, touch: CommandedTouch, row: TouchRecord, recognition: RecognitionState
@@ -376,36 +329,57 @@ class CommandedTouches:
         if touch.onset is None:
             touch.onset = row.onset
             touch.light_since = row.onset
+            touch.quiet_since = row.onset
         touch.patch = self.patches[row.contact.patch]
-        taxels = row.held
-        pressure = recognition.state.reading.pressure[taxels]
-        touch.force = float(PA_PER_KPA * pressure @ self.areas[taxels])
-        is_full = pressure >= self.full_pressure[taxels]
-        touch.full_area = float(self.areas[taxels[is_full]].sum())
-        touch.age(self.latest, self.config)
-        self.last_contact = self.latest
+        pressure = recognition.state.reading.pressure[row.held]
+        touch.force = float(PA_PER_KPA * pressure @ self.areas[row.held])
+        self.measure_full_area(touch, row.held, recognition)
+        touch.press(self.latest, self.config)
         self.felt.append(touch)
 
-    def measure_breadth(
-        self, taxels: Int[np.ndarray, "some"], pressure: Float[np.ndarray, "some"]
-    ) -> float:
-        """Measure how broad a touch is on the link that it presses most [m]."""
-        links = self.links[taxels]
-        here = links == links[pressure.argmax()]
-        taxels = taxels[here]
-        return compute_breadth(
-            self.positions[taxels], self.normals[taxels], pressure[here]
-        )
+    def measure_full_area(
+        self,
+        touch: CommandedTouch,
+        taxels: Int[np.ndarray, "some"],
+        recognition: RecognitionState,
+    ) -> None:
+        """Measure the area of some taxels of a touch that read nearly full scale."""
+        pressure = recognition.state.reading.pressure[taxels]
+        is_full = pressure >= self.full_pressure[taxels]
+        touch.full_area = float(self.areas[taxels[is_full]].sum())
+
+    def find_quiet(self, touch: CommandedTouch, onset: int) -> int:
+        """Return the stamp of the latest contact of any touch that began before [ns].
+
+        Args:
+            touch: the touch.
+            onset: time at which it began [ns since the epoch].
+        """
+        lasts = [
+            one.last
+            for one in self.by_id.values()
+            if one is not touch and one.onset is not None and one.onset < onset
+        ]
+        return max([self.left_at, *lasts])
 
     @property
-    def is_suspending(self) -> bool:
-        """Whether the arm is suspended for a touch that is open, or still presses."""
-        return any(one.suspends and one.is_present for one in self.by_id.values())
+    def last_contact(self) -> int:
+        """Stamp of the latest contact anywhere [ns since the epoch]."""
+        return max([self.left_at, *(one.last for one in self.by_id.values())])
 
-    def release(self) -> None:
-        """Suspend the arm for no touch any more: it is stopped."""
+    def find_suspending(self) -> CommandedTouch | None:
+        """Return a touch for which a moving arm stands, or None where there is none.
+
+        It stands while the touch presses the skin, and after that until it is known
+        what the touch was. What is light and lasts slows the arm instead.
+        """
         for touch in self.by_id.values():
-            touch.suspends = False
+            is_over = touch.decided and touch.last != self.latest
+            if touch.onset is not None and not (is_over or touch.lasts or touch.closed):
+                return touch
+            if touch.is_held and not touch.lasts:
+                return touch
+        return None
 
     def find_lasting(self) -> str | None:
         """Return where a touch has been light for too long; None if there is none."""
@@ -413,12 +387,12 @@ class CommandedTouches:
         longer = f"lasts for more than {self.config.light_seconds:g} s"
         return f"a light touch on patch '{patches[0]}' {longer}" if patches else None
 
-    def list_other_onsets(self, touch: CommandedTouch) -> list[int]:
-        """Return the onsets of the others that are present [ns since the epoch]."""
+    def list_others(self, touch: CommandedTouch) -> list[CommandedTouch]:
+        """Return the other touches that are present, however light and long."""
         return [
-            one.onset
+            one
             for one in self.by_id.values()
-            if one is not touch and one.onset and one.is_present
+            if one is not touch and one.onset is not None and one.is_present
         ]
 
     def find_stop_chance(self, detection: Detection) -> float | None:

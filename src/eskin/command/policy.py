@@ -1,25 +1,26 @@
 """This module decides which touches command the arm, and holds it on trouble.
 
-The class reads from top to bottom: what a detection asks for, what is done with a
-reading of the skin, when a request is executed, what the arm is told, and the watch.
+A stop needs nothing. For more, a touch asks, the arm asks back, and another touch
+answers. The class reads from top to bottom: what a detection asks for, why that is
+refused, what is done with a reading of the skin, the question, what the arm is told,
+and the watch.
 """
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
 
 from eskin.command.actions import (
+    ASK,
     COOL_DOWN,
     FUNCTION,
-    GRAB,
     HALTING_ACTIONS,
     REDUCING_ACTIONS,
     STARTING_ACTIONS,
     SUSPEND,
-    SUSPEND_CONFIDENCE,
     FunctionCall,
     resolve_action,
 )
@@ -30,7 +31,7 @@ from eskin.command.commanded_touch import (
     CommandedTouches,
     CommandRequest,
 )
-from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
+from eskin.command.question import Question, QuestionConfig
 from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
 from eskin.live import UNKNOWN, Detection
@@ -39,13 +40,18 @@ from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
 ALREADY_COMMANDED = "its touch has commanded already; lift the hand before the next"
-IMPLAUSIBLE = (
-    "too few sound taxels felt it, or too briefly: it may be a fault of the skin; "
-    "touch more firmly"
-)
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
-GOES_ON = "touching went on for too long; let go, then ask again"
+GOES_ON = "something still presses the skin; let go, then ask again"
 TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
+UNUSED = (
+    "evidence",
+    "min_duration",
+    "min_breadth",
+    "min_pause",
+    "min_release",
+    "max_delay",
+)
+"""Arguments of `PolicyConfig` that say nothing any more."""
 logger = logging.getLogger(__name__)
 
 
@@ -56,28 +62,8 @@ class PolicyConfig:
     monitor: SkinMonitorConfig = field(default_factory=SkinMonitorConfig)
     """Limits beyond which the arm is held because of its skin."""
 
-    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
-    """How much of a touch must be sound for more than a stop."""
-
-    min_duration: float = 0.3
-    """Least time from the first to the latest contact of a touch that makes the arm do
-    more than before [s]; what bumps into a skin and rebounds is briefer than most
-    double pats. Chosen from data (`lab/notes/policy.md`)."""
-
-    min_breadth: float = 0.05
-    """Least breadth of a grab that makes the arm do more [m]: straps, hoses and cables
-    are narrower, hands are broader. Chosen from data (`lab/notes/policy.md`)."""
-
-    min_pause: float = 1.0
-    """How long the arm must have been stopped, and nobody have touched the skin, before
-    the touch begins that sets it in motion [s]."""
-
-    min_release: float = 0.1
-    """How long a touch must have ended before it makes the arm do more [s]."""
-
-    max_delay: float = 2.0
-    """How long after a detection its touch may go on before it makes the arm do more,
-    and a doubtful one may become confident [s]."""
+    question: QuestionConfig = field(default_factory=QuestionConfig)
+    """What counts as a question, and as its answer."""
 
     slow_speed: float = 0.3
     """Share of full speed of the action `slow`, and on a skin that is out in part."""
@@ -92,19 +78,39 @@ class PolicyConfig:
     """How often a thread checks whether the skin is stale, though no reading comes [s];
     None starts no thread, and `check_skin` is called by others."""
 
+    evidence: InitVar[object] = None
+    min_duration: InitVar[float | None] = None
+    min_breadth: InitVar[float | None] = None
+    min_pause: InitVar[float | None] = None
+    min_release: InitVar[float | None] = None
+    max_delay: InitVar[float | None] = None
+
+    def __post_init__(self, *before: object) -> None:
+        """Tell that limits of touches say nothing any more."""
+        if any(value is not None for value in before):
+            logger.warning(
+                "PolicyConfig: got a limit of a touch that asks (%s), which says "
+                "nothing any more, since the arm asks back; take it out, or see "
+                "QuestionConfig",
+                ", ".join(UNUSED),
+            )
+
 
 @final
 class Policy(Listener):
     """A policy turns detections into commands of an arm, and publishes each decision.
 
-    What can make the arm do less needs little; what can start it needs much. A moving
-    arm is suspended while a touch may be a stop, and goes on once it is recognised as
-    something else. Whatever fails in here holds the arm. This is no certified safety
+    A moving arm is suspended while it is touched. What makes the arm do less is
+    executed at once. What makes it do more is asked for, and executed once a person has
+    answered. Whatever fails in here holds the arm. This is no certified safety
     function.
 
     Attributes:
         arm: the arm that is commanded.
         accepted: number of commands of touches that were executed.
+        question: the question that is open, or None.
+        failed_at: when the latest question failed, until the skin has been quiet for
+            long enough to ask again [ns since the epoch]; None otherwise.
     """
 
     name = "policy"
@@ -132,7 +138,12 @@ class Policy(Listener):
         self.vocabulary = vocabulary
         self.config = config or PolicyConfig()
         self.lock = RLock()
-        self.accepted = self.stopped_at = self.slowed_at = 0
+        self.accepted = 0
+        self.stopped_at = 0
+        self.slowed_at = 0
+        self.jogs_until = 0
+        self.question: Question | None = None
+        self.failed_at: int | None = None
         self.stops: tuple[int, str | None] | None = None
         self.last_used: dict[object, int] = {}
         self.slowed: str | None = None
@@ -160,7 +171,6 @@ class Policy(Listener):
         skin, limits, now = context.info.skin, self.config.monitor, context.clock.now()
         self.watched = now
         self.monitor = SkinMonitor(skin, limits, now)
-        self.evidence = EvidenceMonitor(skin, self.config.evidence)
         self.touches = CommandedTouches(
             skin, context.info.calibration, self.commands, self.vocabulary, limits, now
         )
@@ -179,25 +189,32 @@ class Policy(Listener):
         """Execute what a detection or a recognition state asks for."""
         if isinstance(item, Detection):
             touch = self.touches.find(item.touch)
-            if item.gesture not in NON_GESTURES:
-                self.decide(touch, item)
-            elif item.gesture == UNKNOWN:
-                self.decide_unknown(touch, item)
             touch.decided = True
-            touch.suspends &= touch.is_held
             touch.detected_force = item.peak_force
             touch.detected_area = touch.full_area
+            if self.question is not None and item.onset >= self.question.asked_at:
+                self.question.detections.append(item)
+            else:
+                self.take(touch, item)
         elif isinstance(item, RecognitionState):
             self.touches.update(item)
             self.monitor.update(item, (one.patch for one in self.touches.felt))
-            self.evidence.update(item)
             self.hold_if_unreliable()
             self.stop_if_excessive()
             self.pause_if_touched()
-            self.suspend_if_stop()
+            self.pause_if_stop()
             for request in tuple(self.touches.requests):
                 self.review(request)
+            self.review_question()
+            self.tell_if_never_quiet()
             self.update_limit()
+
+    def take(self, touch: CommandedTouch, detection: Detection) -> None:
+        """Execute a detection's action now or later, if it has one."""
+        if detection.gesture == UNKNOWN:
+            self.decide_unknown(touch, detection)
+        elif detection.gesture not in NON_GESTURES:
+            self.decide(touch, detection)
 
     def decide(self, touch: CommandedTouch, detection: Detection) -> None:
         """Execute a detection's action now or later, or publish why not."""
@@ -234,9 +251,7 @@ class Policy(Listener):
         elif known:
             likely = replace(detection, gesture=gesture)
             request = self.build_request(touch, likely)
-            slows = request is not None and request.action == "slow"
-            may_act = slows or self.commands.simulation
-            if request is not None and may_act and request.is_confident:
+            if request is not None and request.is_confident:
                 self.decide(touch, likely)
             else:
                 reason = f"not understood{said}; do it again, more clearly"
@@ -307,29 +322,44 @@ class Policy(Listener):
             return f"the arm is held: {reason}; {self.describe_way(state)}"
         if action == "jog" and not detection.direction_world.any():
             return "the touch did not travel; stroke farther"
-        if action in STARTING_ACTIONS:
-            return self.find_start_refusal(request.touch, detection.onset, state)
+        if action in STARTING_ACTIONS and not state.paused:
+            return f"nobody has paused it; {self.describe_way(state)}"
+        if action in STARTING_ACTIONS or self.needs_answer(request):
+            return self.find_noise(request, state)
         return None
 
-    def find_start_refusal(
-        self, touch: CommandedTouch, onset: int, state: ArmState
-    ) -> str | None:
-        """Return why a touch must not set the arm in motion, or None where it may.
+    def find_noise(self, request: CommandRequest, state: ArmState) -> str | None:
+        """Return why a touch must not ask, because of what was before; None if it may.
 
         Args:
-            touch: the touch.
-            onset: time at which it began [ns since the epoch].
+            request: what the touch asks for.
             state: state of the arm.
         """
-        if not state.paused:
-            return f"nobody has paused it; {self.describe_way(state)}"
-        least = self.config.min_pause
-        if onset - max(touch.untouched_since, self.stopped_at) < least * NS_PER_S:
-            return (
-                "the touch began before the arm had stood, and nobody had touched the "
-                f"skin, for {least:g} s; let go, wait, then ask again"
-            )
-        return None
+        touch = request.touch
+        if touch.excess:
+            return f"{touch.excess}, which would stop the arm; touch it more lightly"
+        since = touch.quiet_since
+        least = self.config.question.quiet
+        when = "before"
+        if state.stopped:
+            since = max(since, self.stopped_at)
+            when = "before, or the arm had not stood"
+        if self.failed_at is not None:
+            since = max(since, self.failed_at)
+            least = self.config.question.quiet_after_failure
+            when = "after a question that nobody answered"
+        if request.detection.onset - since >= least * NS_PER_S:
+            return None
+        return (
+            f"the skin had not been untouched for {least:g} s {when}; let go, wait, then "
+            "ask again"
+        )
+
+    def needs_answer(self, request: CommandRequest) -> bool:
+        """Return whether the arm asks before it does what is asked for."""
+        if request.action == "jog" and self.context.clock.now() < self.jogs_until:
+            return False
+        return self.commands.needs_answer(request.rule, request.action)
 
     def find_rest(self, rule: Rule, now: int) -> str | None:
         """Return why a rule rests at a time, or None where it does not."""
@@ -350,12 +380,14 @@ class Policy(Listener):
             " or ".join(self.commands.list_gestures(action)).replace("_", " ")
             for action in ("pause", "resume")
         )
+        if goes and self.commands.asks:
+            answer = self.commands.answer.replace("_", " ")
+            goes = f"{goes}, then {answer} when the arm asks"
         if state.paused:
             return f"to go on: {goes or 'resume it in the program'}"
         if not (stops and goes):
             return "to go on: release it in the program"
-        least = f"{self.config.min_pause:g} s later"
-        return f"to go on: {stops}, then {goes} at least {least}"
+        return f"to go on: {stops}, {self.config.question.quiet:g} s later {goes}"
 
     def find_problem(self, now: int) -> str | None:
         """Return why the arm is held at a time, with what to do; None if it is not."""
@@ -377,9 +409,11 @@ class Policy(Listener):
             self.stops, self.stopped_at = stops, now
         problem = self.find_problem(now)
         if problem is not None:
-            requests, self.touches.requests = self.touches.requests, []
-            for request in requests:
+            for request in self.touches.requests:
                 self.complete(request, problem)
+            self.touches.requests.clear()
+            if self.question is not None:
+                self.end_question(problem)
             if state.hold_reason is None:
                 self.held_for = problem.removesuffix(f"; {REMEDY}")
                 self.hold(self.held_for)
@@ -394,51 +428,48 @@ class Policy(Listener):
     def stop_if_excessive(self) -> None:
         """Stop an arm at work under a touch that is too strong or long, whatever it is.
 
-        An arm that is only suspended for another touch is stopped too.
+        An arm that is only suspended for a touch is stopped too. One that never asks is
+        simulated, and only stands while the touch is too strong.
         """
         state = self.arm.state()
-        suspended = state.speed_limit == 0.0 or self.touches.is_suspending
+        suspended = state.speed_limit == 0.0
         if state.stopped or not (state.moving or suspended):
             return
         for touch in self.touches.felt:
-            action, reason = touch.find_excess(self.config.monitor)
-            if action == "hold" and self.commands.simulation:
-                action = SUSPEND
-            if action == SUSPEND and not touch.suspends:
-                self.suspend_for(touch, reason)
-            elif action == "hold":
-                return self.hold(reason, touch)
-            elif action == "pause":
-                return self.pause_for(touch, reason)
+            excess = touch.find_excess(self.config.monitor)
+            if excess and self.commands.asks:
+                return self.hold(excess, touch)
+            if touch.is_long(self.config.monitor):
+                return self.pause_for(touch, f"touch for {touch.duration:.1f} s")
 
     def pause_if_touched(self) -> None:
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
         if self.touches.felt and self.arm.state().jogging:
             self.arm.pause()
+            self.jogs_until = 0
             self.publish("pause", True, "touched while it jogs")
 
-    def suspend_if_stop(self) -> None:
-        """Suspend a moving arm while a touch may be a stop; pause it at its end.
-
-        An arm is suspended for less of a chance than it is paused for, since it goes on
-        by itself.
-        """
-        state = self.arm.state()
-        if state.stopped:
-            self.touches.release()
-        elif not state.jogging:
-            for touch in self.touches.felt:
-                least = min(touch.stop_required, SUSPEND_CONFIDENCE)
-                if touch.stop_chance >= least and not (touch.decided or touch.suspends):
-                    self.suspend_for(
-                        touch,
-                        f"it may be a stop ({touch.stop_chance:.2f}); the arm stands "
-                        "until it is clear",
-                    )
+    def pause_if_stop(self) -> None:
+        """Pause an arm at work if a touch that nobody recognised may be a stop."""
+        if self.arm.state().stopped:
+            return
         for touch in self.touches.ended:
-            may_stop = touch.suspends and not touch.decided
+            may_stop = touch.onset is not None and not touch.decided
             if may_stop and touch.stop_chance >= touch.stop_required:
                 self.pause_for(touch, "not understood: the touch may have been a stop")
+
+    def tell_if_never_quiet(self) -> None:
+        """Publish once which touch has pressed the skin for so long that none asks."""
+        longest = self.config.monitor.light_seconds
+        for touch in self.touches.felt:
+            if touch.duration > longest and not touch.told:
+                touch.told = True
+                reason = (
+                    f"patch '{touch.patch}' has been touched for more than {longest:g} "
+                    "s, and nothing starts the arm meanwhile; lift what lies on it, or "
+                    "start again so that its rest is measured"
+                )
+                self.publish("none", False, reason, touch=touch)
 
     def update_limit(self) -> None:
         """Suspend the arm, let it go slowly or at its speed, and publish a change."""
@@ -446,10 +477,15 @@ class Policy(Listener):
         if not state.stopped:
             self.update_slowing(now)
         limit = 1.0 if self.slowed is None else self.config.slow_speed
-        if self.touches.is_suspending or self.monitor.lost_in_contact(now):
+        touch = None if state.stopped else self.touches.find_suspending()
+        is_asking = self.question is not None or bool(self.touches.requests)
+        if touch is not None or is_asking or self.monitor.lost_in_contact(now):
             limit = 0.0
         if state.speed_limit != limit:
             self.arm.limit_speed(limit)
+            if touch is not None:
+                reason = "touched: the arm stands until that is over"
+                self.publish(SUSPEND, True, reason, touch=touch)
 
     def update_slowing(self, now: int) -> None:
         """Slow the arm where the skin asks for it, and no longer once that is over."""
@@ -464,79 +500,56 @@ class Policy(Listener):
                 self.slowed = None
 
     def review(self, request: CommandRequest) -> None:
-        """Execute a request once it may be, or refuse it where it must not."""
+        """Execute or ask for a request once it may be, or refuse it if it must not."""
         refusal = self.find_late_refusal(request)
         if refusal is None:
-            if not self.has_ended(request):
-                if not self.goes_on(request):
-                    return
-                refusal = GOES_ON
-            elif (refusal := self.find_doubt(request)) is not None:
-                late = self.context.age(request.detection.stamp) > self.config.max_delay
-                if not (late or request.touch.closed):
-                    return
+            if not self.is_due(request):
+                return
+            refusal = self.find_uncertainty(request)
         self.touches.requests.remove(request)
-        self.complete(request, refusal)
+        if refusal is None and self.needs_answer(request):
+            self.ask(request)
+        else:
+            self.complete(request, refusal)
 
     def find_late_refusal(self, request: CommandRequest) -> str | None:
         """Return why a request must not be executed any more, or None where it may."""
-        action = request.action
         if request.touch.clashes:
             return ALREADY_COMMANDED
+        refusal = self.find_change(request)
+        if refusal is not None or request.action in REDUCING_ACTIONS:
+            return refusal
+        others = self.touches.list_others(request.touch)
+        if any((one.onset or 0) > request.end for one in others):
+            return TOUCHED_AGAIN
+        longest = self.config.question.quiet * NS_PER_S
+        since = self.touches.latest - request.end
+        is_let_go = request.touch.closed and since > longest
+        return GOES_ON if is_let_go and not self.is_due(request) else None
+
+    def find_change(self, request: CommandRequest) -> str | None:
+        """Return why arm and skin do not allow what is asked for now, or None."""
         refusal = self.find_refusal(request, self.touches.latest)
-        if refusal is not None or action in HALTING_ACTIONS:
+        if refusal is not None or request.action in HALTING_ACTIONS:
             return refusal
         meant = resolve_action(request.rule.action_or_function, self.arm.state())
-        if meant != action and not self.commands.simulation:
+        if meant != request.action and self.commands.asks:
             meant = meant.replace("_", " ")
             return f"the arm has changed: the same would {meant} now"
-        others = self.touches.list_other_onsets(request.touch)
-        if action in STARTING_ACTIONS and max(others, default=0) > request.end:
-            return TOUCHED_AGAIN
         return None
 
-    def has_ended(self, request: CommandRequest) -> bool:
-        """Return whether the skin was let go, as far as the action needs that."""
-        touches, action = self.touches, request.action
-        if action in REDUCING_ACTIONS:
-            return True
-        release = self.config.min_release * NS_PER_S
-        if action not in STARTING_ACTIONS:
-            is_let_go = not request.touch.is_held
-            return is_let_go and touches.latest - request.end >= release
-        alone = not touches.list_other_onsets(request.touch)
-        has_data = self.monitor.has_data(request.detection.patch)
-        return not request.touch.is_present and alone and has_data
+    def is_due(self, request: CommandRequest) -> bool:
+        """Return whether it can be decided now whether a request is executed.
 
-    def goes_on(self, request: CommandRequest) -> bool:
-        """Return whether touching goes on for too long after a detection."""
-        detected, longest = request.detection.stamp, self.config.max_delay * NS_PER_S
-        since = max(detected, request.end)
-        return max(request.end - detected, self.touches.latest - since) > longest
-
-    def find_doubt(self, request: CommandRequest) -> str | None:
-        """Return why a touch may be no command after all, or None where it is one.
-
-        On a simulated arm nothing but its confidence counts.
+        What makes the arm do less is, as soon as it is confident. All else waits until
+        its touch has closed, and nothing presses the skin any more.
         """
-        action, least = request.action, self.config.min_duration
-        if self.commands.simulation:
-            return self.find_uncertainty(request)
-        if action not in HALTING_ACTIONS and not self.evidence.is_plausible(
-            request.touch.id
-        ):
-            return IMPLAUSIBLE
-        uncertainty = self.find_uncertainty(request)
-        if uncertainty is not None or action in REDUCING_ACTIONS:
-            return uncertainty
-        if request.duration < least:
-            return (
-                f"its touch lasted {request.duration:.2f} s, as a bump may; what makes "
-                f"the arm do more lasts {least:g} s or longer: do it again, more slowly"
-            )
-        if request.detection.gesture == GRAB:
-            return self.find_narrowness(request.touch)
-        return None
+        touch = request.touch
+        if request.action in REDUCING_ACTIONS:
+            return request.is_confident or touch.closed
+        is_quiet = not self.touches.list_others(touch)
+        has_data = self.monitor.has_data(request.detection.patch)
+        return not touch.is_present and is_quiet and has_data
 
     def find_uncertainty(self, request: CommandRequest) -> str | None:
         """Return that a confidence is too low, or None where it is not."""
@@ -549,16 +562,55 @@ class Policy(Listener):
             "more clearly"
         )
 
-    def find_narrowness(self, touch: CommandedTouch) -> str | None:
-        """Return that a grab is narrower than a hand, or None where it is not."""
-        breadth, least = touch.breadth, self.config.min_breadth
-        if breadth >= least:
-            return None
-        return (
-            f"its touch was {1e3 * breadth:.0f} mm broad, as a strap may be; a grab "
-            f"that makes the arm do more is {1e3 * least:.0f} mm broad or more: grab "
-            "with the whole hand"
+    def ask(self, request: CommandRequest) -> None:
+        """Ask whether the arm is to do what a touch asks for."""
+        answer = self.commands.answer
+        self.question = Question(
+            request=request,
+            answer=answer,
+            index=self.vocabulary.index(answer),
+            asked_at=self.context.clock.now(),
+            config=self.config.question,
         )
+        self.arm.show_question(True)
+        self.publish(ASK, True, self.question.text, request.detection)
+
+    def review_question(self) -> None:
+        """Execute what the arm has asked for once it is answered, or refuse it."""
+        now = self.context.clock.now()
+        if self.failed_at is not None:
+            quiet_since = max(self.failed_at, self.touches.last_contact)
+            least = self.config.question.quiet_after_failure * NS_PER_S
+            if now - quiet_since >= least:
+                self.failed_at = None
+        if self.question is None:
+            return
+        request = self.question.request
+        refusal = self.question.find_refusal(self.touches) or self.find_change(request)
+        if refusal is not None or self.question.is_answered:
+            self.end_question(refusal)
+
+    def end_question(self, refusal: str | None) -> None:
+        """End the question that is open, and do what was asked for unless refused.
+
+        What was detected meanwhile acts as ever if it was no answer.
+        """
+        question = self.question
+        if question is None:
+            return
+        self.question = None
+        self.arm.show_question(False)
+        if refusal is None:
+            if question.touch is not None:
+                question.touch.blocked = True
+            self.complete(question.request, None)
+            return
+        self.failed_at = self.context.clock.now()
+        least = self.config.question.quiet_after_failure
+        reason = f"{refusal}; let go, and ask again {least:g} s later"
+        self.complete(question.request, reason)
+        for detection in question.detections:
+            self.take(self.touches.find(detection.touch), detection)
 
     def complete(self, request: CommandRequest, refusal: str | None) -> None:
         """Execute a request unless it is refused, and publish the decision."""
@@ -581,6 +633,9 @@ class Policy(Listener):
     def execute(self, request: CommandRequest) -> None:
         """Make the arm execute what is asked for."""
         arm, detection, rule = self.arm, request.detection, request.rule
+        now = self.context.clock.now()
+        if request.action in ("resume", *HALTING_ACTIONS):
+            self.jogs_until = 0
         match request.action:
             case "resume":
                 arm.release()
@@ -588,13 +643,16 @@ class Policy(Listener):
             case "jog":
                 step = self.config.jog_step if rule.step is None else rule.step
                 arm.jog(step * detection.direction_world)
+                if now >= self.jogs_until:
+                    seconds = self.config.question.jog_seconds
+                    self.jogs_until = now + round(seconds * NS_PER_S)
             case "slow":
                 arm.set_speed(self.config.slow_speed)
             case "normal":
                 arm.set_speed(1.0)
             case "hold":
                 arm.hold(f"{detection.gesture} on {detection.patch}")
-                self.stopped_at = self.context.clock.now()
+                self.stopped_at = now
             case action if action == FUNCTION:
                 call = FunctionCall(rule.function or "", arm, detection)
                 if not call.has_returned(self.config.function_seconds):
@@ -603,14 +661,10 @@ class Policy(Listener):
             case action:
                 getattr(arm, action)()
 
-    def suspend_for(self, touch: CommandedTouch, reason: str) -> None:
-        """Suspend the arm until a touch is decided, and publish why."""
-        touch.suspends = True
-        self.publish(SUSPEND, True, reason, touch=touch)
-
     def pause_for(self, touch: CommandedTouch, reason: str) -> None:
         """Pause the arm for a touch that was not recognised, and publish why."""
         self.arm.pause()
+        self.jogs_until = 0
         self.accepted += 1
         touch.blocked = True
         self.publish("pause", True, reason, touch=touch)
@@ -618,6 +672,7 @@ class Policy(Listener):
     def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
         self.arm.hold(reason)
+        self.jogs_until = 0
         self.stopped_at = self.context.clock.now()
         self.publish("hold", True, reason, touch=touch)
 
@@ -682,6 +737,7 @@ class Policy(Listener):
         """Hold the arm: nothing monitors the skin any more."""
         self.closing.set()
         self.arm.hold("the stream has ended")
+        self.arm.show_question(False)
         self.arm.limit_speed(1.0)
         if self.thread is not None:
             self.thread.join()

@@ -58,11 +58,8 @@ class SkinMonitorConfig:
     least_full_area: float = 0.6e-4
     """Least area at full scale that its growth is related to [m2]."""
 
-    max_seconds: float = 2.0
-    """Duration of a touch above which a moving arm is suspended until it ends [s]."""
-
     pause_seconds: float = 5.0
-    """Duration of a touch above which such an arm is paused [s]."""
+    """Duration of a touch above which a moving arm is paused [s]."""
 
     light_force: float = 2.0
     """Measured force up to which a touch is light [N]."""

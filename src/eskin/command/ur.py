@@ -31,6 +31,8 @@ CONNECT_TIMEOUT = 20.0
 """Longest time that the controller may take to connect [s]."""
 RETRY_PERIOD = 1.0
 """Time between two attempts to connect [s]."""
+UR_OUTPUTS = 8
+"""Number of standard digital outputs of a controller."""
 VARIABLES = """
     timestamp actual_q robot_mode safety_mode safety_status_bits robot_status_bits
     runtime_state speed_scaling target_speed_fraction actual_digital_output_bits
@@ -45,6 +47,8 @@ class UrCommand:
     """Joint set-points [rad]; None moves nothing."""
     gripper_closed: bool | None
     """Whether the gripper is to be closed; None leaves it as it is."""
+    question_shown: bool | None
+    """Whether the output of the question is to be on; None leaves it as it is."""
 
 
 @dataclass(frozen=True)
@@ -88,12 +92,19 @@ class ControllerLink(ABC):
         """Disconnect from the robot, whose program ends."""
 
 
-def run_client(host: str, output: int, time_factor: float, pipe: Connection) -> None:
+def run_client(
+    host: str,
+    gripper_output: int,
+    question_output: int | None,
+    time_factor: float,
+    pipe: Connection,
+) -> None:
     """Run the client of a controller until commands end or it fails.
 
     Args:
         host: address of the controller.
-        output: standard digital output that closes the gripper.
+        gripper_output: standard digital output that closes the gripper.
+        question_output: standard digital output that shows a question; None for none.
         time_factor: factor on all timeouts.
         pipe: receives `UrCommand`s; sends `UrStatus`es, or a text about what failed.
     """
@@ -103,7 +114,7 @@ def run_client(host: str, output: int, time_factor: float, pipe: Connection) -> 
     # Ctrl-C is for the main process, which stops the robot in an orderly way.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        controller = RtdeController(host, output, time_factor)
+        controller = RtdeController(host, gripper_output, question_output, time_factor)
         pipe.send(controller.status())
         while (command := pipe.recv()) is not None:
             controller.execute(command)
@@ -122,7 +133,13 @@ def run_client(host: str, output: int, time_factor: float, pipe: Connection) -> 
 class RtdeController:
     """This class wraps the three interfaces of `ur_rtde`."""
 
-    def __init__(self, host: str, output: int, time_factor: float) -> None:
+    def __init__(
+        self,
+        host: str,
+        gripper_output: int,
+        question_output: int | None,
+        time_factor: float,
+    ) -> None:
         """Connect, start the program, and set the watchdog on the robot's side."""
         from rtde_control import RTDEControlInterface
         from rtde_io import RTDEIOInterface
@@ -132,21 +149,30 @@ class RtdeController:
         self.control = RTDEControlInterface(host)
         self.io = RTDEIOInterface(host)
         self.control.setWatchdog(WATCHDOG_RATE / time_factor)
-        self.output = output
+        self.gripper_output = gripper_output
+        self.question_output = question_output
         self.timeout = ANSWER_TIMEOUT * time_factor
         self.timestamp = self.receive.getTimestamp()
         self.last_answer = monotonic()
 
     def execute(self, command: UrCommand) -> None:
-        """Send a command, unless the program does not run."""
+        """Send a command; without a running program, that of the question alone."""
+        if command.question_shown is not None:
+            self.show_question(command.question_shown)
         if not self.control.isProgramRunning():
             return
         if command.gripper_closed is not None:
-            self.io.setStandardDigitalOut(self.output, command.gripper_closed)
+            self.io.setStandardDigitalOut(self.gripper_output, command.gripper_closed)
         if command.q is None:
             self.control.kickWatchdog()
         else:
             self.control.servoJ(list(command.q), 0, 0, PERIOD, LOOKAHEAD, GAIN)
+
+    def show_question(self, shown: bool) -> None:
+        """Switch the output of the question, if there is one, unless it is right."""
+        output = self.question_output
+        if output is not None and self.receive.getDigitalOutState(output) != shown:
+            self.io.setStandardDigitalOut(output, shown)
 
     def status(self) -> UrStatus:
         """Return the status; raise a ConnectionError if the controller is silent."""
@@ -163,11 +189,14 @@ class RtdeController:
             protective_stop=receive.isProtectiveStopped(),
             emergency_stop=receive.isEmergencyStopped(),
             scaling=min(receive.getTargetSpeedFraction(), receive.getSpeedScaling()),
-            gripper_closed=receive.getDigitalOutState(self.output),
+            gripper_closed=receive.getDigitalOutState(self.gripper_output),
         )
 
     def stop(self) -> None:
-        """Stop the arm and end the program."""
+        """Switch the output of the question off, stop the arm and end the program."""
+        if self.question_output is not None:
+            # The state that was received last may be older than the latest command.
+            self.io.setStandardDigitalOut(self.question_output, False)
         self.control.servoStop()
         self.control.stopScript()
 
@@ -176,18 +205,27 @@ class RtdeController:
 class UrLink(ControllerLink):
     """Starts the client's process, and a new one whenever that has ended."""
 
-    def __init__(self, host: str, output: int, time_factor: float = 1.0) -> None:
+    def __init__(
+        self,
+        host: str,
+        gripper_output: int,
+        time_factor: float = 1.0,
+        question_output: int | None = None,
+    ) -> None:
         """Start nothing before the first `exchange`.
 
         Args:
             host: address of the controller.
-            output: standard digital output that closes the gripper.
+            gripper_output: standard digital output that closes the gripper.
             time_factor: factor on how long the controller may be silent, and the
                 computer before the robot's watchdog stops it; above 1 where both are
                 slow, as in tests.
+            question_output: standard digital output that shows a question; None for
+                none.
         """
         self.host = host
-        self.output = output
+        self.gripper_output = gripper_output
+        self.question_output = question_output
         self.time_factor = time_factor
         self.problem = ""
         self.context = get_context("spawn")
@@ -216,7 +254,13 @@ class UrLink(ControllerLink):
             return
         self.changed_at = monotonic()
         self.pipe, theirs = self.context.Pipe()
-        values = (self.host, self.output, self.time_factor, theirs)
+        values = (
+            self.host,
+            self.gripper_output,
+            self.question_output,
+            self.time_factor,
+            theirs,
+        )
         self.process = self.context.Process(target=run_client, args=values, daemon=True)
         self.process.start()
         theirs.close()

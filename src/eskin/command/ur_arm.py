@@ -66,6 +66,7 @@ class UrArm(TaskArm):
         self.lock = RLock()
         self.closed = Flag()
         self.failure: BaseException | None = None
+        self.question_shown = False
         self.status = self.connect()
         self.connected = True
         self.time = self.clock.now()
@@ -82,7 +83,7 @@ class UrArm(TaskArm):
         """Wait for the first status of the robot, and return it."""
         end = self.clock.now() + round(CONNECT_TIMEOUT * NS_PER_S)
         while self.clock.now() < end:
-            status = self.link.exchange(UrCommand(None, None))
+            status = self.link.exchange(UrCommand(None, None, None))
             if status is not None and status.is_finite:
                 return status
             if self.link.problem:
@@ -138,10 +139,11 @@ class UrArm(TaskArm):
         """Return what the robot is to do now."""
         executor = self.executor
         if not self.is_ready():
-            return UrCommand(None, None)
+            return UrCommand(None, None, self.question_shown)
         grip = executor.gripping
         closed = None if grip is None else grip == "closed"
-        return UrCommand(tuple(executor.trajectory.q.tolist()), closed)
+        q = tuple(executor.trajectory.q.tolist())
+        return UrCommand(q, closed, self.question_shown)
 
     def is_ready(self) -> bool:
         """Return whether the robot executes commands."""
@@ -169,6 +171,11 @@ class UrArm(TaskArm):
             return "speed slider at zero"
         error = np.abs(self.executor.trajectory.q - status.q).max()
         return "the robot does not follow" if error > MAX_FOLLOWING_ERROR else None
+
+    def show_question(self, shown: bool) -> None:
+        """Switch the digital output that shows a question, if its link has one."""
+        with self.lock:
+            self.question_shown = shown
 
     def catch_up(self) -> None:
         """Do nothing: `update` alone advances the task."""

@@ -1,0 +1,140 @@
+"""This module defines the question that an arm asks before it does more."""
+
+from dataclasses import dataclass, field
+from typing import final
+
+from eskin.command.commanded_touch import (
+    CommandedTouch,
+    CommandedTouches,
+    CommandRequest,
+)
+from eskin.live import Detection
+from eskin.units import NS_PER_S
+
+TOUCHED_BEFORE = "the skin was touched before the arm had asked"
+TOO_LATE = "the answer came too late"
+TWO_TOUCHES = "more than one touch came in answer"
+
+
+@dataclass(frozen=True)
+class QuestionConfig:
+    """A question configuration says what counts as a question and as its answer.
+
+    The values are chosen from data (`lab/notes/policy.md`).
+    """
+
+    quiet: float = 1.0
+    """How long no other touch must have pressed the skin, and an arm that stands have
+    stood, before the touch begins that asks; and how long after that touch something
+    may still press the skin [s]."""
+
+    quiet_after_failure: float = 5.0
+    """How long nothing must have pressed the skin after a question that was not
+    answered, before the next touch that asks begins [s]."""
+
+    window: float = 1.0
+    """Longest time from the question to the first contact of the answer [s]."""
+
+    least_delay: float = 0.15
+    """Shortest such time, since nobody answers faster [s]."""
+
+    max_seconds: float = 1.0
+    """Longest time from the first to the latest contact of the answer [s]."""
+
+    min_confidence: float = 0.7
+    """Least probability of the gesture that answers."""
+
+    jog_seconds: float = 20.0
+    """Time after an answered jog in which further jogs are not asked for [s]."""
+
+
+@final
+@dataclass(eq=False)
+class Question:
+    """A question is open from the moment at which the arm asks until it is decided."""
+
+    request: CommandRequest
+    """What was asked for."""
+
+    answer: str
+    """Gesture that answers."""
+
+    index: int
+    """Index of that gesture in the vocabulary."""
+
+    asked_at: int
+    """When the arm asked [ns since the epoch]."""
+
+    config: QuestionConfig
+    """What counts as its answer."""
+
+    touch: CommandedTouch | None = None
+    """Touch that may be the answer; None before it begins."""
+
+    detections: list[Detection] = field(default_factory=list)
+    """What was detected in touches since the question."""
+
+    @property
+    def deadline(self) -> int:
+        """By when the answer must have begun [ns since the epoch]."""
+        return self.asked_at + round(self.config.window * NS_PER_S)
+
+    @property
+    def is_answering(self) -> bool:
+        """Whether a touch that may be the answer has begun."""
+        return self.touch is not None
+
+    @property
+    def text(self) -> str:
+        """What the arm asks, such as `resume? answer by a poke within 1 s`."""
+        action = self.request.action.replace("_", " ")
+        answer = self.answer.replace("_", " ")
+        return f"{action}? answer by a {answer} within {self.config.window:g} s"
+
+    def find_refusal(self, touches: CommandedTouches) -> str | None:
+        """Return why it is refused by now, or None where it is not.
+
+        Args:
+            touches: touches of the latest reading.
+        """
+        for touch in touches.by_id.values():
+            is_new = touch.onset is not None and touch is not self.request.touch
+            if is_new and touch is not self.touch:
+                refusal = self.find_touch_refusal(touch)
+                if refusal is not None:
+                    return refusal
+                self.touch = touch
+        answer = self.answer.replace("_", " ")
+        if self.touch is None:
+            is_over = touches.latest > self.deadline
+            return f"no {answer} answered" if is_over else None
+        if self.touch.excess:
+            return f"the answer was a {self.touch.excess}"
+        if self.touch.duration > self.config.max_seconds:
+            return f"the answer lasted for more than {self.config.max_seconds:g} s"
+        if self.touch.is_present:
+            return None
+        chance = self.find_chance()
+        if chance < self.config.min_confidence:
+            return f"the answer was no clear {answer} ({chance:.2f})"
+        return None
+
+    def find_touch_refusal(self, touch: CommandedTouch) -> str | None:
+        """Return why a touch that has begun cannot be the answer, or None."""
+        if self.touch is not None:
+            return TWO_TOUCHES
+        onset = touch.onset or 0
+        if onset < self.asked_at + self.config.least_delay * NS_PER_S:
+            return TOUCHED_BEFORE
+        return TOO_LATE if onset > self.deadline else None
+
+    def find_chance(self) -> float:
+        """Return the latest probability that the touch is the gesture that answers."""
+        if self.touch is None or not len(self.touch.probabilities):
+            return 0.0
+        return float(self.touch.probabilities[self.index])
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether the touch that answers has left the skin, if nothing refuses it."""
+        return self.touch is not None and not self.touch.is_present
