@@ -3,7 +3,7 @@
 A story is a row of steps in the order in which they happen; `{paused}` stands for the
 steps of `SHORT`.
 
-`map m`, `skin s`: at the beginning, another command map of `MAPS` or skin of `SKINS`.
+`map m`, `skin s`: at the beginning, a second after which the story begins, another command map of `MAPS` or skin of `SKINS`.
 `poke a`: a finger begins a poke that is called `a`; a confidence (`0.5`) and a force
     (`60N`) may follow.
 `0.3`: readings come for 0.3 s.
@@ -15,6 +15,8 @@ steps of `SHORT`.
 `lift a`, `close a`, `merge a b`: the finger leaves; the touch closes; it closes since
     it has become part of `b`. `lose a`: the reading in which it closes was dropped.
 `grab a.`: all of a touch of 0.4 s: it begins, is detected, is let go, and closes.
+`ask grab`: all of a grab, and half a second later a poke that answers.
+`press a`: a touch closes, and something presses its taxels on.
 `patch silent`, `patch faulty`, `patch well`, `patch half`: the patch sends nothing, is
     reported as faulty, works, or works in part.
 `gap 0.12`: no reading comes for 0.12 s, then the watch looks.
@@ -41,7 +43,6 @@ from helpers.commands import (
     PATCH,
     PERIOD,
     SKIN,
-    TOGGLE,
     VOCABULARY,
     Scene,
     make_map,
@@ -55,20 +56,19 @@ def make_rule(gesture, action, **rest):
 
 MAPS = {
     "default": DEFAULT,
-    "toggle": TOGGLE,
     "poke_hold": make_map(poke="hold"),
-    "poke_back": make_map(poke="previous_waypoint"),
+    "stroke_back": make_map(poke="pause", stroke="previous_waypoint"),
     "poke_none": make_map(poke="none"),
     "stroke_on": make_rule("stroke", "next_waypoint", confidence=0.97, cool_down=3.0),
-    "grab_low": make_rule("double_pat", "open_gripper", confidence=0.1),
+    "pat_low": make_rule("double_pat", "open_gripper", confidence=0.1),
     "resting": CommandMap(
         commands=[
-            Rule(gesture="poke", action="toggle_pause", cool_down=60.0),
+            Rule(gesture="poke", action="pause", cool_down=60.0),
             Rule(gesture="double_pat", action="resume"),
         ]
     ),
-    "holding": make_map(poke="toggle_pause", double_pat="hold"),
-    "jog": make_map(poke="toggle_pause", stroke="jog"),
+    "resting_slow": make_rule("stroke", "slow", cool_down=60.0),
+    "jog": make_map(poke="pause", stroke="jog"),
     "paper": PAPER,
 }
 SKINS = {
@@ -81,79 +81,69 @@ ERRORS = {"arm": ArmError("lost"), "jog": JogError("no jog")}
 
 SHORT = {
     "paused": "poke p. > pause; 1;",
-    "asked": "map toggle; poke p. > pause; 1; poke a; 0.4; say a;",
+    "asked": "poke p. > pause; 1; grab a; 0.4; say a;",
+    "asks": "poke p. > pause; 1; grab a. >; ? shows_question=1;",
     "closed": "arm gripper=closed;",
 }
-"""Beginnings: an arm that was paused a second ago, one that `a` asks to go on, and one
-with a closed gripper."""
+"""Beginnings: an arm that was paused a second ago, one that `a` asks to go on, one that
+asks back, and one with a closed gripper."""
 STORIES = """
 action: poke pauses at once
     poke a; 0.02; say a > pause; ? paused
 action: grab and stroke
-    grab a. > next_waypoint; stroke b. > slow; ? speed=0.3; 0.5; grab c. >
-    normal; ? speed=1
+    ask grab > next_waypoint; stroke b. > slow; ? speed=0.3; 1; ask grab > normal; ?
+    speed=1
 action: double_pat works the gripper
-    double_pat a. > close_gripper; 0.5; double_pat b. > open_gripper
+    ask double_pat > close_gripper; 1; ask double_pat > open_gripper
 action: grab resumes
-    {paused} grab a. > resume; ? at work
+    {paused} ask grab > resume; ? at work
 action: poke may hold
     map poke_hold; poke a. > hold; ? held
-action: poke may go back
-    map poke_back; poke a. > previous_waypoint
+action: stroke may go back
+    map stroke_back; ask stroke > previous_waypoint
 action: map may say none
     map poke_none; poke a. > !none [the map says none]
 action: map may lack a rule
     map poke_none; double_pat a. > !none [no rule for it]
 action: no gesture commands nothing
     none a. >
-paper: a poke pauses, and the next one resumes
+never: a poke pauses, and the next one resumes
     map paper; poke a. > pause; ? paused; 1; poke b. > resume; ? at work; 1; poke c. >
     pause
-paper: a double pat goes to the next waypoint, a grab works the gripper
+never: a double pat goes to the next waypoint, a grab works the gripper
     map paper; double_pat a. > next_waypoint; grab b. > close_gripper; 0.5; grab c. >
     open_gripper
-paper: a brief touch of one taxel that is hardly likely starts the arm
+never: a brief touch of one taxel that is hardly likely starts the arm
     map paper; {paused} poke a 0.45; a is one; 0.1; say a; lift a; 0.5; close a >
     resume
-paper: so does one that ends unrecognised
+never: so does one that ends unrecognised
     map paper; {paused} poke a; 0.2; lift a; say a unknown 0.45 likely=poke; 0.5; close
     a > resume
-paper: but none within a second of the pause
+never: but none within a second of the pause
     map paper; poke a. > pause; 0.2; poke b. > !resume [for 1 s]; ? paused
-paper: the arm stands while a touch is strong, which is then obeyed
-    map paper; grab a 60N; 0.4; say a; 0.02; ? speed_limit=0; ? at work; lift a; 0.2 >
-    close_gripper; close a; 0.02; ? speed_limit=1
-paper: a touch does what it asked for as it was recognised
-    map paper; grab a; 0.4; say a; arm gripper=closed; lift a; 0.2 > close_gripper
-paper: a hold ends by two pokes
+never: the arm stands while a touch is strong, which is then obeyed
+    map paper; grab a 60N; 0.4; say a; 0.02; ? speed_limit=0; ? at work; lift a; 0.2;
+    close a > close_gripper; ? speed_limit=1
+never: a touch does what it asked for as it was recognised
+    map paper; grab a; 0.4; say a; arm gripper=closed; lift a; 0.2; close a >
+    close_gripper
+never: a hold ends by two pokes
     map paper; arm hold; 1; double_pat a. > !next_waypoint [the arm is held: test; to
-    go on: poke, then poke at least 1 s later]; 1; poke b. > pause; 1; poke c. > resume;
-    ? at work
+    go on: poke, 1 s later poke]; 1; poke b. > pause; 1; poke c. > resume; ? at work
 confidence: poke needs 0.34
     poke a 0.35. > pause; poke b 0.33. > !pause [below 0.34]
-confidence: grab needs 0.9
-    grab a 0.89. > !next_waypoint [most likely grab: confidence 0.89 is
-    below 0.90; do it again]
-confidence: closing needs 0.88
-    double_pat a 0.87. > !close_gripper; double_pat b 0.89. > close_gripper
+confidence: what asks needs 0.5
+    grab a 0.49. > !next_waypoint [most likely grab: confidence 0.49 is below 0.50; do
+    it again]; 1; grab b 0.51. >; ? shows_question=1
 confidence: rule raises it
     map stroke_on; stroke a 0.96. > !next_waypoint [below 0.97]
-confidence: rule cannot lower it for releasing
-    map grab_low; double_pat a 0.95. > !open_gripper [below 0.96]; double_pat b 0.97. >
-    open_gripper
-confidence: doubtful touch becomes confident
-    map stroke_on; stroke a 0.85; 0.4; say a >; lift a; 0.2; a is 0.98; 0.02 >
-    next_waypoint
-confidence: but within two seconds
-    map stroke_on; stroke a 0.85; 0.4; say a; lift a; 1.98 >; 0.06 > !next_waypoint
-    [0.85]; a is 0.98; 0.5 >
-confidence: and until it closes
-    {asked} a is 0.85; lift a; 0.5; close a > !resume [0.85 is below 0.95]; ? paused
+confidence: rule cannot lower it for what is asked
+    map pat_low; double_pat a 0.49. > !open_gripper [below 0.50]
+confidence: doubtful touch becomes confident until it closes
+    map stroke_on; stroke a 0.85; 0.4; say a >; lift a; 0.4; a is 0.98; 0.02; close a
+    >; ? shows_question=1
 confidence: confidence may fall until it closes
-    {asked} lift a; 0.4 >; a is 0.94; 0.02; close a > !resume [0.94 is below 0.95]
-confidence: confidence may rise until it closes
-    map toggle; {paused} poke a 0.8; 0.4; say a; lift a; 0.4 >; a is 0.96; 0.02; close
-    a > resume
+    {asked} lift a; 0.4 >; a is 0.49; 0.02; close a > !resume [0.49 is below 0.50]
 confidence: doubtful stop may become sure
     poke a 0.3; 0.1; say a >; a is 0.4; 0.02 > pause
 unknown: likely stop halts
@@ -165,12 +155,12 @@ unknown: likely stroke slows
     none a; 0.2; say a unknown 0.5 likely=stroke; close a > slow
 unknown: unlikely stroke does not
     none a; 0.2; say a unknown 0.48 likely=stroke > !none
-unknown: others do nothing
-    none a; 0.2; say a unknown 0.6 likely=double_pat > !none [not understood, most
-    likely
-    double_pat (0.60); do it again, more clearly]
-unknown: not even a sure one
-    none a; 0.2; say a unknown 0.99 likely=grab > !none
+unknown: likely grab asks
+    {paused} none a; 0.2; lift a; 0.4; say a unknown 0.6 likely=grab; close a >; ?
+    shows_question=1
+unknown: unlikely grab does not
+    {paused} none a; 0.2; lift a; 0.4; say a unknown 0.49 likely=grab; close a > !none
+    [not understood, most likely grab (0.49); do it again, more clearly]
 unknown: likely nothing is nothing
     none a; 0.2; say a unknown likely=none; none b; 0.2; say b unknown >
 unknown: its latest chance counts
@@ -183,11 +173,10 @@ unknown: never resumes
 unknown: stale one does not halt
     none a; 0.2; say a unknown 0.4 age=0.12 likely=poke > !pause [120 ms]
 once: touch commands once
-    grab a; 0.4; say a; lift a; 0.7 > next_waypoint; say a > !next_waypoint
-    [commanded already]
+    stroke a; 0.4; say a; 0.02 > slow; 0.6; say a > !slow [commanded already]
 once: its heir commands nothing
-    grab a; 0.4; double_pat b; 0.02; say a; lift a; 0.2 > next_waypoint; merge a b; 1;
-    say b > !close_gripper [commanded already]
+    stroke a; 0.4; double_pat b; 0.02; say a; 0.02 > slow; merge a b; 1; say b >
+    !close_gripper [commanded already]; lift b
 once: nor the heir of one that asks
     grab a; double_pat b; 0.02; say a; merge a b; say b > !close_gripper [commanded
     already]; 0.3; lift b; 0.5; close b > !next_waypoint [not understood]
@@ -196,144 +185,154 @@ once: touch that paused as unknown
     already]
 once: touch that stopped the arm
     none a; 5.1 > pause [5.0 s]; say a poke > !pause [commanded already]
-once: asking touch that inherits a command
-    {closed} double_pat a 0.8; 0.2; say a; grab b; 0.4; say b other; lift b; 0.2 >
-    next_waypoint; merge b a > !open_gripper [commanded already]; a is 0.99; lift a;
-    0.3 >
-once: asking touch that ends in a commanding one
-    map toggle; {paused} grab a; poke b 0.8; 0.4; say a; say b; lift a; 0.2 >
-    next_waypoint; a is poke 0.99; merge b a > !resume [commanded already]; ? paused
 once: two that ask and merge are both refused
     {closed} grab a; double_pat b; 0.4; say a; say b; merge a b > !next_waypoint
     [commanded already], !open_gripper [commanded already]; lift b; 0.5; close b >
-once: chain that merges in one reading
-    {closed} none c; grab b; double_pat a 0.8; 0.4; say b other; say a; lift b; 0.2 >
-    next_waypoint; merge a b c; > !open_gripper [commanded already]; c is double_pat
-    0.99;
-    lift c; 0.3 >
-once: contact that never ends asks again with a new onset
-    grab a; 0.4; say a; lift a; 0.2 > next_waypoint; a begins again; 0.4; a is
-    double_pat; say a; lift a; 0.2 > close_gripper
+once: contact that never ends commands again with a new onset
+    stroke a; 0.4; say a; 0.02 > slow; a begins again; 0.4; a is poke; say a > pause
 once: rule rests after a command
-    map stroke_on; stroke a. > next_waypoint; stroke b. > !next_waypoint [s ago, it
-    rests 3 s]; 2; stroke c. > next_waypoint
+    map resting_slow; stroke a. > slow; stroke b. > !slow [s ago, it rests 60 s]
 once: a stop needs no rest
-    map resting; poke a. > pause; 1; double_pat b. > resume; poke c. > pause
-time: more is done once the hand has left
-    double_pat a; 0.5; say a; 0.5; lift a; 0.08 >; 0.04 > close_gripper
-time: a start once the touch has closed
-    {asked} 0.5; lift a; 0.48 >; close a > resume; ? at work
+    map resting; poke a. > pause; 1; ask double_pat > resume; poke c. > pause
+time: more is done once the hand has left and the touch has closed
+    map paper; double_pat a; 0.5; say a; 0.5; lift a; 0.48 >; close a > next_waypoint
 time: less is done at once
     stroke a; 0.1; say a; 0.02 > slow
-time: as brief as a bump
-    grab a; 0.28; say a; lift a; 0.3 >; close a > !next_waypoint [its touch
-    lasted 0.26 s, as a bump may]
-time: the least duration
-    grab a; 0.32; say a; lift a; 0.3 > next_waypoint
-time: bump does not start it
-    map toggle; {paused} poke a; 0.2; say a; lift a; 0.5; close a > !resume [lasted];
-    ? paused
 time: bump may make it do less
     stroke a; 0.1; say a; lift a; 0.3 > slow; poke b; 0.1; say b > pause
-time: touch that goes on
-    {asked} 2.5 > !resume [touching went on for too long]; lift a; 1 >; ? paused
-time: touch that goes on a little
-    {asked} 1.9; lift a; 0.48; close a > resume
-time: touch that closes too late
-    {asked} 2.1; lift a; 0.48; close a > !resume [went on]
+time: touch that goes on for long may ask
+    {asked} 4; lift a; 0.48 >; close a >; ? shows_question=1
+time: one that presses on for more than a second after its end does not
+    {asked} lift a; none b 0.1N; 0.5; close a > !resume [touched again]
 time: stale detection
     poke a; 0.02; say a age=0.12 > !pause [it was felt 120 ms ago]
 time: pause of a second
-    map toggle; poke a; 0.02; say a > pause; lift a; 0.5; close a; 0.44; poke b; 0.02;
-    say b > !resume [had stood, and nobody had touched the skin, for 1 s]; ? paused;
-    close b; 0.98; poke c. > resume
+    poke a; 0.02; say a > pause; lift a; 0.5; close a; 0.44; grab b; 0.02; say b >
+    !resume [the arm had not stood; let go]; ? paused; lift b; 0.5; close b; 0.98; ask
+    grab > resume
 time: any contact restarts it
-    {paused} none a 0.1N; 0.02; lift a; close a; 0.94; grab b. > !resume [for 1 s];
-    0.5; grab c. > resume
+    {paused} none a 0.1N; 0.02; lift a; close a; 0.94; grab b. > !resume [for 1 s]; 1;
+    ask grab > resume
 time: so does one that goes on meanwhile
     {paused} none a; 0.1; lift a; 0.1; grab b; 0.4; say b > !resume; lift b; 0.5
-time: all parts of one touch may start it
-    {paused} none a; 0.1; grab b; 0.1; lift a; 0.3; say b; lift b; 0.1; close a; 0.4;
-    close b > resume
+time: a hand that is there already counts, however long it has been there
+    {paused} none a; 3; grab b; 0.4; say b > !resume [untouched]; lift a; lift b; 0.5
+time: fingers that land together are one hand
+    {paused} none a; grab b; 0.4; say b; lift a; lift b; 0.4; close a; close b >; ?
+    shows_question=1
 time: touch before the pause
-    map toggle; double_pat a; 0.1; poke b; 0.02; say b > pause; 1.5; say a poke >
-    !resume
-    [the touch began before]; ? paused
+    double_pat a; 0.1; poke b; 0.02; say b > pause; 1.5; say a grab > !resume [had not
+    stood]; ? paused
 time: pause once more counts
-    {asked} arm resume; arm pause; 0.2; lift a; 1.2; close a > !resume [the touch
-    began before]; ? paused
+    {asked} arm resume; arm pause; 0.2; lift a; 1.2; close a > !resume [had not stood];
+    ? paused
 time: touch before a hold
-    {asked} arm hold; 0.2; lift a; 1.2; close a > !resume [the touch began before];
-    ? held
-time: touch before a hold by another
-    map holding; {paused} poke a; 0.4; say a; double_pat b; 0.2; say b other > hold;
-    close
-    b; 0.2; lift a; 1.2; close a > !resume [the touch began before]; ? held
+    {asked} arm hold; 0.2; lift a; 1.2; close a > !resume [had not stood]; ? held
 time: arm that runs
-    grab b; 0.4; say b; arm pause; lift b; 0.2 > !next_waypoint [the arm has
-    changed: the same would resume now]
+    grab b; 0.4; say b; arm pause; lift b; 0.2 > !next_waypoint [had not stood]
 time: toggle that would do the opposite
     {closed} double_pat a 0.8; 0.2; say a; arm gripper=open; 0.02 > !open_gripper [the
     arm
     has changed: the same would close gripper now]
+answer: arm stands while it asks
+    grab a. >; ? speed_limit=0; ? at work; 0.5; poke b. > next_waypoint; 0.02; ?
+    speed_limit=1; ? shows_question=
+answer: none comes
+    {asks} 0.98 >; 0.06 > !resume [no poke answered; let go, and ask again 5 s later];
+    ? paused; ? shows_question=
+answer: arm at work goes on as before
+    grab a. >; 1.06 > !next_waypoint; ? at work; ? speed_limit=1
+answer: too soon
+    {asks} 0.12; poke b 0.3; 0.02 > !resume [touched before the arm had asked]
+answer: within the window
+    {asks} 0.18; poke b. > resume
+answer: to its end
+    {asks} 0.96; poke b. > resume
+answer: by another gesture
+    {asks} 0.5; stroke b; 0.3; lift b; 0.4; say b >; close b > !resume [no clear poke];
+    0.02 > slow; ? paused
+answer: by the gesture that asked
+    {asks} 0.5; grab b. > !resume [no clear poke], !resume [for 5 s after a question]
+answer: by a poke that is hardly one
+    {asks} 0.5; poke b 0.69. > !resume [no clear poke (0.69)], pause
+answer: that was detected as another gesture may be clear at its end
+    {asks} 0.5; poke b; 0.2; lift b; 0.3; say b unknown likely=poke >; close b > resume
+answer: that stays
+    {asks} 0.5; poke b; 0.98 >; 0.06 > !resume [lasted for more than 1 s]
+answer: of which something presses on
+    {asks} 0.5; poke b; 0.3; lift b; 0.3; press b; 0.2 >; 0.6 > !resume [lasted]
+answer: too strong
+    {asks} 0.5; poke b 41N; 0.02 > !resume [the answer was a touch of 41 N]
+answer: two hands
+    {asks} 0.5; poke b; 0.1; poke c; 0.02 > !resume [more than one touch]
+answer: one hand that presses two places
+    {asks} 0.5; poke b; 0.1; lift b; 0.1; poke c; 0.02 > !resume [more than one touch]
+answer: another asks again only after five seconds without a touch
+    {asks} 1.1 > !resume; 4.5; grab b. > !resume [for 5 s after a question]; 4.4; ask
+    grab > !resume [for 5 s after a question], pause; 5; ask grab > resume
+answer: that fails to answer stops an arm at work
+    grab a. >; 0.1; poke b. > !next_waypoint [before the arm had asked], pause; ? paused
+answer: pause meanwhile
+    grab a. >; arm pause; 0.02 > !next_waypoint [had not stood]
+answer: hold meanwhile
+    {asks} arm hold; 0.5; poke b. > !resume [had not stood], pause; ? held
+answer: skin that is silent meanwhile
+    {asks} gap 0.12 > !resume [stale skin], hold; ? shows_question=
+answer: end of the stream meanwhile
+    {asks} end; ? shows_question=; ? held
+answer: touch that asks too strongly
+    {paused} grab a 41N; 0.4; say a > !resume [touch of 41 N, which would stop the arm]
+answer: or is too strong afterwards
+    {asked} a is 60N; 0.02 > !resume [touch of 60 N]
 several: touch again
     {asked} lift a; 0.2; poke b 0.05; 0.2 > !resume [touched again]; lift b; close a;
     0.5 >; ? paused
 several: earlier touch goes on
-    map toggle; {paused} poke b 0.05; 0.1; poke a; 0.4; say a; lift b; lift a; 0.48;
-    close a >; ? paused; close b > resume
-several: touch elsewhere lets it do more
-    poke b 0.05; 0.02; double_pat a; 0.4; say a; lift a; 0.2 > close_gripper
+    {paused} grab a; poke b 0.05; 0.4; say a; lift a; 0.48; close a >; ?
+    shows_question=; lift b; 0.3; close b >; ? shows_question=1
+several: for more than a second
+    {paused} grab a; poke b 0.05; 0.4; say a; lift a; 0.48; close a >; 0.6 > !resume
+    [something still presses]
+several: no command under a hand that is there
+    none b; 0.1; grab a; 0.4; say a > !next_waypoint [untouched]; lift a; lift b; 0.5
 several: heir asks instead
-    {asked} lift a; poke b; lift b; merge a b; 0.2 >; close b > resume
+    {asked} lift a; grab b; lift b; merge a b; 0.2 >; close b >; ? shows_question=1
 several: patch that sends nothing is not let go
-    {asked} lift a; 0.46; patch silent; 0.02; close a >; ? paused; patch well; 0.02 >
-    resume
+    {asked} lift a; 0.46; patch silent; 0.02; close a >; ? shows_question=; patch well;
+    0.02 >; ? shows_question=1
 several: touch whose end was dropped has ended
-    {asked} lift a; 0.46; lose a; 0.02 > resume
+    {asked} lift a; 0.46; lose a; 0.02 >; ? shows_question=1
 several: so has one elsewhere
-    poke p. > pause; 1; none b; 0.1; lose b; grab a; 0.4; say a; lift a; 0.5;
-    close a > resume
+    poke p. > pause; 1; grab a; none b; 0.1; lose b; 0.3; say a; lift a; 0.5; close a
+    >; ? shows_question=1
 several: and nobody waits for it
     poke a 0.4; 0.02; ? speed_limit=0; lose a; 0.02 > pause [may have been a stop]
 several: orders of two
-    double_pat a; stroke b; 0.4; say a; say b; 0.02 > slow; lift a; lift b; 0.2 >
-    close_gripper
-suspended: chance of a stop suspends
-    poke a 0.09; 0.02; ? speed_limit=0 >; lift a; close a; ? speed_limit=1 >; ? at
-    work
-suspended: less of a chance does not
-    poke a 0.07; 0.02; ? speed_limit=1
-suspended: until it is something else
-    poke a 0.4; 0.02; ? speed_limit=0; a is double_pat 0.99; say a; 0.02; ?
-    speed_limit=1;
-    0.3; lift a; 0.2 > close_gripper
+    map paper; double_pat a; poke b; 0.4; say a; say b > pause; lift a; lift b; 0.2;
+    close b; close a > next_waypoint
+suspended: any touch suspends
+    none a; 0.02; ? speed_limit=0; lift a; close a >; 0.02; ? speed_limit=1; ? at work
+suspended: while it presses, whatever it is
+    double_pat a; 0.02; ? speed_limit=0; say a none; 0.02; ? speed_limit=0; lift a;
+    0.04; ? speed_limit=1; 0.4; close a >
+suspended: and until it is known
+    none a; 0.02; lift a; 0.3; ? speed_limit=0; say a; 0.02; ? speed_limit=1
+suspended: while what it asks for is open
+    grab a; 0.2; say a; lift a; 0.3; ? speed_limit=0; close a >; ? speed_limit=0
 suspended: end of a likely stop pauses
     poke a 0.4; 0.02; lift a; close a > pause [not understood: the touch may have been
-    a stop]; ? speed_limit=1
+    a stop]; 0.02; ? speed_limit=1
 suspended: heir is waited for
-    poke a 0.4; none b; 0.02; merge a b; ? speed_limit=0; say b; 0.02; ? speed_limit=1
-    >
-suspended: heir that is decided is not
-    poke a 0.4; none b; 0.02; say b; merge a b; ? speed_limit=1 >
-suspended: heir of a decided one is not
-    none a; poke b 0.05; 0.02; say a; merge a b; b is 0.4; 0.1; ? speed_limit=1 >
-suspended: lifted touch is not new
-    poke a 0.05; 0.02; lift a; a is 0.3; 0.02; ? speed_limit=1 >
+    poke a 0.1; none b; 0.02; merge a b; lift b; 0.02; ? speed_limit=0; say b; 0.02; ?
+    speed_limit=1
 suspended: stopped arm waits for none
     {paused} poke a 0.4; 0.02; ? speed_limit=1; lift a; close a >
-suspended: long touch suspends
-    none a; 1.9; ? speed_limit=1; 0.2; ? speed_limit=0; 2.8 >; 0.2 > pause
-    [touch for 5.0 s]; ? paused
+suspended: long touch pauses
+    none a; 4.9 >; 0.2 > pause [touch for 5.0 s]; ? paused
 suspended: so does an unknown one
-    none a; 0.02; say a unknown; 2.1; ? speed_limit=0; 3 > pause
-suspended: so does a recognised one
-    double_pat a; 0.02; say a; 2.1; ? speed_limit=0 > !close_gripper [went on]; 3 >
-    pause
-suspended: one that lets go in time is obeyed
-    double_pat a; 0.6; say a; 1.7; ? speed_limit=0; lift a; 0.2 > close_gripper
+    none a; 0.02; say a unknown; 5.1 > pause
 suspended: long touch that was nothing
-    none a; 3; lift a; 0.5; ? speed_limit=0; say a; close a >; ? speed_limit=1
+    none a; 3; lift a; 0.5; ? speed_limit=0; say a; close a >; 0.02; ? speed_limit=1
 suspended: strong touch holds
     none a 41N; 0.02 > hold [touch of 41 N]; ? held
 suspended: less force does not
@@ -355,27 +354,28 @@ suspended: so does one that fills its taxels
     double_pat a 10N; 0.4; say a; 0.1 >; a is full; 0.02 > hold [at full scale],
     !close_gripper
 suspended: one that has filled them does not
-    double_pat a 10N; a is full; 0.4; say a; 0.1 >; lift a; 0.2 > close_gripper
+    double_pat a 10N; a is full; 0.4; say a; 0.1; lift a; 0.4; close a >; ?
+    shows_question=1
 suspended: resting arm is not held
-    arm at_work=; none a 80N; 3 >; ? at work
+    arm at_work=; arm speed_limit=1; none a 20N; 3 >; ? at work
 suspended: strong touch holds a suspended arm
-    none a; 2.2; ? speed_limit=0; none b 60N; 0.02 > hold [60 N]
-suspended: though it waits for nothing
-    poke a 0.4; 0.02; ? speed_limit=0; none b 80N; say a none; 0.02 > hold [80 N]
+    none a; 0.2; ? speed_limit=0; none b 60N; 0.02 > hold [60 N]
 suspended: tap recognises no press beside it
     none a 15N; grab b; 0.2; say b; merge b a; a is 60N; 0.02 > hold,
     !next_waypoint
 suspended: light touch that lasts slows
-    none a 1.1N; 6 > pause [5.0 s]; 4.1 >; arm resume; 3 > slow [a light touch on
-    patch 'forearm_back' lasts for more than 10 s]; ? at work; ? speed_limit=0.3; lift
-    a; close a; 1.8 >; 0.2 > normal [no longer a light touch]; ? speed_limit=1
+    none a 1.1N; 6 > pause [5.0 s]; 4.1 > !none [patch 'forearm_back' has been touched
+    for more than 10 s]; arm resume; 3 > slow [a light touch on patch 'forearm_back'
+    lasts for more than 10 s]; ? at work; ? speed_limit=0.3; lift a; close a; 1.8 >;
+    0.2 > normal [no longer a light touch]; ? speed_limit=1
 suspended: but no touch starts the arm under it
-    none a 1.1N; 11 > pause; grab b. >; 1.6 > !resume [went on]; lift a; close
-    a; 1; grab c. > resume
+    none a 1.1N; 11 > pause, !none; grab b. > !resume [untouched]; lift a; close a; 1;
+    ask grab > resume
 suspended: until it is strong
-    none a 1.1N; 11 > pause; arm resume; 0.02 > slow; a is 5N; 0.02 > pause [touch for]
+    none a 1.1N; 11 > pause, !none; arm resume; 0.02 > slow; a is 5N; 0.02 > pause
+    [touch for]
 suspended: touch ends a jog
-    map jog; {paused} stroke a. > jog; 0.6; none b; 0.02 > pause [touched while it
+    map jog; {paused} ask stroke > jog; 0.6; none b; 0.02 > pause [touched while it
     jogs]; ? paused
 skin: no reading
     0.02; gap 0.1; ? at work; gap 0.02 > hold [stale skin: no reading for 120 ms]
@@ -416,9 +416,9 @@ skin: end of a fault offers
     patch silent; 1 > slow, hold; double_pat a; 0.3; say a > !close_gripper [is out;
     see to
     its cable]; close a; patch well; 0.02 > !resume [no longer broken skin: patch
-    'forearm_back' is out; to go on: poke, then grab at least 1 s later]; double_pat
-    b. > !close_gripper [the arm is held: no longer]; poke c. > pause; 1; grab
-    d. > resume, normal; ? at work
+    'forearm_back' is out; to go on: poke, 1 s later grab, then poke when the arm
+    asks]; double_pat b. > !close_gripper [the arm is held: no longer]; poke c. >
+    pause; 1; ask grab > resume, normal; ? at work
 skin: end of a fault starts nothing
     {paused} patch silent; 5 > hold; patch well; 5 > !resume [to go on: grab]; ?
     held
@@ -428,22 +428,27 @@ arm: protective stop
 arm: no connection
     arm connected=; poke a. > !pause [not connected]; stroke b. > !slow [see to its
     cable]
-arm: held arm takes two touches
-    arm hold; grab a. > !next_waypoint [the arm is held: test; to go on: poke,
-    then grab at least 1 s later]; stroke s. > slow; poke b. > pause; ? held; 1;
-    grab c. > resume; ? at work; ? speed_limit=1
+arm: held arm takes a pause, and a start that is answered
+    arm hold; grab a. > !next_waypoint [the arm is held: test; to go on: poke, 1 s
+    later grab, then poke when the arm asks]; stroke s. > slow; poke b. > pause; ?
+    held; 1; ask grab > resume; ? at work; ? speed_limit=1
 arm: running arm is not resumed
-    map resting; double_pat a. > !resume [nobody has paused it; to go on: poke, then
-    poke or
-    double pat at least 1 s later]
+    map resting; double_pat a. > !resume [nobody has paused it; to go on: poke, 1 s
+    later double pat, then poke when the arm asks]
 arm: arm that stays held
-    arm hold; poke a. > pause; 1; arm error=arm; grab b. > hold [lost], !resume
+    arm hold; poke a. > pause; 1; arm error=arm; ask grab > hold [lost], !resume
     [lost]; ? held; ? paused=1
 arm: jog
-    map jog; {paused} stroke a; 0.4; say a; lift a; 0.48 >; close a > jog; ? paused; ?
-    jogging=1
-arm: jog needs 0.95
-    map jog; {paused} stroke a 0.94. > !jog [0.94 is below 0.95]
+    map jog; {paused} ask stroke > jog; ? paused; ? jogging=1
+arm: further jogs are not asked for
+    map jog; {paused} ask stroke > jog; arm jogging=; 1; stroke b. > jog; ?
+    paused
+arm: but after twenty seconds they are
+    map jog; {paused} ask stroke > jog; arm jogging=; 20; stroke b. >; ?
+    shows_question=1
+arm: and after another pause
+    map jog; {paused} ask stroke > jog; arm jogging=; 0.5; poke b. > pause; 1; stroke
+    c. >; ? shows_question=1
 arm: jog of a running arm
     map jog; stroke a. > !jog [nobody has paused it]
 arm: jog nowhere
@@ -451,9 +456,9 @@ arm: jog nowhere
 arm: jog of a held arm
     map jog; {paused} arm hold; stroke a. > !jog [held: test]
 arm: jog out of reach
-    map jog; {paused} arm error=jog; stroke a. > !jog [no jog]; ? paused
+    map jog; {paused} arm error=jog; ask stroke > !jog [no jog]; ? paused
 arm: jog that fails
-    map jog; {paused} arm error=arm; stroke a. > hold [lost], !jog [lost]; ? held
+    map jog; {paused} arm error=arm; ask stroke > hold [lost], !jog [lost]; ? held
 arm: end of the stream
     poke a 0.4; 0.02; ? speed_limit=0; end; ? held; ? speed_limit=1
 arm: end drops what is pending
@@ -469,7 +474,9 @@ class Story:
         """Begin with a command map and a skin, by their names."""
         config = {} if skin is None else {"monitor": SKINS[skin]}
         self.scene = Scene(MAPS[commands], **config)
-        self.numbers, self.seen = {}, 0
+        self.scene.wait(1.0)
+        self.numbers = {}
+        self.seen = 0
 
     def play(self, text):
         """Play one step, then compare what was decided."""
@@ -491,6 +498,11 @@ class Story:
                 scene.lift(self.numbers[name])
             case ["close", name]:
                 scene.close(self.numbers[name])
+            case ["press", name]:
+                scene.close(self.numbers[name], is_held=True)
+            case ["ask", gesture]:
+                for step in (f"{gesture} asking.", "0.5", "poke answering."):
+                    self.play(step)
             case ["lose", name]:
                 del scene.touches[self.numbers[name]]
             case ["merge", *names]:

@@ -213,6 +213,7 @@ class Scene:
         events: what the policy has published, but for touches that it waits for and
             questions.
         questions: events of questions.
+        onsets: gesture and onset of each touch that has begun.
         waits: ids of the touches that the arm has stood for.
         touches: open touches by their id.
         held: records of touches that have closed, and still press.
@@ -229,6 +230,7 @@ class Scene:
         self.events = []
         self.waits = []
         self.questions = []
+        self.onsets = []
         config = PolicyConfig(check_period=None, **config)
         self.policy = Policy(self.arm, commands, VOCABULARY, config)
         self.policy.start(Context(INFO, self.clock, self.note))
@@ -302,6 +304,7 @@ class Scene:
         """Begin a touch and return its id."""
         self.count += 1
         onset = self.clock.now() + PERIOD
+        self.onsets.append((gesture, onset))
         touch = SceneTouch(onset, onset, gesture, confidence, force)
         touch.direction = DIRECTION if gesture == "stroke" else touch.direction
         touch.taxels = HAND if gesture == "grab" else touch.taxels

@@ -223,9 +223,9 @@ class Policy(Listener):
             said = "the map says none" if request else "the map has no rule for it"
             self.publish("none", False, said, detection)
             return
-        refusal = self.find_refusal(request, detection.stamp)
-        if refusal is None and touch.has_commanded(detection.onset):
-            refusal = ALREADY_COMMANDED
+        refusal = ALREADY_COMMANDED
+        if not touch.has_commanded(detection.onset):
+            refusal = self.find_refusal(request, detection.stamp)
         if refusal is None:
             touch.asked.add(detection.onset)
             if request.action not in HALTING_ACTIONS or not request.is_confident:
@@ -251,7 +251,8 @@ class Policy(Listener):
         elif known:
             likely = replace(detection, gesture=gesture)
             request = self.build_request(touch, likely)
-            if request is not None and request.is_confident:
+            halts = request is not None and request.action in HALTING_ACTIONS
+            if request is not None and request.is_confident and not halts:
                 self.decide(touch, likely)
             else:
                 reason = f"not understood{said}; do it again, more clearly"
@@ -351,8 +352,8 @@ class Policy(Listener):
         if request.detection.onset - since >= least * NS_PER_S:
             return None
         return (
-            f"the skin had not been untouched for {least:g} s {when}; let go, wait, then "
-            "ask again"
+            f"the skin had not been untouched for {least:g} s {when}; let go, wait, "
+            "then ask again"
         )
 
     def needs_answer(self, request: CommandRequest) -> bool:
@@ -570,6 +571,7 @@ class Policy(Listener):
             answer=answer,
             index=self.vocabulary.index(answer),
             asked_at=self.context.clock.now(),
+            before=tuple(self.touches.by_id.values()),
             config=self.config.question,
         )
         self.arm.show_question(True)
@@ -610,7 +612,9 @@ class Policy(Listener):
         reason = f"{refusal}; let go, and ask again {least:g} s later"
         self.complete(question.request, reason)
         for detection in question.detections:
-            self.take(self.touches.find(detection.touch), detection)
+            # It has waited for the question, and is not old because of that.
+            present = replace(detection, stamp=self.touches.latest)
+            self.take(self.touches.find(detection.touch), present)
 
     def complete(self, request: CommandRequest, refusal: str | None) -> None:
         """Execute a request unless it is refused, and publish the decision."""

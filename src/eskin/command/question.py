@@ -65,6 +65,9 @@ class Question:
     asked_at: int
     """When the arm asked [ns since the epoch]."""
 
+    before: tuple[CommandedTouch, ...]
+    """Touches that had left the skin just then."""
+
     config: QuestionConfig
     """What counts as its answer."""
 
@@ -98,7 +101,7 @@ class Question:
             touches: touches of the latest reading.
         """
         for touch in touches.by_id.values():
-            is_new = touch.onset is not None and touch is not self.request.touch
+            is_new = touch.onset is not None and touch not in self.before
             if is_new and touch is not self.touch:
                 refusal = self.find_touch_refusal(touch)
                 if refusal is not None:
