@@ -3,7 +3,8 @@
 A story is a row of steps in the order in which they happen; `{paused}` stands for the
 steps of `SHORT`.
 
-`map m`, `skin s`: at the beginning, a second after which the story begins, another command map of `MAPS` or skin of `SKINS`.
+`map m`, `skin s`: at the beginning, another command map of `MAPS` or skin of `SKINS`;
+    nothing has touched the skin for a second by then.
 `poke a`: a finger begins a poke that is called `a`; a confidence (`0.5`) and a force
     (`60N`) may follow.
 `0.3`: readings come for 0.3 s.
@@ -254,7 +255,7 @@ answer: by another gesture
 answer: by the gesture that asked
     {asks} 0.5; grab b. > !resume [no clear poke], !resume [for 5 s after a question]
 answer: by a poke that is hardly one
-    {asks} 0.5; poke b 0.69. > !resume [no clear poke (0.69)], pause
+    {asks} 0.5; poke b 0.49. > !resume [no clear poke (0.49)], pause
 answer: that was detected as another gesture may be clear at its end
     {asks} 0.5; poke b; 0.2; lift b; 0.3; say b unknown likely=poke >; close b > resume
 answer: that stays
@@ -280,10 +281,9 @@ answer: skin that is silent meanwhile
     {asks} gap 0.12 > !resume [stale skin], hold; ? shows_question=
 answer: end of the stream meanwhile
     {asks} end; ? shows_question=; ? held
-answer: touch that asks too strongly
-    {paused} grab a 41N; 0.4; say a > !resume [touch of 41 N, which would stop the arm]
-answer: or is too strong afterwards
-    {asked} a is 60N; 0.02 > !resume [touch of 60 N]
+answer: touch that asks may be strong, since it is over when the arm asks
+    {asked} a is 60N; 0.1; a is 5N; lift a; 0.48; close a >; ? shows_question=1; 0.5;
+    poke b. > resume
 several: touch again
     {asked} lift a; 0.2; poke b 0.05; 0.2 > !resume [touched again]; lift b; close a;
     0.5 >; ? paused

@@ -337,8 +337,6 @@ class Policy(Listener):
             state: state of the arm.
         """
         touch = request.touch
-        if touch.excess:
-            return f"{touch.excess}, which would stop the arm; touch it more lightly"
         since = touch.quiet_since
         least = self.config.question.quiet
         when = "before"

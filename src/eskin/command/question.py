@@ -41,7 +41,7 @@ class QuestionConfig:
     max_seconds: float = 1.0
     """Longest time from the first to the latest contact of the answer [s]."""
 
-    min_confidence: float = 0.7
+    min_confidence: float = 0.5
     """Least probability of the gesture that answers."""
 
     jog_seconds: float = 20.0

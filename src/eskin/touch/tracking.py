@@ -24,7 +24,6 @@ from eskin.touch.records import (
     copy_record,
 )
 from eskin.touch.rest_kernels import LOW_SECONDS
-from eskin.touch.taxel_kernels import SILENCE_SECONDS
 from eskin.units import NS_PER_S
 
 UM_PER_M = 1e6
@@ -587,7 +586,8 @@ class TouchGrouper:
                 touch.last = max(touch.last, stamp - self.reading.instant.elapsed_ns)
                 self.past[number] = touch
                 self.held.append(touch)
-            elif stamp - touch.last > SILENCE_SECONDS * NS_PER_S:
+            elif stamp - touch.last > self.parameters.pause_ns:
+                # It has left: what is pressed later is another hand's.
                 del self.past[number]
 
     def find_centre(
