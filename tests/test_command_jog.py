@@ -193,5 +193,6 @@ def test_stroke_jogs_paused_arm_once_it_is_answered():
     scene.wait(0.5)
     assert "jog" not in scene.arm.orders
     scene.touch("poke")
+    scene.wait(0.3)
     assert scene.accepted == ["pause", "jog"] and scene.arm.paused
     np.testing.assert_allclose(scene.arm.steps, [0.02 * DIRECTION])

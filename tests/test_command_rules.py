@@ -236,19 +236,19 @@ time: toggle that would do the opposite
     arm
     has changed: the same would close gripper now]
 answer: arm stands while it asks
-    grab a. >; ? speed_limit=0; ? at work; 0.5; poke b. > next_waypoint; 0.02; ?
-    speed_limit=1; ? shows_question=
+    grab a. >; ? speed_limit=0; ? at work; 0.5; poke b. >; 0.3 >
+    next_waypoint; 0.02; ? speed_limit=1; ? shows_question=
 answer: none comes
     {asks} 0.98 >; 0.06 > !resume [no poke answered; let go, and ask again 5 s later];
     ? paused; ? shows_question=
 answer: arm at work goes on as before
     grab a. >; 1.06 > !next_waypoint; ? at work; ? speed_limit=1
 answer: too soon
-    {asks} 0.12; poke b 0.3; 0.02 > !resume [touched before the arm had asked]
+    {asks} 0.22; poke b 0.3; 0.02 > !resume [touched before the arm had asked]
 answer: within the window
-    {asks} 0.18; poke b. > resume
+    {asks} 0.28; poke b.; 0.3 > resume
 answer: to its end
-    {asks} 0.96; poke b. > resume
+    {asks} 0.96; poke b.; 0.3 > resume
 answer: by another gesture
     {asks} 0.5; stroke b; 0.3; lift b; 0.4; say b >; close b > !resume [no clear poke];
     0.02 > slow; ? paused
@@ -257,7 +257,8 @@ answer: by the gesture that asked
 answer: by a poke that is hardly one
     {asks} 0.5; poke b 0.49. > !resume [no clear poke (0.49)], pause
 answer: that was detected as another gesture may be clear at its end
-    {asks} 0.5; poke b; 0.2; lift b; 0.3; say b unknown likely=poke >; close b > resume
+    {asks} 0.5; poke b; 0.2; lift b; 0.3; say b unknown likely=poke >; close b >; 0.4 >
+    resume
 answer: that stays
     {asks} 0.5; poke b; 0.98 >; 0.06 > !resume [lasted for more than 1 s]
 answer: of which something presses on
@@ -266,6 +267,8 @@ answer: too strong
     {asks} 0.5; poke b 41N; 0.02 > !resume [the answer was a touch of 41 N]
 answer: two hands
     {asks} 0.5; poke b; 0.1; poke c; 0.02 > !resume [more than one touch]
+answer: another touch just after it
+    {asks} 0.5; poke b.; 0.1; poke c; 0.02 > !resume [more than one touch], pause
 answer: one hand that presses two places
     {asks} 0.5; poke b; 0.1; lift b; 0.1; poke c; 0.02 > !resume [more than one touch]
 answer: another asks again only after five seconds without a touch
@@ -283,7 +286,7 @@ answer: end of the stream meanwhile
     {asks} end; ? shows_question=; ? held
 answer: touch that asks may be strong, since it is over when the arm asks
     {asked} a is 60N; 0.1; a is 5N; lift a; 0.48; close a >; ? shows_question=1; 0.5;
-    poke b. > resume
+    poke b.; 0.3 > resume
 several: touch again
     {asked} lift a; 0.2; poke b 0.05; 0.2 > !resume [touched again]; lift b; close a;
     0.5 >; ? paused
@@ -501,7 +504,7 @@ class Story:
             case ["press", name]:
                 scene.close(self.numbers[name], is_held=True)
             case ["ask", gesture]:
-                for step in (f"{gesture} asking.", "0.5", "poke answering."):
+                for step in (f"{gesture} asking.", "0.5", "poke answering.", "0.3"):
                     self.play(step)
             case ["lose", name]:
                 del scene.touches[self.numbers[name]]

@@ -30,6 +30,8 @@ from lab.ur_stand_in import StandIn
 pytestmark = pytest.mark.slow
 
 LIMIT = MotionConfig().speed
+QUESTION = 3
+"""Digital output that shows a question."""
 
 
 def start_policy(arm, **config):
@@ -51,6 +53,37 @@ def test_robot_keeps_part_in_its_gripper():
     arm, link = make_ur_arm(release=False, status=status)
     assert arm.state().gripper == "closed"
     assert all(command.gripper_closed is None for command in link.commands)
+
+
+def test_question_is_shown_whatever_stops_the_robot():
+    arm, link = make_ur_arm()
+    assert link.commands[0].question_shown is None
+    assert not any(command.question_shown for command in link.commands)
+    arm.show_question(True)
+    well = link.status
+    for status in (well, replace(well, running=False, protective_stop=True)):
+        link.status = status
+        pass_ur_time(arm, 2 * PERIOD)
+        assert link.commands[-1].question_shown
+    arm.show_question(False)
+    pass_ur_time(arm, PERIOD)
+    assert link.commands[-1].question_shown is False
+
+
+@pytest.mark.parametrize(
+    ("uri", "outputs", "allowed"),
+    [
+        ("ur://127.0.0.1", (0, 0), "0 to 7 except 0, the gripper's"),
+        ("ur://127.0.0.1", (5, 5), "0 to 7 except 5, the gripper's"),
+        ("ur://127.0.0.1", (0, 8), "0 to 7 except 0"),
+        ("ur://127.0.0.1", (0, -1), "0 to 7 except 0"),
+        ("sim:ur5", (0, 3), "none, since it has no outputs"),
+    ],
+)
+def test_output_that_cannot_show_a_question_is_refused(uri, outputs, allowed):
+    gripper, question = outputs
+    with pytest.raises(ArmError, match=f"output {question} of {uri}.*{allowed}"):
+        open_arm(uri, gripper_output=gripper, question_output=question)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +237,8 @@ def robot():
         pytest.skip("no ur_rtde; pip install 'eskin[ur]'")
     with StandIn(list(WELL.q)) as stand_in:
         # How fast a fault is seen is measured in benchmarks, on a quiet machine.
-        with UrArm(UrLink(stand_in.host, 0, time_factor=20.0)) as arm:
+        link = UrLink(stand_in.host, 0, time_factor=20.0, question_output=QUESTION)
+        with UrArm(link) as arm:
             yield stand_in, arm
 
 
@@ -266,6 +300,23 @@ def test_client_executes_every_action(working):
     assert stands(stand_in) and arm.state().hold_reason == "test"
 
 
+def shows_question(stand_in):
+    return bool(stand_in.ask("outputs") & 1 << QUESTION)
+
+
+def test_client_switches_output_of_question_and_no_other(working):
+    stand_in, arm = working
+    others = stand_in.ask("outputs")
+    for fault in (("protective", False), ("protective", True)):
+        stand_in.order(*fault)
+        arm.show_question(True)
+        wait_until(lambda: shows_question(stand_in))
+        assert stand_in.ask("outputs") == others | 1 << QUESTION
+        arm.show_question(False)
+        wait_until(lambda: not shows_question(stand_in))
+        assert stand_in.ask("outputs") == others
+
+
 @pytest.mark.parametrize(
     ("fault", "end", "reason"),
     [
@@ -316,3 +367,12 @@ def test_client_process_that_dies_is_lost_connection(working):
 def test_client_process_imports_little():
     code = "import sys, eskin.command.ur; sys.exit('numpy' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_closed_arm_leaves_no_question_on(working):
+    """It closes the arm of this file, so it is the last test."""
+    stand_in, arm = working
+    arm.show_question(True)
+    wait_until(lambda: shows_question(stand_in))
+    arm.close()
+    wait_until(lambda: not shows_question(stand_in))

@@ -373,6 +373,7 @@ class Scene:
         self.touch(gesture)
         self.wait(delay)
         self.touch(answer)
+        self.wait(0.3)
         return self.events[before:]
 
 

@@ -587,7 +587,8 @@ class Policy(Listener):
             return
         request = self.question.request
         refusal = self.question.find_refusal(self.touches) or self.find_change(request)
-        if refusal is not None or self.question.is_answered:
+        is_answered = self.question.is_answered(self.touches.latest)
+        if refusal is not None or is_answered:
             self.end_question(refusal)
 
     def end_question(self, refusal: str | None) -> None:

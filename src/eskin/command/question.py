@@ -35,14 +35,18 @@ class QuestionConfig:
     window: float = 1.0
     """Longest time from the question to the first contact of the answer [s]."""
 
-    least_delay: float = 0.15
-    """Shortest such time, since nobody answers faster [s]."""
+    least_delay: float = 0.25
+    """Shortest such time, since nobody sees or hears it and reaches out faster [s]."""
 
     max_seconds: float = 1.0
     """Longest time from the first to the latest contact of the answer [s]."""
 
     min_confidence: float = 0.5
     """Least probability of the gesture that answers."""
+
+    quiet_after_answer: float = 0.7
+    """How long nothing must have pressed the skin after the answer, before what was
+    asked for is done [s]."""
 
     jog_seconds: float = 20.0
     """Time after an answered jog in which further jogs are not asked for [s]."""
@@ -115,10 +119,8 @@ class Question:
             return f"the answer was a {self.touch.excess}"
         if self.touch.duration > self.config.max_seconds:
             return f"the answer lasted for more than {self.config.max_seconds:g} s"
-        if self.touch.is_present:
-            return None
         chance = self.find_chance()
-        if chance < self.config.min_confidence:
+        if not self.touch.is_present and chance < self.config.min_confidence:
             return f"the answer was no clear {answer} ({chance:.2f})"
         return None
 
@@ -137,7 +139,12 @@ class Question:
             return 0.0
         return float(self.touch.probabilities[self.index])
 
-    @property
-    def is_answered(self) -> bool:
-        """Whether the touch that answers has left the skin, if nothing refuses it."""
-        return self.touch is not None and not self.touch.is_present
+    def is_answered(self, now: int) -> bool:
+        """Return whether it is answered, if nothing refuses it.
+
+        Args:
+            now: stamp of the latest reading [ns since the epoch].
+        """
+        if self.touch is None or self.touch.is_present:
+            return False
+        return now - self.touch.last >= self.config.quiet_after_answer * NS_PER_S
