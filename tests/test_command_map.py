@@ -3,7 +3,7 @@
 import pytest
 
 from eskin.command import load_commands, parse_commands
-from eskin.command.actions import ASK_CONFIDENCE, COMMAND_FUNCTIONS
+from eskin.command.actions import COMMAND_FUNCTIONS, MIN_CONFIDENCE
 from eskin.errors import CommandError
 from helpers.commands import DEFAULT, OTHER_PATCH, PATCH, SKIN, TOGGLE, VOCABULARY
 from helpers.examples import EXAMPLES
@@ -85,12 +85,13 @@ def test_simulation_of_before_means_that_nothing_is_asked(path, caplog):
         load_commands(path, VOCABULARY, SKIN)
 
 
-def test_confidence_that_is_too_low_to_ask_is_raised_and_told(path, caplog):
+def test_what_is_asked_for_needs_the_likeliest_gesture_or_what_its_rule_says(path):
     commands = load(path, f"{HEAD}{POKE}{RESUME}")
-    (_, rule) = commands.commands
-    assert commands.require_confidence(rule, "resume") == ASK_CONFIDENCE
-    (record,) = caplog.records
-    assert "commands[1].confidence: got 0.1" in record.getMessage()
+    (pause, resume) = commands.commands
+    assert commands.require_confidence(pause, "pause") == MIN_CONFIDENCE["pause"]
+    assert commands.require_confidence(resume, "resume") == 0.1
+    (_, _, grab, _) = load_commands(None, VOCABULARY, SKIN).commands
+    assert commands.require_confidence(grab, "resume") is None
 
 
 @pytest.mark.parametrize("action", ["toggle_gripper", "close_gripper"])

@@ -133,18 +133,18 @@ never: a hold ends by two pokes
     go on: poke, 1 s later poke]; 1; poke b. > pause; 1; poke c. > resume; ? at work
 confidence: poke needs 0.34
     poke a 0.35. > pause; poke b 0.33. > !pause [below 0.34]
-confidence: what asks needs 0.5
-    grab a 0.49. > !next_waypoint [most likely grab: confidence 0.49 is below 0.50; do
-    it again]; 1; grab b 0.51. >; ? shows_question=1
+confidence: what asks is the likeliest gesture
+    grab a 0.21. >; ? shows_question=1
 confidence: rule raises it
     map stroke_on; stroke a 0.96. > !next_waypoint [below 0.97]
-confidence: rule cannot lower it for what is asked
-    map pat_low; double_pat a 0.49. > !open_gripper [below 0.50]
+confidence: rule lowers it
+    map pat_low; double_pat a 0.1.; ? shows_question=1
 confidence: doubtful touch becomes confident until it closes
     map stroke_on; stroke a 0.85; 0.4; say a >; lift a; 0.4; a is 0.98; 0.02; close a
     >; ? shows_question=1
 confidence: confidence may fall until it closes
-    {asked} lift a; 0.4 >; a is 0.49; 0.02; close a > !resume [0.49 is below 0.50]
+    {asked} lift a; 0.4 >; a is 0.19; 0.02; close a > !resume [not understood: another
+    gesture became likelier than grab (0.19); do it again, more clearly]
 confidence: doubtful stop may become sure
     poke a 0.3; 0.1; say a >; a is 0.4; 0.02 > pause
 unknown: likely stop halts
@@ -159,9 +159,9 @@ unknown: unlikely stroke does not
 unknown: likely grab asks
     {paused} none a; 0.2; lift a; 0.4; say a unknown 0.6 likely=grab; close a >; ?
     shows_question=1
-unknown: unlikely grab does not
-    {paused} none a; 0.2; lift a; 0.4; say a unknown 0.49 likely=grab; close a > !none
-    [not understood, most likely grab (0.49); do it again, more clearly]
+unknown: one that is not likeliest at its end does not
+    {paused} none a; 0.2; lift a; 0.4; say a unknown 0.4 likely=grab; 0.02; close a >
+    !resume [not understood]
 unknown: likely nothing is nothing
     none a; 0.2; say a unknown likely=none; none b; 0.2; say b unknown >
 unknown: its latest chance counts
@@ -254,15 +254,22 @@ answer: by another gesture
     0.02 > slow; ? paused
 answer: by the gesture that asked
     {asks} 0.5; grab b. > !resume [no clear poke], !resume [for 5 s after a question]
-answer: by a poke that is hardly one
-    {asks} 0.5; poke b 0.49. > !resume [no clear poke (0.49)], pause
+answer: by a touch that is likelier something else
+    {asks} 0.5; poke b; 0.3; b is stroke 0.5; lift b; 0.4; close b > !resume [no clear
+    poke (0.12)]
+answer: as briefly as things hit
+    {asks} 0.5; poke b; 0.1; lift b; 0.4; close b > !resume [the answer was brief (0.08
+    s), as a hit may be]
+answer: on another link
+    {asks} 0.5; poke b elsewhere; 0.2; lift b; 0.4; close b > !resume [not on
+    forearm_link]
 answer: that was detected as another gesture may be clear at its end
     {asks} 0.5; poke b; 0.2; lift b; 0.3; say b unknown likely=poke >; close b >; 0.4 >
     resume
 answer: that stays
-    {asks} 0.5; poke b; 0.98 >; 0.06 > !resume [lasted for more than 1 s]
+    {asks} 0.5; poke b; 1.48 >; 0.06 > !resume [lasted for more than 1.5 s]
 answer: of which something presses on
-    {asks} 0.5; poke b; 0.3; lift b; 0.3; press b; 0.2 >; 0.6 > !resume [lasted]
+    {asks} 0.5; poke b; 0.3; lift b; 0.3; press b; 0.2 >; 0.8 > !resume [lasted]
 answer: too strong
     {asks} 0.5; poke b 41N; 0.02 > !resume [the answer was a touch of 41 N]
 answer: two hands
@@ -554,6 +561,8 @@ class Story:
                 touch.taxels = touch.taxels[:1]
             elif word == "again":
                 touch.onset, touch.pressed = self.scene.clock.now() + PERIOD, True
+            elif word == "elsewhere":
+                touch.taxels = SKIN.find_taxels(OTHER_PATCH.id)[:4]
             elif word == "nowhere":
                 touch.direction = np.zeros(3)
             else:

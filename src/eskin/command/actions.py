@@ -45,9 +45,8 @@ MIN_CONFIDENCE = {
     "none": 0.0,
 }
 """Default confidence of each action that needs no answer; those of `pause` and `slow`
-are chosen from data, by what errors of them cost (`lab/notes/policy.md`)."""
-ASK_CONFIDENCE = 0.5
-"""Least confidence of a touch that asks for any other action."""
+are chosen from data, by what errors of them cost (`lab/notes/policy.md`). For any other
+action its gesture must be the likeliest one."""
 SUSPEND = "wait"
 """Action of events that tell that the arm is suspended while it is touched."""
 ASK = "ask"

@@ -11,7 +11,6 @@ from pydantic_core import ErrorDetails
 from eskin.command.actions import (
     ACTIONS,
     ADVANCING_ACTIONS,
-    ASK_CONFIDENCE,
     COMMAND_FUNCTIONS,
     FUNCTION,
     FUNCTION_NAME,
@@ -153,7 +152,7 @@ class CommandMap(BaseModel):
             action = rule.action_or_function
             action = TOGGLES.get(action, (action,))[0]
             if action in HALTING_ACTIONS:
-                found[index] = self.require_confidence(rule, action)
+                found[index] = self.require_confidence(rule, action) or 0.0
         return found
 
     @property
@@ -165,18 +164,14 @@ class CommandMap(BaseModel):
         """Return whether the arm asks before a plain action of a rule."""
         return self.asks and needs_answer(action, rule.function)
 
-    def require_confidence(self, rule: Rule, action: str) -> float:
+    def require_confidence(self, rule: Rule, action: str) -> float | None:
         """Return the confidence that a plain action of a rule needs.
 
-        It is that of the rule, if it gives one; what is asked for needs no less than
-        `ASK_CONFIDENCE`.
+        It is that of the rule, if it gives one. None means that the gesture of the rule
+        must be the likeliest one.
         """
-        usual = MIN_CONFIDENCE.get(action, ASK_CONFIDENCE)
-        if rule.confidence is None:
-            return usual
-        if self.needs_answer(rule, action):
-            return max(rule.confidence, ASK_CONFIDENCE)
-        return rule.confidence
+        usual = MIN_CONFIDENCE.get(action)
+        return usual if rule.confidence is None else rule.confidence
 
     def select_rules(self, vocabulary: tuple[str, ...]) -> "CommandMap":
         """Return the map with the rules that a model can give, and answer.
@@ -195,7 +190,7 @@ class CommandMap(BaseModel):
     def leave_out_answers(self, where: str) -> "CommandMap":
         """Return the map without rules that its answer cannot ask for.
 
-        A warning tells of each, and of each confidence that is too low to count.
+        A warning tells of each.
 
         Args:
             where: name of the file, for the warning.
@@ -214,15 +209,6 @@ class CommandMap(BaseModel):
                     rule.gesture,
                 )
                 continue
-            if asks and (rule.confidence or 1.0) < ASK_CONFIDENCE:
-                logger.warning(
-                    "%s: commands[%d].confidence: got %g, which counts as %g for what "
-                    "the arm asks for; raise it, or take it out",
-                    where,
-                    index,
-                    rule.confidence,
-                    ASK_CONFIDENCE,
-                )
             kept.append(rule)
         return self.model_copy(update={"commands": kept})
 

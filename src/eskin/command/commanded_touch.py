@@ -196,11 +196,14 @@ class CommandRequest:
     action: str
     """Plain action that it asks for."""
 
-    required: float
-    """Confidence that the action needs."""
+    required: float | None
+    """Confidence that the action needs; None if its gesture must be the likeliest."""
 
     confidence: float
     """Probability of its gesture at the latest reading of the touch."""
+
+    is_likeliest: bool
+    """Whether no other gesture was likelier then."""
 
     end: int
     """Stamp of the latest contact of the touch [ns since the epoch]."""
@@ -208,6 +211,8 @@ class CommandRequest:
     @property
     def is_confident(self) -> bool:
         """Whether its confidence is high enough."""
+        if self.required is None:
+            return self.is_likeliest
         return self.confidence >= self.required
 
 
@@ -221,6 +226,7 @@ class CommandedTouches:
         felt: confirmed touches that press the skin in the latest reading.
         ended: touches that closed with the latest reading and merged into no other.
         latest: stamp of the latest reading [ns since the epoch].
+        links: link of each patch.
         left_at: stamp of the latest contact of a touch that has left [ns since the
             epoch].
         stops: gestures that stop a working arm on each patch, by their indices in the
@@ -245,6 +251,7 @@ class CommandedTouches:
             patch.id: commands.find_stops(vocabulary, patch) for patch in skin.patches
         }
         self.patches = tuple(self.stops)
+        self.links = {patch.id: patch.link for patch in skin.patches}
         self.by_id: dict[int, CommandedTouch] = {}
         self.requests: list[CommandRequest] = []
         self.felt: list[CommandedTouch] = []
@@ -289,6 +296,7 @@ class CommandedTouches:
             if probabilities is not None:
                 index = self.vocabulary.index(request.detection.gesture)
                 request.confidence = float(probabilities[index])
+                request.is_likeliest = int(probabilities.argmax()) == index
 
     def close(self, number: int, merged_into: int) -> None:
         """Note that a touch has closed, and what it has merged into; 0 is nothing."""

@@ -275,6 +275,7 @@ class Policy(Listener):
             action=action,
             required=self.commands.require_confidence(rule, action),
             confidence=detection.confidence,
+            is_likeliest=True,
             end=detection.end,
         )
 
@@ -551,15 +552,15 @@ class Policy(Listener):
         return not touch.is_present and is_quiet and has_data
 
     def find_uncertainty(self, request: CommandRequest) -> str | None:
-        """Return that a confidence is too low, or None where it is not."""
+        """Return that a gesture is not likely enough, or None where it is."""
         if request.is_confident:
             return None
         gesture = request.detection.gesture.replace("_", " ")
-        return (
-            f"not understood, most likely {gesture}: confidence "
-            f"{request.confidence:.2f} is below {request.required:.2f}; do it again, "
-            "more clearly"
-        )
+        chance = f"{gesture} ({request.confidence:.2f})"
+        problem = f"another gesture became likelier than {chance}"
+        if request.required is not None:
+            problem = f"{chance} is below {request.required:.2f}"
+        return f"not understood: {problem}; do it again, more clearly"
 
     def ask(self, request: CommandRequest) -> None:
         """Ask whether the arm is to do what a touch asks for."""

@@ -38,11 +38,12 @@ class QuestionConfig:
     least_delay: float = 0.25
     """Shortest such time, since nobody sees or hears it and reaches out faster [s]."""
 
-    max_seconds: float = 1.0
-    """Longest time from the first to the latest contact of the answer [s]."""
+    min_seconds: float = 0.12
+    """Shortest time from the first to the latest contact of the answer [s]; most hits
+    of things are briefer."""
 
-    min_confidence: float = 0.5
-    """Least probability of the gesture that answers."""
+    max_seconds: float = 1.5
+    """Longest such time [s]."""
 
     quiet_after_answer: float = 0.7
     """How long nothing must have pressed the skin after the answer, before what was
@@ -111,18 +112,31 @@ class Question:
                 if refusal is not None:
                     return refusal
                 self.touch = touch
-        answer = self.answer.replace("_", " ")
         if self.touch is None:
+            answer = self.answer.replace("_", " ")
             is_over = touches.latest > self.deadline
             return f"no {answer} answered" if is_over else None
         if self.touch.excess:
             return f"the answer was a {self.touch.excess}"
         if self.touch.duration > self.config.max_seconds:
             return f"the answer lasted for more than {self.config.max_seconds:g} s"
-        chance = self.find_chance()
-        if not self.touch.is_present and chance < self.config.min_confidence:
-            return f"the answer was no clear {answer} ({chance:.2f})"
-        return None
+        return None if self.touch.is_present else self.find_doubt(self.touch, touches)
+
+    def find_doubt(
+        self, touch: CommandedTouch, touches: CommandedTouches
+    ) -> str | None:
+        """Return why a touch that has left is no answer, or None where it is one."""
+        answer = self.answer.replace("_", " ")
+        if touch.duration < self.config.min_seconds:
+            return f"the answer was brief ({touch.duration:.2f} s), as a hit may be"
+        link = self.request.detection.link
+        if touches.links[touch.patch] != link:
+            return f"the answer was not on {link}, where the touch was that asked"
+        chances = touch.probabilities
+        if len(chances) and int(chances.argmax()) == self.index:
+            return None
+        chance = float(chances[self.index]) if len(chances) else 0.0
+        return f"the answer was no clear {answer} ({chance:.2f})"
 
     def find_touch_refusal(self, touch: CommandedTouch) -> str | None:
         """Return why a touch that has begun cannot be the answer, or None."""
@@ -132,12 +146,6 @@ class Question:
         if onset < self.asked_at + self.config.least_delay * NS_PER_S:
             return TOUCHED_BEFORE
         return TOO_LATE if onset > self.deadline else None
-
-    def find_chance(self) -> float:
-        """Return the latest probability that the touch is the gesture that answers."""
-        if self.touch is None or not len(self.touch.probabilities):
-            return 0.0
-        return float(self.touch.probabilities[self.index])
 
     def is_answered(self, now: int) -> bool:
         """Return whether it is answered, if nothing refuses it.
