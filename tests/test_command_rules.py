@@ -322,19 +322,17 @@ several: orders of two
     close b; close a > next_waypoint
 suspended: any touch suspends
     none a; 0.02; ? speed_limit=0; lift a; close a >; 0.02; ? speed_limit=1; ? at work
-suspended: while it presses, whatever it is
+suspended: until it has closed, whatever it is
     double_pat a; 0.02; ? speed_limit=0; say a none; 0.02; ? speed_limit=0; lift a;
-    0.04; ? speed_limit=1; 0.4; close a >
-suspended: and until it is known
-    none a; 0.02; lift a; 0.3; ? speed_limit=0; say a; 0.02; ? speed_limit=1
+    0.3; ? speed_limit=0; close a >; 0.02; ? speed_limit=1
 suspended: while what it asks for is open
     grab a; 0.2; say a; lift a; 0.3; ? speed_limit=0; close a >; ? speed_limit=0
 suspended: end of a likely stop pauses
     poke a 0.4; 0.02; lift a; close a > pause [not understood: the touch may have been
     a stop]; 0.02; ? speed_limit=1
 suspended: heir is waited for
-    poke a 0.1; none b; 0.02; merge a b; lift b; 0.02; ? speed_limit=0; say b; 0.02; ?
-    speed_limit=1
+    poke a 0.1; none b; 0.02; merge a b; lift b; 0.02; ? speed_limit=0; say b; close b;
+    0.02; ? speed_limit=1
 suspended: stopped arm waits for none
     {paused} poke a 0.4; 0.02; ? speed_limit=1; lift a; close a >
 suspended: long touch pauses

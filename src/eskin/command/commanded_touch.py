@@ -378,14 +378,10 @@ class CommandedTouches:
     def find_suspending(self) -> CommandedTouch | None:
         """Return a touch for which a moving arm stands, or None where there is none.
 
-        It stands while the touch presses the skin, and after that until it is known
-        what the touch was. What is light and lasts slows the arm instead.
+        What is light and lasts slows the arm instead.
         """
         for touch in self.by_id.values():
-            is_over = touch.decided and touch.last != self.latest
-            if touch.onset is not None and not (is_over or touch.lasts or touch.closed):
-                return touch
-            if touch.is_held and not touch.lasts:
+            if touch.onset is not None and touch.is_present and not touch.lasts:
                 return touch
         return None
 

@@ -252,8 +252,9 @@ def open_simulated_arm(
     clock: Clock | None,
     motion: MotionConfig | None,
     gripper_output: int,
+    question_output: int | None,
 ) -> SimulatedArm:
-    """Open the simulated arm of a task; its gripper has no output.
+    """Open the simulated arm of a task, which has no outputs.
 
     Raises:
         ArmError: the task is that of another robot.

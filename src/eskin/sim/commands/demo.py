@@ -123,6 +123,10 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
         f"{format_count(outcome.unlocked, 'protective stop')}, "
         f"{format_count(outcome.delivered, 'part')} brought"
     )
+    print(
+        f"{format_count(counts['questions'], 'question')} asked, "
+        f"{counts['answered']} answered"
+    )
     p50, p95 = outcome.delay or (None, None)
     if p50 is None:
         print("no touch was obeyed in that time; let it run for longer: --seconds 60")

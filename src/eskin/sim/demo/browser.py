@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import Event as Flag
 from threading import Lock
@@ -19,6 +20,7 @@ from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.process import free_port, make_token
+from eskin.page.question import describe_question
 from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
@@ -317,6 +319,7 @@ def run_demo(
             config_of_policy = PolicyConfig(monitor=MONITOR, check_period=None)
             policy = Policy(arm, commands, words, config_of_policy)
             page = complete_page(config, page, arm, policy)
+            question = partial(describe_question, policy)
             source = LiveSource(
                 skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
             )
@@ -326,13 +329,13 @@ def run_demo(
                     f"commands or dynamics are asked for on robot '{config.robot}', "
                     "which stands still; allowed are both on ur5; leave them out"
                 )
-            arm = policy = None
+            arm = policy = question = None
             page = replace(page, skins=(config.skin,))
             q = np.zeros(len(skin.mounted.robot.joint_names))
             source = LiveSource(skin, FixedJoints(q), clock)
         handler = PageOrderHandler(skin, arm, button, choice)
         viewer = Viewer(
-            recognition, page, handler.handle_or_log, arm, recording=button.describe
+            recognition, page, handler.handle_or_log, arm, button.describe, question
         )
         gc.unfreeze()
         gc.collect()

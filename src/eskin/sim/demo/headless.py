@@ -184,7 +184,10 @@ def run_build(
         imports=config.imports,
         simulated=True,
     )
-    user = SimulatedUser(skin, arm, commands, seed, config.user)
+    policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
+    user = SimulatedUser(
+        skin, arm, commands, seed, config.user, lambda: policy.question
+    )
     storm = FaultStorm(skin, config.storm, seed)
     source = LiveSource(
         skin,
@@ -194,7 +197,6 @@ def run_build(
         after_scan=lambda: arm.apply_wrenches(skin.wrenches),
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
-    policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
     listeners = [ScoreListener(user.score, skin.hand.truths), recognition, policy]
     stream = SynchronousStream(source, [*listeners, *watch(user.score)])
     end = clock.now() + round(seconds * NS_PER_S)
@@ -227,6 +229,8 @@ def merge_results(parts: list[DemoResult]) -> DemoResult:
             getattr(score, name).extend(getattr(each, name))
         score.commands += each.commands
         score.holds += each.holds
+        score.asked += each.asked
+        score.answered += each.answered
     return DemoResult(
         score=score,
         seconds=sum(part.seconds for part in parts),

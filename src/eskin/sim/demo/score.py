@@ -8,7 +8,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from eskin.command import HALTING_ACTIONS, REDUCING_ACTIONS, SUSPEND
+from eskin.command import ASK, HALTING_ACTIONS, REDUCING_ACTIONS, SUSPEND
 from eskin.live import Detection
 from eskin.recording import NONE, TruthRecord
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
@@ -16,7 +16,8 @@ from eskin.touch import TouchState
 from eskin.units import NS_PER_S
 
 GRACE = 1.0
-"""Time after the end of a touch in which a command still counts for it [s]."""
+"""Time after the end of a touch, or of its answer, in which a command counts for it
+[s]."""
 
 NEAR = 0.1
 """Largest distance between a tracked touch and the simulated touch that causes it
@@ -30,7 +31,10 @@ Outcome = Literal["correct", "wrong", "missed"]
 
 @dataclass
 class Attempt:
-    """Describes a touch by a simulated user, with its outcome."""
+    """Describes a touch by a simulated user, with its outcome.
+
+    A touch that asks for more and the touch that answers the arm's question are one.
+    """
 
     gesture: str
     """Gesture that was made; `none` for an accident."""
@@ -39,11 +43,17 @@ class Attempt:
     begin: int
     """Stamp of its first contact [ns since the epoch]."""
     end: int | None = None
-    """Stamp of its last contact; None while it lasts."""
+    """Stamp of the last contact of its latest touch; None while that lasts."""
     number: int = 0
     """Number that the simulated hand gave to it."""
     works: bool = True
     """Whether the arm was neither paused nor held when it began."""
+    asked: int | None = None
+    """When the arm asked a question because of it [ns since the epoch]."""
+    answer: int | None = None
+    """Number that the hand gave to the touch that answers; None where none does."""
+    mistake: str = ""
+    """What the person did wrong when the arm asked; empty where nothing was wrong."""
     stopped: int | None = None
     """When the arm began to stop because of it [ns since the epoch]."""
     command: CommandEvent | None = None
@@ -65,8 +75,10 @@ class Attempt:
         """Why the outcome is not correct, without numbers; empty if it is correct."""
         if self.outcome == "correct":
             return ""
-        if self.refusals and self.command is None:
-            return re.split(r"[:;,\d]", self.refusals[-1].why)[0].strip()
+        if self.mistake:
+            return self.mistake
+        if self.refusals and (self.command is None or self.asked is not None):
+            return re.split(r"[:;,(\d]", self.refusals[-1].why)[0].strip()
         others = [word for word in self.recognised if word != self.gesture]
         if others:
             return f"said to be {others[-1]}"
@@ -79,6 +91,11 @@ class Attempt:
         if self.command is None or self.end is None:
             return None
         return (self.command.stamp - self.end) / NS_PER_S
+
+    def changes_nothing(self, command: CommandEvent) -> bool:
+        """Return whether a command stops an arm that stands: by a failed answer."""
+        is_answer = self.answer is not None and not self.works
+        return is_answer and command.action in HALTING_ACTIONS
 
     def covers(self, stamp: int) -> bool:
         """Return whether a command at a time is early enough to count for it."""
@@ -145,7 +162,9 @@ class CommandScore:
     it comes within 1 s of its end. Only the first one counts. A further or later one,
     one of an accident, or one that no touch caused, is a false alarm. What the policy
     does by itself, such as a hold for a fault or to wait, is no command; a pause for a
-    touch that was not recognised is one.
+    touch that was not recognised is one. A question is no command, and its answer
+    belongs to the touch that asked; where a failed one pauses an arm that is paused
+    already, that is no command either.
     """
 
     attempts: list[Attempt] = field(default_factory=list)
@@ -158,6 +177,12 @@ class CommandScore:
     """Number of commands that were executed."""
     holds: int = 0
     """Number of times that the policy held the arm by itself."""
+    asked: int = 0
+    """Number of questions that the arm asked."""
+    answered: int = 0
+    """Number of questions whose answer was accepted."""
+    question: CommandEvent | None = None
+    """Latest question of the arm, until it is decided."""
     by_faults: list[CommandEvent] = field(default_factory=list)
     """Executed commands that no simulated touch caused: only a fault can have."""
     causes: TouchCauses = field(default_factory=TouchCauses)
@@ -174,13 +199,24 @@ class CommandScore:
             if attempt is not None:
                 attempt.refusals.append(command)
             return
+        if command.action == ASK:
+            self.asked += 1
+            self.question = command
+            if attempt is not None:
+                attempt.asked = command.stamp
+            return
         if attempt is not None and command.action in (SUSPEND, *HALTING_ACTIONS):
             attempt.stopped = attempt.stopped or command.stamp
         own = command.gesture is None and command.action != "pause"
         if command.touch is None or own:
             self.holds += command.action == "hold"
             return
+        if attempt is not None and attempt.changes_nothing(command):
+            return
         self.commands += 1
+        if self.question is not None and is_same_touch(self.question, command):
+            self.answered += 1
+            self.question = None
         if self.causes.find(command.touch) is None:
             self.by_faults.append(command)
         fits = attempt is not None and attempt.command is None
@@ -198,8 +234,10 @@ class CommandScore:
     def find_attempt(self, touch: int | None, stamp: int) -> Attempt | None:
         """Return the touch that causes a tracked one, if a time counts for it."""
         number = None if touch is None else self.causes.find(touch)
+        if number is None:
+            return None
         for attempt in (*reversed(self.attempts), *reversed(self.accidents)):
-            if attempt.number == number:
+            if number in (attempt.number, attempt.answer):
                 return attempt if attempt.covers(stamp) else None
         return None
 
@@ -243,6 +281,11 @@ class CommandScore:
             and attempt.stopped is not None
             and attempt.expected in HALTING_ACTIONS
         ]
+
+
+def is_same_touch(one: CommandEvent, other: CommandEvent) -> bool:
+    """Return whether two decisions are about the same touch."""
+    return (one.touch, one.onset) == (other.touch, other.onset)
 
 
 def count_going_on(commands: Sequence[CommandEvent]) -> int:
@@ -299,4 +342,6 @@ def summarise_score(score: CommandScore) -> Mapping[str, int]:
         "going_on_by_faults": count_going_on(score.by_faults),
         "commands": score.commands,
         "holds": score.holds,
+        "questions": score.asked,
+        "answered": score.answered,
     }
