@@ -29,6 +29,7 @@ from typing import Any, final
 import numpy as np
 import tyro
 
+from eskin.command import PolicyConfig
 from eskin.recording import TruthRecord
 from eskin.sim.demo.simulated_user import REACTION, draw_place
 from eskin.sim.interactive import draw_demo_person
@@ -137,7 +138,8 @@ class Try:
         told = refused[-1] if refused else "nothing was said"
         if self.asked is not None:
             words = " ".join(word for word, _ in self.answer_detected)
-            return f"answer ({words or 'not detected'}): {told}"
+            words = words or ("not felt" if self.answer_felt is None else "not said")
+            return f"answer ({words}): {told}"
         if self.is_detected:
             return f"request: {told}"
         words = " ".join(word for word, _ in self.detected)
@@ -148,11 +150,19 @@ class Try:
 class Starter:
     """People who start a paused arm, one after the other."""
 
-    def __init__(self, kind: BuildKind, seed: int) -> None:
-        """Begin with an arm that works."""
+    def __init__(
+        self, kind: BuildKind, seed: int, config: PolicyConfig | None = None
+    ) -> None:
+        """Begin with an arm that works.
+
+        Args:
+            kind: kind of the build of the skin.
+            seed: seed of the build and its people.
+            config: how careful the policy is; as ever unless given.
+        """
         self.kind = kind
         self.seed = seed
-        self.touched = TouchedArm(kind, seed)
+        self.touched = TouchedArm(kind, seed, config)
         self.rng = np.random.default_rng([seed, 75])
 
     def run(self, people: int) -> list[list[Try]]:
@@ -201,7 +211,8 @@ class Starter:
         question = touched.policy.question
         if question is not None:
             one.asked = (question.asked_at - zero) / NS_PER_S
-            self.perform_answer(one, truths[-1], zero)
+            strongest = max(truths, key=lambda truth: truth.force)
+            self.perform_answer(one, strongest, zero)
         one.felt = self.tell_felt(grab, zero)
         one.detected = self.tell_detected(grab)
         decisions = touched.notes.decisions[earlier:]
@@ -216,15 +227,19 @@ class Starter:
                 one.moved = (touched.stamp - zero) / NS_PER_S
 
     def perform_answer(self, one: Try, grabbed: TruthRecord, zero: int) -> None:
-        """Answer the question by a poke, and wait until it is decided."""
+        """Answer the question by a poke, unless it ends before that."""
         touched, policy = self.touched, self.touched.policy
-        assert policy.question is not None
-        answers_at = policy.question.asked_at + round(
-            self.rng.uniform(*REACTION) * NS_PER_S
+        question = policy.question
+        assert question is not None
+        reaction = self.rng.uniform(*REACTION)
+        answers_at = question.asked_at + round(reaction * NS_PER_S)
+        touched.wait_until(
+            lambda: policy.question is None or touched.source.due >= answers_at, LONGEST
         )
-        touched.wait_until(lambda: touched.source.due >= answers_at, LONGEST)
+        if policy.question is None:
+            return
         place = draw_place(touched.skin, grabbed, self.rng)
-        poke = touched.skin.hand.perform(policy.question.answer, place)
+        poke = touched.skin.hand.perform(question.answer, place)
         truths = self.follow(poke)
         if truths:
             one.answer = (truths[0].stamp - zero) / NS_PER_S

@@ -1,6 +1,7 @@
 """An arm in its simulated skin, commanded by touch, one scan after the other."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import final
 
 from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, load_commands
@@ -108,8 +109,15 @@ class TouchedArm:
         stamp: stamp of the latest scan [ns since the epoch].
     """
 
-    def __init__(self, kind: BuildKind, seed: int) -> None:
+    def __init__(
+        self, kind: BuildKind, seed: int, config: PolicyConfig | None = None
+    ) -> None:
         """Start the arm, and wait until the skin is tared.
+
+        Args:
+            kind: kind of the build of the skin.
+            seed: its seed.
+            config: how careful the policy is; as ever unless given.
 
         Raises:
             ArmError: the skin is too slow to command it.
@@ -121,7 +129,7 @@ class TouchedArm:
         mounted = self.skin.mounted
         vocabulary = model.card.vocabulary
         commands = load_commands(None, vocabulary, mounted.skin)
-        config = PolicyConfig(check_period=None)
+        config = replace(config or PolicyConfig(), check_period=None)
         self.policy = Policy(self.arm, commands, vocabulary, config)
         self.notes = ArmNotes(self.skin.hand.truths)
         self.source = LiveSource(self.skin, self.arm, clock)

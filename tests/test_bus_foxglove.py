@@ -20,16 +20,18 @@ from eskin.robot import load_urdf
 from eskin.stream import Recognition, Stream
 from helpers.cli import assert_refused
 from helpers.live import VOCABULARY, Press, calibration_of, mounted, say_always, scans
+from helpers.questions import DECISIONS, make_deciding_listener
 from helpers.streams import INFO, played
 
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE, ASSET = 1, 4
-MARKERS, PRESSURE, DETECTION, DESCRIPTION, JOINTS = TOPICS = (
+MARKERS, PRESSURE, DETECTION, DESCRIPTION, JOINTS, COMMAND_EVENT = TOPICS = (
     "/eskin/markers",
     "/eskin/pressure",
     "/eskin/detection",
     "/robot_description",
     "/joint_states",
+    "/eskin/command_event",
 )
 
 
@@ -116,7 +118,7 @@ def shown():
         close()
 
     publisher.start, bus.close = start_and_wait, wait_and_close
-    with Stream(source, [recognition, publisher]) as running:
+    with Stream(source, [recognition, make_deciding_listener(), publisher]) as running:
         running.wait()
     clients[0].close()
     return stream, clients[0]
@@ -157,6 +159,13 @@ def test_client_gets_robot_taxels_and_detection(shown):
     assert [m.gesture for _, m in decode(client, DETECTION)] == ["poke"]
     _, last = decode(client, MARKERS)[-1]
     assert len(last.markers[0].points) == on.skin.count
+
+
+def test_client_gets_question_and_how_it_ended(shown):
+    messages = decode(shown[1], COMMAND_EVENT)
+    assert [(stamp, m.action, m.accepted, m.why) for stamp, m in messages] == [
+        (each.stamp, each.action, each.accepted, each.why) for each in DECISIONS
+    ]
 
 
 URDF = """<robot name="cup"><link name="cup"><visual><geometry>

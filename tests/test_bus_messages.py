@@ -10,6 +10,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from eskin.bus import (
+    COMMAND_EVENT,
     CONTACTS,
     DIAGNOSTICS,
     MARKERS,
@@ -41,6 +42,7 @@ from helpers.live import (
     say_always,
     scans,
 )
+from helpers.questions import DECISIONS, make_deciding_listener
 from helpers.streams import INFO, Ear, played
 
 MESSAGES = Path(__file__).parents[1] / "msg" / "eskin_msgs"
@@ -98,7 +100,8 @@ def publish(bus, stream):
         Publisher(bus, own, VOCABULARY, drop="never"),
         Ear(message_types=(RecognitionState,)),
     )
-    with Stream(source, [recognition, publisher, ear]) as running:
+    listeners = [recognition, make_deciding_listener(), publisher, ear]
+    with Stream(source, listeners) as running:
         running.wait()
     return ear.received
 
@@ -200,6 +203,20 @@ def test_contacts_hold_what_was_tracked(decode, published):
 def test_detection_is_published_once(decode):
     [message] = decode(DETECTION)
     assert message.gesture == "poke" and message.confidence > 0.9
+
+
+def test_question_and_how_it_ended_are_published(decode):
+    messages = decode(COMMAND_EVENT)
+    skin = mounted("ur5").skin.name
+    assert {message.header.frame_id for message in messages} == {skin}
+    said = [(m.action, m.accepted, m.why, m.touch, m.gesture) for m in messages]
+    assert said == [
+        (d.action, d.accepted, d.why, d.touch or 0, d.gesture or "") for d in DECISIONS
+    ]
+    for message, decision in zip(messages, DECISIONS, strict=True):
+        assert read_stamp(message) == decision.stamp
+        onset = message.onset.sec * 1_000_000_000 + message.onset.nanosec
+        assert (onset, message.patch) == (decision.onset or 0, decision.patch or "")
 
 
 def test_markers_show_taxels_where_they_are_and_contacts_where_they_press(
@@ -312,10 +329,12 @@ def test_diagnostics_tell_once_a_second_which_patch_is_silent(typestore):
 
 
 def test_what_nobody_receives_is_not_encoded():
-    unwanted = {*TOPICS} - {DIAGNOSTICS, ROBOT_DESCRIPTION, EVENT, DETECTION}
+    rare = {EVENT, DETECTION, COMMAND_EVENT}
+    unwanted = {*TOPICS} - {DIAGNOSTICS, ROBOT_DESCRIPTION, *rare}
     bus = MemoryBus(unwanted)
     publish(bus, scans(mounted("ur5"), [], 50, 2.0))
-    assert bus.sent.keys() == {ROBOT_DESCRIPTION.name, DIAGNOSTICS.name}
+    sent = {topic.name for topic in (ROBOT_DESCRIPTION, DIAGNOSTICS, COMMAND_EVENT)}
+    assert bus.sent.keys() == sent
     assert bus.open_topics == ()
     assert EVENT.name not in bus.sent
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.bus import Publisher, compute_type_hash
+from eskin.bus import COMMAND_EVENT, Publisher, compute_type_hash
 from eskin.bus.messages import OK, STALE, WARN
 from eskin.bus.ros2 import Ros2Bus, Ros2Joints, Ros2Node, wrap_message
 from eskin.cli.run import (
@@ -30,7 +30,7 @@ from eskin.recording.messages import (
     pack_joint_state,
 )
 from eskin.robot import load_robot
-from eskin.stream import Recognition, Stream
+from eskin.stream import Context, Recognition, Stream
 from helpers.cli import assert_refused, call_json
 from helpers.live import (
     VOCABULARY,
@@ -41,6 +41,7 @@ from helpers.live import (
     say_always,
     scans,
 )
+from helpers.questions import DECISIONS
 from helpers.ros2 import start_when_heard, wait_until
 from helpers.streams import INFO, played
 
@@ -183,6 +184,25 @@ def test_joint_states_count_from_their_arrival_whenever_they_are_asked_for(
     clock.sleep(0.4)
     with pytest.raises(JointsError, match=r"for 0\.1 s"):
         joints.q_at(clock.now())
+
+
+def test_subscriber_hears_question_and_how_it_ended(domain):
+    bus, heard = Ros2Bus(Ros2Node()), []
+    publisher = Publisher(bus, mounted(), VOCABULARY)
+    publisher.start(Context(INFO, ManualClock(), heard.append))
+    reader = Ros2Node().create_reader(COMMAND_EVENT)
+    wait_until(lambda: bus.wants(COMMAND_EVENT))
+
+    def hear_all():
+        heard.extend(COMMAND_EVENT.unpack(one.encoded) for one in reader.take(9))
+        return len(heard) == len(DECISIONS)
+
+    for decision in DECISIONS:
+        publisher.on_message(decision)
+    wait_until(hear_all)
+    assert [(action, accepted, why) for _, action, accepted, why, *_ in heard] == [
+        (each.action, each.accepted, each.why) for each in DECISIONS
+    ]
 
 
 @pytest.mark.parametrize("number", ["-1", "233", "two"])

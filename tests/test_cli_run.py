@@ -20,11 +20,13 @@ from eskin.cli.run import (
     build_policy,
     check_options,
     describe_doubts,
+    open_command_arm,
 )
 from eskin.cli.terminal import TerminalPrinter
 from eskin.drivers import HostClock, ManualClock, PlayedSource
 from eskin.errors import ArmError, CommandError, DeviceError
 from eskin.live import Recognizer
+from eskin.page import QuestionBoard
 from eskin.page.viewer import Viewer
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.robot import load_robot
@@ -34,6 +36,7 @@ from eskin.skin import load_skin, save_skin
 from eskin.stream import Recognition
 from eskin.touch import Calibration
 from helpers.cli import call, call_json
+from helpers.commands import make_paused_scene
 from helpers.devices import (
     RATE,
     StillSimulator,
@@ -49,6 +52,8 @@ pytestmark = pytest.mark.slow
 PAUSING = "version: 1\ncommands:\n  - gesture: poke\n    action: pause\n"
 SLOWING = PAUSING.replace("pause", "slow")
 SECOND = 1_000_000_000
+REAL = "--source csv:a --robot ur://127.0.0.1"
+SIMULATED = "--source csv:a --robot sim:ur5"
 
 
 @pytest.fixture(scope="module")
@@ -137,8 +142,19 @@ def test_failing_stream_is_one_line_and_exit_code_1(recording, capsys, monkeypat
         ("--source udp://127.0.0.1:9 --robot ur://a", ("--key", "unauthenticated")),
         ("--source sim:ur5 --robot ur://a", ("--allow-simulated-touch",)),
         ("--source replay:a.mcap --robot ur://a", ("--allow-simulated-touch",)),
-        ("--source csv:a --robot ur://a --commands paper", ("paper: simulation",)),
+        ("--source csv:a --robot ur://a --commands paper", ("paper: answer",)),
         ("--source csv:a --robot ur://a --commands no.yaml", ("no.yaml", "read")),
+        (f"{REAL}", ("cannot ask", "terminal, page (with --view)", "output:N")),
+        (f"{REAL} --ask terminal horn", ("'horn'", "terminal, page (with --view)")),
+        (f"{REAL} --ask output:x", ("'output:x'", "output:N")),
+        (f"{REAL} --ask page", ("--ask page", "--view")),
+        (f"{REAL} --ask terminal ros2", ("--ask ros2", "--ros2")),
+        (f"{REAL} --ask foxglove", ("--ask foxglove", "--foxglove")),
+        (f"{REAL} --ask output:0", ("output 0", "0 to 7 except 0")),
+        (f"{REAL} --ask output:8", ("output 8", "0 to 7 except 0")),
+        (f"{REAL} --ask output:1 output:2", ("2 outputs",)),
+        (f"{SIMULATED} --ask output:1", ("output 1", "no outputs")),
+        ("--source csv:a --ask terminal", ("--ask", "--robot")),
         ("--source sim:ur5 --key none", ("--key", "leave it out")),
         ("--source udp://127.0.0.1:9 --skin ur5 --key none", ("key none",)),
         ("", ("--source",)),
@@ -172,11 +188,36 @@ def test_recording_that_cannot_be_written_is_refused(recording, capsys, tmp_path
     ],
 )
 def test_source_that_may_move_a_robot_shows_its_doubt(source, options, shown):
-    command = RunCommand((source,), robot="ur://127.0.0.1", skin="ur5", **options)
+    robot, ask = "ur://127.0.0.1", ("terminal",)
+    command = RunCommand((source,), robot=robot, ask=ask, skin="ur5", **options)
     check_options(command)
     calibration = replace(Calibration.uniform(4, 4095, 400.0), source="rest")
     doubts = describe_doubts(command, calibration)
     assert [doubt.split(":")[0] for doubt in doubts] == [shown] * bool(shown)
+
+
+@pytest.mark.parametrize(
+    ("robot", "ask", "options", "output"),
+    [
+        ("sim:ur5", (), {}, None),
+        ("sim:ur5", ("terminal", "page"), {"view": True}, None),
+        ("ur://127.0.0.1", ("foxglove",), {"foxglove": True}, None),
+        ("ur://127.0.0.1", ("output:7",), {}, 7),
+        ("ur://127.0.0.1", ("terminal", "ros2", "output:1"), {"ros2": True}, 1),
+    ],
+)
+def test_arm_is_opened_with_output_that_it_asks_by(
+    robot, ask, options, output, monkeypatch
+):
+    def keep(uri, **given):
+        opened.append((uri, given["question_output"]))
+
+    opened = []
+    monkeypatch.setattr(eskin.app, "open_arm", keep)
+    command = RunCommand(("csv:a",), robot=robot, ask=ask, **options)
+    check_options(command)
+    open_command_arm(command, ManualClock())
+    assert opened == [(robot, output)]
 
 
 @pytest.mark.parametrize(
@@ -283,3 +324,15 @@ def test_page_of_run_shows_its_arm_and_takes_no_touches():
         scene = viewer.describe_scene()
         assert scene.is_arm == (arm is not None) and not scene.touchable
         assert scene.warning == "unauthenticated; not calibrated"
+
+
+def test_page_of_run_shows_what_its_policy_asks():
+    recognition, scene = Recognition(Recognizer.load("ur5")), make_paused_scene()
+    command = RunCommand(("serial:a",), view=True, port=0)
+    arm, policies = scene.arm, [scene.policy]
+    viewer = build_listeners(command, None, recognition, arm, policies, ())[-1]
+    assert isinstance(viewer, Viewer)
+    now = scene.clock.now()
+    assert viewer.question(now) == QuestionBoard("poke")
+    scene.touch("grab")
+    assert viewer.question(now).action == "resume"

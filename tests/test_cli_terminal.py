@@ -1,11 +1,13 @@
 """Tests of the lines on the terminal: nothing is lost, and no line hides another."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from eskin.cli.terminal import TerminalPrinter
 from eskin.drivers import Event, ManualClock, SourceInfo
-from eskin.stream import Context
+from eskin.stream import CommandEvent, Context
 from eskin.touch import Scan
 from eskin.units import format_count
 from helpers.touch import build_grid_skin, calibration_of
@@ -71,3 +73,19 @@ def test_patches_at_another_time_or_of_another_kind_are_printed(capsys):
 def test_events_that_are_not_of_patches_are_all_printed(capsys, kind):
     events = [Event(n * MS, kind, f"port {n}") for n in range(8)]
     assert len(print_events(capsys, events)) == 8
+
+
+@pytest.mark.parametrize("rings", [True, False])
+def test_question_is_a_line_that_rings_the_bell_of_a_terminal(
+    capsys, monkeypatch, rings
+):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: rings)
+    why = "resume? answer by a poke within 1 s"
+    events = [
+        CommandEvent(3210 * MS, "ask", 4, "grab", True, why),
+        CommandEvent(4000 * MS, "resume", 4, "grab", True, "grab on p0"),
+    ]
+    asked, resumed = print_events(capsys, events)
+    assert asked.split("\a") == [asked.strip("\a"), ""][: 1 + rings]
+    assert asked.strip("\a").split() == ["3.21s", "ask", *why.split()]
+    assert resumed.endswith("done: grab on p0")

@@ -4,12 +4,13 @@ import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
+from eskin.command import ASK, SUSPEND, Policy, PolicyConfig, Question, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
@@ -32,6 +33,7 @@ from eskin.sim.demo import (
 from eskin.sim.demo.browser import PageOrderHandler, SkinChoice
 from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.demo.live_source import AHEAD, WaitingClock
+from eskin.sim.demo.simulated_user import FORGOT, MISTOOK
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent, Recognition
 from helpers.commands import PAPER, make_map
@@ -102,6 +104,45 @@ def test_stop_is_timed_from_first_contact_to_first_wait():
     assert score.stop_delays() == pytest.approx([0.1]) and score.commands == 1
 
 
+def score_answer(*commands, works=True):
+    """Return the score of a grab from 1.0 to 1.4 s that asks, answered by a poke.
+
+    Tracked touch 1 is the grab, 2 its answer from 2.2 to 2.5 s.
+    """
+    end = round(2.5 * SECOND)
+    attempt = Attempt("grab", "normal", SECOND, end, 10, works, answer=11)
+    score = CommandScore(attempts=[attempt])
+    score.causes.readings = {1: Counter({10: 5}), 2: Counter({11: 5})}
+    for each in (command(1.8, ASK), *commands):
+        score.add_command(each)
+    return score
+
+
+def test_touch_and_the_answer_to_its_question_are_one_attempt():
+    score = score_answer(command(2.9, "normal"))
+    counts = summarise_score(score)
+    assert (counts["correct"], counts["commands"]) == (1, 1)
+    assert (counts["questions"], counts["answered"]) == (1, 1)
+    assert score.delays() == pytest.approx([0.4])
+
+
+@pytest.mark.parametrize(
+    ("works", "outcome", "commands"), [(True, "wrong", 1), (False, "missed", 0)]
+)
+def test_failed_answer_counts_if_it_stops_an_arm_at_work(works, outcome, commands):
+    refusal = command(2.9, "normal", False, why="the answer was no clear poke (0.4)")
+    score = score_answer(refusal, command(2.9, "pause", touch=2), works=works)
+    assert score.count(outcome) == 1 and score.commands == commands
+    assert (score.asked, score.answered) == (1, 0) and not score.false_alarms
+    assert score.count_failures() == {"the answer was no clear poke": 1}
+
+
+def test_mistakes_of_people_are_reasons_of_their_own():
+    score = score_answer(command(2.9, "normal", False, why="no poke answered"))
+    score.attempts[0].mistake = FORGOT
+    assert score.count_failures() == {FORGOT: 1}
+
+
 def test_touch_is_caused_by_nearest_simulated_one():
     causes = TouchCauses()
     for stamp, x in ((1, 0.0), (2, 0.0), (3, 0.5)):
@@ -141,6 +182,73 @@ def test_user_leaves_paused_arm_alone_for_second():
     stamps = SECOND + np.arange(0, 2 * SECOND, SECOND // 50)
     touching = [user.update(int(s)) or bool(skin.hand.touching) for s in stamps]
     assert stamps[touching.index(True)] == 2 * SECOND
+
+
+ASKED_AT = 2 * SECOND
+
+
+def answer_question(seed):
+    """Return what a user makes of a question, and when they begin to: both or none.
+
+    The arm asks because of a grab, and its question is over after a second.
+    """
+    arm, skin = SimulatedArm(clock=ManualClock(SECOND)), InteractiveSkin()
+    commands = load_commands(None, VOCABULARY, skin.mounted.skin)
+    question = Mock(Question, answer="poke", asked_at=ASKED_AT)
+    asked: list[Question | None] = [question]
+    user = SimulatedUser(skin, arm, commands, seed, question=lambda: asked[0])
+    user.strongest = TruthRecord(
+        0, 0, "grab", "", "forearm_link", 1.0, 1.0, (0.3, 0.0, 0.3)
+    )
+    user.attempt = Attempt("grab", "resume", SECOND, ASKED_AT, asked=ASKED_AT)
+    user.asks = True
+    user.active = False
+    attempt = user.attempt
+    for stamp in range(ASKED_AT, 4 * SECOND, SECOND // 50):
+        asked[0] = question if stamp < ASKED_AT + SECOND else None
+        user.update(stamp)
+        if skin.hand.touching:
+            (touch,) = skin.hand.active.values()
+            return attempt.mistake, touch.touch.gesture, stamp
+    assert user.attempt is None and user.has_failed
+    return attempt.mistake, "", None
+
+
+def test_people_answer_in_time_and_a_few_forget_or_make_another_gesture():
+    found = [answer_question(seed) for seed in range(120)]
+    delays = [(s - ASKED_AT) / SECOND for _, _, s in found if s is not None]
+    assert 0.35 <= min(delays) < 0.4 and 0.75 < max(delays) <= 0.82
+    by_mistake = {mistake: set() for mistake, _, _ in found}
+    for mistake, gesture, _ in found:
+        by_mistake[mistake].add(gesture)
+    assert by_mistake[""] == {"poke"} and by_mistake[FORGOT] == {""}
+    assert by_mistake[MISTOOK] <= {"double_pat", "grab", "stroke", "none"}
+    mistakes = sum(bool(mistake) for mistake, _, _ in found)
+    assert 3 <= mistakes <= 24
+
+
+def test_user_leaves_stopped_arm_alone_for_five_seconds_after_failed_question():
+    arm, skin = SimulatedArm(clock=ManualClock(SECOND)), InteractiveSkin()
+    commands = load_commands(None, VOCABULARY, skin.mounted.skin)
+    asked = [Mock(Question)]
+    config = SimulatedUserConfig(first=0.1)
+    user = SimulatedUser(skin, arm, commands, 0, config, lambda: asked[0])
+    arm.pause()
+    user.update(SECOND)
+    asked[0] = None
+    stamps = range(SECOND + SECOND // 50, 9 * SECOND, SECOND // 50)
+    touching = [user.update(stamp) or bool(skin.hand.touching) for stamp in stamps]
+    assert stamps[touching.index(True)] == 6 * SECOND + SECOND // 50
+
+
+@pytest.mark.parametrize(("failed", "gestures"), [(True, 3), (False, 4)])
+def test_nobody_asks_a_working_arm_for_more_after_a_failed_question(failed, gestures):
+    arm = SimulatedArm(clock=ManualClock(SECOND))
+    commands = load_commands(None, VOCABULARY, InteractiveSkin().mounted.skin)
+    user = SimulatedUser(InteractiveSkin(), arm, commands, config=EAGER)
+    user.has_failed = failed
+    made = {user.choose_gesture(arm.state()) for _ in range(60)}
+    assert len(made) == gestures and ("grab" in made) != failed
 
 
 CONFIG = DemoConfig(seed=3, user=SimulatedUserConfig(first=1.0, accidents=0.1))
@@ -343,7 +451,8 @@ def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
     skin.restore()
     wait(10.0)
     assert [event.action for event in events] == ["slow", "hold", "resume"]
-    assert "poke or double pat, then grab" in events[-1].why and not events[-1].accepted
+    assert "poke or double pat, 1 s later grab" in events[-1].why
+    assert not events[-1].accepted
     touches = policy.touches
     assert touches.latest - touches.last_contact > SECOND
     assert policy.monitor.find_problem(touches.latest) is None

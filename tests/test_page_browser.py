@@ -11,7 +11,7 @@ import pytest
 from eskin.calibration import PressRequest
 from eskin.cli.guided import build_place
 from eskin.design.paint_viewer import PaintViewer
-from eskin.page import ArmSummary, GuideBoard, LogEntry
+from eskin.page import ArmSummary, GuideBoard, LogEntry, QuestionBoard
 from eskin.page.appearance import describe_scene
 from eskin.page.process import PageProcess, free_port
 from eskin.page.viewer import CalibrationViewer, ViewerConfig
@@ -48,8 +48,10 @@ SCALE = 0.5
 PACE = 0.5
 """Half as fast as life: software draws slowly."""
 TRIES = 6
-WAIT = 8.0
-"""How long a touch may take to be obeyed [s]."""
+WAIT = 14.0
+"""How long a touch may take to be obeyed, and the skin rests before the next [s]."""
+REACTION = 0.15
+"""Simulated time before a person aims to answer what the page shows [s]."""
 
 
 IDLE = """
@@ -251,6 +253,42 @@ def test_page_shows_log_and_reason_of_hold(page):
     page.content = {}
 
 
+COUNT_TONES = """() => {
+    window.tones = 0;
+    const make = AudioContext.prototype.createOscillator;
+    AudioContext.prototype.createOscillator = function () {
+        window.tones += 1;
+        return make.call(this);
+    };
+}"""
+NO_SOUND = "() => { window.tones = 0; delete window.AudioContext; }"
+
+
+@pytest.mark.parametrize(("sound", "tones"), [(COUNT_TONES, 2), (NO_SOUND, 0)])
+def test_question_is_shown_across_the_scene_with_a_sound(page, sound, tones):
+    tab, widths = page.tab, []
+    page.errors.clear()
+    tab.reload()
+    tab.wait_for_selector("text=readings/s")
+    tab.evaluate(sound)
+    tab.mouse.click(200, 700)
+    for left in (0.9, 0.3):
+        asked = QuestionBoard("poke", 0.0, "next_waypoint", "forearm_link", left)
+        page.content = {"question": asked}
+        tab.wait_for_function(
+            f"document.querySelector('#question i')?.style.width === '{100 * left:g}%'"
+        )
+        tab.wait_for_timeout(500)
+        widths.append(tab.locator("#question i").bounding_box()["width"])
+    text = tab.locator("#question").inner_text().splitlines()
+    assert text == ["Next waypoint?", "Poke the forearm link (click)"]
+    assert widths[0] == pytest.approx(3 * widths[1], rel=0.01)
+    assert tab.evaluate("window.tones") == tones
+    page.content = {}
+    tab.wait_for_selector("#question", state="detached")
+    assert not page.errors
+
+
 def test_click_beside_the_skin_is_answered_and_touches_nothing(page):
     page.orders.clear()
 
@@ -412,6 +450,14 @@ def touch_until_executed(visit, touch, line, condition):
     pytest.fail(f"no '{line}' in {TRIES} touches; {visit.demo.state}; {visit.text()}")
 
 
+def ask(visit, touch):
+    """Touch, and answer where the arm asks."""
+    touch()
+    if becomes(lambda: visit.tab.locator("#question").count(), WAIT):
+        visit.demo.rest(REACTION)
+        visit.click()
+
+
 def scene_moves(visit):
     before = visit.scene()
     return np.abs(visit.scene() - before).max() > 60
@@ -442,21 +488,23 @@ def test_click_pauses_and_grab_resumes_arm_of_demonstration(visit):
         return is_paused(now, before)
 
     resume = "resumed (grab"
-    execute(visit, visit.grab, resume, is_resumed, lambda state: "running\n")
+    grab = partial(ask, visit, visit.grab)
+    execute(visit, grab, resume, is_resumed, lambda state: "running\n")
     assert becomes(lambda: scene_moves(visit), PATIENCE)
 
 
 @pytest.mark.long
 def test_every_other_gesture_commands_arm(visit):
     """A drag takes a slow browser seconds, in which the arm goes away under it."""
-    for mode, line, key, shown in (
-        ("grab", "next waypoint (grab", "target", "to {}"),
-        ("stroke", "slowed (stroke", "speed", "{:.0%} speed"),
+    grab = partial(ask, visit, visit.click)
+    for mode, touch, line, key, shown in (
+        ("grab", grab, "next waypoint (grab", "target", "to {}"),
+        ("stroke", visit.click, "slowed (stroke", "speed", "{:.0%} speed"),
     ):
         visit.choose(mode)
         execute(
             visit,
-            visit.click,
+            touch,
             line,
             lambda before, now, key=key: now[key] != before[key],
             lambda state, key=key, shown=shown: shown.format(state[key]),

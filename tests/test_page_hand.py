@@ -172,6 +172,24 @@ def test_click_beside_the_skin_is_answered_and_touches_nothing(hand, clicks, mod
     assert not hand.sent and set(hand.told) == {MISSED}
 
 
+@pytest.mark.parametrize(
+    ("answer", "mode", "expected"),
+    [
+        ("poke", None, ["poke", "poke"]),
+        ("poke", "grab", ["grab", "grab"]),
+        ("double pat", None, ["double_pat", "double_pat"]),
+    ],
+)
+def test_click_answers_a_question_at_once(hand, answer, mode, expected):
+    hand.mode, hand.answer = "stroke", answer
+    for number in range(2):
+        hand.click(point(), 1.0 + FAST * number, mode)
+    assert kinds(hand) == expected
+    hand.mode, hand.answer = "poke", None
+    hand.click(point(), 10.0)
+    assert kinds(hand) == expected
+
+
 def test_every_touch_is_answered_with_its_patch(hand):
     for number, mode in enumerate(("poke", "double pat", "grab", "stroke")):
         hand.click(point(), 10.0 * number, mode)

@@ -10,10 +10,17 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from eskin.bus import DIAGNOSTICS, LEFT_TO_ROS, PUBLISHED, SENSOR_TOPICS
+from eskin.bus import (
+    COMMAND_EVENT,
+    DIAGNOSTICS,
+    LEFT_TO_ROS,
+    PUBLISHED,
+    SENSOR_TOPICS,
+)
 from eskin.drivers import HostClock
 from eskin.errors import JointsError
 from helpers.live import mounted, scans
+from helpers.questions import DECISIONS
 from test_bus_messages import publish
 
 pytestmark = pytest.mark.slow
@@ -89,6 +96,7 @@ def test_node_publishes_every_topic_encoded_with_its_quality_of_service(node, re
         assert made.profile.depth == (5 if name in sensor else 10)
     assert own.made[DIAGNOSTICS.name].kind == DIAGNOSTICS.type_name
     assert all(isinstance(data, bytes) for data in own.made["/eskin/taxels"].sent)
+    assert len(own.made[COMMAND_EVENT.name].sent) == len(DECISIONS)
     assert own.made["/eskin/taxels"].sent and len(own.gone) == len(own.made)
 
 

@@ -21,7 +21,13 @@ from eskin.command.skin_monitor import SkinMonitor
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
 from eskin.live import Detection, Recognizer, mount_skin
-from eskin.page import CorrectionOrder, PageOrder, PaintOrder, TouchOrder
+from eskin.page import (
+    CorrectionOrder,
+    PageOrder,
+    PaintOrder,
+    QuestionBoard,
+    TouchOrder,
+)
 from eskin.page.appearance import build_link_meshes, describe_scene
 from eskin.page.html import render_log
 from eskin.page.messages import LogEntry
@@ -47,7 +53,9 @@ from eskin.skin import MountedSkin
 from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
 from eskin.units import NS_PER_S
+from helpers.commands import RecordingArm
 from helpers.live import START, calibration_of, say_always, scans, two_hands
+from helpers.questions import ASKED, TEXT
 from helpers.viewer import Q, make_setup, make_update, mounted
 
 pytestmark = pytest.mark.slow
@@ -114,6 +122,7 @@ def test_lids_close_bare_ends_and_leave_room_for_taxels():
     assert wrist and all(mesh.vertices[:, 2].min() > low for mesh in wrist)
 
 
+COMMANDS = ("poke: pause", "grab: resume or normal")
 STALE, BROKEN = "stale skin: no reading", "broken skin: patch 'a' is out"
 TOUCHED = "touch of 41 N"
 
@@ -130,7 +139,7 @@ TOUCHED = "touch of 41 N"
             "until a touch is clear",
             "",
         ),
-        ({"paused": True}, "paused", "", "grab to resume"),
+        ({"paused": True}, "paused", "", "grab, then poke there when it asks"),
         ({"paused": True, "hold_reason": STALE}, "held", STALE, "wait for readings"),
         ({"hold_reason": BROKEN}, "held", BROKEN, "plug the patch in"),
         ({"hold_reason": TOUCHED}, "held", TOUCHED, "take your hand off"),
@@ -141,14 +150,43 @@ TOUCHED = "touch of 41 N"
 def test_most_severe_state_of_arm_is_shown_with_what_ends_it(
     changes, state, reason, remedy
 ):
-    commands = ("poke: pause", "grab: resume or normal")
-    summary = describe_arm(replace(ARM, **changes), commands)
+    arm = replace(ARM, **changes)
+    summary = describe_arm(arm, COMMANDS, QuestionBoard("poke"))
     assert (summary.state, summary.why) == (state, reason)
     assert remedy in summary.remedy
-    assert summary.remedy.endswith("grab to resume" if remedy else "")
-    is_paused = changes.get("paused", False)
-    assert ("poke" in summary.remedy) == (bool(remedy) and not is_paused)
+    asked = "grab, then poke there when it asks"
+    assert summary.remedy.endswith(asked if remedy else "")
+    before = "" if arm.paused else "poke, wait 1 s, then "
+    assert f"{before}{asked}" in summary.remedy or not remedy
     assert remedy or not summary.remedy
+    never = describe_arm(arm, COMMANDS).remedy
+    assert never == summary.remedy.replace(asked, "grab to resume")
+
+
+@pytest.mark.parametrize(
+    ("changes", "remedy"),
+    [
+        ({}, "touch nothing for 5 s before you ask again"),
+        (
+            {"paused": True},
+            "touch nothing for 5 s, then grab, then poke there when it asks",
+        ),
+        (
+            {"hold_reason": TOUCHED},
+            "take your hand off, then poke, touch nothing for 5 s, then grab, then "
+            "poke there when it asks",
+        ),
+    ],
+)
+def test_skin_must_rest_after_a_question_that_failed(changes, remedy):
+    board = QuestionBoard("poke", rest=5.0)
+    assert describe_arm(replace(ARM, **changes), COMMANDS, board).remedy == remedy
+
+
+def test_arm_that_stands_for_its_question_says_so():
+    board = QuestionBoard("poke", action="next_waypoint", left=0.5)
+    standing = replace(ARM, moving=False, speed_limit=0.0)
+    assert describe_arm(standing, COMMANDS, board).why.startswith("until its question")
 
 
 def test_detection_is_logged_at_its_place_on_link():
@@ -183,10 +221,12 @@ def test_commands_and_events_are_logged():
     encoder = FrameEncoder(mounted(), START)
     encoder.note(CommandEvent(START, "pause", 4, "poke", True, ""))
     encoder.note(CommandEvent(START, "go_on", 5, "double_pat", False, "too soon"))
+    encoder.note(ASKED)
     encoder.note(Event(START, "silent", "patch 'a' is silent"))
     assert [(entry.kind, entry.text) for entry in encoder.log_entries] == [
         ("command", "paused"),
         ("refused", "go on: too soon"),
+        ("command", f"ask: {TEXT}"),
         ("event", "patch 'a' is silent"),
     ]
     for number in range(MAX_LOG_ENTRIES + 5):
@@ -233,7 +273,8 @@ def test_busy_computer_asks_for_nothing_but_how_to_go_on():
     why = monitor.find_problem(late, is_busy=True)
     assert why.startswith("this computer was too busy")
     arm = replace(ARM, hold_reason=why, paused=True)
-    assert describe_arm(arm, ("grab: resume",)).remedy == "grab to resume"
+    remedy = describe_arm(arm, ("grab: resume",), QuestionBoard("poke")).remedy
+    assert remedy == "grab, then poke there when it asks"
 
 
 def make_source(scans):
@@ -267,6 +308,30 @@ def test_viewer_shows_touches_and_detections_of_stream(monkeypatch):
     entries = [entry for update in updates for entry in update.log_entries]
     assert {e.gesture for e in entries if e.kind == "detection"} == {"poke"}
     assert updates[0].T_world_link.shape == (len(mounted().robot.link_names), 4, 4)
+
+
+@pytest.mark.parametrize("asks", [True, False])
+def test_viewer_shows_what_the_arm_asks_now(monkeypatch, asks):
+    updates, times = [], []
+    page = SimpleNamespace(give=updates.append, wants=lambda: True, close=lambda: None)
+    monkeypatch.setattr("eskin.page.viewer.MAX_UPDATE_RATE", 1e9)
+    monkeypatch.setattr("eskin.page.viewer.PageProcess", lambda *_: page)
+    board = QuestionBoard("poke", action="resume", left=0.75)
+
+    def ask(now):
+        times.append(now)
+        return board
+
+    recognition, arm = make_recognition(drop="never"), RecordingArm(ManualClock())
+    question = ask if asks else None
+    viewer = Viewer(recognition, ViewerConfig(0), arm=arm, question=question)
+    source = make_source(scans(mounted(), [], 50, 0.2))
+    with Stream(source, [recognition, viewer]) as stream:
+        stream.wait()
+    expected = board if asks else QuestionBoard("")
+    assert updates and {update.question for update in updates} == {expected}
+    assert len(times) == len(updates) * asks
+    assert all(abs(now - START) < NS_PER_S for now in times)
 
 
 def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):

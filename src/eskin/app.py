@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from eskin.command import FRAME_TASK, Arm, MotionConfig, Task, UrArm
 from eskin.command.arm import ArmJoints
-from eskin.command.ur import UrLink
+from eskin.command.ur import UR_OUTPUTS, UrLink
 from eskin.drivers import (
     CalledJoints,
     Clock,
@@ -52,6 +52,9 @@ CALIBRATION = "calibration.json"
 
 NOMINAL_CALIBRATION = "nominal_calibration.json"
 """Name of the calibration file of the preset skins, with the gain of every taxel."""
+
+GRIPPER_OUTPUT = 0
+"""Standard digital output of a UR that closes the gripper unless another is given."""
 
 SERIAL_BAUD, CSV_BAUD = 1_000_000, 115_200
 """Baud rates of serial ports unless others are given, by the kind of source."""
@@ -203,7 +206,8 @@ def open_arm(
     task: Task = FRAME_TASK,
     clock: Clock | None = None,
     motion: MotionConfig | None = None,
-    gripper_output: int = 0,
+    gripper_output: int = GRIPPER_OUTPUT,
+    question_output: int | None = None,
 ) -> Arm:
     """Open an arm that runs a task.
 
@@ -215,12 +219,41 @@ def open_arm(
         clock: the clock that it goes by; this computer's unless given.
         motion: its limits of motion.
         gripper_output: standard digital output of a UR that closes the gripper.
+        question_output: standard digital output of a UR that is on while a question is
+            open; None for none.
 
     Raises:
-        ArmError: there is no such arm, it cannot be reached, or its driver is missing.
+        ArmError: there is no such arm or output, it cannot be reached, or its driver is
+            missing.
     """
     driver = find_arm_driver(uri)
-    return driver.open(uri, task, clock, motion, gripper_output)
+    if question_output is not None:
+        check_question_output(uri, gripper_output, question_output)
+    outputs: list[int | None] = [gripper_output]
+    if driver.outputs:
+        outputs.append(question_output)
+    return driver.open(uri, task, clock, motion, *outputs)
+
+
+def check_question_output(uri: str, gripper_output: int, question_output: int) -> None:
+    """Raise if an arm cannot show a question by a digital output.
+
+    Args:
+        uri: URI of the arm.
+        gripper_output: number of the output that closes the gripper.
+        question_output: number of the output that is to show a question.
+
+    Raises:
+        ArmError: the arm has no such output, or its gripper has it.
+    """
+    count = find_arm_driver(uri).outputs
+    if not 0 <= question_output < count or question_output == gripper_output:
+        allowed = f"0 to {count - 1} except {gripper_output}, the gripper's"
+        raise ArmError(
+            f"output {question_output} of {uri} is to show a question; allowed are "
+            f"{allowed if count else 'none, since it has no outputs'}; give another "
+            "output, or ask in another way"
+        )
 
 
 def find_arm_driver(uri: str) -> ArmDriver:
@@ -241,6 +274,7 @@ def open_ur_arm(
     clock: Clock | None,
     motion: MotionConfig | None,
     gripper_output: int,
+    question_output: int | None,
 ) -> Arm:
     """Open the arm of a UR controller."""
     rest = uri.partition(":")[2]
@@ -255,7 +289,8 @@ def open_ur_arm(
             f"robot is '{uri}', but ur_rtde is missing; allowed is with it installed; "
             "pip install 'eskin[ur]'"
         )
-    return UrArm(UrLink(host, gripper_output), task, clock, motion)
+    link = UrLink(host, gripper_output, question_output=question_output)
+    return UrArm(link, task, clock, motion)
 
 
 def open_joints(
@@ -472,5 +507,5 @@ UDP = Driver(open_device, "udp://HOST:PORT", takes_key=True)
 CSV = Driver(open_csv, "csv:PATH", "cable", takes_several=True)
 XELA = Driver(open_xela, "xela://HOST:PORT")
 REPLAY = Driver(open_recording, "replay:FILE", "recorded")
-UR = ArmDriver(open_ur_arm, "ur://HOST")
+UR = ArmDriver(open_ur_arm, "ur://HOST", outputs=UR_OUTPUTS)
 """Drivers that come with eskin, as its entry points name them."""

@@ -74,14 +74,18 @@ class ArmDriver:
     """An arm driver opens the arms of one kind of URI."""
 
     open: Callable[..., Any]
-    """Function of the URI, the `Task`, a clock or None, a `MotionConfig` or None and
-    the gripper's output, which returns an `Arm`."""
+    """Function of the URI, the `Task`, a clock or None, a `MotionConfig` or None, the
+    gripper's output, and, if the arm has `outputs`, the one that shows a question or
+    None. It returns an `Arm`."""
 
     form: str
     """Form of its URI, for messages, such as `ur://HOST`."""
 
     is_real: bool = True
     """Whether a person can be near it."""
+
+    outputs: int = 0
+    """Number of its digital outputs, which can show a question; they count from 0."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ def make_setup(touchable=True, is_arm=True):
     )
 
 
-def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
+def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None, question=None):
     """Return an update of the page; with a taxel, something presses there."""
     skin = mounted().skin
     pressure = np.zeros(skin.count, np.float16)
@@ -64,4 +64,5 @@ def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
         step=2e-4,
         age=1e-3,
         arm=arm,
+        question=question,
     )

@@ -4,6 +4,7 @@ The modules `ros2` and `foxglove` need the extras of their names.
 """
 
 from eskin.bus.messages import (
+    COMMAND_EVENT,
     CONTACTS,
     DIAGNOSTICS,
     MARKERS,
@@ -25,6 +26,7 @@ from eskin.bus.publisher import (
 )
 
 __all__ = [
+    "COMMAND_EVENT",
     "CONTACTS",
     "DIAGNOSTICS",
     "LEFT_TO_ROS",

@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 
 from eskin.recording.cdr import MessageField, Topic, define_topic
 from eskin.recording.messages import HEADER, NO_NUMBERS, POINT, TIME, VECTOR
-from eskin.stream import RecognitionState
+from eskin.stream import CommandEvent, RecognitionState
 from eskin.touch import Reading
 from eskin.units import NS_PER_S
 
@@ -113,6 +113,30 @@ diagnostic_msgs/KeyValue[] values
 """,
     ),
     ("diagnostic_msgs/KeyValue", "string key\nstring value"),
+)
+
+COMMAND_EVENT = define_topic(
+    "/eskin/command_event",
+    "eskin_msgs/msg/CommandEvent",
+    """
+# A decision about the motion of the arm that touches command. frame_id is the skin's
+# name.
+std_msgs/Header header
+# What it is about, such as pause or resume; with ask, the arm asks whether it is to do
+# more, and the next one that is about the same touch tells how that ended.
+string action
+# Whether it was done.
+bool accepted
+# Why it was, or was not; with ask, the question.
+string why
+# Touch that led to it, its gesture, first contact and patch; 0 and empty without one.
+uint32 touch
+string gesture
+builtin_interfaces/Time onset
+string patch
+""",
+    HEADER,
+    TIME,
 )
 
 MARKERS = define_topic(
@@ -314,6 +338,20 @@ def pack_contacts(
                 )
             )
     return CONTACTS.pack((stamp, frame_id), gestures, contacts)
+
+
+def pack_command_event(event: CommandEvent, frame_id: str) -> bytes:
+    """Encode a message of `/eskin/command_event`; `frame_id` is the skin's name."""
+    return COMMAND_EVENT.pack(
+        (event.stamp, frame_id),
+        event.action,
+        event.accepted,
+        event.why,
+        event.touch or 0,
+        event.gesture or "",
+        event.onset or 0,
+        event.patch or "",
+    )
 
 
 def pack_taxels(

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from eskin.bus.messages import (
     ARROW,
+    COMMAND_EVENT,
     CONTACTS,
     DIAGNOSTICS,
     ERROR,
@@ -25,6 +26,7 @@ from eskin.bus.messages import (
     WRENCH,
     DiagnosticStatus,
     Marker,
+    pack_command_event,
     pack_contacts,
     pack_diagnostics,
     pack_markers,
@@ -48,7 +50,7 @@ from eskin.recording.messages import (
     pack_reading,
 )
 from eskin.skin import MountedSkin, Skin
-from eskin.stream import Context, Listener, Message, RecognitionState
+from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
 from eskin.stream.listener import Drop
 from eskin.touch import Scan, TouchState
 from eskin.transforms import invert, matrix_to_quaternion
@@ -74,6 +76,7 @@ PUBLISHED = (
     CONTACTS,
     DETECTION,
     EVENT,
+    COMMAND_EVENT,
     DIAGNOSTICS,
     MARKERS,
     TAXELS,
@@ -124,13 +127,13 @@ class Bus(ABC):
 
 @final
 class Publisher(Listener):
-    """Publishes scans, readings, contacts, detections and what became of the skin.
+    """Publishes scans, contacts, detections, commands and what became of the skin.
 
     What nobody receives is not encoded. Markers and transforms are sent up to 25 times
     a second, diagnostics once.
     """
 
-    message_types = (Scan, RecognitionState, Detection, Event)
+    message_types = (Scan, RecognitionState, Detection, Event, CommandEvent)
     size = 512
 
     def __init__(
@@ -192,6 +195,9 @@ class Publisher(Listener):
             case Event():
                 data = pack_event(item.record(), self.skin_name)
                 self.bus.send(EVENT, item.stamp, data)
+            case CommandEvent():
+                data = pack_command_event(item, self.skin_name)
+                self.bus.send(COMMAND_EVENT, item.stamp, data)
 
     def publish_scan(self, scan: Scan) -> None:
         """Publish counts and joint positions."""

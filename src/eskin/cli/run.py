@@ -4,13 +4,21 @@ import gc
 import math
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from eskin.cli.checks import POSITIVE, POSITIVE_OR_INF, Excludes, Needs
+from eskin.cli.checks import (
+    POSITIVE,
+    POSITIVE_OR_INF,
+    Excludes,
+    Needs,
+    is_given,
+    name_option,
+)
 from eskin.cli.guided import PATIENCE, SourceCommand, check_source, say
-from eskin.errors import DeviceError
+from eskin.errors import ArmError, DeviceError
 from eskin.units import format_count
 
 if TYPE_CHECKING:
@@ -24,6 +32,12 @@ if TYPE_CHECKING:
     from eskin.stream import Listener, Recognition, Stream
     from eskin.stream.listener import Drop
     from eskin.touch import Calibration
+
+
+WAYS = {"terminal": None, "page": "view", "ros2": "ros2", "foxglove": "foxglove"}
+"""Ways of `--ask` beside an output, with the field of the option that each needs."""
+OUTPUT = "output:"
+"""How the way of a digital output begins; its number follows."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +58,12 @@ class RunCommand(SourceCommand):
     robot: Annotated[str | None, Excludes("q"), Excludes("joints")] = None
     """Arm that touches command: sim:ur5 or ur://HOST. It also gives the joint
     positions. A real arm is held until a touch pauses it and another resumes it: with
-    the default map a poke, and a second later a grab."""
+    the default map a poke, a second later a grab, and a poke when it asks."""
+
+    ask: Annotated[tuple[str, ...], Needs("robot")] = ()
+    """Ways in which people at the arm learn that it asks whether to do more, at least
+    one for a real arm: terminal, page (with --view), ros2, foxglove, or output:N, a
+    digital output of a UR that is on while it asks."""
 
     commands: Annotated[Path | None, Needs("robot")] = None
     """Command map, which tells what each touch commands: a file, or `paper` for that of
@@ -177,6 +196,7 @@ def check_options(command: RunCommand) -> None:
     Raises:
         DeviceError: for joint positions, a key, or a robot that is real.
         CommandError: for a command map that is not for a real robot.
+        ArmError: for a way to ask that there is not, or a real robot without one.
     """
     driver = check_source(command)
     if command.key is not None and not driver.takes_key:
@@ -187,6 +207,7 @@ def check_options(command: RunCommand) -> None:
     if commands_real_robot(command):
         check_touches(command, driver)
         check_commands(command)
+    check_ways(command)
 
 
 def commands_real_robot(command: RunCommand) -> bool:
@@ -205,6 +226,58 @@ def check_commands(command: RunCommand) -> None:
     from eskin.command.command_map import check_real, read_commands
 
     check_real(read_commands(command.commands), command.commands)
+
+
+def check_ways(command: RunCommand) -> None:
+    """Raise if the arm cannot ask in the ways that are given, or a real one in none.
+
+    Raises:
+        ArmError: there is no such way or output, or the option is missing that it
+            needs.
+    """
+    from eskin.app import GRIPPER_OUTPUT, check_question_output
+
+    if command.robot is None:
+        return
+    if not command.ask and commands_real_robot(command):
+        raise ArmError(
+            f"--robot {command.robot} is real and cannot ask whether to start; allowed "
+            f"is --ask with one or more of {describe_ways()}; give those that people "
+            "at the robot see or hear"
+        )
+    outputs = find_outputs(command.ask)
+    if len(outputs) > 1:
+        raise ArmError(
+            f"--ask names {len(outputs)} outputs; allowed is one; leave the others out"
+        )
+    for output in outputs.values():
+        check_question_output(command.robot, GRIPPER_OUTPUT, output)
+    for way in command.ask:
+        if way not in WAYS and way not in outputs:
+            raise ArmError(
+                f"--ask is '{way}'; allowed are {describe_ways()}; correct it"
+            )
+        needed = WAYS.get(way)
+        if needed is not None and not is_given(getattr(command, needed)):
+            raise ArmError(
+                f"--ask {way} is given without {name_option(needed)}; allowed is both; "
+                "add it, or ask in another way"
+            )
+
+
+def describe_ways() -> str:
+    """Return the ways in which an arm can ask, with the options that they need."""
+    named = [
+        way if needed is None else f"{way} (with {name_option(needed)})"
+        for way, needed in WAYS.items()
+    ]
+    return f"{', '.join(named)} or {OUTPUT}N (digital output N of a UR)"
+
+
+def find_outputs(ways: tuple[str, ...]) -> dict[str, int]:
+    """Return those of the ways to ask that name an output, with its number."""
+    numbers = {way: way.removeprefix(OUTPUT) for way in ways if OUTPUT in way}
+    return {way: int(text) for way, text in numbers.items() if text.isdecimal()}
 
 
 def check_touches(command: RunCommand, driver: "Driver") -> None:
@@ -264,7 +337,10 @@ def open_command_arm(command: RunCommand, clock: "Clock") -> "Arm | None":
     """Open the arm that touches command; return None without one."""
     from eskin.app import open_arm
 
-    return None if command.robot is None else open_arm(command.robot, clock=clock)
+    if command.robot is None:
+        return None
+    output = next(iter(find_outputs(command.ask).values()), None)
+    return open_arm(command.robot, clock=clock, question_output=output)
 
 
 def build_policy(
@@ -321,6 +397,7 @@ def build_listeners(
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
         from eskin.page.process import DEFAULT_PORT, free_port
+        from eskin.page.question import describe_question
         from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
@@ -328,7 +405,11 @@ def build_listeners(
         page = ViewerConfig(port, warning="; ".join(doubts), commands=tuple(told))
         path = None if command.record is None else f"{RECORDING}{command.record}"
         describe = None if path is None else lambda: path
-        listeners.append(Viewer(recognition, page, arm=arm, recording=describe))
+        asked = [partial(describe_question, policy) for policy in policies]
+        question = asked[0] if asked else None
+        listeners.append(
+            Viewer(recognition, page, arm=arm, recording=describe, question=question)
+        )
         print(f"see {page.link}", flush=True)
     return listeners
 

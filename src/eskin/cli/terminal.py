@@ -1,8 +1,10 @@
 """This module prints detections, events and commands as lines on the terminal."""
 
+import sys
 from collections.abc import Sequence
 from typing import final
 
+from eskin.command import ASK
 from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.stream import CommandEvent, Context, FaultReporter, Listener, Message
@@ -12,6 +14,8 @@ from eskin.units import NS_PER_S, format_count
 
 PATCH_KINDS = {"appeared", "silent", "returned", "slow", "on_rate", "late", "in_time"}
 """Kinds of events that many patches have at once, as when a cable is pulled."""
+BELL = "\a"
+"""Character at which a terminal makes a sound."""
 LISTED = 3
 """Number of patches with such an event that are printed; the others are counted."""
 TOGETHER = NS_PER_S // 2
@@ -55,6 +59,8 @@ class FaultPrinter:
 @final
 class TerminalPrinter(Listener):
     """A listener that prints what happens, with seconds since the stream began.
+
+    Where the output is a terminal, its bell rings when the arm asks.
 
     Of patches that appear or become silent together, it prints three and counts the
     others. Scans tell it that time has passed, so that the count is printed while
@@ -117,7 +123,10 @@ class TerminalPrinter(Listener):
             print(format_event(item, self.first), flush=True)
             return
         seconds = (item.stamp - self.first) / NS_PER_S
-        if isinstance(item, CommandEvent):
+        if isinstance(item, CommandEvent) and item.action == ASK:
+            text = f"  {item.action:15}  {item.why}"
+            text += BELL if sys.stdout.isatty() else ""
+        elif isinstance(item, CommandEvent):
             outcome = "done" if item.accepted else "not done"
             text = f"  {item.action:15}  {outcome}: {item.why}"
         else:

@@ -94,10 +94,10 @@ class Question:
 
     @property
     def text(self) -> str:
-        """What the arm asks, such as `resume? answer by a poke within 1 s`."""
+        """What the arm asks, such as `resume? answer by a poke there within 1 s`."""
         action = self.request.action.replace("_", " ")
         answer = self.answer.replace("_", " ")
-        return f"{action}? answer by a {answer} within {self.config.window:g} s"
+        return f"{action}? answer by a {answer} there within {self.config.window:g} s"
 
     def find_refusal(self, touches: CommandedTouches) -> str | None:
         """Return why it is refused by now, or None where it is not.

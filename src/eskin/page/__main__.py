@@ -24,17 +24,18 @@ from viser import (
 )
 
 from eskin.errors import DeviceError
-from eskin.page.hand import MISSED, Mouse, MouseHand, PaintBrush, TouchMode
-from eskin.page.marks import GripperModel, Marks, TargetMark
+from eskin.page.hand import KINDS, MISSED, Mouse, MouseHand, PaintBrush, TouchMode
+from eskin.page.marks import GripperModel, Marks, QuestionBanner, TargetMark
 from eskin.page.messages import (
     MessageKind,
     Order,
     PageOrder,
+    QuestionBoard,
     SceneDescription,
     ViewUpdate,
 )
 from eskin.page.panel import GuidePanel, Key, PaintPanel, Panel, TouchPanel
-from eskin.page.scene import Scene, lay_out
+from eskin.page.scene import PagePart, Scene, lay_out
 from eskin.page.server import open_server
 
 PANEL_PERIOD = 0.1
@@ -69,10 +70,12 @@ class Page:
         self.server = server
         self.scene = lay_out(server, setup)
         self.mouse, self.panel = build_panel(server, self.scene, send)
-        grippers = [GripperModel(server, setup)] if setup.is_arm else []
+        arm: list[PagePart] = []
+        if setup.is_arm:
+            arm = [GripperModel(server, setup), QuestionBanner(server, setup)]
         self.target = TargetMark(server, self.scene, setup.touchable)
         marks = Marks(server, self.scene), self.target
-        self.parts = [self.scene, *marks, *grippers, self.panel]
+        self.parts = [self.scene, *marks, *arm, self.panel]
         self.drawn, self.guide = -np.inf, None
         self.seconds = 0.0
         self.hit = False
@@ -141,6 +144,7 @@ class Page:
     def show(self, update: ViewUpdate) -> None:
         """Show one update."""
         self.seconds = update.seconds
+        self.mouse.answer = find_answer(update.question)
         guide = update.guide and replace(update.guide, share=0.0)
         with self.server.atomic():
             for part in self.parts:
@@ -149,6 +153,14 @@ class Page:
             if guide != self.guide or not 0.0 <= passed < PANEL_PERIOD:
                 self.drawn, self.guide = update.seconds, guide
                 self.panel.render(update)
+
+
+def find_answer(board: QuestionBoard | None) -> TouchMode | None:
+    """Return the mode of the mouse that answers a question; None where none is open."""
+    if board is None or not board.action:
+        return None
+    modes: list[TouchMode] = [m for m, kind in KINDS.items() if kind == board.answer]
+    return modes[0] if modes else None
 
 
 def build_panel(

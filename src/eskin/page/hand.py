@@ -28,6 +28,8 @@ class Mouse(ABC):
     """A mouse turns clicks and drags on a surface into orders.
 
     Attributes:
+        answer: kind of touch that answers what the arm asks now; None while it does not
+            ask.
         tell: function called with the answer to each click and drag, for the person.
     """
 
@@ -39,6 +41,7 @@ class Mouse(ABC):
             send: function called with each order, from any thread.
         """
         self.setup, self.send = setup, send
+        self.answer: TouchMode | None = None
         self.tell: Callable[[str], None] = lambda text: None
 
     @abstractmethod
@@ -67,6 +70,12 @@ class Mouse(ABC):
         """Send the orders that are due."""
 
 
+KINDS: dict[TouchMode, TouchKind] = {
+    "poke": "poke",
+    "double pat": "double_pat",
+    "grab": "grab",
+}
+"""Kind of the touch of each mode that has only one."""
 DOUBLE_CLICK = 0.35
 """Longest time between two clicks that make a double pat [s]."""
 DOUBLE_CLICK_DISTANCE = 0.05
@@ -96,7 +105,8 @@ class MouseHand(Mouse):
 
     A click pokes only once it is too late for a second click. Two clicks make a double
     pat instead of two pokes, because the first poke would be recognised, and would have
-    issued its command, before the second. It suffices that one of the two hits.
+    issued its command, before the second. It suffices that one of the two hits. While
+    the arm asks, a click is the touch that answers, and comes at once.
 
     Attributes:
         mode: kind of touch that a click makes.
@@ -119,16 +129,16 @@ class MouseHand(Mouse):
     def click(
         self, spot: SurfacePoint | None, now: float, mode: TouchMode | None = None
     ) -> None:
-        """Touch a point in the current mode, or in another."""
-        mode = mode or self.mode
-        if mode == "poke":
+        """Touch a point in the mode that answers, the current one, or another."""
+        mode = mode or self.answer or self.mode
+        if mode == "poke" and self.answer is None:
             self.poke(spot, now)
         elif spot is None:
             self.tell(MISSED)
         elif mode == "stroke":
             self.stroke(spot, now)
         else:
-            self.schedule(now, "grab" if mode == "grab" else "double_pat", spot)
+            self.schedule(now, KINDS[mode], spot)
         self.tick(now)
 
     def poke(self, spot: SurfacePoint | None, now: float) -> None:

@@ -13,6 +13,7 @@ from eskin.page.messages import (
     GuideBoard,
     LogEntry,
     OpenTouch,
+    QuestionBoard,
     SceneDescription,
     ViewUpdate,
 )
@@ -263,6 +264,32 @@ EFFECTS = {
     "open gripper": "opens it",
 }
 """What the page says of an action."""
+
+
+ASKED = {"normal": "full speed"}
+"""What the page asks about an action, where that is not its name."""
+
+
+def render_question(board: QuestionBoard | None, setup: SceneDescription) -> str:
+    """Return what the arm asks as HTML, which is hidden: a script reads it.
+
+    It holds the question, how to answer, and the share of the time that is left; the
+    question is empty while the arm does not ask.
+    """
+    question = hint = ""
+    left = 0.0
+    if board is not None and board.action:
+        question = f"{to_words(ASKED.get(board.action, board.action)).capitalize()}?"
+        hint = to_words(f"{board.answer.capitalize()} the {board.link}")
+        if setup.touchable and board.answer in HOW:
+            hint += f" ({HOW[board.answer]})"
+        if board.is_answering:
+            hint = "Let go and wait"
+        left = board.left
+    return (
+        f'<div hidden data-question="{escape(question)}" data-hint="{escape(hint)}" '
+        f'data-left="{left:.2f}"></div>'
+    )
 
 
 def describe_actions(actions: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from viser import BatchedMeshHandle, LabelHandle, ViserServer
 
-from eskin.page.html import to_words
+from eskin.page.html import render_question, to_words
 from eskin.page.messages import (
     CAMERA_DIRECTION,
     ContactMarker,
@@ -18,6 +18,7 @@ from eskin.page.messages import (
     ViewUpdate,
 )
 from eskin.page.scene import (
+    BOTTOM,
     CORNERS,
     LINEAR,
     PART,
@@ -333,3 +334,28 @@ class TargetMark(PagePart):
         room = max(p_world[2] - CAMERA_HEIGHT, CAMERA_HEIGHT)
         distance = min(TARGET_DISTANCE, room / max(-direction[2], 1e-9))
         self.scene.set_camera(p_world, distance, direction)
+
+
+@final
+class QuestionBanner(PagePart):
+    """Shows across the scene what the arm asks.
+
+    The script of the page draws it, with a sound when it comes, from what the panel
+    holds.
+
+    Attributes:
+        shown: what the script reads, as HTML.
+    """
+
+    def __init__(self, server: ViserServer, setup: SceneDescription) -> None:
+        """Start without a question."""
+        self.setup = setup
+        self.shown = render_question(None, setup)
+        self.html = server.gui.add_html(self.shown, order=BOTTOM)
+
+    def update(self, update: ViewUpdate) -> None:
+        """Show the question of an update, or none."""
+        shown = render_question(update.question, self.setup)
+        if shown != self.shown:
+            self.shown = shown
+            self.html.content = shown

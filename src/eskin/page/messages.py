@@ -92,6 +92,25 @@ class ArmSummary:
 
 
 @dataclass(frozen=True)
+class QuestionBoard:
+    """Tells a person what the arm asks, and what to observe before it asks again."""
+
+    answer: str
+    """Gesture that answers a question; empty where the arm never asks."""
+    rest: float = 0.0
+    """How long the skin must stay untouched before the next touch that asks, because a
+    question was not answered [s]; 0 otherwise."""
+    action: str = ""
+    """Action that the arm asks about; empty while it does not ask."""
+    link: str = ""
+    """Name of the link that the answer must be on; empty while the arm does not ask."""
+    left: float = 0.0
+    """Share of the time that is left for the answer to begin, from 1 to 0."""
+    is_answering: bool = False
+    """Whether a touch that may be the answer has begun."""
+
+
+@dataclass(frozen=True)
 class PressPlace:
     """Describes where a person is to press next."""
 
@@ -151,6 +170,8 @@ class ViewUpdate:
     """Age of the reading when its processing was complete [s]."""
     arm: ArmSummary | None = None
     """Summary of the arm; None without an arm."""
+    question: QuestionBoard | None = None
+    """What the arm asks; None without an arm."""
     guide: GuideBoard | None = None
     """Guide through a calibration, or what is painted; None without either."""
     recording: str = ""

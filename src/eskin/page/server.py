@@ -52,8 +52,65 @@ LOOK = b"""<script>
       new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true})), 60);
     at = null;
   }, true);
+  let audio = null, banner = null, hasArm = false;
+  const wake = () => {
+    try { (audio ??= new AudioContext()).resume(); } catch { audio = null; }
+  };
+  for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, wake, true);
+  const sound = () => {
+    if (audio?.state !== "running") return;
+    [660, 880].forEach((pitch, number) => {
+      const tone = audio.createOscillator(), loudness = audio.createGain();
+      const begin = audio.currentTime + 0.12 * number;
+      tone.frequency.value = pitch;
+      loudness.gain.setValueAtTime(0.25, begin);
+      loudness.gain.exponentialRampToValueAtTime(0.001, begin + 0.12);
+      tone.connect(loudness).connect(audio.destination);
+      tone.start(begin);
+      tone.stop(begin + 0.12);
+    });
+  };
+  const CLOSED = {
+    question: "", hint: "Open the panel to see what the arm asks", left: 0};
+  const write = (part, text) => {
+    if (part.textContent !== text) part.textContent = text;
+  };
+  new MutationObserver(() => {
+    const asked = document.querySelector("[data-question]");
+    const {question, hint, left} = asked?.dataset ?? CLOSED;
+    hasArm ||= asked !== null;
+    if (!hasArm || !hint) {
+      banner?.remove();
+      banner = null;
+      return;
+    }
+    if (!banner) {
+      banner = document.createElement("div");
+      banner.id = "question";
+      banner.setAttribute("role", "alert");
+      banner.innerHTML = "<b></b><span></span><i></i>";
+      document.body.append(banner);
+    }
+    const [title, text, bar] = banner.children;
+    if (question && !title.textContent) sound();
+    write(title, question);
+    write(text, hint);
+    bar.style.width = `${100 * left}%`;
+    const box = document.querySelector("canvas[data-engine]")?.getBoundingClientRect();
+    if (box) Object.assign(banner.style, {left: `${box.x}px`, width: `${box.width}px`});
+  }).observe(document, {childList: true, subtree: true});
 </script>
 <style>
+  #question {
+    position: fixed; top: 0; left: 0; width: 100%; z-index: 90;
+    pointer-events: none;
+    box-sizing: border-box; padding: 14px 20px; overflow: hidden;
+    font: 600 clamp(20px, 3.2vw, 44px)/1.25 system-ui, sans-serif;
+    text-align: center; color: #fff; background: #14405ae6; }
+  #question span { display: block; font-size: 0.7em; }
+  #question i {
+    display: block; height: 12px; margin: 10px auto 0; border-radius: 6px;
+    background: #ffc94d; transition: width 0.1s linear; }
   :root { color-scheme: light dark; }
   [data-mantine-color-scheme="light"] { color-scheme: light; }
   [data-mantine-color-scheme="dark"] { color-scheme: dark; }
@@ -73,8 +130,10 @@ LOOK = b"""<script>
 </style>"""
 """What is added to viser's page: it is dark where the browser prefers that; each click
 and drag in the scene is told by a key, M or T, so that those beside the skin are
-answered too, after 60 ms, because what it hit is told within 50 ms; the sky is pale or
-dark; and on a phone the panel is as wide as the window, and lower."""
+answered too, after 60 ms, because what it hit is told within 50 ms; what the arm asks
+is shown across the scene, with a sound where the browser allows one, which is after the
+first click or key; the sky is pale or dark; and on a phone the panel is as wide as the
+window, and lower."""
 
 
 @final

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Float16
 
-from eskin.command import Arm, ArmState
+from eskin.command import ASK, Arm, ArmState
 from eskin.drivers import Event
 from eskin.errors import DeviceError
 from eskin.live import UNKNOWN, Detection
@@ -26,6 +26,7 @@ from eskin.page.messages import (
     OpenTouch,
     Order,
     PageOrder,
+    QuestionBoard,
     SceneDescription,
     ViewUpdate,
 )
@@ -169,7 +170,7 @@ before its likeliest gesture there."""
 def describe_command(command: CommandEvent) -> str:
     """Return what the log says of a command: what was done, or why it was not."""
     why = command.why
-    if not command.accepted:
+    if not command.accepted or command.action == ASK:
         return to_words(f"{command.action}: {why}")
     if why.startswith(NOT_UNDERSTOOD) and LIKELIEST in why:
         why = f"probably a {why.partition(LIKELIEST)[2].partition(' ')[0]}"
@@ -208,12 +209,19 @@ REMEDIES = (
 """What ends a stop, by the beginning of its reason."""
 
 
-def describe_arm(arm: ArmState, commands: Sequence[str] = ()) -> ArmSummary:
+NEVER_ASKS = QuestionBoard("")
+"""What is asked by an arm that never asks."""
+
+
+def describe_arm(
+    arm: ArmState, commands: Sequence[str] = (), board: QuestionBoard = NEVER_ASKS
+) -> ArmSummary:
     """Return the summary of an arm's state, with the reason for a stop and its remedy.
 
     Args:
         arm: state of the arm.
         commands: what each gesture commands, such as `grab: resume`.
+        board: what the arm asks.
     """
     state, why = "running" if arm.moving else "waiting", ""
     if not arm.connected:
@@ -224,6 +232,8 @@ def describe_arm(arm: ArmState, commands: Sequence[str] = ()) -> ArmSummary:
         state, why = "held", arm.hold_reason
     elif arm.paused:
         state = "paused"
+    elif board.action:
+        why = "until its question is answered"
     elif arm.speed_limit < 1:
         why = "slow for its skin" if arm.speed_limit else "until a touch is clear"
     return ArmSummary(
@@ -232,28 +242,40 @@ def describe_arm(arm: ArmState, commands: Sequence[str] = ()) -> ArmSummary:
         min(arm.speed, arm.speed_limit),
         arm.gripper,
         arm.target,
-        find_remedy(state, why, commands, arm.paused),
+        find_remedy(state, why, commands, arm.paused, board),
         arm.carrying,
     )
 
 
-def find_remedy(state: str, why: str, commands: Sequence[str], paused: bool) -> str:
+def find_remedy(
+    state: str,
+    why: str,
+    commands: Sequence[str],
+    paused: bool,
+    board: QuestionBoard,
+) -> str:
     """Return what ends a stop: the cause that is to be mended, and who resumes.
 
-    An arm that is not paused must be before a touch can resume it.
+    An arm that is not paused must be before a touch can resume it. After a question
+    that was not answered, the skin must stay untouched before the next, whatever the
+    state.
     """
+    rest = f"touch nothing for {board.rest:g} s" if board.rest else ""
     if state not in ("paused", "held", "stopped"):
-        return ""
+        return rest and f"{rest} before you ask again"
     mend = [remedy for reason, remedy in REMEDIES if why.startswith(reason)]
     rules = [line.partition(": ") for line in commands]
     pausing, resuming = (
         [touch for touch, _, actions in rules if action in actions.split(" or ")]
         for action in ("pause", "resume")
     )
-    first = [f"{touch}, wait 1 s" for touch in pausing[: not paused]]
-    return ", then ".join(
-        [*mend[:1], *first, *(f"{touch} to resume" for touch in resuming[:1])]
-    )
+    first = [f"{touch}, {rest or 'wait 1 s'}" for touch in pausing[: not paused]]
+    if paused and rest:
+        first = [rest]
+    answer = to_words(board.answer)
+    end = f", then {answer} there when it asks" if answer else " to resume"
+    last = [f"{touch}{end}" for touch in resuming[:1]]
+    return ", then ".join([*mend[:1], *first, *last])
 
 
 MAX_UPDATE_RATE = 25.0
@@ -318,6 +340,7 @@ class Viewer(Listener):
         on_order: Callable[[Order], None] | None = None,
         arm: Arm | None = None,
         recording: Callable[[], str] | None = None,
+        question: Callable[[int], QuestionBoard] | None = None,
     ) -> None:
         """Prepare the viewer; the page starts with the stream.
 
@@ -329,9 +352,12 @@ class Viewer(Listener):
             recording: function that describes the recording that is made, for example
                 by its path, empty while there is none. With one, detections can be
                 corrected in the page.
+            question: function that describes what the arm asks at a time [ns since the
+                epoch]; None for an arm that never asks.
         """
         self.recognition, self.config = recognition, config or ViewerConfig()
         self.on_order, self.arm, self.recording = on_order, arm, recording
+        self.question = question
         self.touches: dict[int, tuple[int, int]] = {}
         self.corrected: dict[int, str] = {}
         self.page: PageProcess | None = None
@@ -423,14 +449,18 @@ class Viewer(Listener):
         if now < self.due or self.page is None or not self.page.wants():
             return
         self.due = max(self.due + 1 / MAX_UPDATE_RATE, now)
-        commands, arm = self.config.commands, self.arm
         update = replace(
             self.encoder.build_update(item, self.rate),
             step=self.recognition.step.quantile(0.5),
             age=self.context.age(item.state.reading.stamp),
-            arm=None if arm is None else describe_arm(arm.state(), commands),
             recording=self.describe_recording(),
         )
+        if self.arm is not None:
+            board = NEVER_ASKS
+            if self.question is not None:
+                board = self.question(self.context.clock.now())
+            summary = describe_arm(self.arm.state(), self.config.commands, board)
+            update = replace(update, arm=summary, question=board)
         self.page.give(update)
 
     def update_rate(self, now: float) -> None:

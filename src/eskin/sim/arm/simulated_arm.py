@@ -252,7 +252,6 @@ def open_simulated_arm(
     clock: Clock | None,
     motion: MotionConfig | None,
     gripper_output: int,
-    question_output: int | None,
 ) -> SimulatedArm:
     """Open the simulated arm of a task, which has no outputs.
 

@@ -71,9 +71,9 @@ class SimulatedUser:
     meant to resume it; a stop that no gesture of the map ends is ended by the button.
 
     Where an action must be asked for, they leave the skin alone for a second, make its
-    gesture, wait for the question and answer it. A few forget, or make another gesture.
-    After a question that failed they ask for nothing until the skin was left alone for
-    five seconds.
+    gesture, wait for the question and answer it on the same link. A few forget, or make
+    another gesture. After a question that failed they ask for nothing until the skin
+    was left alone for five seconds.
 
     Attributes:
         score: score of the touches, those by accident among them.
@@ -260,9 +260,10 @@ class SimulatedUser:
             attempt.begin = stamp
             self.score.add(attempt)
         if truths:
+            if not self.in_contact or truths[0].force > self.strongest.force:
+                self.strongest = truths[0]
             self.in_contact = True
             self.last = stamp
-            self.place = truths[0]
         if self.touch not in hand.touching:
             self.end_touch(stamp, attempt)
 
@@ -292,7 +293,7 @@ class SimulatedUser:
             self.answer_at = question.asked_at + round(reaction * NS_PER_S)
             self.gesture = self.choose_answer(question, attempt)
         elif attempt.answer is None and self.gesture and stamp >= self.answer_at:
-            place = draw_place(self.skin, self.place, self.rng)
+            place = draw_place(self.skin, self.strongest, self.rng)
             self.touch = self.skin.hand.perform(self.gesture, place)
             self.in_contact = False
             attempt.answer = self.touch
@@ -314,7 +315,7 @@ class SimulatedUser:
 def draw_place(
     skin: InteractiveSkin, touched: TruthRecord, rng: np.random.Generator
 ) -> LinkPoint:
-    """Draw where a person answers: on the link that they have touched, near that."""
+    """Draw where a person answers: on the link that was touched, near that place."""
     mounted = skin.mounted
     p_world, _ = mounted.place_taxels(skin.hand.q)
     names = np.array(mounted.skin.link_names)[np.asarray(mounted.skin.patch_index)]
