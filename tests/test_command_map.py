@@ -85,13 +85,13 @@ def test_simulation_of_before_means_that_nothing_is_asked(path, caplog):
         load_commands(path, VOCABULARY, SKIN)
 
 
-def test_what_is_asked_for_needs_the_likeliest_gesture_or_what_its_rule_says(path):
+def test_what_is_asked_for_needs_no_more_than_a_stop_or_what_its_rule_says(path):
     commands = load(path, f"{HEAD}{POKE}{RESUME}")
     (pause, resume) = commands.commands
-    assert commands.require_confidence(pause, "pause") == MIN_CONFIDENCE["pause"]
+    assert commands.require_confidence(pause, "pause") == MIN_CONFIDENCE
     assert commands.require_confidence(resume, "resume") == 0.1
     (_, _, grab, _) = load_commands(None, VOCABULARY, SKIN).commands
-    assert commands.require_confidence(grab, "resume") is None
+    assert commands.require_confidence(grab, "resume") == MIN_CONFIDENCE
 
 
 @pytest.mark.parametrize("action", ["toggle_gripper", "close_gripper"])

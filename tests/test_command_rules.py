@@ -133,8 +133,9 @@ never: a hold ends by two pokes
     go on: poke, 1 s later poke]; 1; poke b. > pause; 1; poke c. > resume; ? at work
 confidence: poke needs 0.34
     poke a 0.35. > pause; poke b 0.33. > !pause [below 0.34]
-confidence: what asks is the likeliest gesture
-    grab a 0.21. >; ? shows_question=1
+confidence: so does what asks
+    grab a 0.33. > !next_waypoint [grab (0.33) is below 0.34; do it again]; 1; grab b
+    0.35. >; ? shows_question=1
 confidence: rule raises it
     map stroke_on; stroke a 0.96. > !next_waypoint [below 0.97]
 confidence: rule lowers it
@@ -143,8 +144,8 @@ confidence: doubtful touch becomes confident until it closes
     map stroke_on; stroke a 0.85; 0.4; say a >; lift a; 0.4; a is 0.98; 0.02; close a
     >; ? shows_question=1
 confidence: confidence may fall until it closes
-    {asked} lift a; 0.4 >; a is 0.19; 0.02; close a > !resume [not understood: another
-    gesture became likelier than grab (0.19); do it again, more clearly]
+    {asked} lift a; 0.4 >; a is 0.33; 0.02; close a > !resume [not understood: grab
+    (0.33) is below 0.34; do it again, more clearly]
 confidence: doubtful stop may become sure
     poke a 0.3; 0.1; say a >; a is 0.4; 0.02 > pause
 unknown: likely stop halts
@@ -254,9 +255,10 @@ answer: by another gesture
     0.02 > slow; ? paused
 answer: by the gesture that asked
     {asks} 0.5; grab b. > !resume [no clear poke], !resume [for 5 s after a question]
-answer: by a touch that is likelier something else
-    {asks} 0.5; poke b; 0.3; b is stroke 0.5; lift b; 0.4; close b > !resume [no clear
-    poke (0.12)]
+answer: by a poke that is as clear as one that stops
+    {asks} 0.5; poke b 0.35.; 0.3 > resume
+answer: by one that is not
+    {asks} 0.5; poke b 0.33. > !resume [no clear poke (0.33)]; 0.02 > !pause
 answer: as briefly as things hit
     {asks} 0.5; poke b; 0.1; lift b; 0.4; close b > !resume [the answer was brief (0.08
     s), as a hit may be]

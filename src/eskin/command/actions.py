@@ -37,16 +37,11 @@ ACTIONS: tuple[str, ...] = get_args(Action)
 FUNCTION = "function"
 """Action of a rule that names a function."""
 
-MIN_CONFIDENCE = {
-    "hold": 0.34,
-    "pause": 0.34,
-    "slow": 0.49,
-    FUNCTION: 0.8,
-    "none": 0.0,
-}
-"""Default confidence of each action that needs no answer; those of `pause` and `slow`
-are chosen from data, by what errors of them cost (`lab/notes/policy.md`). For any other
-action its gesture must be the likeliest one."""
+MIN_CONFIDENCE = 0.34
+"""Default confidence of a touch that stops the arm, asks or answers."""
+OWN_CONFIDENCE = {"slow": 0.49, FUNCTION: 0.8, "none": 0.0}
+"""Default confidence of other actions that need no answer. That of `slow`, and of
+stops, is chosen from data, by what errors of them cost (`lab/notes/policy.md`)."""
 SUSPEND = "wait"
 """Action of events that tell that the arm is suspended while it is touched."""
 ASK = "ask"

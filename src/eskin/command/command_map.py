@@ -16,6 +16,7 @@ from eskin.command.actions import (
     FUNCTION_NAME,
     HALTING_ACTIONS,
     MIN_CONFIDENCE,
+    OWN_CONFIDENCE,
     THING_GESTURES,
     TOGGLES,
     Action,
@@ -152,7 +153,7 @@ class CommandMap(BaseModel):
             action = rule.action_or_function
             action = TOGGLES.get(action, (action,))[0]
             if action in HALTING_ACTIONS:
-                found[index] = self.require_confidence(rule, action) or 0.0
+                found[index] = self.require_confidence(rule, action)
         return found
 
     @property
@@ -164,14 +165,16 @@ class CommandMap(BaseModel):
         """Return whether the arm asks before a plain action of a rule."""
         return self.asks and needs_answer(action, rule.function)
 
-    def require_confidence(self, rule: Rule, action: str) -> float | None:
+    def require_confidence(self, rule: Rule, action: str) -> float:
         """Return the confidence that a plain action of a rule needs.
 
-        It is that of the rule, if it gives one. None means that the gesture of the rule
-        must be the likeliest one.
+        It is that of the rule, if it gives one.
         """
-        usual = MIN_CONFIDENCE.get(action)
-        return usual if rule.confidence is None else rule.confidence
+        if rule.confidence is not None:
+            return rule.confidence
+        if self.needs_answer(rule, action):
+            return MIN_CONFIDENCE
+        return OWN_CONFIDENCE.get(action, MIN_CONFIDENCE)
 
     def select_rules(self, vocabulary: tuple[str, ...]) -> "CommandMap":
         """Return the map with the rules that a model can give, and answer.

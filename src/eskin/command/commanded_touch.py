@@ -196,14 +196,11 @@ class CommandRequest:
     action: str
     """Plain action that it asks for."""
 
-    required: float | None
-    """Confidence that the action needs; None if its gesture must be the likeliest."""
+    required: float
+    """Confidence that the action needs."""
 
     confidence: float
     """Probability of its gesture at the latest reading of the touch."""
-
-    is_likeliest: bool
-    """Whether no other gesture was likelier then."""
 
     end: int
     """Stamp of the latest contact of the touch [ns since the epoch]."""
@@ -211,8 +208,6 @@ class CommandRequest:
     @property
     def is_confident(self) -> bool:
         """Whether its confidence is high enough."""
-        if self.required is None:
-            return self.is_likeliest
         return self.confidence >= self.required
 
 
@@ -296,7 +291,6 @@ class CommandedTouches:
             if probabilities is not None:
                 index = self.vocabulary.index(request.detection.gesture)
                 request.confidence = float(probabilities[index])
-                request.is_likeliest = int(probabilities.argmax()) == index
 
     def close(self, number: int, merged_into: int) -> None:
         """Note that a touch has closed, and what it has merged into; 0 is nothing."""

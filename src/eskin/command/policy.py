@@ -275,7 +275,6 @@ class Policy(Listener):
             action=action,
             required=self.commands.require_confidence(rule, action),
             confidence=detection.confidence,
-            is_likeliest=True,
             end=detection.end,
         )
 
@@ -556,11 +555,10 @@ class Policy(Listener):
         if request.is_confident:
             return None
         gesture = request.detection.gesture.replace("_", " ")
-        chance = f"{gesture} ({request.confidence:.2f})"
-        problem = f"another gesture became likelier than {chance}"
-        if request.required is not None:
-            problem = f"{chance} is below {request.required:.2f}"
-        return f"not understood: {problem}; do it again, more clearly"
+        return (
+            f"not understood: {gesture} ({request.confidence:.2f}) is below "
+            f"{request.required:.2f}; do it again, more clearly"
+        )
 
     def ask(self, request: CommandRequest) -> None:
         """Ask whether the arm is to do what a touch asks for."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import final
 
+from eskin.command.actions import MIN_CONFIDENCE
 from eskin.command.commanded_touch import (
     CommandedTouch,
     CommandedTouches,
@@ -133,10 +134,10 @@ class Question:
         if touches.links[touch.patch] != link:
             return f"the answer was not on {link}, where the touch was that asked"
         chances = touch.probabilities
-        if len(chances) and int(chances.argmax()) == self.index:
-            return None
         chance = float(chances[self.index]) if len(chances) else 0.0
-        return f"the answer was no clear {answer} ({chance:.2f})"
+        if chance < MIN_CONFIDENCE:
+            return f"the answer was no clear {answer} ({chance:.2f})"
+        return None
 
     def find_touch_refusal(self, touch: CommandedTouch) -> str | None:
         """Return why a touch that has begun cannot be the answer, or None."""
