@@ -2,9 +2,11 @@
 
     python examples/05_command_function.py
 
-A simulated person touches a simulated UR5 at its task: a poke pauses it, a grab
-lets it go on, a stroke calls the function below. Before `ur://HOST` in place of
-`sim:ur5`, read docs/commands.md: nothing here is a safety function.
+A simulated person touches a simulated UR5 at its task: a poke pauses it, a stroke
+calls the function below. After a grab the arm asks whether it is to go on, and a poke
+would answer; this person never answers, those of `eskin demo --headless` do. Before
+`ur://HOST` in place of `sim:ur5`, read docs/commands.md: nothing here is a safety
+function.
 """
 
 from dataclasses import dataclass
@@ -14,7 +16,14 @@ import tyro
 import eskin
 from eskin.app import open_arm
 from eskin.cli.terminal import TerminalPrinter
-from eskin.command import Arm, CommandMap, Policy, Rule, command_function
+from eskin.command import (
+    Arm,
+    CommandMap,
+    Policy,
+    Rule,
+    command_function,
+    moves_nothing,
+)
 from eskin.live import warm_up
 from eskin.stream import Recognition, Stream
 
@@ -29,6 +38,7 @@ COMMANDS = CommandMap(
 
 
 @command_function("half_speed")
+@moves_nothing  # It only slows the arm, so the arm need not ask first.
 def half_speed(arm: Arm, detection: eskin.Detection) -> None:
     """Let the arm go at half of its speed."""
     arm.set_speed(0.5)

@@ -8,9 +8,12 @@ Every row is `eskin demo --headless` in one condition: on sensors as in training
 ones and those of each family, with short and long pauses between touches, on a slow and
 a fast arm, and on skins that fail meanwhile. Each build of the skin has people of its
 own; neither is in any set, nor were thresholds chosen on them. Builds of a family with
-less than 20 readings a second command no arm and are left out. Intervals are those of
-95 % of resampled builds with their people (percentile bootstrap). The command prints a
-table of docs/results.md, and below it why touches were lost.
+less than 20 readings a second command no arm and are left out.
+
+A touch that asks for more and its answer count as one; of a hundred questions, people
+forget to answer five, and answer five by another gesture. Intervals are those of 95 %
+of resampled builds with their people (percentile bootstrap). The command prints a table
+of docs/results.md, and below it why touches were lost.
 """
 
 from collections import Counter
@@ -67,7 +70,7 @@ HEAD = [
     *("condition", "touches", "obeyed", "wrong", "accidents", "stops by accidents"),
     *("unasked to go on an hour", "command after the end p50 / p95 [s]"),
     *("stop after the onset p50 / p95 [s]", "arm not held"),
-    *("commands of faults", "to go on"),
+    *("commands of faults", "to go on", "questions", "answered"),
 ]
 
 
@@ -158,6 +161,8 @@ def format_result(name: str, parts: list[DemoResult]) -> str:
             f"{result.availability:.1%}",
             str(len(by_faults)),
             str(count_going_on(by_faults)),
+            str(result.score.asked),
+            str(result.score.answered),
         ]
     )
 

@@ -9,7 +9,7 @@ typical; touches of people on such builds and on builds as drawn; and untouched 
 without flaws, on which `play` puts faults from the start or from 20 s on, and pats on
 one, two and four taxels, alone and on and beside a row that floats. `play` gives the
 counts to a recogniser with the nominal calibration. A touch opens where it is first
-shown; it is believed where `EvidenceMonitor` lets it command.
+shown.
 """
 
 import argparse
@@ -23,11 +23,9 @@ from pathlib import Path
 import numpy as np
 
 from eskin import MountedSkin, Recognizer
-from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
 from eskin.recording import TruthRecord
 from eskin.sim.sensor import FAMILIES
 from eskin.skin import Skin
-from eskin.stream import RecognitionState
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 from lab.attacks import skin_faults
@@ -193,7 +191,7 @@ def find_skin(row: str, number: int) -> tuple[MountedSkin, Calibration]:
 
 
 class Player:
-    """A player gives scans to a recogniser, and counts openings and beliefs."""
+    """A player gives scans to a recogniser, and counts openings and detections."""
 
     def __init__(self, row: str, number: int) -> None:
         """Build the recogniser of a world."""
@@ -201,27 +199,15 @@ class Player:
         self.skin = mounted.skin
         recognizer = Recognizer(get_model("ur5"), mounted, self.calibration)
         self.watcher = Watcher(recognizer)
-        self.evidence = EvidenceMonitor(self.skin, EvidenceConfig())
-        self.believed: set[int] = set()
 
     def push(self, scan: Scan) -> None:
         """Process the next scan."""
-        found = self.watcher.push(scan)
-        state = self.watcher.recognizer.state
-        assert state is not None
-        self.evidence.update(RecognitionState(state, {}, tuple(found)))
-        for row in state.open:
-            if self.evidence.is_plausible(row.id):
-                self.believed.add(row.id)
+        self.watcher.push(scan)
 
     def tally(self) -> dict[str, float]:
         """Return what was counted so far."""
         rest = self.watcher.rest
-        return {
-            "openings": rest.openings,
-            "detections": rest.detections,
-            "believed": len(self.believed),
-        }
+        return {"openings": rest.openings, "detections": rest.detections}
 
 
 def read_scans(data: dict[str, np.ndarray]) -> Iterator[Scan]:
@@ -244,7 +230,8 @@ def play_rest(data: dict, row: str, number: int) -> dict[str, float]:
 def play_touches(data: dict, row: str, number: int) -> dict[str, float]:
     """Play touches, and score their onsets and ends."""
     player, scans = Player(row, number), list(read_scans(data))
-    result = dict.fromkeys(("onsets", "ends", "forced", "touches", "believed"), 0.0)
+    names = ("onsets", "ends", "forced", "touches")
+    result: dict[str, float] = dict.fromkeys(names, 0.0)
     done = 0
     for n, (start, size) in enumerate(data["spans"].tolist()):
         for scan in scans[done:start]:
@@ -265,7 +252,6 @@ def play_touches(data: dict, row: str, number: int) -> dict[str, float]:
         result["onsets"] += onset is not None and abs(onset) <= ONSET
         result["ends"] += end is not None and abs(end) <= END
         result["forced"] += score.forced == gesture
-        result["believed"] += bool(player.believed & set(player.watcher.trails))
     return result
 
 

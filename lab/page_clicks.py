@@ -4,11 +4,11 @@
 
 A browser shows `eskin demo`, and the mouse acts on the forearm where the pointer is a
 hand: a click or a double click pauses the arm at work, a drag slows it, and a click
-with shift makes it go on; in between, the page's button does. A touch is answered where
-the log tells of it, and a hit unless the arm has gone away meanwhile, as in a slow
-browser. It is named rightly where the first gesture that the log names was made, and
-obeyed where the arm does what it asks for, each within `WAIT`. What the log tells of
-others is printed.
+with shift makes it go on, once another click answers the arm's question; in between,
+the page's button does. A touch is logged where the log tells of it, and a hit unless
+the arm has gone away meanwhile, as in a slow browser. It is named rightly where the
+first gesture that the log names was made, and obeyed where the arm does what it asks
+for, each within `WAIT`. What the log tells of others is printed.
 """
 
 import re
@@ -22,10 +22,15 @@ import tyro
 from lab.browser import PATIENCE, Visit, becomes, visit_demo
 from lab.tables import format_head, format_row
 
-WAIT = 4.0
+WAIT = 6.0
 """Longest simulated time from a touch to what comes of it [s]."""
 REST = 1.5
-"""Simulated time between two touches: an arm resumes after a second untouched [s]."""
+"""Simulated time between two touches: nothing may touch the skin in the second before
+one that asks [s]."""
+AFTER_FAILURE = 6.0
+"""The same after a question that was not answered [s]."""
+REACTION = 0.15
+"""Simulated time from the question until the mouse moves to answer [s]."""
 SIZE = (1000, 500)
 """Width and height of the window [px]; software draws a larger one slowly."""
 VISIBLE = 0.3
@@ -40,7 +45,7 @@ GESTURES = {
 }
 NAME = re.compile(r"^(?:probably )?([a-z ]+) \d+%|\(probably a ([a-z ]+)\)")
 """A gesture that a line of the log names."""
-ANSWERS = ("answered", "hit", "named", "obeyed")
+RESULTS = ("logged", "hit", "named", "obeyed")
 ROUND = ("click", "shift-click", "double click", "drag", "shift-click")
 
 
@@ -65,12 +70,12 @@ class Count:
     touches: int = 0
     """Number of touches."""
     seconds: dict[str, list[float]] = field(default_factory=dict)
-    """Simulated time until each of `ANSWERS` [s]."""
+    """Simulated time until each of `RESULTS` [s]."""
 
     def format(self, kind: str) -> str:
         """Return a row of the table."""
         cells = [kind, str(self.touches)]
-        for what in ANSWERS:
+        for what in RESULTS:
             times = self.seconds.get(what, [])
             median = f", {np.median(times):.2f} s" if times else ""
             cells.append(f"{len(times)}{median}")
@@ -87,7 +92,7 @@ def main() -> None:
             for kind in ROUND:
                 touch_once(visit, kind, counts[kind])
             if done % 10 == 9 or done == command.touches - 1:
-                print(format_head(["mouse", "touches", *ANSWERS]))
+                print(format_head(["mouse", "touches", *RESULTS]))
                 for kind, count in counts.items():
                     print(count.format(kind), flush=True)
 
@@ -113,16 +118,23 @@ def touch_once(visit: Visit, kind: str, count: Count) -> None:
         return
     began, count.touches = visit.demo.seconds, count.touches + 1
     found: dict[str, float] = {}
+    question = visit.tab.locator("#question")
+    is_answered = False
 
     def read_new() -> list[str]:
         entries = ENTRY.findall(visit.text())
         return [text for time, text in entries[::-1] if (time, text) not in known]
 
     def is_over() -> bool:
+        nonlocal is_answered
+        if kind == "shift-click" and not is_answered and question.count():
+            visit.demo.rest(REACTION)
+            visit.click()
+            is_answered = True
         new = read_new()
         names = [one or other for text in new for one, other in NAME.findall(text)]
         seen = {
-            "answered": any(text.startswith(("your ", "that was ")) for text in new),
+            "logged": any(text.startswith(("your ", "that was ")) for text in new),
             "hit": any(text.startswith("your ") for text in new),
             "named": names[:1] == [GESTURES[kind]],
             "obeyed": obeys(kind, before, visit.demo.state),
@@ -130,7 +142,7 @@ def touch_once(visit: Visit, kind: str, count: Count) -> None:
         passed = visit.demo.seconds - began
         for what in (what for what, is_seen in seen.items() if is_seen):
             found.setdefault(what, passed)
-        missed = seen["answered"] and not seen["hit"]
+        missed = seen["logged"] and not seen["hit"]
         return len(found) == len(seen) or missed or passed > WAIT
 
     becomes(is_over, PATIENCE)
@@ -138,8 +150,9 @@ def touch_once(visit: Visit, kind: str, count: Count) -> None:
         count.seconds.setdefault(what, []).append(seconds)
     if kind == "drag" and "hit" not in found:
         visit.face_skin()
-    visit.demo.rest(REST)
-    if len(found) < len(ANSWERS):
+    asks = kind == "shift-click"
+    visit.demo.rest(AFTER_FAILURE if asks and "obeyed" not in found else REST)
+    if len(found) < len(RESULTS):
         print(f"{kind} only {' and '.join(found)}: {read_new()}", flush=True)
 
 

@@ -26,6 +26,16 @@ SHORTEST, LONGEST = 40, 400
 """Shortest and longest duration of a frame [ms]."""
 LAST = 1500
 """Duration of the last frame [ms]."""
+REST = 2.5
+"""Simulated time from one touch to the next: nothing may touch the skin in the second
+before one that asks [s]."""
+CLOSING = 3.0
+"""Longest simulated time from a touch until the arm asks, and from the answer until it
+does what it was asked for [s]."""
+REACTION = 0.4
+"""Simulated time from the question to the click that answers [s]."""
+AFTER_FAILURE = 6.0
+"""Simulated time without a touch after a question that was not answered [s]."""
 ARROW = """() => {
   const arrow = document.createElement("div");
   arrow.innerHTML = `<svg width="26" height="26" viewBox="0 0 24 24">
@@ -129,29 +139,40 @@ def play(film: Film) -> str | None:
     film.run(1.8)
     film.run(3.0, lambda: visit.is_calm)
     visit.click()
-    film.run(1.8)
+    film.run(REST)
     if not demo.state["paused"]:
         return "pause"
-    visit.grab()
-    film.run(3.0, lambda: not demo.state["paused"])
+    ask(film, lambda: not demo.state["paused"])
     if demo.state["paused"]:
         return "resume"
     film.run(0.3)
     visit.drag()
-    film.run(1.6)
+    film.run(REST)
     if demo.state["speed"] == 1.0:
         return "slow"
+    ask(film, lambda: demo.state["speed"] == 1.0)
+    film.run(1.0)
+    return "full speed" if demo.state["speed"] < 1.0 else None
+
+
+def ask(film: Film, is_done: Callable[[], bool]) -> None:
+    """Grab, answer by a click where the arm asks, and wait until it is done."""
+    visit = film.visit
+    question = visit.tab.locator("#question")
     visit.grab()
-    film.run(2.6)
-    return "grab" if demo.state["speed"] < 1.0 else None
+    film.run(CLOSING, lambda: question.count() > 0)
+    if question.count():
+        film.run(REACTION)
+        visit.click()
+        film.run(CLOSING, is_done)
 
 
 def begin_again(visit: Visit) -> None:
-    """Resume the task at full speed."""
+    """Resume the task at full speed, once no question hinders the next one."""
     visit.press_resume()
+    visit.demo.rest(AFTER_FAILURE)
     if visit.demo.state["speed"] < 1.0:
-        visit.grab()
-        visit.demo.wait(3.0 / PACE)
+        ask(Film(visit), lambda: visit.demo.state["speed"] == 1.0)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Count the people who start a paused arm: they grab it, and answer its question.
 
-    python -m lab.starts                                  # 200 people, half an hour
+    python -m lab.starts                                  # 200 people, ten minutes
     python -m lab.starts --builds 1 --people 2 --kinds fresh --keep tries.jsonl
 
 Each person is in no set. They wait until the skin was left alone for as long as a
@@ -69,7 +69,7 @@ class Command:
     keep: Path | None = None
     """File to which a line of JSON is appended for each try."""
     seed: int = 61000
-    """Seed of the first build of each kind and its people; the others follow."""
+    """Seed of the first build and its people; those of each kind begin 100 later."""
     workers: int = 1
     """Number of processes."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import final
+from typing import final, get_args
 
 from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, load_commands
 from eskin.drivers import ManualClock
@@ -27,6 +27,9 @@ from eskin.units import NS_PER_S
 
 KINDS: tuple[BuildKind, ...] = ("fresh", *FAMILIES)
 """Kinds of builds that an arm is touched on."""
+
+APART = 100
+"""Difference of the first seeds of two kinds."""
 
 TARE = 3.0
 """Time without touch at the start [s]."""
@@ -188,11 +191,14 @@ class TouchedArm:
 def list_seeds(kind: BuildKind, first: int, count: int) -> list[int]:
     """Return the seeds of the first builds of a kind that may command an arm.
 
+    Those of each kind begin `APART` after the kind before, so that people differ too.
+
     Args:
         kind: kind of the builds.
-        first: the seed to begin with.
+        first: the seed at which those of the first kind begin.
         count: number of builds.
     """
+    first += APART * get_args(BuildKind).index(kind)
     least = 2 / SkinMonitorConfig().max_age
     seeds: list[int] = []
     while len(seeds) < count:

@@ -64,6 +64,7 @@ IN_TIME = 0.25
 """Longest time from a limit to the stop [s]."""
 HEAD = (
     *("build", "touch", "events", "recognised", "limit passed", "in time", "stopped"),
+    "stays stopped",
     *("stop after the begin p50 / p95 [s]", "never, measured [N]"),
 )
 
@@ -149,7 +150,7 @@ class EventListener(Listener):
                 if row.closed or not row.confirmed or row.last < stamp:
                     continue
                 grown = limits.max_growth * self.reference.get(row.id, math.inf)
-                long = (stamp - row.onset) / NS_PER_S > limits.max_seconds
+                long = (stamp - row.onset) / NS_PER_S > limits.pause_seconds
                 self.event.force = max(self.event.force, row.force)
                 if row.force > min(grown, limits.max_force) or long:
                     self.event.passed = self.event.passed or stamp
@@ -305,6 +306,7 @@ def format_crushes(plan: Plan, events: list[TouchEvent]) -> str:
     recognised = sum(event.detected in TOUCHES for event in events)
     cells = [plan.build, plan.touch, len(events), recognised, len(passed)]
     cells += [len(passed) - len(late), len(delays)]
+    cells += [sum(event.is_latched for event in events)]
     cells += ["{:.2f} / {:.2f}".format(*times), ", ".join(never) or "none"]
     return format_row([str(cell) for cell in cells])
 

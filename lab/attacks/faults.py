@@ -3,9 +3,9 @@
     python -m lab.attacks faults --minutes 30 --seeds 3
 
 An arm works in its skin, and every fault is simulated in turn. The table has what an
-hour of it does: touches that open, detections, and commands that are accepted, which
-nobody gave. An operator releases every hold after one second, and lets a paused arm go
-on after five, so that neither hides what would follow.
+hour of it does: touches that open, detections, questions of the arm, and commands that
+are accepted, which nobody gave. An operator releases every hold after one second, and
+lets a paused arm go on after five, so that neither hides what would follow.
 """
 
 from collections import Counter
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from typing import final
 
-from eskin.command import SUSPEND, Policy, PolicyConfig, load_commands
+from eskin.command import ASK, SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Detection, Model, Recognizer, load_model
 from eskin.sim.arm import SimulatedArm
@@ -37,8 +37,8 @@ HOLD_SECONDS = 1.0
 """Time after which the operator releases a hold [s]."""
 PAUSE_SECONDS = 5.0
 """Time after which the operator lets a paused arm go on [s]."""
-ACTIONS = (SUSPEND, "pause", "resume", "slow", "normal", "next_waypoint", "gripper")
-"""Columns of the table for commands."""
+ACTIONS = (SUSPEND, "pause", "slow", ASK, "resume", "normal", "next_waypoint")
+"""Columns of the table for commands; those after `ask` need an answer."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,7 @@ class FaultTallyListener(Listener):
             if item.action == "hold":
                 self.tally.holds[item.why.split("'")[0].split(":")[0]] += 1
             elif item.touch is not None:
-                action = "gripper" if "gripper" in item.action else item.action
-                self.tally.commands[action] += 1
+                self.tally.commands[item.action] += 1
 
     def close(self) -> None:
         """Do nothing."""

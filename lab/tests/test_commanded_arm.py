@@ -41,7 +41,7 @@ def test_row_counts_all_builds_and_interval_holds_their_share():
     )
     assert share == pytest.approx(0.8) and low < 0.8 < high
     row = format_result("fresh", parts)
-    assert "80.0%" in row and "90.0%" in row and row.count("|") == 13
+    assert "80.0%" in row and "90.0%" in row and row.count("|") == 15
 
 
 def test_rows_are_of_all_conditions():

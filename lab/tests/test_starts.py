@@ -29,9 +29,7 @@ def test_question_follows_the_grab_and_motion_the_answer(people):
     for one in tries:
         assert 0.0 < one.end < one.asked < one.answer < one.answer_end
         assert one.answer_end < one.commanded <= one.moved
-        assert one.is_detected and ("poke", True) in [
-            (word, confidence > 0.5) for word, confidence in one.answer_detected
-        ]
+        assert one.is_detected and one.answer_felt is not None
 
 
 def test_answers_begin_as_late_as_people_answer(people):

@@ -94,13 +94,11 @@ CHANGES = (
 def sources(tmp_path):
     """Sources of a small package, as of the front end."""
     folder = tmp_path / "eskin"
-    for name in ("touch", "command"):
-        (folder / name).mkdir(parents=True)
-        (folder / name / "__init__.py").write_text('"""Package."""\n')
+    (folder / "touch").mkdir(parents=True)
+    (folder / "touch" / "__init__.py").write_text('"""Package."""\n')
     (folder / "__init__.py").write_text('"""Package."""\n')
     (folder / "touch" / "kernels.py").write_text(KERNELS)
     (folder / "touch" / "rules.py").write_text(RULES)
-    (folder / "command" / "evidence.py").write_text('"""Evidence."""\nKEPT = 16\n')
     return Sources(folder)
 
 
@@ -125,7 +123,6 @@ def test_tuned_are_named_numbers_and_defaults_of_configurations(sources):
         "SHARES[1]": 4,
         "COUNT": 3,
         "RuleConfig.least": 0.7,
-        "KEPT": 16,
     }
 
 
@@ -184,11 +181,11 @@ def test_each_number_is_halved_and_doubled_and_whole_ones_stay_whole(sources):
 def make_figures(felt="1111", deaf=0.1, openings=2.0):
     """Return figures of one world."""
     counts = dict.fromkeys(
-        ("masked", "polarity", "faults", "onset error", "end error", "wait"), 0.0
+        ("masked", "polarity", "faults", "onset error", "end error"), 0.0
     )
-    counts |= dict.fromkeys(("force", "false seconds", "false believed", "parts"), 0.0)
+    counts |= dict.fromkeys(("force", "false seconds", "parts"), 0.0)
     counts |= {"deaf": deaf, "openings": openings, "touches": float(len(felt))}
-    return {"world": {"outcomes": {"felt": felt, "believed": ""}, "counts": counts}}
+    return {"world": {"outcomes": {"felt": felt}, "counts": counts}}
 
 
 def test_only_a_difference_that_chance_does_not_explain_is_clear():

@@ -166,9 +166,9 @@ class Sources:
 
     @cached_property
     def modules(self) -> list[str]:
-        """Names of the modules of the front end, and that of the evidence."""
+        """Names of the modules of the front end."""
         paths = sorted((self.folder / "touch").glob("*.py"))
-        return [f"touch.{path.stem}" for path in paths] + ["command.evidence"]
+        return [f"touch.{path.stem}" for path in paths]
 
     def get(self, module: str) -> ModuleSource:
         """Return a module of eskin; that of a package is its `__init__`."""

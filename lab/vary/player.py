@@ -7,8 +7,6 @@ from typing import final
 
 import numpy as np
 
-from eskin.command.evidence import EvidenceConfig, EvidenceMonitor
-from eskin.stream import RecognitionState
 from eskin.touch import Scan, TouchPipeline, TouchState
 from eskin.units import NS_PER_S
 from lab.flaws.scoring import NEAR, Sample, Trail, TrueContact, find_root, score_touch
@@ -29,8 +27,8 @@ class Figures:
     """Figures of one world."""
 
     outcomes: Outcomes
-    """For each true touch whether it is felt, its onset and end are told in time, and
-    it may command."""
+    """For each true touch whether it is felt, and whether its onset and its end are
+    told in time."""
     counts: dict[str, float]
     """Numbers of the whole world."""
 
@@ -41,17 +39,11 @@ class TouchWatch:
     """A watch follows the touches of a world; stateful."""
 
     pipeline: TouchPipeline
-    evidence: EvidenceMonitor | None
-    """What judges which touches may command; None where nothing does."""
     trails: dict[int, Trail] = field(default_factory=dict)
-    believed: dict[int, int] = field(default_factory=dict)
-    """When a touch first might command, by its id [ns]."""
 
     def push(self, scan: Scan) -> TouchState:
         """Process the next scan."""
         state = self.pipeline.push(scan)
-        if self.evidence:
-            self.evidence.update(RecognitionState(state, {}, ()))
         for row in (*state.open, *state.closed):
             trail = self.trails.setdefault(row.id, Trail(row.id))
             trail.onset = row.onset
@@ -61,23 +53,12 @@ class TouchWatch:
                 continue
             place = np.array(row.contact.p_world)
             trail.samples.append(Sample(scan.stamp, row.force, place, ""))
-            if self.is_believed_now(row.id):
-                self.believed[row.id] = scan.stamp
         return state
-
-    def is_believed_now(self, number: int) -> bool:
-        """Return whether a touch may command that might not before."""
-        if self.evidence is None or number in self.believed:
-            return False
-        return self.evidence.is_plausible(number)
 
 
 def play(world: World) -> Figures:
     """Play a world to the front end that is imported."""
-    evidence = None
-    if world.is_judged:
-        evidence = EvidenceMonitor(world.mounted.skin, EvidenceConfig())
-    watch = TouchWatch(TouchPipeline(world.mounted, world.calibration), evidence)
+    watch = TouchWatch(TouchPipeline(world.mounted, world.calibration))
     sound = world.sound
     deaf = 0
     heard = 0
@@ -107,12 +88,9 @@ def play(world: World) -> Figures:
 
 def score_touches(world: World, watch: TouchWatch) -> tuple[Outcomes, dict[str, float]]:
     """Score each true touch."""
-    outcomes: dict[str, list[bool]] = {
-        name: [] for name in ("felt", "onsets", "ends", "believed")
-    }
+    outcomes: dict[str, list[bool]] = {name: [] for name in ("felt", "onsets", "ends")}
     onsets = []
     ends = []
-    waits = []
     forces = []
     parts = 0
     for truth in world.truths:
@@ -122,25 +100,18 @@ def score_touches(world: World, watch: TouchWatch) -> tuple[Outcomes, dict[str, 
         score = score_touch(truth, near)
         onset = score.onset_error
         end = score.end_error
-        shown = [watch.believed[key] for key in near if key in watch.believed]
         outcomes["felt"].append(onset is not None)
         outcomes["onsets"].append(onset is not None and abs(onset) <= ONSET)
         outcomes["ends"].append(end is not None and abs(end) <= END)
-        if world.is_judged:
-            outcomes["believed"].append(bool(shown))
         parts += max(len({find_root(key, watch.trails) for key in near}) - 1, 0)
         if onset is not None and end is not None:
             onsets.append(float(np.clip(onset, -LONGEST_ERROR, LONGEST_ERROR)))
             ends.append(float(np.clip(end, -LONGEST_ERROR, LONGEST_ERROR)))
-        if shown:
-            wait = (min(shown) - truth.onset) / NS_PER_S
-            waits.append(min(max(wait, 0.0), LONGEST_ERROR))
         forces.append(sum_force(truth, near))
     counts = {
         "touches": float(len(outcomes["felt"])),
         "onset error": mean(onsets),
         "end error": mean(ends),
-        "wait": mean(waits),
         "force": mean(forces),
         "parts": float(parts),
     }
@@ -197,18 +168,12 @@ def count_false(world: World, watch: TouchWatch) -> dict[str, float]:
         true |= {find_root(key, watch.trails) for key in near}
     untouched = dict(zip(world.stamps.tolist(), world.untouched.tolist(), strict=True))
     openings = 0
-    believed = 0
     shown = 0
     for key, trail in watch.trails.items():
         if find_root(key, watch.trails) in true or not trail.samples:
             continue
         if untouched[trail.samples[0].stamp]:
             openings += 1
-            believed += key in watch.believed
             shown += len(trail.samples)
     seconds = shown * float(np.median(np.diff(world.stamps))) / NS_PER_S
-    return {
-        "openings": float(openings),
-        "false seconds": seconds,
-        "false believed": float(believed),
-    }
+    return {"openings": float(openings), "false seconds": seconds}

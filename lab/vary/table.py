@@ -30,16 +30,15 @@ CLEAR = {
     "faults": 1.0,
     "onset error": 0.01,
     "end error": 0.02,
-    "wait": 0.01,
     "force": 0.3,
     "false seconds": 1.0,
 }
 """Differences of means over worlds from which they are clear: of shares, of the number
 of faults, of times [s] and of the force [N]."""
-SUMMED = ("openings", "false believed", "parts")
+SUMMED = ("openings", "parts")
 """Figures that are counted, and summed."""
 SHARES = ("deaf", "masked", "polarity")
-NAMES = {"parts": "cut in two", "wait": "time to evidence", "masked": "faulty masked"}
+NAMES = {"parts": "cut in two", "masked": "faulty masked"}
 """Names of figures in the table, where they differ."""
 SIGMAS = 1.96
 MOST = 5
@@ -116,8 +115,6 @@ def compare_means(name: str, usual: Figures, found: Figures) -> Change | None:
 
 def is_counted(name: str, figures: dict) -> bool:
     """Return whether a world tells something of a figure."""
-    if name == "wait":
-        return bool(figures["outcomes"]["believed"])
     if name in ("onset error", "end error", "force"):
         return figures["counts"]["touches"] > 0
     return True

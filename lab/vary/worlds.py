@@ -58,8 +58,6 @@ SECONDS_PER_TOUCH = 4.5
 """Mean time of a touch on the arm with the pause after it [s]."""
 HALF = (*FAMILIES, "falling", "loose")
 """Worlds that are half as long as the others."""
-JUDGED = ("fresh", "flaws", "matrix", "dead column", "shearsense")
-"""Worlds, or sets of them, in which it is judged which touches may command."""
 REAL = {
     "shearsense": ("no_*.mcap", 6),
     "sleeve": ("*Unknown_20250603112719*.mcap", 1),
@@ -84,11 +82,6 @@ class World:
     """Taxels that are not faulty at any time."""
     untouched: Bool[np.ndarray, "scan"]
     """Scans at which a touch that begins is false, unless a true one explains it."""
-
-    @property
-    def is_judged(self) -> bool:
-        """Whether it is judged which touches may command."""
-        return self.name.startswith(JUDGED)
 
     def scans(self) -> Iterator[Scan]:
         """Yield its scans."""
