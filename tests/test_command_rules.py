@@ -384,6 +384,9 @@ suspended: but no touch starts the arm under it
 suspended: until it is strong
     none a 1.1N; 11 > pause, !none; arm resume; 0.02 > slow; a is 5N; 0.02 > pause
     [touch for]
+suspended: or another has become part of it
+    none a 1.1N; 11 > pause, !none; arm resume; 0.02 > slow; none b; 0.1; ?
+    speed_limit=0; merge b a; 0.02 > pause [touch for]
 suspended: touch ends a jog
     map jog; {paused} ask stroke > jog; 0.6; none b; 0.02 > pause [touched while it
     jogs]; ? paused

@@ -170,6 +170,7 @@ class CommandedTouch:
         """Let the touch that it merges into inherit what is known of it."""
         heir.decided |= self.decided
         heir.excess = heir.excess or self.excess
+        heir.light_since = max(heir.light_since, self.light_since)
         if self.onset is not None and (heir.onset is None or self.onset < heir.onset):
             heir.onset = self.onset
             heir.quiet_since = self.quiet_since
