@@ -441,8 +441,8 @@ def compare(paths: list[Path]) -> None:
 
 
 def main() -> None:
-    """Make, play or compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Make worlds, play them, or compare what files of figures say."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("part", choices=("make", "play", "compare"))
     parser.add_argument("paths", nargs="+", type=Path)
     parser.add_argument("--seconds", type=float, default=125.0)

@@ -13,6 +13,7 @@ from eskin.command import (
     Policy,
     PolicyConfig,
     Rule,
+    SkinMonitorConfig,
     command_function,
     moves_nothing,
 )
@@ -335,6 +336,52 @@ def test_arm_that_stands_for_a_touch_stands_until_it_has_left():
     assert scene.arm.speed_limit > 0.0
 
 
+def test_hand_that_presses_on_is_light_only_if_its_force_is():
+    scene = Scene()
+    number = scene.begin("none", force=13.0)
+    taxels = scene.touches[number].taxels
+    scene.wait(0.5)
+    scene.hidden[taxels] = 1e-3 * 13.0 / SKIN.areas[taxels].sum()
+    scene.lift(number)
+    scene.close(number, is_held=True)
+    scene.wait(12.0)
+    scene.arm.resume()
+    scene.step()
+    assert scene.accepted == ["pause", "pause"]
+
+
+def test_hand_that_asked_and_presses_again_withdraws_the_question():
+    scene = make_paused_scene()
+    number = scene.begin_detected("grab", seconds=0.4)
+    scene.lift(number)
+    scene.wait(0.4)
+    status = scene.status(number, closed=True)
+    scene.close(number)
+    assert scene.arm.shows_question
+    status.held = status.taxels
+    scene.held = (status,)
+    scene.wait(0.1)
+    assert not scene.arm.shows_question
+
+
+@pytest.mark.parametrize(("rival", "answers"), [("none", True), ("stroke", False)])
+def test_answer_is_no_gesture_that_is_likelier_than_the_one_asked_for(rival, answers):
+    scene = make_paused_scene()
+    scene.touch("grab")
+    scene.wait(0.5)
+    number = scene.begin("poke")
+    chances = np.zeros(len(VOCABULARY))
+    chances[VOCABULARY.index("poke")] = 0.4
+    chances[VOCABULARY.index(rival)] = 0.6
+    scene.touches[number].probabilities = lambda: chances
+    scene.wait(0.3)
+    scene.lift(number)
+    scene.wait(0.4)
+    scene.close(number)
+    scene.wait(0.4)
+    assert ("resume" in scene.arm.orders) == answers
+
+
 def let_skin_be_silent(scene):
     scene.clock.sleep(0.5)
     scene.policy.check_skin()
@@ -361,7 +408,10 @@ def fail_once(scene):
 def test_limits_of_before_load_and_are_told_to_say_nothing(caplog):
     config = PolicyConfig(min_duration=0.2, max_delay=1.0)
     assert config == PolicyConfig()
-    assert len(caplog.records) == 1 and "min_duration" in caplog.text
+    assert len(caplog.records) == 1
+    assert "min_duration, max_delay" in caplog.text
+    assert SkinMonitorConfig(max_seconds=1.0) == SkinMonitorConfig()
+    assert len(caplog.records) == 2 and "max_seconds" in caplog.text
 
 
 def test_skin_that_never_becomes_quiet_is_told_once_with_its_patch():

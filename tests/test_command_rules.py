@@ -182,6 +182,9 @@ once: its heir commands nothing
 once: nor the heir of one that asks
     grab a; double_pat b; 0.02; say a; merge a b; say b > !close_gripper [commanded
     already]; 0.3; lift b; 0.5; close b > !next_waypoint [not understood]
+once: but the heir of one that asks may stop the arm
+    grab a; 0.2; say a; poke b; 0.1; merge a b; say b > pause; lift b; 0.4; close b >
+    !next_waypoint
 once: touch that paused as unknown
     none a; 0.2; say a unknown likely=poke > pause; say a poke > !pause [commanded
     already]
@@ -219,6 +222,9 @@ time: so does one that goes on meanwhile
     {paused} none a; 0.1; lift a; 0.1; grab b; 0.4; say b > !resume; lift b; 0.5
 time: a hand that is there already counts, however long it has been there
     {paused} none a; 3; grab b; 0.4; say b > !resume [untouched]; lift a; lift b; 0.5
+time: also where the touch that asks begins anew
+    {paused} none a; 3; grab b; 0.1; grab c; merge b c; 0.4; say c > !resume [untouched];
+    lift a; lift c; 0.5
 time: fingers that land together are one hand
     {paused} none a; grab b; 0.4; say b; lift a; lift b; 0.4; close a; close b >; ?
     shows_question=1
@@ -285,6 +291,12 @@ answer: another asks again only after five seconds without a touch
     grab > !resume [for 5 s after a question], pause; 5; ask grab > resume
 answer: that fails to answer stops an arm at work
     grab a. >; 0.1; poke b. > !next_waypoint [before the arm had asked], pause; ? paused
+answer: also where it was not understood
+    grab a. >; 0.3; poke b 0.4; 0.3; lift b; 0.4; say b unknown 0.4 likely=poke; close b
+    >; 0.1; none c; 0.02 > !next_waypoint [more than one], pause
+answer: that begins anew as it lands
+    {asks} 0.5; poke b 0.3N; 0.16; poke c; merge b c; 0.3; lift c; 0.4; close c >; 0.4 >
+    resume
 answer: pause meanwhile
     grab a. >; arm pause; 0.02 > !next_waypoint [had not stood]
 answer: hold meanwhile
@@ -296,6 +308,9 @@ answer: end of the stream meanwhile
 answer: touch that asks may be strong, since it is over when the arm asks
     {asked} a is 60N; 0.1; a is 5N; lift a; 0.48; close a >; ? shows_question=1; 0.5;
     poke b.; 0.3 > resume
+several: of two that ask at once one does
+    {paused} grab a; grab b; 0.4; say a; say b; lift a; lift b; 0.4; close a >; close b
+    > !resume [another touch]; ? shows_question=1
 several: touch again
     {asked} lift a; 0.2; poke b 0.05; 0.2 > !resume [touched again]; lift b; close a;
     0.5 >; ? paused
@@ -387,6 +402,8 @@ suspended: until it is strong
 suspended: or another has become part of it
     none a 1.1N; 11 > pause, !none; arm resume; 0.02 > slow; none b; 0.1; ?
     speed_limit=0; merge b a; 0.02 > pause [touch for]
+suspended: a light touch that begins anew
+    none a 0.4N; 0.1; none b 1.9N; merge a b; 0.1; ? speed_limit=0
 suspended: touch ends a jog
     map jog; {paused} ask stroke > jog; 0.6; none b; 0.02 > pause [touched while it
     jogs]; ? paused
@@ -462,6 +479,9 @@ arm: but after twenty seconds they are
 arm: and after another pause
     map jog; {paused} ask stroke > jog; arm jogging=; 0.5; poke b. > pause; 1; stroke
     c. >; ? shows_question=1
+arm: and after any pause
+    map jog; {paused} ask stroke > jog; arm jogging=; arm pause; 1; stroke b. >; ?
+    shows_question=1
 arm: jog of a running arm
     map jog; stroke a. > !jog [nobody has paused it]
 arm: jog nowhere

@@ -34,9 +34,9 @@ class CommandedTouch:
     last: int = 0
     """Stamp of the latest reading in which it pressed the skin [ns since the epoch]."""
 
-    quiet_since: int = 0
+    quiet_since: int | None = None
     """Stamp of the latest contact, until it was first felt, of any touch that began
-    before it [ns since the epoch]."""
+    before it [ns since the epoch]; None before it is felt."""
 
     patch: str = ""
     """Patch of its strongest contact; empty before it is felt."""
@@ -93,6 +93,9 @@ class CommandedTouch:
     closed: bool = False
     """Whether it has closed."""
 
+    heir: "CommandedTouch | None" = None
+    """Touch that it has merged into, if any."""
+
     is_held: bool = False
     """Whether something still presses its taxels, though it has closed."""
 
@@ -126,12 +129,12 @@ class CommandedTouch:
                 [ns since the epoch].
             config: says until when a touch is light.
         """
-        if self.onset is None:
+        if self.quiet_since is None:
             self.quiet_since = quiet_since
-        elif row.onset > self.onset:
+        elif self.onset is not None and row.onset > self.onset:
             # It never left the skin, and is another gesture now.
-            self.quiet_since = self.last
-        if self.onset is None or row.force > config.light_force:
+            self.quiet_since = max(self.last, quiet_since)
+        if self.onset is None:
             self.light_since = stamp
         self.onset = row.onset
         self.patch = patch
@@ -141,6 +144,8 @@ class CommandedTouch:
     def press(self, stamp: int, config: SkinMonitorConfig) -> None:
         """Update how long and how hard it has pressed, until a stamp [ns]."""
         self.last = stamp
+        if self.force > config.light_force:
+            self.light_since = stamp
         if self.onset is not None:
             self.duration = (stamp - self.onset) / NS_PER_S
         self.lasts = stamp - self.light_since > config.light_seconds * NS_PER_S
@@ -171,9 +176,10 @@ class CommandedTouch:
         heir.decided |= self.decided
         heir.excess = heir.excess or self.excess
         heir.light_since = max(heir.light_since, self.light_since)
+        heir.last = max(heir.last, self.last)
         if self.onset is not None and (heir.onset is None or self.onset < heir.onset):
-            heir.onset = self.onset
             heir.quiet_since = self.quiet_since
+        self.heir = heir
         heir.detected_force = min(heir.detected_force, self.detected_force)
         heir.detected_area = min(heir.detected_area, self.detected_area)
         if self.blocked or self.asked:

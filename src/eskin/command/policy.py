@@ -22,6 +22,7 @@ from eskin.command.actions import (
     STARTING_ACTIONS,
     SUSPEND,
     FunctionCall,
+    needs_answer,
     resolve_action,
 )
 from eskin.command.arm import Arm, ArmState
@@ -42,6 +43,7 @@ from eskin.units import NS_PER_S
 ALREADY_COMMANDED = "its touch has commanded already; lift the hand before the next"
 REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
 GOES_ON = "something still presses the skin; let go, then ask again"
+ASKS_ALREADY = "the arm asks about another touch; let go, then ask again"
 TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
 UNUSED = (
     "evidence",
@@ -87,12 +89,16 @@ class PolicyConfig:
 
     def __post_init__(self, *before: object) -> None:
         """Tell that limits of touches say nothing any more."""
-        if any(value is not None for value in before):
+        given = [
+            name
+            for name, value in zip(UNUSED, before, strict=True)
+            if value is not None
+        ]
+        if given:
             logger.warning(
-                "PolicyConfig: got a limit of a touch that asks (%s), which says "
-                "nothing any more, since the arm asks back; take it out, or see "
-                "QuestionConfig",
-                ", ".join(UNUSED),
+                "PolicyConfig: got %s, which says nothing any more, since the arm asks "
+                "back; take it out, or see QuestionConfig",
+                ", ".join(given),
             )
 
 
@@ -193,7 +199,7 @@ class Policy(Listener):
             touch.detected_force = item.peak_force
             touch.detected_area = touch.full_area
             if self.question is not None and item.onset >= self.question.asked_at:
-                self.question.detections.append(item)
+                self.question.detections.append((touch, item))
             else:
                 self.take(touch, item)
         elif isinstance(item, RecognitionState):
@@ -223,8 +229,9 @@ class Policy(Listener):
             said = "the map says none" if request else "the map has no rule for it"
             self.publish("none", False, said, detection)
             return
+        halts = request.action in HALTING_ACTIONS and not self.arm.state().stopped
         refusal = ALREADY_COMMANDED
-        if not touch.has_commanded(detection.onset):
+        if halts or not touch.has_commanded(detection.onset):
             refusal = self.find_refusal(request, detection.stamp)
         if refusal is None:
             touch.asked.add(detection.onset)
@@ -241,8 +248,6 @@ class Policy(Listener):
         chance = self.touches.find_stop_chance(detection)
         if chance is not None and not self.arm.state().paused:
             refusal = self.find_fault(self.arm.state(), detection.stamp)
-            if touch.has_commanded(detection.onset):
-                refusal = ALREADY_COMMANDED
             if refusal is None:
                 reason = f"not understood{said}: it may be a stop ({chance:.2f})"
                 self.pause_for(touch, reason)
@@ -337,7 +342,7 @@ class Policy(Listener):
             state: state of the arm.
         """
         touch = request.touch
-        since = touch.quiet_since
+        since = touch.quiet_since or 0
         least = self.config.question.quiet
         when = "before"
         if state.stopped:
@@ -405,7 +410,9 @@ class Policy(Listener):
         now, state = self.context.clock.now(), self.arm.state()
         stops = state.pause_count, state.hold_reason
         if stops != self.stops:
-            self.stops, self.stopped_at = stops, now
+            self.stops = stops
+            self.stopped_at = now
+            self.jogs_until = 0
         problem = self.find_problem(now)
         if problem is not None:
             for request in self.touches.requests:
@@ -445,7 +452,6 @@ class Policy(Listener):
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
         if self.touches.felt and self.arm.state().jogging:
             self.arm.pause()
-            self.jogs_until = 0
             self.publish("pause", True, "touched while it jogs")
 
     def pause_if_stop(self) -> None:
@@ -506,7 +512,10 @@ class Policy(Listener):
                 return
             refusal = self.find_uncertainty(request)
         self.touches.requests.remove(request)
-        if refusal is None and self.needs_answer(request):
+        asks = refusal is None and self.needs_answer(request)
+        if asks and self.question is not None:
+            self.complete(request, ASKS_ALREADY)
+        elif asks:
             self.ask(request)
         else:
             self.complete(request, refusal)
@@ -516,7 +525,7 @@ class Policy(Listener):
         if request.touch.clashes:
             return ALREADY_COMMANDED
         refusal = self.find_change(request)
-        if refusal is not None or request.action in REDUCING_ACTIONS:
+        if refusal is not None or self.is_immediate(request):
             return refusal
         others = self.touches.list_others(request.touch)
         if any((one.onset or 0) > request.end for one in others):
@@ -537,14 +546,18 @@ class Policy(Listener):
             return f"the arm has changed: the same would {meant} now"
         return None
 
+    def is_immediate(self, request: CommandRequest) -> bool:
+        """Return whether what is asked for makes the arm do no more than before."""
+        return not needs_answer(request.action, request.rule.function)
+
     def is_due(self, request: CommandRequest) -> bool:
         """Return whether it can be decided now whether a request is executed.
 
-        What makes the arm do less is, as soon as it is confident. All else waits until
-        its touch has closed, and nothing presses the skin any more.
+        What makes the arm do no more is, as soon as it is confident. All else waits
+        until its touch has closed, and nothing presses the skin any more.
         """
         touch = request.touch
-        if request.action in REDUCING_ACTIONS:
+        if self.is_immediate(request):
             return request.is_confident or touch.closed
         is_quiet = not self.touches.list_others(touch)
         has_data = self.monitor.has_data(request.detection.patch)
@@ -566,7 +579,7 @@ class Policy(Listener):
         self.question = Question(
             request=request,
             answer=answer,
-            index=self.vocabulary.index(answer),
+            vocabulary=self.vocabulary,
             asked_at=self.context.clock.now(),
             before=tuple(self.touches.by_id.values()),
             config=self.config.question,
@@ -607,12 +620,13 @@ class Policy(Listener):
             return
         self.failed_at = self.context.clock.now()
         least = self.config.question.quiet_after_failure
-        reason = f"{refusal}; let go, and ask again {least:g} s later"
-        self.complete(question.request, reason)
-        for detection in question.detections:
+        if ";" not in refusal:
+            refusal = f"{refusal}; let go, and ask again {least:g} s later"
+        self.complete(question.request, refusal)
+        for touch, detection in question.detections:
             # It has waited for the question, and is not old because of that.
             present = replace(detection, stamp=self.touches.latest)
-            self.take(self.touches.find(detection.touch), present)
+            self.take(touch, present)
 
     def complete(self, request: CommandRequest, refusal: str | None) -> None:
         """Execute a request unless it is refused, and publish the decision."""
@@ -636,8 +650,6 @@ class Policy(Listener):
         """Make the arm execute what is asked for."""
         arm, detection, rule = self.arm, request.detection, request.rule
         now = self.context.clock.now()
-        if request.action in ("resume", *HALTING_ACTIONS):
-            self.jogs_until = 0
         match request.action:
             case "resume":
                 arm.release()
@@ -666,7 +678,6 @@ class Policy(Listener):
     def pause_for(self, touch: CommandedTouch, reason: str) -> None:
         """Pause the arm for a touch that was not recognised, and publish why."""
         self.arm.pause()
-        self.jogs_until = 0
         self.accepted += 1
         touch.blocked = True
         self.publish("pause", True, reason, touch=touch)
@@ -674,7 +685,6 @@ class Policy(Listener):
     def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
         self.arm.hold(reason)
-        self.jogs_until = 0
         self.stopped_at = self.context.clock.now()
         self.publish("hold", True, reason, touch=touch)
 
@@ -739,6 +749,7 @@ class Policy(Listener):
         """Hold the arm: nothing monitors the skin any more."""
         self.closing.set()
         self.arm.hold("the stream has ended")
+        self.question = None
         self.arm.show_question(False)
         self.arm.limit_speed(1.0)
         if self.thread is not None:

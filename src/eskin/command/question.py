@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 from eskin.command.actions import MIN_CONFIDENCE
+from eskin.command.command_map import NON_GESTURES
 from eskin.command.commanded_touch import (
     CommandedTouch,
     CommandedTouches,
@@ -65,8 +66,8 @@ class Question:
     answer: str
     """Gesture that answers."""
 
-    index: int
-    """Index of that gesture in the vocabulary."""
+    vocabulary: tuple[str, ...]
+    """Gestures of the model, in the order of the probabilities."""
 
     asked_at: int
     """When the arm asked [ns since the epoch]."""
@@ -80,7 +81,7 @@ class Question:
     touch: CommandedTouch | None = None
     """Touch that may be the answer; None before it begins."""
 
-    detections: list[Detection] = field(default_factory=list)
+    detections: list[tuple[CommandedTouch, Detection]] = field(default_factory=list)
     """What was detected in touches since the question."""
 
     @property
@@ -96,7 +97,7 @@ class Question:
     @property
     def text(self) -> str:
         """What the arm asks, such as `resume? answer by a poke there within 1 s`."""
-        action = self.request.action.replace("_", " ")
+        action = self.request.rule.function or self.request.action.replace("_", " ")
         answer = self.answer.replace("_", " ")
         return f"{action}? answer by a {answer} there within {self.config.window:g} s"
 
@@ -106,8 +107,11 @@ class Question:
         Args:
             touches: touches of the latest reading.
         """
+        while self.touch is not None and self.touch.heir is not None:
+            self.touch = self.touch.heir
         for touch in touches.by_id.values():
-            is_new = touch.onset is not None and touch not in self.before
+            is_left = touch in self.before and not touch.is_present
+            is_new = touch.onset is not None and not is_left
             if is_new and touch is not self.touch:
                 refusal = self.find_touch_refusal(touch)
                 if refusal is not None:
@@ -133,9 +137,12 @@ class Question:
         link = self.request.detection.link
         if touches.links[touch.patch] != link:
             return f"the answer was not on {link}, where the touch was that asked"
-        chances = touch.probabilities
-        chance = float(chances[self.index]) if len(chances) else 0.0
-        if chance < MIN_CONFIDENCE:
+        chances = dict(zip(self.vocabulary, touch.probabilities.tolist(), strict=False))
+        chance = chances.get(self.answer, 0.0)
+        others = [
+            chances.get(word, 0.0) for word in chances if word not in NON_GESTURES
+        ]
+        if chance < max([MIN_CONFIDENCE, *others]):
             return f"the answer was no clear {answer} ({chance:.2f})"
         return None
 

@@ -1,7 +1,8 @@
 """This module monitors whether the skin can be relied on."""
 
+import logging
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from typing import final
 
 import numpy as np
@@ -13,6 +14,9 @@ from eskin.units import NS_PER_S
 
 IN_CONTACT = 0.2
 """Time before a patch went out in which a contact on it is one that was lost [s]."""
+
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,17 @@ class SkinMonitorConfig:
     light_seconds: float = 10.0
     """Time for which a touch is light without interruption after which it slows the
     arm instead of suspending and pausing it [s]."""
+
+    max_seconds: InitVar[float | None] = None
+
+    def __post_init__(self, max_seconds: float | None) -> None:
+        """Tell that a limit says nothing any more."""
+        if max_seconds is not None:
+            logger.warning(
+                "SkinMonitorConfig: max_seconds: got %g, which says nothing any more, "
+                "since every touch suspends the arm; take it out",
+                max_seconds,
+            )
 
 
 @final
