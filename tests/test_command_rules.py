@@ -223,8 +223,8 @@ time: so does one that goes on meanwhile
 time: a hand that is there already counts, however long it has been there
     {paused} none a; 3; grab b; 0.4; say b > !resume [untouched]; lift a; lift b; 0.5
 time: also where the touch that asks begins anew
-    {paused} none a; 3; grab b; 0.1; grab c; merge b c; 0.4; say c > !resume [untouched];
-    lift a; lift c; 0.5
+    {paused} none a; 3; grab b; 0.1; grab c; merge b c; 0.4; say c > !resume
+    [untouched]; lift a; lift c; 0.5
 time: fingers that land together are one hand
     {paused} none a; grab b; 0.4; say b; lift a; lift b; 0.4; close a; close b >; ?
     shows_question=1

@@ -207,8 +207,7 @@ class Stage:
             events: number of events.
             keeps: whether lines have traces, from which policies can be told again.
         """
-        number = crc32(row.encode())
-        self.rng = np.random.default_rng([self.seed, 58, number])
+        self.rng = self.build_rng(row)
         people: list[int] = []
         drawn = 0
         while events > 0:
@@ -225,6 +224,11 @@ class Stage:
                     some.append(event)
             yield from self.play(row, some, keeps)
             events -= len(some)
+
+    def build_rng(self, row: str) -> np.random.Generator:
+        """Build the generator of a row; each kind of builds has events of its own."""
+        name = row
+        return np.random.default_rng([self.seed, 58, crc32(name.encode())])
 
     def are_apart(self, event: Happening, other: Happening) -> bool:
         """Return whether two events are far enough from each other."""

@@ -99,6 +99,12 @@ def test_event_that_is_drawn_again_is_the_same(stage):
         assert one.first == other.first and np.array_equal(one.force, other.force)
 
 
+def test_builds_of_two_kinds_have_events_of_their_own(setup, stage):
+    other = Stage("shifted", 40000, setup)
+    drawn = [one.build_rng("poke").random() for one in (stage, stage, other)]
+    assert drawn[0] == drawn[1] != drawn[2]
+
+
 def test_later_event_is_the_same_event(stage):
     event = draw_event(stage, "strap pulled tight", 1)
     later = event.delay(2.0)

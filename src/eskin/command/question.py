@@ -111,7 +111,8 @@ class Question:
             self.touch = self.touch.heir
         for touch in touches.by_id.values():
             is_left = touch in self.before and not touch.is_present
-            is_new = touch.onset is not None and not is_left
+            is_merged = touch.heir is not None
+            is_new = touch.onset is not None and not (is_left or is_merged)
             if is_new and touch is not self.touch:
                 refusal = self.find_touch_refusal(touch)
                 if refusal is not None:
