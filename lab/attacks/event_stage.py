@@ -227,7 +227,7 @@ class Stage:
 
     def build_rng(self, row: str) -> np.random.Generator:
         """Build the generator of a row; each kind of builds has events of its own."""
-        name = row
+        name = f"{self.skin.build.kind} {row}"
         return np.random.default_rng([self.seed, 58, crc32(name.encode())])
 
     def are_apart(self, event: Happening, other: Happening) -> bool:

@@ -25,8 +25,8 @@ class DemoCommand:
     """Watch a simulated UR5 bring parts, and command it by touch.
 
     In the browser, the mouse is the hand, and a click is a poke. Poke or pat twice to
-    pause. Grab to go on: to resume, then for full speed, then for the next waypoint.
-    Stroke to slow down.
+    pause. Grab to go on: to resume, for full speed, or for the next waypoint; then the
+    arm asks, and a poke where you grabbed answers within a second. Stroke to slow down.
     """
 
     headless: bool = False
