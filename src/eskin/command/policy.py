@@ -341,8 +341,9 @@ class Policy(Listener):
             request: what the touch asks for.
             state: state of the arm.
         """
-        touch = request.touch
-        since = touch.quiet_since or 0
+        onset = request.detection.onset
+        since = request.touch.quiet_since
+        since = onset if since is None else since
         least = self.config.question.quiet
         when = "before"
         if state.stopped:
@@ -352,7 +353,7 @@ class Policy(Listener):
             since = max(since, self.failed_at)
             least = self.config.question.quiet_after_failure
             when = "after a question that nobody answered"
-        if request.detection.onset - since >= least * NS_PER_S:
+        if onset - since >= least * NS_PER_S:
             return None
         return (
             f"the skin had not been untouched for {least:g} s {when}; let go, wait, "
