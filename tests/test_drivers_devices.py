@@ -433,7 +433,9 @@ def test_number_of_ports_is_that_of_patches(tmp_path):
 
 
 def test_server_of_modules_commands_no_real_robot_unless_allowed():
-    command = RunCommand(("xela://127.0.0.1:5000",), robot="ur://127.0.0.1")
+    command = RunCommand(
+        ("xela://127.0.0.1:5000",), robot="ur://127.0.0.1", ask=("terminal",)
+    )
     with pytest.raises(DeviceError, match="--allow-unauthenticated"):
         check_options(command)
     check_options(replace(command, allow_unauthenticated=True))

@@ -204,8 +204,8 @@ class CommandMap(BaseModel):
             if asks and rule.gesture == self.answer:
                 logger.warning(
                     "%s: commands[%d] is left out: got %s for %s, which is the answer "
-                    "when the arm asks; allowed is another gesture; change it, or let "
-                    "the function declare moves_nothing",
+                    "when the arm asks; allowed is another gesture, or a function that "
+                    "moves nothing; change it",
                     where,
                     index,
                     rule.function or rule.action,
@@ -241,7 +241,7 @@ class CommandMap(BaseModel):
                     f"{where}.link: got {shorten(rule.link)}, allowed "
                     f"{links[rule.patch or '']}, which its patch is on, or none"
                 )
-            problems = find_rule_problems(rule, self.asks)
+            problems = find_rule_problems(rule, self.answer)
             found += [f"{where}{problem}" for problem in problems]
         asking = [rule for rule in self.commands if rule.needs_answer]
         if self.asks and asking and self.answer not in known["gesture"]:
@@ -259,18 +259,24 @@ class CommandMap(BaseModel):
         return found
 
 
-def find_rule_problems(rule: Rule, asks: bool) -> list[str]:
+def find_rule_problems(rule: Rule, answer: str) -> list[str]:
     """Return what is wrong with a rule by itself.
 
     Args:
         rule: the rule.
-        asks: whether the arm asks before it does more.
+        answer: gesture that answers when the arm asks, or `NEVER`.
     """
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
     actions = TOGGLES.get(rule.action or "", (rule.action or "",))
     advances = set(actions) & set(ADVANCING_ACTIONS)
+    asks = answer != NEVER
+    if rule.gesture == answer and advances and rule.gesture not in THING_GESTURES:
+        found.append(
+            f".gesture: got {rule.gesture} for {rule.action}, which is the answer when "
+            "the arm asks; allowed is another gesture; change it, or the map's answer"
+        )
     if rule.gesture in THING_GESTURES and advances and asks:
         found.append(
             f".action: got {rule.action} for {rule.gesture}, which things that bump, "
@@ -394,7 +400,8 @@ def parse_commands(text: str, file: str) -> CommandMap:
         if data.pop(SIMULATION):
             data.setdefault("answer", NEVER)
             logger.warning(
-                "%s: %s: got true, which says nothing any more; write 'answer: %s'",
+                "%s: %s: got true, which is read as 'answer: %s'; write that, or take "
+                "it out so that the arm asks",
                 file,
                 SIMULATION,
                 NEVER,
@@ -421,6 +428,8 @@ def describe_entry_error(detail: ErrorDetails) -> str:
         case "extra_forbidden":
             allowed = Rule if "[" in path else CommandMap
             return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
+        case "string_type" if path == "answer":
+            return f"{path}: got {got}, allowed is one gesture, or {NEVER}"
         case "literal_error" if path.endswith("action"):
             return f"{path}: got {got}, allowed {', '.join(ACTIONS)}"
         case "literal_error" if path.endswith("direction"):

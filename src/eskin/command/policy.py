@@ -345,20 +345,23 @@ class Policy(Listener):
         since = request.touch.quiet_since
         since = onset if since is None else since
         least = self.config.question.quiet
-        when = "before"
+        reason = f"something touched the skin less than {least:g} s before"
         if state.stopped:
             since = max(since, self.stopped_at)
-            when = "before, or the arm had not stood"
+            reason = (
+                f"something touched the skin, or the arm moved, less than {least:g} s "
+                "before"
+            )
         if self.failed_at is not None:
             since = max(since, self.failed_at)
             least = self.config.question.quiet_after_failure
-            when = "after a question that nobody answered"
+            reason = (
+                f"something touched the skin within {least:g} s after a question that "
+                "nobody answered"
+            )
         if onset - since >= least * NS_PER_S:
             return None
-        return (
-            f"the skin had not been untouched for {least:g} s {when}; let go, wait, "
-            "then ask again"
-        )
+        return f"{reason}; let go, wait {least:g} s, then ask again"
 
     def needs_answer(self, request: CommandRequest) -> bool:
         """Return whether the arm asks before it does what is asked for."""

@@ -118,7 +118,7 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
         f"{format_count(counts['accidents'], 'accidental contact')}, "
         f"{format_count(counts['false_alarms'], 'unasked command')} "
         f"({format_count(counts['unasked_stops'], 'stop')}, "
-        f"{counts['unasked_going_on']} to go on); "
+        f"{counts['unasked_slow']} slow, {counts['unasked_going_on']} to go on); "
         f"{format_count(counts['holds'], 'hold')}, "
         f"{format_count(outcome.unlocked, 'protective stop')}, "
         f"{format_count(outcome.delivered, 'part')} brought"
