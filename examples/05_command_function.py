@@ -40,8 +40,8 @@ COMMANDS = CommandMap(
 @command_function("half_speed")
 @moves_nothing  # It only slows the arm, so the arm need not ask first.
 def half_speed(arm: Arm, detection: eskin.Detection) -> None:
-    """Let the arm go at half of its speed."""
-    arm.set_speed(0.5)
+    """Let the arm go at no more than half of its speed."""
+    arm.set_speed(min(arm.state().speed, 0.5))
     print(f"{arm.name} is at half speed since a stroke of {detection.peak_force:.0f} N")
 
 
