@@ -213,31 +213,31 @@ time: stale detection
     poke a; 0.02; say a age=0.12 > !pause [it was felt 120 ms ago]
 time: pause of a second
     poke a; 0.02; say a > pause; lift a; 0.5; close a; 0.44; grab b; 0.02; say b >
-    !resume [or the arm moved]; ? paused; lift b; 0.5; close b; 0.98; ask
+    !resume [arm moved]; ? paused; lift b; 0.5; close b; 0.98; ask
     grab > resume
 time: any contact restarts it
-    {paused} none a 0.1N; 0.02; lift a; close a; 0.94; grab b. > !resume [1 s before]; 1;
-    ask grab > resume
+    {paused} none a 0.1N; 0.02; lift a; close a; 0.94; grab b. > !resume [1 s before];
+    1; ask grab > resume
 time: so does one that goes on meanwhile
     {paused} none a; 0.1; lift a; 0.1; grab b; 0.4; say b > !resume; lift b; 0.5
 time: a hand that is there already counts, however long it has been there
-    {paused} none a; 3; grab b; 0.4; say b > !resume [touched the skin]; lift a; lift b; 0.5
+    {paused} none a; 3; grab b; 0.4; say b > !resume [touched]; lift a; lift b; 0.5
 time: also where the touch that asks begins anew
     {paused} none a; 3; grab b; 0.1; grab c; merge b c; 0.4; say c > !resume
-    [touched the skin]; lift a; lift c; 0.5
+    [touched]; lift a; lift c; 0.5
 time: fingers that land together are one hand
     {paused} none a; grab b; 0.4; say b; lift a; lift b; 0.4; close a; close b >; ?
     shows_question=1
 time: touch before the pause
-    double_pat a; 0.1; poke b; 0.02; say b > pause; 1.5; say a grab > !resume [or the arm
+    double_pat a; 0.1; poke b; 0.02; say b > pause; 1.5; say a grab > !resume [arm
     moved]; ? paused
 time: pause once more counts
-    {asked} arm resume; arm pause; 0.2; lift a; 1.2; close a > !resume [or the arm moved];
+    {asked} arm resume; arm pause; 0.2; lift a; 1.2; close a > !resume [arm moved];
     ? paused
 time: touch before a hold
-    {asked} arm hold; 0.2; lift a; 1.2; close a > !resume [or the arm moved]; ? held
+    {asked} arm hold; 0.2; lift a; 1.2; close a > !resume [arm moved]; ? held
 time: arm that runs
-    grab b; 0.4; say b; arm pause; lift b; 0.2 > !next_waypoint [or the arm moved]
+    grab b; 0.4; say b; arm pause; lift b; 0.2 > !next_waypoint [arm moved]
 time: toggle that would do the opposite
     {closed} double_pat a 0.8; 0.2; say a; arm gripper=open; 0.02 > !open_gripper [the
     arm
@@ -260,7 +260,7 @@ answer: by another gesture
     {asks} 0.5; stroke b; 0.3; lift b; 0.4; say b >; close b > !resume [no clear poke];
     0.02 > slow; ? paused
 answer: by the gesture that asked
-    {asks} 0.5; grab b. > !resume [no clear poke], !resume [within 5 s after a question]
+    {asks} 0.5; grab b. > !resume [no clear poke], !resume [after a question]
 answer: by a poke that is as clear as one that stops
     {asks} 0.5; poke b 0.35.; 0.3 > resume
 answer: by one that is not
@@ -287,8 +287,8 @@ answer: another touch just after it
 answer: one hand that presses two places
     {asks} 0.5; poke b; 0.1; lift b; 0.1; poke c; 0.02 > !resume [more than one touch]
 answer: another asks again only after five seconds without a touch
-    {asks} 1.1 > !resume; 4.5; grab b. > !resume [within 5 s after a question]; 4.4; ask
-    grab > !resume [within 5 s after a question], pause; 5; ask grab > resume
+    {asks} 1.1 > !resume; 4.5; grab b. > !resume [after a question]; 4.4; ask
+    grab > !resume [after a question], pause; 5; ask grab > resume
 answer: that fails to answer stops an arm at work
     grab a. >; 0.1; poke b. > !next_waypoint [before the arm had asked], pause; ? paused
 answer: also where it was not understood
@@ -298,9 +298,9 @@ answer: that begins anew as it lands
     {asks} 0.5; poke b 0.3N; 0.16; poke c; merge b c; 0.3; lift c; 0.4; close c >; 0.4 >
     resume
 answer: pause meanwhile
-    grab a. >; arm pause; 0.02 > !next_waypoint [or the arm moved]
+    grab a. >; arm pause; 0.02 > !next_waypoint [arm moved]
 answer: hold meanwhile
-    {asks} arm hold; 0.5; poke b. > !resume [or the arm moved], pause; ? held
+    {asks} arm hold; 0.5; poke b. > !resume [arm moved], pause; ? held
 answer: skin that is silent meanwhile
     {asks} gap 0.12 > !resume [stale skin], hold; ? shows_question=
 answer: end of the stream meanwhile
@@ -321,7 +321,7 @@ several: for more than a second
     {paused} grab a; poke b 0.05; 0.4; say a; lift a; 0.48; close a >; 0.6 > !resume
     [something still presses]
 several: no command under a hand that is there
-    none b; 0.1; grab a; 0.4; say a > !next_waypoint [touched the skin]; lift a; lift b; 0.5
+    none b; 0.1; grab a; 0.4; say a > !next_waypoint [touched]; lift a; lift b; 0.5
 several: heir asks instead
     {asked} lift a; grab b; lift b; merge a b; 0.2 >; close b >; ? shows_question=1
 several: patch that sends nothing is not let go
@@ -394,7 +394,7 @@ suspended: light touch that lasts slows
     lasts for more than 10 s]; ? at work; ? speed_limit=0.3; lift a; close a; 1.8 >;
     0.2 > normal [no longer a light touch]; ? speed_limit=1
 suspended: but no touch starts the arm under it
-    none a 1.1N; 11 > pause, !none; grab b. > !resume [touched the skin]; lift a; close a; 1;
+    none a 1.1N; 11 > pause, !none; grab b. > !resume [touched]; lift a; close a; 1;
     ask grab > resume
 suspended: until it is strong
     none a 1.1N; 11 > pause, !none; arm resume; 0.02 > slow; a is 5N; 0.02 > pause
