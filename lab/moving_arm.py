@@ -283,7 +283,8 @@ class Accidents:
 
     def run(self, seconds: float) -> LostTime:
         """Return the time that is lost of some simulated time [s]."""
-        touched, period = self.touched, self.touched.skin.period
+        touched = self.touched
+        period = touched.skin.period
         suspended = stopped = speeding = slowed = pressed = 0.0
         is_late = False
         end = touched.stamp + round(seconds * NS_PER_S)

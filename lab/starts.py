@@ -173,7 +173,8 @@ class Starter:
 
     def run_person(self, person: int) -> list[Try]:
         """Pause the arm and let a person start it; return the tries."""
-        touched, hand = self.touched, self.touched.skin.hand
+        touched = self.touched
+        hand = touched.skin.hand
         touched.go()
         touched.wait_until(lambda: touched.arm.state().moving, LONGEST)
         touched.arm.pause()
@@ -228,7 +229,8 @@ class Starter:
 
     def perform_answer(self, one: Try, grabbed: TruthRecord, zero: int) -> None:
         """Answer the question by a poke, unless it ends before that."""
-        touched, policy = self.touched, self.touched.policy
+        touched = self.touched
+        policy = touched.policy
         question = policy.question
         assert question is not None
         reaction = self.rng.uniform(*REACTION)

@@ -9,7 +9,7 @@ import pytest
 from eskin.page import QuestionBoard
 from eskin.page.__main__ import find_answer
 from eskin.page.html import render_question
-from eskin.page.question import describe_question
+from eskin.page.viewer import describe_question
 from helpers.commands import PAPER, PATCH, Scene, make_paused_scene
 from helpers.viewer import make_setup
 

@@ -397,8 +397,7 @@ def build_listeners(
         listeners.append(Recorder(command.record, metadata, config))
     if command.view:
         from eskin.page.process import DEFAULT_PORT, free_port
-        from eskin.page.question import describe_question
-        from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
+        from eskin.page.viewer import RECORDING, Viewer, ViewerConfig, describe_question
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
         told = [line for policy in policies for line in policy.commands.describe()]

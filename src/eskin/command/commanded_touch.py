@@ -111,13 +111,26 @@ class CommandedTouch:
         """Return whether it has commanded or asked to; each touch does so once."""
         return self.blocked or onset in self.asked
 
+    def begin(self, onset: int, stamp: int, quiet_since: int) -> None:
+        """Update from the first reading in contact since an onset.
+
+        Args:
+            onset: time at which it began [ns since the epoch].
+            stamp: stamp of the reading [ns since the epoch].
+            quiet_since: stamp of the latest contact of any touch that began before it
+                [ns since the epoch].
+        """
+        if self.quiet_since is None:
+            self.quiet_since = quiet_since
+        elif self.onset is not None and onset > self.onset:
+            # It never left the skin, and is another gesture now.
+            self.quiet_since = max(self.last, quiet_since)
+        if self.onset is None:
+            self.light_since = stamp
+        self.onset = onset
+
     def feel(
-        self,
-        row: TouchRecord,
-        patch: str,
-        stamp: int,
-        quiet_since: int,
-        config: SkinMonitorConfig,
+        self, row: TouchRecord, patch: str, stamp: int, config: SkinMonitorConfig
     ) -> None:
         """Update from a reading in which it is in contact.
 
@@ -125,18 +138,8 @@ class CommandedTouch:
             row: its record.
             patch: patch of its strongest contact.
             stamp: stamp of the reading [ns since the epoch].
-            quiet_since: stamp of the latest contact of any touch that began before it
-                [ns since the epoch].
             config: says until when a touch is light.
         """
-        if self.quiet_since is None:
-            self.quiet_since = quiet_since
-        elif self.onset is not None and row.onset > self.onset:
-            # It never left the skin, and is another gesture now.
-            self.quiet_since = max(self.last, quiet_since)
-        if self.onset is None:
-            self.light_since = stamp
-        self.onset = row.onset
         self.patch = patch
         self.force = row.force
         self.press(stamp, config)
@@ -245,7 +248,8 @@ class CommandedTouches:
         now: int,
     ) -> None:
         """Start without touches at a time [ns since the epoch]."""
-        self.config, self.vocabulary = config, vocabulary
+        self.config = config
+        self.vocabulary = vocabulary
         self.areas = np.asarray(skin.areas)
         full = np.full(skin.count, FULL_SHARE * calibration.full_scale)
         self.full_pressure = calibration.compute_pressure(full)
@@ -302,7 +306,8 @@ class CommandedTouches:
     def close(self, number: int, merged_into: int) -> None:
         """Note that a touch has closed, and what it has merged into; 0 is nothing."""
         touch = self.find(number)
-        touch.closed, touch.lasts = True, False
+        touch.closed = True
+        touch.lasts = False
         if merged_into:
             heir = self.find(merged_into)
             touch.merge(heir)
@@ -316,7 +321,8 @@ class CommandedTouches:
         self, row: TouchRecord, patch: str, recognition: RecognitionState
     ) -> None:
         """Update an open touch on a patch by its record and its probabilities."""
-        touch, stops = self.find(row.id), self.stops[patch]
+        touch = self.find(row.id)
+        stops = self.stops[patch]
         probabilities = recognition.probabilities.get(row.id)
         if probabilities is not None:
             touch.probabilities = probabilities
@@ -327,8 +333,10 @@ class CommandedTouches:
             self.hold(touch, row, recognition)
         if row.last == self.latest:
             self.measure_full_area(touch, row.taxels, recognition)
-            quiet_since = self.find_quiet(touch, row.onset)
-            touch.feel(row, patch, self.latest, quiet_since, self.config)
+            if touch.onset != row.onset:
+                quiet_since = self.find_quiet(touch, row.onset)
+                touch.begin(row.onset, self.latest, quiet_since)
+            touch.feel(row, patch, self.latest, self.config)
             self.felt.append(touch)
 
     def hold(

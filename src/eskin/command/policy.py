@@ -166,7 +166,8 @@ class Policy(Listener):
         Raises:
             ArmError: the skin gives too few readings to be relied on.
         """
-        max_age, rate = self.config.monitor.max_age, context.info.rate
+        max_age = self.config.monitor.max_age
+        rate = context.info.rate
         if rate * max_age < 2:
             raise ArmError(
                 f"the skin gives {rate:.3g} readings a second; allowed are "
@@ -174,7 +175,9 @@ class Policy(Listener):
                 "without an arm"
             )
         self.context = context
-        skin, limits, now = context.info.skin, self.config.monitor, context.clock.now()
+        skin = context.info.skin
+        limits = self.config.monitor
+        now = context.clock.now()
         self.watched = now
         self.monitor = SkinMonitor(skin, limits, now)
         self.touches = CommandedTouches(
@@ -309,7 +312,9 @@ class Policy(Listener):
             request: what it asks for.
             stamp: time of the latest reading of the touch [ns since the epoch].
         """
-        now, state, action = self.context.clock.now(), self.arm.state(), request.action
+        now = self.context.clock.now()
+        state = self.arm.state()
+        action = request.action
         detection = request.detection
         fault = self.find_fault(state, stamp)
         if fault is not None or action in HALTING_ACTIONS:
@@ -411,7 +416,8 @@ class Policy(Listener):
 
     def hold_if_unreliable(self) -> None:
         """Hold the arm if skin or functions cannot be relied on; publish when again."""
-        now, state = self.context.clock.now(), self.arm.state()
+        now = self.context.clock.now()
+        state = self.arm.state()
         stops = state.pause_count, state.hold_reason
         if stops != self.stops:
             self.stops = stops
@@ -482,7 +488,8 @@ class Policy(Listener):
 
     def update_limit(self) -> None:
         """Suspend the arm, let it go slowly or at its speed, and publish a change."""
-        now, state = self.context.clock.now(), self.arm.state()
+        now = self.context.clock.now()
+        state = self.arm.state()
         if not state.stopped:
             self.update_slowing(now)
         limit = 1.0 if self.slowed is None else self.config.slow_speed
@@ -502,7 +509,8 @@ class Policy(Listener):
         if reason is not None:
             if self.slowed is None:
                 self.publish("slow", True, f"{reason}; {REMEDY}")
-            self.slowed, self.slowed_at = reason, now
+            self.slowed = reason
+            self.slowed_at = now
         elif self.slowed is not None:
             if now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S:
                 self.publish("normal", True, f"no longer {self.slowed}")
@@ -652,7 +660,9 @@ class Policy(Listener):
 
     def execute(self, request: CommandRequest) -> None:
         """Make the arm execute what is asked for."""
-        arm, detection, rule = self.arm, request.detection, request.rule
+        arm = self.arm
+        detection = request.detection
+        rule = request.rule
         now = self.context.clock.now()
         match request.action:
             case "resume":
@@ -674,7 +684,8 @@ class Policy(Listener):
             case action if action == FUNCTION:
                 call = FunctionCall(rule.function or "", arm, detection)
                 if not call.has_returned(self.config.function_seconds):
-                    self.call, self.held_for = call, call.problem
+                    self.call = call
+                    self.held_for = call.problem
                     raise ArmError(call.problem)
             case action:
                 getattr(arm, action)()
@@ -711,10 +722,14 @@ class Policy(Listener):
         """
         number = onset = patch = gesture = None
         if detection is not None:
-            number, gesture = detection.touch, detection.gesture
-            onset, patch = detection.onset, detection.patch
+            number = detection.touch
+            gesture = detection.gesture
+            onset = detection.onset
+            patch = detection.patch
         elif touch is not None:
-            number, onset, patch = touch.id, touch.onset, touch.patch or None
+            number = touch.id
+            onset = touch.onset
+            patch = touch.patch or None
         now = self.context.clock.now()
         self.context.publish(
             CommandEvent(now, action, number, gesture, accepted, reason, onset, patch)

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Float16
 
-from eskin.command import ASK, Arm, ArmState
+from eskin.command import ASK, Arm, ArmState, Policy
 from eskin.drivers import Event
 from eskin.errors import DeviceError
 from eskin.live import UNKNOWN, Detection
@@ -165,6 +165,33 @@ DONE = {"pause": "paused", "hold": "held", "resume": "resumed", "slow": "slowed"
 NOT_UNDERSTOOD, LIKELIEST = "not understood", "most likely "
 """Beginning of the reason for a stop by a touch that was not understood, and what comes
 before its likeliest gesture there."""
+
+
+def describe_question(policy: Policy, now: int) -> QuestionBoard:
+    """Return what a policy asks, and what a person has to observe before it asks again.
+
+    Args:
+        policy: policy that commands the arm.
+        now: time [ns since the epoch].
+    """
+    commands = policy.commands
+    question = policy.question
+    answer = commands.answer if commands.asks else ""
+    rest = 0.0
+    if policy.failed_at is not None:
+        rest = policy.config.question.quiet_after_failure
+    if question is None:
+        return QuestionBoard(answer, rest)
+    request = question.request
+    window = question.deadline - question.asked_at
+    return QuestionBoard(
+        answer=answer,
+        rest=rest,
+        action=request.rule.function or request.action,
+        link=request.detection.link,
+        left=min(max((question.deadline - now) / window, 0.0), 1.0),
+        is_answering=question.is_answering,
+    )
 
 
 def describe_command(command: CommandEvent) -> str:

@@ -20,8 +20,7 @@ from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.process import free_port, make_token
-from eskin.page.question import describe_question
-from eskin.page.viewer import RECORDING, Viewer, ViewerConfig
+from eskin.page.viewer import RECORDING, Viewer, ViewerConfig, describe_question
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
 from eskin.sim.arm import SimulatedArm

@@ -153,7 +153,8 @@ class SimulatedUser:
 
     def watch_light(self, stamp: int) -> None:
         """Notice that a question was not answered well: its light goes out, no more."""
-        was_asked, self.is_asked = self.is_asked, self.question() is not None
+        was_asked = self.is_asked
+        self.is_asked = self.question() is not None
         if was_asked and not self.is_asked and self.score.answered == self.answered:
             self.has_failed = True
             self.quiet_since = stamp
@@ -253,7 +254,8 @@ class SimulatedUser:
 
     def continue_touch(self, stamp: int) -> None:
         """Follow the present touch until it is over."""
-        hand, attempt = self.skin.hand, self.attempt
+        hand = self.skin.hand
+        attempt = self.attempt
         assert attempt is not None
         truths = [record for record in hand.truths() if record.touch == self.touch]
         if truths and not self.in_contact and attempt.answer is None:
