@@ -72,6 +72,15 @@ def test_presses_far_apart_are_two_touches(starts, places, length, count):
     assert len(touches) == count
 
 
+@pytest.mark.parametrize(("pitch", "count"), [(0.01, 2), (0.02, 1)])
+@pytest.mark.parametrize("later", [0.0, 0.45], ids=["at once", "one after the other"])
+def test_one_hand_on_several_large_cells_is_one_touch(pitch, count, later):
+    mounted = build_mounted_grid(columns=round(0.4 / pitch), pitch=pitch)
+    scene = press(mounted, [0.2, 0.2 + later], [0.04, 0.18], length=0.3)
+    _, touches = find_touches(mounted, scene)
+    assert len(touches) == count
+
+
 def test_contact_between_two_touches_merges_them_into_the_older():
     scene = press(WIDE, [0.2, 0.26, 0.3], [0.05, 0.25, 0.15], length=0.5)
     states, touches = find_touches(WIDE, scene)

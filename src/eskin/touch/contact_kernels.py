@@ -10,8 +10,10 @@ from jaxtyping import Float, Int
 from eskin.compiled import Packed, compiled
 from eskin.touch.noise_kernels import CLEAR_FACTOR
 from eskin.touch.records import (
+    FINGERTIP,
     KernelReading,
     TrackerContext,
+    TrackingParameters,
 )
 from eskin.touch.taxel_kernels import SHORTEST_PRESS, select
 
@@ -616,7 +618,7 @@ def find_contacts(
         row[EVIDENCE] = weigh_contact(own, reading, context)
         normalise_sums(row, T_world_link[int(row[LINK])])
     if len(rows) > 1:
-        write_near(points, rows, context.parameters.max_separation)
+        write_near(points, rows, context.parameters)
     return rows, taxels
 
 
@@ -682,13 +684,16 @@ def normalise_sums(row: Float[np.ndarray, "column"], T_world_link: Transform) ->
 
 
 @compiled
-def write_near(points: Points, rows: Rows, reach: float) -> None:
-    """Write whether the nearest taxels of two contacts are within reach [m]."""
+def write_near(points: Points, rows: Rows, parameters: TrackingParameters) -> None:
+    """Write whether the nearest taxels of two contacts are within reach."""
     boxes = np.empty((len(rows), 2, 3))
+    cells = rows[:, AREA] / (rows[:, END] - rows[:, BEGIN])
     for n in range(len(rows)):
         own = points[int(rows[n, BEGIN]) : int(rows[n, END])]
         compute_box(own, boxes[n])
         for m in range(n):
+            is_coarse = min(cells[m], cells[n]) >= FINGERTIP
+            reach = parameters.hand if is_coarse else parameters.max_separation
             others = points[int(rows[m, BEGIN]) : int(rows[m, END])]
             if box_gap(boxes[m], boxes[n]) <= reach:
                 near = are_near(others, own, boxes[n], reach)

@@ -57,6 +57,11 @@ class ContactRecord(NamedTuple):
     p_link: Vector
     """Centre in the frame of `link` [m]."""
 
+    @property
+    def cell(self) -> float:
+        """Mean area of its taxels [m2]."""
+        return self.area / max(len(self.taxels), 1)
+
 
 NO_TAXELS = np.empty(0, np.int64)
 ZERO = (0.0, 0.0, 0.0)
@@ -223,6 +228,9 @@ class TouchConfig:
     pats are shorter. A touch without evidence closes as its contact ends."""
     max_separation: Annotated[Distance, Field(alias="beside")] = 0.1
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
+    hand: Distance = 0.19
+    """Length of a hand [m], in place of both distances between contacts whose taxels
+    are each larger than a fingertip: what lies between such cells is not felt."""
     restart: Annotated[float, Interval(ge=1.0, le=math.inf)] = 5.0
     """Force at which a touch begins anew, and with which a younger touch outlives an
     older one with which it merges, in units of the greatest force of the first so
@@ -246,6 +254,9 @@ class TouchConfig:
     evidence, in units of its pressure."""
 
 
+FINGERTIP = 4e-4
+"""Area of the skin that a fingertip covers [m2]: a square of 20 mm."""
+
 CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
 TrackingParameters = namedtuple(
     "TrackingParameters",
@@ -265,7 +276,7 @@ def build_tracking_parameters(
     """Build the parameters of the tracking kernels."""
     values = vars(contacts) | vars(tracks) | vars(touches)
     # Equal distances stay equal where the pose rounds them.
-    for name in ("max_gap", "max_separation"):
+    for name in ("max_gap", "max_separation", "hand"):
         values[name] += MICROMETRE
     return TrackingParameters(
         **values,

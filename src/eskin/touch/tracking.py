@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from eskin.touch.contact_kernels import CLEAR_PRESS, PA_PER_KPA
 from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
 from eskin.touch.records import (
+    FINGERTIP,
     NO_INDEX,
     NO_TAXELS,
     ContactRecord,
@@ -394,7 +395,8 @@ class TouchGrouper:
         if stamp - other.last > self.parameters.pause_ns:
             return False
         gap = measure_gap(other.contact, track.contact, self.reading)
-        return gap <= self.parameters.max_gap
+        is_coarse = min(other.contact.cell, track.contact.cell) >= FINGERTIP
+        return gap <= (self.parameters.hand if is_coarse else self.parameters.max_gap)
 
     def start_touch(self, track: TrackRecord) -> TouchRecord:
         """Start a touch with its first track."""
