@@ -46,8 +46,9 @@ def make_many(count, **changes):
         {},
         {"moving": True, "fold_share": 1.0},
         {"gesture": "none", "kind": "electrical"},
+        {"gesture": "none", "kind": "cable", "moving": True},
     ],
-    ids=["still", "moving", "electrical"],
+    ids=["still", "moving", "electrical", "cable"],
 )
 def test_same_plan_gives_the_same_clip(changes):
     one, other = (make(number=3, **changes) for _ in range(2))

@@ -7,13 +7,17 @@ import pytest
 
 from eskin.errors import ImportSourceError
 from eskin.recording import find_recordings, read_recording
+from eskin.sim.contact.press import Press, SoftTissue, TrueTouch
 from eskin.sim.dataset import GenerationSettings, generate, read_index
 from eskin.sim.dataset.devices import (
+    LONGEST_POKE_TRAVEL,
     DeviceSimulator,
     draw_device,
     measure,
     read_out,
+    slide_poke,
 )
+from eskin.sim.people.person import build_body
 from eskin.sim.people.recorded import find_recorded_people, read_recorded_touches
 
 DEVICES = [draw_device(str(number)) for number in range(100)]
@@ -42,6 +46,53 @@ def test_devices_span_the_ranges_of_sensors():
     for part in ("closed", "lag", "binary", "noise"):
         assert 0.05 < np.mean([bool(getattr(each, part)) for each in DEVICES]) < 0.8
     assert all(9 <= device.rate <= 60 for device in DEVICES)
+
+
+def test_some_devices_have_a_few_large_cells_perhaps_apart():
+    large = [device for device in DEVICES if device.has_large_cells]
+    assert 0.2 < len(large) / len(DEVICES) < 0.7
+    assert any(device.skin.count == 1 for device in large)
+    sides = [float(np.sqrt(device.skin.areas[0])) for device in large]
+    apart = [device.pitch / side for device, side in zip(large, sides, strict=True)]
+    assert max(apart) > 2 and min(apart) == pytest.approx(1.0)
+    assert {len(device.skin.patches) == device.skin.count for device in large} == {
+        True,
+        False,
+    }
+
+
+def test_the_gap_between_two_pads_measures_nothing():
+    device = next(
+        each
+        for each in DEVICES
+        if each.inner < each.finer and each.skin.count > 1 and not each.closed
+    )
+    device = replace(device, gain=1.0, lag=0.0, binary=0.0, full=50.0)
+    times, patch = device.finer, device.fine.patches[0]
+    margin = (times - device.inner) // 2
+    inside = np.arange(times)
+    inside = (inside >= margin) & (inside < margin + device.inner)
+    rows = np.tile(inside, patch.rows // times)
+    columns = np.tile(inside, patch.columns // times)
+    on_pads = np.outer(rows, columns).ravel()
+    pressure = np.full((5, device.fine.count), 10.0)
+    assert measure(device, pressure * on_pads, STEP) == pytest.approx(10.0)
+    assert not measure(device, pressure * ~on_pads, STEP).any()
+
+
+def test_a_slipping_poke_travels_no_further_than_allowed():
+    simulator = DeviceSimulator(DEVICES[0].skin.name)
+    site = simulator.draw_site(np.random.default_rng(0))
+    force = np.ones(30)
+    still = np.tile(np.array(site.centre), (30, 1))
+    body = build_body("knuckle", simulator.constants)
+    tissue = SoftTissue(1.0, 1.0, 1.0, 1.0, 0.0)
+    press = Press(site.chart, 0, force, still, np.zeros(30), body, tissue)
+    touch = TrueTouch("poke", "knuckle", "one", (press,), {})
+    for seed in range(20):
+        (slid,) = slide_poke(touch, np.random.default_rng(seed)).presses
+        travel = np.linalg.norm(slid.centre[-1] - slid.centre[0])
+        assert 0.0 < travel <= LONGEST_POKE_TRAVEL
 
 
 def test_a_reading_falls_with_its_lag_and_never_below_the_pressure():

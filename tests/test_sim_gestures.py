@@ -120,15 +120,39 @@ def test_stroke_passes_its_target_within_its_room_at_the_speed_of_a_hand():
     assert np.mean(slow) > 0.9
 
 
-def test_bump_is_a_mass_on_a_spring():
+def test_bump_is_a_mass_on_a_spring_or_a_short_push():
+    makes = set()
     for touch in perform_many("none", "bump", count=100):
         drawn = touch.drawn
-        mass, stiffness = drawn["none.bump.mass"], drawn["none.bump.stiffness"] * 1e3
-        speed = drawn["none.bump.speed"]
-        top = get_force(touch).max()
-        assert top == pytest.approx(speed * np.sqrt(mass * stiffness))
-        assert drawn["duration"] == pytest.approx(np.pi * np.sqrt(mass / stiffness))
-        assert count_peaks(get_force(touch), 0.1) == 1 + drawn["rebound"]
+        make = drawn["none.bump.makes"]
+        makes.add(make)
+        force = get_force(touch)
+        assert force.max() == pytest.approx(drawn["force"])
+        if make == "impact":
+            mass = drawn["none.bump.mass"]
+            stiffness = drawn["none.bump.stiffness"] * 1e3
+            top = drawn["none.bump.speed"] * np.sqrt(mass * stiffness)
+            assert drawn["force"] == pytest.approx(top)
+            seconds = np.pi * np.sqrt(mass / stiffness)
+            assert drawn["duration"] == pytest.approx(seconds)
+    assert makes == {"impact", "push"}
+
+
+def test_bump_that_bounces_hits_again_more_weakly_and_sooner():
+    hits = set()
+    for touch in perform_many("none", "bump", count=100):
+        force = get_force(touch)
+        pressed = np.concatenate([[False], force > 0, [False]]).astype(int)
+        firsts = np.flatnonzero(np.diff(pressed) == 1)
+        ends = np.flatnonzero(np.diff(pressed) == -1)
+        peaks = [force[a:b].max() for a, b in zip(firsts, ends, strict=True)]
+        assert len(peaks) == int(touch.drawn["none.bump.hits"])
+        share = touch.drawn["none.bump.restitution"]
+        np.testing.assert_allclose(np.divide(peaks[1:], peaks[:-1]), share)
+        pauses = firsts[1:] - ends[:-1]
+        assert (np.diff(pauses) <= 0).all()
+        hits.add(len(peaks))
+    assert hits == {1, 2, 3}
 
 
 @pytest.mark.parametrize(
@@ -165,3 +189,20 @@ def test_gestures_fit_a_plane_and_a_site_without_room(gesture, kind, radius, fre
 def test_unknown_gesture_kind_or_difficulty_is_refused(gesture, kind, difficulty, part):
     with pytest.raises(ValueError, match=part):
         perform_many(gesture, kind, difficulty)
+
+
+def test_cable_lies_still_but_for_its_swing_of_millimetres():
+    for touch in perform_many("none", "cable", count=50):
+        (press,) = touch.bodies
+        away = np.hypot(*(press.centre - SITE.centre).T)
+        assert 0.0 < np.ptp(away) and away.max() <= 0.004
+        assert press.anchor is not None and press.anchor.centre == SITE.centre
+
+
+@pytest.mark.parametrize(
+    ("gesture", "kind", "stands"),
+    [("none", "brush", True), ("none", "lean", False), ("stroke", None, False)],
+)
+def test_only_what_stands_has_an_anchor(gesture, kind, stands):
+    for touch in perform_many(gesture, kind, count=10):
+        assert all((press.anchor is not None) == stands for press in touch.bodies)

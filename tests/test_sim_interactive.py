@@ -108,7 +108,6 @@ def test_touch_gives_the_counts_and_truth_of_a_clip(gesture, kind, motion):
     q = np.array([motion(max(reading, 0)) for reading in at])
     between = np.arange(steps) / 2 - 0.5
     q = np.stack([np.interp(between, at, each) for each in q.T], axis=1)
-    delay = np.inf if kind else delay
     presses = tuple(follow_with_delay(p, env, q, delay) for p in touch.presses)
     scene = TouchScene(q, (replace(touch, presses=presses),))
     clip, exact = (

@@ -14,6 +14,8 @@ from eskin.sim.dataset.sets import (
     CLASSES,
     FAMILY_SETS,
     FINAL_SETS,
+    NON_GESTURE_KINDS,
+    NON_GESTURES,
     PAPER_GESTURES,
     SETS,
     load_set,
@@ -247,3 +249,16 @@ def test_difficulty_changes_only_what_depends_on_it():
     assert {plan.concurrent for plan in hard} == {0.24}
     for one, other in zip(easy, hard, strict=True):
         assert replace(one, difficulty=2.0, concurrent=0.24) == other
+
+
+def test_sets_without_gestures_hold_every_kind_but_those_that_are_held_out():
+    shown = {}
+    for name in NON_GESTURE_KINDS:
+        clips = plan_set(name, clips=1000)
+        assert {plan.gesture for plan in clips} == {"none"}
+        shown[name] = {plan.kind for plan in clips}
+    assert shown[NON_GESTURES] - shown["non-gestures-some"] == {
+        "guiding",
+        "rub",
+        "squeeze_hold",
+    }

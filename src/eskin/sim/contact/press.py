@@ -74,6 +74,27 @@ class SurfacePress:
         return len(self.force)
 
 
+@dataclass(frozen=True)
+class WorldAnchor:
+    """An anchor describes a body that stands in the world while the robot moves."""
+
+    centre: tuple[float, float]
+    """Place on the chart at which the body lands, unrolled (s, t) [m]."""
+    run: tuple[float, float]
+    """Lowest and highest t of the body from its landing, beyond which it is off [m]."""
+    give: float
+    """Distance by which the surface leaves it along the normal until contact ends
+    [m]."""
+    most: float
+    """Largest force over the force at rest, as the body is pushed aside."""
+    dragged: float
+    """Share of the motion of the surface that friction makes the body follow."""
+    ripple: float
+    """Amplitude by which the force varies along the way, as a share of the force."""
+    ripple_length: float
+    """Length of the way after which this variation repeats [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Press(SurfacePress):
     """A press moves one body; its centre is the mean centre of the body's pads."""
@@ -82,6 +103,8 @@ class Press(SurfacePress):
     """Pads that bear load."""
     tissue: SoftTissue
     """Tissue of the body."""
+    anchor: WorldAnchor | None = None
+    """How the body stands in the world; None for a hand, which follows the robot."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from eskin.recording import NONE
 from eskin.sim.contact.press import TrueTouch
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
 from eskin.sim.dataset.sets import QUIET
@@ -20,7 +21,7 @@ from eskin.sim.dataset.staging import (
     place_touch,
     set_up_clip,
 )
-from eskin.sim.people.perform import choose_kind
+from eskin.sim.people.perform import STANDING_KINDS, choose_kind
 from eskin.sim.scene.environment import SimEnvironment
 from eskin.sim.scene.poses import can_touch_itself, compute_pose_group
 from eskin.sim.scene.scene import (
@@ -175,10 +176,17 @@ def simulate_touches(setup: ClipSetup, touches: tuple[TrueTouch, ...]) -> Simula
 def draw_clip_kind(
     plan: ClipPlan, gesture: str, env: SimEnvironment, rng: np.random.Generator
 ) -> str:
-    """Draw a variant of the gesture of a clip that its pose groups permit."""
+    """Draw a variant of the gesture of a clip that its pose groups permit.
+
+    A robot that moves slides past what stands more often than `none.kinds` says.
+    """
+    constants = env.constants
+    if gesture == NONE and plan.moving and env.can_move:
+        if rng.random() < constants.value("none.standing.share"):
+            return str(rng.choice(STANDING_KINDS))
     person, groups = get_person(plan.person, env), frozenset(plan.groups)
     while True:
-        kind = choose_kind(gesture, None, person, env.constants, rng, plan.difficulty)
+        kind = choose_kind(gesture, None, person, constants, rng, plan.difficulty)
         if kind != "self_contact" or can_touch_itself(env, groups):
             return kind
 

@@ -1,8 +1,9 @@
 """This module draws small devices at random, and simulates clips of touches on them.
 
-A device is a grid of cells on a plane or a tube, read out in some way. Cells, rates,
-gains and lags span those of sensors that can be bought, so that a recogniser learns
-what is common to touches on all of them, not what one sensor makes of them.
+A device is a grid of cells on a plane or a tube, or some pads apart from each other,
+read out in some way. Cells, rates, gains and lags span those of sensors that can be
+bought, so that a recogniser learns what is common to touches on all of them, not what
+one sensor makes of them.
 """
 
 import zlib
@@ -22,6 +23,7 @@ from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.plan import IDLE, BuildOrigin, ClipPlan, SessionPlan
 from eskin.sim.dataset.staging import draw_start
+from eskin.sim.people.gesture_sample import build_minimum_jerk
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
 from eskin.sim.people.recorded import (
@@ -40,6 +42,7 @@ from eskin.sim.scene.scene import (
 from eskin.skin import MountedSkin, Patch, Plane, Skin, Tube
 from eskin.skin.layout import TaxelGrid, build_skin
 from eskin.touch import Calibration
+from eskin.touch.records import FINGERTIP
 
 LINK = "table"
 """Robot, and link, that devices are fixed to."""
@@ -66,16 +69,24 @@ READINGS: tuple[ReadingWay, ...] = ("line", "hold", "own")
 USUAL_PERIOD = 0.02
 """Period at which slower devices are read [s]."""
 
+PADS = 0.4
+"""Share of devices that have a few large pads, perhaps apart, instead of many cells."""
+
 NONE_KINDS = {
-    "resting_hand": 0.38,
-    "press": 0.2,
-    "lean": 0.12,
+    "resting_hand": 0.36,
+    "press": 0.14,
+    "lean": 0.1,
+    "bump": 0.12,
     "single_pat": 0.1,
-    "bump": 0.08,
-    "squeeze_hold": 0.06,
-    "brush": 0.06,
+    "squeeze_hold": 0.04,
+    "rub": 0.07,
+    "tickle": 0.07,
 }
 """Kinds of `none` on devices, with their shares."""
+
+LIKE_A_POKE = ("single_pat", "rub", "tickle")
+"""Kinds that look like a poke, or like a hand at rest, on cells larger than what moves;
+a hand rests on such cells instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +98,12 @@ class Device:
     fine: Skin
     """The same surface in small cells, in which pressure is computed."""
     finer: int
-    """Number of small cells along a side of a cell."""
+    """Number of small cells from one cell to the next."""
+    inner: int
+    """Number of these that the cell itself covers, in the middle; the others are a gap
+    that measures nothing."""
+    pitch: float
+    """Distance of neighbouring cells [m]."""
     closed: bool
     """Whether its cells go all the way round a tube."""
     rate: float
@@ -107,6 +123,11 @@ class Device:
     noise: float
     """Standard deviation of a measurement [counts]."""
 
+    @property
+    def has_large_cells(self) -> bool:
+        """Return whether a cell is larger than a fingertip."""
+        return float(self.skin.areas[0]) >= FINGERTIP
+
 
 @lru_cache(maxsize=16)
 def draw_device(name: str) -> Device:
@@ -116,11 +137,20 @@ def draw_device(name: str) -> Device:
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    pitch = between(3.0, 40.0) * MM
-    largest = max(0.12, 5 * pitch)
-    rows, columns = (
-        int(np.clip(round(between(0.05, largest) / pitch), 2, 24)) for _ in "rc"
-    )
+    has_pads = rng.random() < PADS
+    if has_pads:
+        cell = between(20.0, 90.0) * MM
+        apart = between(1.15, 4.0) if rng.random() < 0.5 else 1.0
+        pitch = min(cell * apart, max(0.16, cell))
+        cells = int(rng.integers(1, 13))
+        rows = int(rng.choice([n for n in (1, 2, 3) if cells % n == 0]))
+        columns = cells // rows
+    else:
+        cell = pitch = between(3.0, 40.0) * MM
+        largest = max(0.12, 5 * pitch)
+        rows, columns = (
+            int(np.clip(round(between(0.05, largest) / pitch), 2, 24)) for _ in "rc"
+        )
     round_it = rng.random() < 0.4
     radius = between(0.02, 0.07)
     closed = round_it and 2 * np.pi * radius / pitch >= 3 and rng.random() < 0.6
@@ -130,6 +160,10 @@ def draw_device(name: str) -> Device:
     round_it = closed or (round_it and columns * pitch < 4 * radius)
     surface = Tube(radius, np.eye(4)) if round_it else Plane(np.eye(4))
     finer = int(np.ceil(pitch / FINEST))
+    inner = max(1, round(finer * cell / pitch))
+    inner -= (finer - inner) % 2
+    inner = max(inner, 1 + (finer + 1) % 2)
+    separate = has_pads and rng.random() < 0.5
 
     def build(times: int) -> Skin:
         size = rows * times, columns * times
@@ -137,18 +171,25 @@ def draw_device(name: str) -> Device:
         patch = Patch("grid", LINK, 1, *size)
         return build_skin(name, [(patch, grid, surface)])
 
+    skin = build(1)
+    skin = replace(skin, areas=skin.areas * (inner / finer) ** 2)
+    if separate:
+        skin = separate_cells(skin)
     reading = READINGS[rng.integers(len(READINGS))]
     level = between(2.0, 40.0)
-    typical = TYPICAL_FORCE / max(pitch**2, TIP_AREA) / 1000
-    binary = typical * between(0.01, 0.3) if rng.random() < 0.25 else 0.0
+    typical = TYPICAL_FORCE / max(cell**2, TIP_AREA) / 1000
+    chance = 0.5 if has_pads else 0.25
+    binary = typical * between(0.01, 0.3) if rng.random() < chance else 0.0
     counts = int(rng.choice([255, 1023, 4095]))
     rate = between(9.0, 60.0)
     lag = float(rng.uniform(0.05, 0.5)) if rng.random() < 0.5 else 0.0
     full = between(10.0, 60.0) if binary else max(level * between(0.6, 3.0), 4.0)
     return Device(
-        skin=build(1),
+        skin=skin,
         fine=build(finer),
         finer=finer,
+        inner=inner,
+        pitch=pitch,
         closed=closed,
         rate=rate,
         reading=reading,
@@ -162,20 +203,39 @@ def draw_device(name: str) -> Device:
     )
 
 
+def separate_cells(skin: Skin) -> Skin:
+    """Return a skin each of whose taxels is a patch of its own."""
+    count = skin.count
+    patches = tuple(Patch(f"pad{n}", LINK, n, 1, 1) for n in range(count))
+    alone = np.zeros(count, dtype=np.int64)
+    return replace(
+        skin,
+        patches=patches,
+        patch_index=np.arange(count),
+        rows=alone,
+        columns=alone,
+    )
+
+
 def name_device(session: SessionPlan) -> str:
     """Return the name of the device of a session."""
     return "device-" + "-".join(map(str, session.build.seed))
 
 
 def fit_to_device(plan: ClipPlan, name: str) -> ClipPlan:
-    """Return a plan without a grab where it would be a hand that lies on the device.
+    """Return a plan of `none` where the device cannot show the gesture of a plan.
 
-    It is where no hand can close round it, and where cells are only on or off.
+    A grab would be a hand that lies on the device, where no hand can close round it, or
+    where cells are only on or off. A single cell shows no stroke.
     """
     device = draw_device(name)
-    if plan.gesture == "grab" and (device.binary or not device.closed):
-        return replace(plan, gesture=NONE)
-    return plan
+    can_show = {
+        "grab": device.closed and not device.binary,
+        "stroke": device.skin.count > 1,
+    }
+    if can_show.get(plan.gesture or NONE, True):
+        return plan
+    return replace(plan, gesture=NONE)
 
 
 @final
@@ -217,7 +277,8 @@ class DeviceSimulator(ClipGenerator):
             pressure[:] = 0.0
             pressure[:, cells] = part
             measured = measure(self.device, pressure, step)
-            if measured[lead:].max() >= VISIBLE:
+            shown = measured[lead:].max(axis=0) >= VISIBLE
+            if shown.sum() >= (2 if touch.gesture == "stroke" else 1):
                 break
         times, counts = read_out(self.device, measured[lead:], step, rng)
         at = np.minimum(np.rint(times / step).astype(np.int64), steps - 1)
@@ -238,16 +299,18 @@ class DeviceSimulator(ClipGenerator):
             chosen = draw_recorded_touch(self.touches, name, gesture, rng)
             return play_recorded_touch(chosen, site, self.constants, rng)
         person = draw_person(plan.person.name, self.constants, plan.person.rng())
-        kind, wanted = None, draw_wishes(gesture, self.device, rng)
+        kind = None
         if gesture == NONE:
             kind = str(rng.choice(list(NONE_KINDS), p=list(NONE_KINDS.values())))
-            if kind == "resting_hand" and rng.random() < 0.6:
-                wanted = {"none.resting_hand.hold": rng.uniform(0.8, 1.6)}
-                wanted["began_before"] = 0.0
+            if self.device.has_large_cells and kind in LIKE_A_POKE:
+                kind = "resting_hand"
+        wanted = draw_wishes(kind or gesture, self.device, rng)
         constants, difficulty = self.constants, plan.difficulty
         touch = perform(
             gesture, kind, person, site, constants, rng, difficulty, None, wanted
         )
+        if gesture == "poke" and rng.random() < 0.35:
+            return slide_poke(touch, rng)
         return add_rests(touch, constants, rng) if gesture == "stroke" else touch
 
     def draw_site(self, rng: np.random.Generator) -> ContactSite:
@@ -305,23 +368,54 @@ class DeviceSimulator(ClipGenerator):
 
 
 def draw_wishes(
-    gesture: str, device: Device, rng: np.random.Generator
+    name: str, device: Device, rng: np.random.Generator
 ) -> dict[str, float]:
     """Draw sizes and durations of a gesture that simulated people seldom choose.
 
-    Strokes are long enough to pass from cell to cell.
+    Strokes are long enough to pass from cell to cell. A hand rests from 0.3 s on, and a
+    poke on a cell that is larger than a fingertip is shorter than half a second: there
+    only its duration tells it from a hand. Pats move by up to a cell.
     """
-    if gesture == "poke" and rng.random() < 0.5:
-        return {"duration": float(np.exp(rng.uniform(np.log(0.08), np.log(0.35))))}
-    if gesture == "stroke":
-        pitch = float(np.sqrt(device.skin.areas[0]))
-        least = max(0.025, pitch * (2.0 if device.binary else 1.3))
-        span = np.sqrt(device.skin.areas.sum())
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    if name == "poke":
+        if device.has_large_cells:
+            return {"duration": between(0.04, 0.5)}
+        return {"duration": between(0.04, 0.35)} if rng.random() < 0.5 else {}
+    if name == "double_pat" and rng.random() < 0.5:
+        most = min(max(device.pitch, 0.01), 0.04)
+        return {"double_pat.shift": float(rng.uniform(0.0, most))}
+    if name == "resting_hand" and rng.random() < 0.7:
+        hold = between(0.3, 2.0)
+        return {"none.resting_hand.hold": hold, "began_before": 0.0}
+    if name == "lean" and rng.random() < 0.5:
+        return {"none.lean.hold": between(0.5, 2.0)}
+    if name == "stroke":
+        least = max(0.025, device.pitch * (2.0 if device.binary else 1.3))
+        span = device.pitch * np.sqrt(device.skin.count)
         length = rng.uniform(least, max(1.3 * least, span))
         speed = np.exp(rng.uniform(np.log(0.04), np.log(0.4)))
         duration = float(np.clip(length / speed, 0.15, 1.8))
         return {"length": length, "duration": duration, "both": 0.0}
     return {}
+
+
+LONGEST_POKE_TRAVEL = 0.015
+"""Largest distance over which the finger of a poke slips [m]."""
+
+
+def slide_poke(touch: TrueTouch, rng: np.random.Generator) -> TrueTouch:
+    """Return a poke whose finger slips a little while it presses."""
+    travel = rng.uniform(0.004, LONGEST_POKE_TRAVEL)
+    away = rng.uniform(-np.pi, np.pi)
+    presses = []
+    for press in touch.presses:
+        share = build_minimum_jerk(press.steps)[:, None]
+        path = travel * share * np.array([np.cos(away), np.sin(away)])
+        presses.append(replace(press, centre=press.centre + path))
+    return replace(touch, presses=tuple(presses))
 
 
 def add_rests(
@@ -356,9 +450,12 @@ def measure(
     device: Device, pressure: Float[np.ndarray, "time fine"], step: float
 ) -> Float[np.ndarray, "time taxel"]:
     """Return what each cell shows at each step: its mean pressure, as it reads it."""
-    patch, times = device.skin.patches[0], device.finer
-    shape = (len(pressure), patch.rows, times, patch.columns, times)
-    mean = pressure.reshape(shape).mean(axis=(2, 4)).reshape(len(pressure), -1)
+    times, fine = device.finer, device.fine.patches[0]
+    shape = (len(pressure), fine.rows // times, times, fine.columns // times, times)
+    first = (times - device.inner) // 2
+    inner = slice(first, first + device.inner)
+    cells = pressure.reshape(shape)[:, :, inner, :, inner]
+    mean = cells.mean(axis=(2, 4)).reshape(len(pressure), -1)
     if device.lag:
         kept = np.exp(-step / device.lag)
         for number in range(1, len(mean)):

@@ -8,6 +8,7 @@ from typing import Literal, cast
 
 import numpy as np
 
+from eskin.recording import NONE
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.sets import (
     NONE_KINDS,
@@ -264,6 +265,9 @@ def plan_clips(
             role = f"place {clip_set.people} {gesture}"
             order = rng.permutation(clip_set.places)
             places = tuple(build_seed(role, int(n), 0, seed) for n in order)
+        kind = clip_set.stream
+        if gesture == NONE and clip_set.kinds is not None:
+            kind = constants.choose(clip_set.kinds, rng)
         plan = replace(
             lead,
             seed=build_seed(f"clip {clip_set.name}", session_plan.number, number, seed),
@@ -271,7 +275,7 @@ def plan_clips(
             at=every * (number + 1),
             seconds=seconds,
             gesture=gesture,
-            kind=clip_set.stream,
+            kind=kind,
             pose=pose,
             places=places,
             moving=bool(rng.random() >= clip_set.stopped),

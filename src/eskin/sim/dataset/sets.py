@@ -95,6 +95,9 @@ class ClipSet:
     """Parts of the set."""
     stream: str | None = None
     """Kind of its streams; None for clips and for streams with gestures."""
+    kinds: str | None = None
+    """Constant with the weights of the kinds of its clips of `none`; None for the usual
+    ones."""
 
     @property
     def clips(self) -> int:
@@ -166,7 +169,25 @@ DEVICES = "devices"
 """Name of the set of small devices, drawn at random, that simulated or recorded people
 touch."""
 
-ALL_SETS = (*SETS, *FAMILY_SETS, *FINAL_SETS, PAIRS, *RECORDED_SETS, DEVICES)
+NON_GESTURES, NON_GESTURES_SOME = "non-gestures", "non-gestures-some"
+"""Names of the sets of all kinds of `none`, and of those that are left when some are
+held out: guiding hands, rubs, held squeezes and pushed bodies."""
+
+NON_GESTURE_KINDS = {
+    NON_GESTURES: "none.trained",
+    NON_GESTURES_SOME: "none.trained_some",
+}
+"""Constants with the kinds of these sets."""
+
+ALL_SETS = (
+    *SETS,
+    *FAMILY_SETS,
+    *FINAL_SETS,
+    PAIRS,
+    *RECORDED_SETS,
+    DEVICES,
+    *NON_GESTURE_KINDS,
+)
 """Names of all sets."""
 
 
@@ -315,6 +336,25 @@ def build_device_set(name: str, constants: Constants) -> ClipSet:
     )
 
 
+def build_non_gesture_set(name: str, constants: Constants) -> ClipSet:
+    """Build a set of clips that are all `none`, half of whose sessions are on families.
+
+    The robot moves in more of them than usual, since a cable or a body that stands is
+    only passed by a robot that moves.
+    """
+    return replace(
+        load_set("train", constants),
+        name=name,
+        people=name,
+        builds=name,
+        families=tuple(kind for family in FAMILIES for kind in (family, "fresh")),
+        stopped=constants.value("sets.still_gestureless"),
+        classes=("none",),
+        kinds=NON_GESTURE_KINDS[name],
+        parts=(SetPart("", int(constants.value("sets.clips.recorded"))),),
+    )
+
+
 def build_pair_set(constants: Constants) -> ClipSet:
     """Build the set of pairs, with as many clips on each side."""
     pairs = int(constants.value("pairs.pairs"))
@@ -332,6 +372,7 @@ SET_BUILDERS = (
     (FINAL_SETS, build_final_set),
     (RECORDED_SETS, build_recorded_set),
     ((DEVICES,), build_device_set),
+    (NON_GESTURE_KINDS, build_non_gesture_set),
     (FAMILY_SETS, build_family_set),
     (PAPER_SETS, build_paper_set),
     (("streams", "streams-fresh"), build_stream_set),

@@ -197,17 +197,16 @@ def draw_sites(
 def place_touch(setup: ClipSetup, touch: TrueTouch, start: int) -> TrueTouch:
     """Return a touch with its clock started at a step, on the moving robot.
 
-    A hand follows the robot with a delay, a cable stays where it is in the world, and a
-    link that touches another moves with it.
+    A hand follows the robot with a delay, the robot slides past a body that stands in
+    the world, and a link that touches another moves with it.
     """
     touch = shift_touch(touch, start)
     if not setup.plan.moving or touch.kind == "self_contact":
         return touch
     delay = setup.env.constants.draw("motion.delay", setup.rng)
-    lag = np.inf if touch.kind == "cable" else delay
     cropped = (crop_press(press, len(setup.q)) for press in touch.presses)
     presses = tuple(
-        follow_with_delay(press, setup.env, setup.q, lag)
+        follow_with_delay(press, setup.env, setup.q, delay)
         for press in cropped
         if press is not None
     )

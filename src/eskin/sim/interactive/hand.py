@@ -314,15 +314,16 @@ class InteractiveHand:
                 del kinds["self_contact"]
             chances = np.array(list(kinds.values()))
             return NONE, str(self.rng.choice(list(kinds), p=chances / chances.sum()))
-        if what in NONE_PROGRAMS and what not in CONTACTLESS_KINDS:
+        if what in PERFORMABLE:
+            return what, None
+        kinds = [kind for kind in NONE_PROGRAMS if kind not in CONTACTLESS_KINDS]
+        if what in kinds:
             return NONE, what
-        if what not in PERFORMABLE:
-            kinds = [kind for kind in NONE_PROGRAMS if kind not in CONTACTLESS_KINDS]
-            raise ValueError(
-                f"no gesture or contact '{what}'; allowed are "
-                f"{', '.join((*PERFORMABLE, *kinds))}; take one of them"
-            )
-        return what, None
+        names = dict.fromkeys((*PERFORMABLE, *kinds))
+        raise ValueError(
+            f"no gesture or contact '{what}'; allowed are {', '.join(names)}; take one "
+            "of them"
+        )
 
     def is_free(self, touch: TrueTouch) -> bool:
         """Tell whether a touch is apart from all active ones."""

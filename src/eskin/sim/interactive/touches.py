@@ -10,7 +10,11 @@ from jaxtyping import Float
 from eskin.sim.contact.press import AnyPress, ContactSite, Press, TrueTouch
 from eskin.sim.people.gesture_sample import GestureSample
 from eskin.sim.scene.environment import SimEnvironment
-from eskin.sim.scene.motion import interpolate_poses, move_press_on_link
+from eskin.sim.scene.motion import (
+    interpolate_poses,
+    move_press_on_link,
+    slide_past_body,
+)
 from eskin.sim.scene.scene import crop_press, shift_touch
 
 Poses = Float[np.ndarray, "step joint"]
@@ -90,8 +94,8 @@ class InteractiveTouch(ABC):
 class PerformedTouch(InteractiveTouch):
     """A performed touch is planned in advance and begins with the next reading.
 
-    As in clips, a hand follows the robot with a delay, a cable stays where it is in the
-    world, and a link that touches another moves with it.
+    As in clips, a hand follows the robot with a delay, the robot slides past a body
+    that stands in the world, and a link that touches another moves with it.
     """
 
     def __init__(self, touch: TrueTouch, delay: float, env: SimEnvironment) -> None:
@@ -105,6 +109,7 @@ class PerformedTouch(InteractiveTouch):
         self.over = not touch.presses
         self.start: int | None = None
         self.q_landing: dict[int, np.ndarray] = {}
+        self.bodies: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.end = max((p.first + p.steps for p in touch.presses), default=0)
 
     def advance(self, span: MotionSpan) -> TrueTouch:
@@ -126,9 +131,14 @@ class PerformedTouch(InteractiveTouch):
             return press
         if span.is_stopped and np.array_equal(q_landing, span.q[-1]):
             return press
-        if self.touch.kind == "cable":
-            q_then = np.tile(q_landing, (len(now), 1))
-            return move_press_on_link(press, self.env, span.q[now], q_then)
+        if isinstance(press, Press) and press.anchor is not None:
+            q_before, T_world_body = self.bodies.get(index, (q_landing, None))
+            q_series = np.concatenate([q_before[None], span.q[now]])
+            press, T_world_body = slide_past_body(
+                press, self.env, q_series, T_world_body
+            )
+            self.bodies[index] = (q_series[-1], T_world_body)
+            return press
         assert self.start is not None
         landing = self.start + self.touch.presses[index].first
         then = np.maximum(span.first + now - self.delay_steps, landing)

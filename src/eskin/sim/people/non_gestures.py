@@ -1,14 +1,16 @@
 """This module draws contacts that are no gesture of the vocabulary.
 
-Hands rest, press and guide; other bodies lean, bump and brush; unknown gestures rub,
-tickle and squeeze.
+Hands rest, press and guide; other bodies lean and bump, or stand where the robot
+brushes past them; unknown gestures rub, tickle and squeeze.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import MM
-from eskin.sim.contact.press import Press, SoftTissue
+from eskin.sim.contact.press import Press, SoftTissue, WorldAnchor
 from eskin.sim.people.gesture_sample import (
     GestureSample,
     Series,
@@ -153,58 +155,55 @@ def draw_lean(sample: GestureSample) -> tuple[Press, ...]:
     return (sample.build_press(body, series),)
 
 
-def draw_bump(sample: GestureSample) -> tuple[Press, ...]:
-    """Draw a body that hits the robot and bounces: half a period of a sprung mass."""
-    speed, mass = sample.draw("none.bump.speed"), sample.draw("none.bump.mass")
-    stiffness = sample.draw("none.bump.stiffness") / MM
-    force = sample.record("force", speed * np.sqrt(mass * stiffness))
-    contact = sample.record("duration", np.pi * np.sqrt(mass / stiffness))
-    series = force * build_bell(sample.count_steps(contact), 1.0)
-    if sample.draw_event("rebound", sample.constants.value("none.bump.rebound")):
-        share = sample.draw("none.bump.rebound_share")
-        gap = np.zeros(round(sample.draw("none.bump.rebound_after") / sample.step))
-        series = np.concatenate([series, gap, share * series])
-    soft, hard = sample.constants.array("none.bump.limits") / MM
-    body = "torso" if stiffness < soft else "forearm"
-    if stiffness > hard:
-        body = sample.choose("none.bump.hard")
-    path = draw_slide(sample, sample.draw("none.bump.slide"), len(series))
-    return (sample.build_press(build_body(body, sample.constants), series, path),)
-
-
-def draw_slide(
-    sample: GestureSample, speed: float, steps: int
-) -> Float[np.ndarray, "time 2"]:
-    """Draw a straight path at even speed [m/s] about the site [m]."""
-    direction = sample.record("direction", sample.rng.uniform(-np.pi, np.pi))
-    along = speed * sample.step * (np.arange(steps) - (steps - 1) / 2)
-    return along[:, None] * np.array([-np.sin(direction), np.cos(direction)])
-
-
 def draw_brush(sample: GestureSample) -> tuple[Press, ...]:
-    """Draw a sleeve, a seam or the back of a hand that passes over the robot."""
+    """Draw a person or a thing that stands and touches the robot lightly."""
     body = sample.choose("none.brush.bodies")
-    return (draw_dragged_body(sample, body, sample.draw_tissue()),)
+    steps = sample.count_steps(sample.draw("none.brush.hold"))
+    path = sample.draw_wander(steps)
+    return (draw_standing_body(sample, "brush", body, sample.draw_tissue(), path),)
 
 
 def draw_cable(sample: GestureSample) -> tuple[Press, ...]:
-    """Draw a cable that drags over the robot."""
-    return (draw_dragged_body(sample, "cable", build_object_tissue(sample)),)
+    """Draw a cable that hangs in the world, lies on the robot and swings a little."""
+    steps = sample.count_steps(sample.draw("none.cable.hold"))
+    size, rate = sample.draw("none.cable.swing"), sample.draw("none.cable.swing_rate")
+    direction = sample.record("direction", sample.rng.uniform(-np.pi, np.pi))
+    swing = size * draw_tremor(steps, sample.step, rate, sample.rng)
+    path = swing[:, None] * np.array([-np.sin(direction), np.cos(direction)])
+    tissue = build_object_tissue(sample)
+    return (draw_standing_body(sample, "cable", "cable", tissue, path),)
 
 
-def draw_dragged_body(sample: GestureSample, body: str, tissue: SoftTissue) -> Press:
-    """Draw a body that passes lightly and unevenly, across its long axis."""
-    force = sample.record("force", sample.draw("none.brush.force"))
-    steps = sample.count_steps(sample.draw("none.brush.hold"))
-    rise, fall = sample.draw("stroke.rise"), sample.draw("stroke.fall")
+def draw_standing_body(
+    sample: GestureSample,
+    kind: str,
+    body: str,
+    tissue: SoftTissue,
+    path: Float[np.ndarray, "time 2"],
+) -> Press:
+    """Draw a body that rests lightly on the robot and stands while the robot moves.
+
+    `path` is its own small motion about the site [m].
+    """
+    steps = len(path)
     whole = (steps - 1) * sample.step
+    force = sample.record("force", sample.draw("none.brush.force"))
+    rise, fall = sample.draw("stroke.rise"), sample.draw("stroke.fall")
     shape = build_ramp(sample, steps, rise * whole, fall * whole)
-    path = draw_slide(sample, sample.draw("none.brush.speed"), steps)
-    angle = float(sample.drawn["direction"]) + np.pi / 2 + sample.draw("hand.turn")
-    series = scale_to_peak(shape * sample.draw_ripple(steps), force)
-    path[:, 1] = np.clip(path[:, 1], *sample.site.free_run)
+    series = scale_to_peak(shape * sample.draw_leaning_noise(steps), force)
+    angle = sample.record("angle", sample.rng.uniform(-np.pi, np.pi))
     pads = build_body(body, sample.constants)
-    return sample.build_press(pads, series, path, tissue, angle)
+    press = sample.build_press(pads, series, path, tissue, angle)
+    anchor = WorldAnchor(
+        centre=sample.site.centre,
+        run=sample.site.free_run,
+        give=sample.draw("none.standing.give"),
+        most=sample.constants.value("none.standing.most"),
+        dragged=sample.draw(f"none.{kind}.dragged"),
+        ripple=sample.draw("slide.ripple"),
+        ripple_length=sample.draw("none.standing.ripple_length"),
+    )
+    return replace(press, anchor=anchor)
 
 
 def draw_self_contact(sample: GestureSample) -> tuple[Press, ...]:

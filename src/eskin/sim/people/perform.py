@@ -6,6 +6,7 @@ import numpy as np
 
 from eskin.sim.constants import Constants
 from eskin.sim.contact.press import ContactSite, Press, TrueTouch
+from eskin.sim.people.bumps import draw_bump
 from eskin.sim.people.gesture_sample import GestureSample, Regime, choose_style
 from eskin.sim.people.gestures import (
     draw_double_pat,
@@ -16,7 +17,6 @@ from eskin.sim.people.gestures import (
 )
 from eskin.sim.people.non_gestures import (
     draw_brush,
-    draw_bump,
     draw_cable,
     draw_guiding,
     draw_lean,
@@ -58,6 +58,8 @@ NONE_PROGRAMS: dict[str, Program] = {
     "self_contact": draw_self_contact,
     "guiding": draw_guiding,
     "electrical": draw_nothing,
+    "rub": draw_rub,
+    "tickle": draw_tickle,
 }
 UNKNOWN_PROGRAMS: dict[str, Program] = {
     "rub": draw_rub,
@@ -70,6 +72,9 @@ PERFORMABLE = (*GESTURE_PROGRAMS, "none", *UNKNOWN_PROGRAMS)
 
 NO_PERSON_KINDS = ("idle", "cable", "self_contact", "electrical")
 """Kinds of contact that no person makes."""
+
+STANDING_KINDS = ("brush", "cable")
+"""Kinds of contact with what stands in the world; only the robot slides."""
 
 
 def perform(
@@ -152,7 +157,9 @@ def choose_kind(
 ) -> str:
     """Return the variant that is asked for, or draw one."""
     is_unknown = gesture in UNKNOWN_PROGRAMS
-    allowed = [gesture] if is_unknown else [*constants.weights(f"{gesture}.kinds")]
+    allowed = [*constants.weights(f"{gesture}.kinds")] if not is_unknown else [gesture]
+    if gesture == "none":
+        allowed = list(NONE_PROGRAMS)
     if kind is not None and kind not in allowed:
         raise ValueError(
             f"no kind '{kind}' of {gesture}; choose from {', '.join(allowed)}, or None"

@@ -1,11 +1,13 @@
 """This module draws motions of the robot, and moves presses relative to its links."""
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import AnyPress
+from eskin.sim.contact.chart import Chart
+from eskin.sim.contact.press import AnyPress, Press
 from eskin.sim.scene.environment import (
     SimEnvironment,
     compute_surface_angle,
@@ -15,6 +17,7 @@ from eskin.sim.scene.environment import (
 from eskin.sim.scene.folds import sample_patches
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.sim.scene.validity import are_collision_free
+from eskin.transforms import apply, invert, make_transform
 
 
 @dataclass(frozen=True)
@@ -67,15 +70,19 @@ def follow_with_delay(
 
     At each instant the hand is where its target was a delay ago, but never earlier than
     at its landing: it lands on the target and slides until it has caught up. `press` is
-    that on a robot at rest, `q_series` the poses at the steps of the scene [rad];
-    `delay` [s] is infinite for a thing at rest, such as a cable.
+    that on a robot at rest, `q_series` the poses at the steps of the scene [rad], and
+    `delay` is in [s]. A body with an anchor does not follow: the robot slides past it.
     """
     if np.all(q_series == q_series[0]):
         return press
     now = press.first + np.arange(press.steps, dtype=np.float64)
+    q_now = interpolate_poses(q_series, now)
+    if isinstance(press, Press) and press.anchor is not None:
+        q_landing_twice = np.concatenate([q_now[:1], q_now])
+        slid, _ = slide_past_body(press, env, q_landing_twice, None)
+        return cast(AnyPress, slid)
     then = np.maximum(now - delay / env.constants.value("time.step"), now[0])
-    q_now, q_then = (interpolate_poses(q_series, steps) for steps in (now, then))
-    return move_press_on_link(press, env, q_now, q_then)
+    return move_press_on_link(press, env, q_now, interpolate_poses(q_series, then))
 
 
 def move_press_on_link(
@@ -96,6 +103,101 @@ def move_press_on_link(
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
     centre = press.centre + np.column_stack(slid)
     return replace(press, centre=centre, angle=press.angle + turn)
+
+
+def drag_past(
+    chart: Chart,
+    p_world: Float[np.ndarray, "3"],
+    T_world_link: Float[np.ndarray, "time 4 4"],
+    dragged: float = 0.0,
+    deepest: float = np.inf,
+) -> tuple[
+    Float[np.ndarray, "time 2"], Float[np.ndarray, "time"], Float[np.ndarray, "3"]
+]:
+    """Return how a surface that moves passes a point that stands in the world.
+
+    Args:
+        chart: chart of the surface.
+        p_world: point in the world at the first step [m].
+        T_world_link: pose of the link of the chart at each step.
+        dragged: share of the motion of the surface along itself that the point follows.
+        deepest: depth below the surface from which it is pushed ahead [m].
+
+    Returns:
+        The place of the surface that is next to the point, unrolled (s, t) [m]; the
+        height of the point above it along the outward normal, negative inside [m]; and
+        the point in the world at the last step [m].
+    """
+    path = np.zeros((len(T_world_link), 2))
+    height = np.zeros(len(T_world_link))
+    p_link = apply(invert(T_world_link[0]), p_world)
+    for step, T in enumerate(T_world_link):
+        carried = p_link
+        p_link = apply(invert(T), p_world)
+        path[step] = chart.surface.unroll(p_link[None])[0]
+        found = chart.surface.wrap(path[step][None])
+        normal = found.normals[0]
+        slid = p_link - carried
+        slid = slid - (slid @ normal) * normal
+        depth = (found.positions[0] - p_link) @ normal
+        pushed = max(depth - deepest, 0.0)
+        height[step] = pushed - depth
+        p_link = p_link - dragged * slid + pushed * normal
+        p_world = apply(T, p_link)
+    return path, height, p_world
+
+
+def slide_past_body(
+    press: Press,
+    env: SimEnvironment,
+    q_series: Float[np.ndarray, "step_and_one joint"],
+    T_world_body: Float[np.ndarray, "4 4"] | None,
+) -> tuple[Press, Float[np.ndarray, "4 4"]]:
+    """Return the press of a body that stands, on a robot that slides past it.
+
+    The force grows evenly with the depth from zero at the give of the anchor, and is
+    zero where the body is off the surface.
+
+    Args:
+        press: press on a robot at rest.
+        env: robot in its skin.
+        q_series: joint positions at the step before those of the press, then at them;
+            the landing comes twice [rad].
+        T_world_body: pose of the body before the press; None at its landing, where its
+            axes are s, t and the normal of the surface.
+
+    Returns:
+        The press, and the pose of the body at its end.
+    """
+    anchor = press.anchor
+    assert anchor is not None
+    link, chart = env.links[press.chart], env.charts[press.chart]
+    T = env.poses(q_series)[:, link]
+    site = np.array([anchor.centre])
+    p_landed, *axes = (each[0] for each in compute_surface_axes(chart, site, T[:1]))
+    if T_world_body is None:
+        T_world_body = make_transform(np.column_stack(axes), p_landed)
+    R, p_world = T_world_body[:3, :3], T_world_body[:3, 3]
+    deepest = min((anchor.most - 1.0) * anchor.give, chart.radius / 2)
+    path, height, p_world = drag_past(chart, p_world, T, anchor.dragged, deepest)
+    # The unrolling of a sheet is not exact, so its error at the landing is taken off.
+    first, above, _ = drag_past(chart, p_landed, T[:1])
+    slid = path[1:] - first
+    slid[:, 0] = chart.wrap_s(slid[:, 0])
+    gap = height[1:] - above
+    centre = press.centre + slid
+    _, s_axis, t_axis, _ = compute_surface_axes(chart, site + slid, T[1:])
+    direction = compute_surface_direction(press.angle, R[:, 0], R[:, 1])
+    turn = compute_surface_angle(direction, s_axis, t_axis) - press.angle
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    way = np.linalg.norm(slid, axis=1)
+    ripple = 1.0 + anchor.ripple * np.sin(2 * np.pi * way / anchor.ripple_length)
+    share = np.clip(1.0 - gap / anchor.give, 0.0, anchor.most)
+    low, high = anchor.run
+    off = (slid[:, 1] < low) | (slid[:, 1] > high) | chart.is_beyond(centre)
+    force = np.where(off, 0.0, press.force * share * ripple)
+    moved = replace(press, force=force, centre=centre, angle=press.angle + turn)
+    return moved, make_transform(R, p_world)
 
 
 def interpolate_poses(
