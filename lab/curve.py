@@ -1,9 +1,10 @@
-"""Draw the operating curve of weights: missed gestures by false detections an hour.
+"""Draw the operating curve of weights: missed gestures by accidents an hour.
 
 python -m lab.curve --sets FOLDER [--clips N] [--picture FILE]: streams of each sensor
 family: skins at work, untouched (`quiet`) ones and those touched by accident. Sets that
 are missing in FOLDER are generated there. The probability that a gesture needs moves;
-what is shipped is marked. A table a family tells false detections by kind of stream.
+what is shipped is marked. A table a family tells accidents by kind of stream, and the
+misses at 0.5 and 5 accidents an hour.
 """
 
 import os
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 from eskin.cli.checks import Range
-from eskin.learn.commands.evaluate import format_point
+from eskin.learn.commands.evaluate import POINT_HEADS, describe_missed, format_point
 from eskin.learn.events import (
     CurvePoint,
     ScoredStream,
@@ -74,7 +75,7 @@ def run(command: Command) -> dict[str, object]:
     if command.picture is not None:
         draw_curves(curves, command.picture, "at work, untouched and bumped")
     return {
-        family: [[p.threshold, p.false_per_hour, p.missed] for p in points]
+        family: [[p.threshold, p.accidents_per_hour, p.missed] for p in points]
         for family, points in curves.items()
     }
 
@@ -108,12 +109,13 @@ def format_family(
     family: str, points: Sequence[CurvePoint], parts: dict[str, list[CurvePoint]]
 ) -> str:
     """Format the table of a family."""
-    heads = ("threshold", "false/h", "95 %", "missed", "95 %")
-    rows = [f"\n{family}", format_head([*heads, *(f"false/h, {n}" for n in parts), ""])]
+    heads = [*POINT_HEADS, *(f"accidents/h, {name}" for name in parts), ""]
+    rows = [f"\n{family}", format_head(heads)]
     for number, point in enumerate(points):
-        each = [f"{part[number].false_per_hour:.2f}" for part in parts.values()]
+        each = [f"{part[number].accidents_per_hour:.2f}" for part in parts.values()]
         mark = "shipped" * point.is_shipped
         rows.append(format_row([*format_point(point), *each, mark]))
+    rows.append(f"\n{describe_missed(points)}")
     return "\n".join(rows)
 
 

@@ -15,7 +15,17 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from eskin.live import MODELS, Model, load_model  # noqa: E402
 from eskin.units import format_count  # noqa: E402
 from lab.tables import format_head, format_row  # noqa: E402
-from lab.weights import SIMULATED, STREAMS, VALIDATION, WEIGHTS, Recipe  # noqa: E402
+from lab.weights import (  # noqa: E402
+    AGAIN,
+    DEVICES,
+    NON_GESTURES,
+    PHONE,
+    SIMULATED,
+    VALIDATION,
+    VALIDATION_EVERYWHERE,
+    WEIGHTS,
+    Recipe,
+)
 
 PEOPLE = "SocialTouch, a pad under a person's hands"
 METRICS = {
@@ -63,8 +73,8 @@ def describe(name: str) -> str:
         "On sets of people, sensors and poses that nothing was chosen on, with "
         "intervals: [results](../results.md).",
         "## Operating point\n\n" + describe_decision(model),
-        "`python -m lab.curve --model " + name + "` draws missed gestures by false "
-        "detections an hour, by family of sensors; `eskin evaluate --curve` does so "
+        "`python -m lab.curve --model " + name + "` draws missed gestures by "
+        "accidents an hour, by family of sensors; `eskin evaluate --curve` does so "
         "for recordings of your own.",
         "## Limits\n\nPeople, builds and sensors that differ from these are recognised "
         "less well, and accidental touches are sometimes taken for gestures. It is "
@@ -99,19 +109,22 @@ def describe_data(recipe: Recipe | None, start: str) -> str:
     if recipe is None:
         return "Simulated people; the recipe is not kept any more."
     rows = [format_head(("set", "options of `eskin generate`"))]
-    rows += [format_row([name, f"`{text}`"]) for name, text in SIMULATED.items()]
+    sets = SIMULATED
+    validation = VALIDATION
+    if recipe.everywhere:
+        sets = AGAIN | DEVICES | NON_GESTURES
+        validation = VALIDATION | VALIDATION_EVERYWHERE
+    rows += [format_row([name, f"`{text}`"]) for name, text in sets.items()]
     text = "Simulated people:\n\n" + "\n".join(rows)
     if recipe.people:
         names = " and ".join(f"P{number}" for number in recipe.people)
         text += f"\n\nBeside them, touches of {names} of {PEOPLE}."
+    if recipe.everywhere:
+        text += f" The same people, and {len(PHONE)} of CapFingerId, touch devices too."
     if start:
         text += f"\n\nTraining started from the weights `{start}`."
-    chosen = ", ".join(f"`{each}`" for each in VALIDATION.values())
-    text += f"\n\nEpoch and temperature were chosen on {chosen}"
-    if recipe.decides:
-        chosen = ", ".join(f"`{each}`" for each in STREAMS.values())
-        text += f"; the decision on {chosen}"
-    return text + "."
+    chosen = ", ".join(f"`{each}`" for each in validation.values())
+    return text + f"\n\nEpoch and temperature were chosen on {chosen}."
 
 
 def describe_decision(model: Model) -> str:

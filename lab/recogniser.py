@@ -18,6 +18,7 @@ import numpy as np
 import tyro
 
 from eskin.learn.checkpoint import to_network
+from eskin.learn.commands.evaluate import describe_near_words
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.events import (
@@ -123,23 +124,21 @@ def streams(command: Command) -> str:
 
 def evaluate_stream_sets(command: Command, names: Sequence[str]) -> str:
     """Evaluate events of the chosen ones of sets of streams."""
-    heads = ("set", "hours", "events", "precision", "recall", "F1 (95 % interval)")
-    heads += ("F1, two touches at once", "false detections/h")
-    heads += ("latency p50", "latency p95")
-    heads += ("accidental contacts detected as gestures",)
-    heads += ("unknown gestures detected as others",)
-    rows = [format_head(heads)]
+    rows = [format_head(STREAM_HEADS)]
+    near_words = []
     vocabulary = load_model(command.model).card.vocabulary
     for name in choose_names(command, names):
         by_family = replay_streams(command, find_set(command, name))
-        score = score_events([*chain(*by_family.values())], vocabulary)
-        rows.append(format_stream_row(name, score))
+        parts = {name: [*chain(*by_family.values())]}
         if len(by_family) > 1:
-            rows += [
-                format_stream_row(f"{name}, {family}", score_events(some, vocabulary))
-                for family, some in sorted(by_family.items())
-            ]
-    return "\n".join(rows)
+            some = sorted(by_family.items())
+            parts |= {f"{name}, {family}": streams for family, streams in some}
+        for part, streams in parts.items():
+            score = score_events(streams, vocabulary)
+            rows.append(format_stream_row(part, score))
+            kinds = describe_near_words(score.near_words)
+            near_words.append(f"near-words taken for a gesture, {part}: {kinds}")
+    return "\n".join([*rows, "", *near_words])
 
 
 def choose_names(command: Command, names: Sequence[str]) -> list[str]:
@@ -205,27 +204,47 @@ def format_clip_row(name: str, found: Evaluation) -> str:
     )
 
 
+STREAM_HEADS = (
+    "set",
+    "hours",
+    "gestures",
+    "missed",
+    "wrong names",
+    "accidents/h (95 % interval)",
+    "near-words taken",
+    "detected twice",
+    "F1 (95 % interval)",
+    "F1, two touches at once",
+    "latency p50",
+    "latency p95",
+    "accidental contacts detected as gestures",
+)
+"""Heads of the columns of `format_stream_row`."""
+
+
 def format_stream_row(name: str, score: EventScore) -> str:
-    """Format a row of the table of streams."""
-    total, delays, unknown = score.total, score.all_delays, score.unknown_total
+    """Format a row of the table of streams; without gestures some cells are empty."""
+    errors = score.total_errors
+    near = score.total_near_words
+    delays = score.all_delays
     low, high = score.f1_interval
-    events = total.matched + total.missed
+    least, most = errors.accidents_interval
+    shares = (f"{errors.missed_share:.1%}", f"{errors.wrong_name_share:.1%}")
     found = (
-        f"{total.precision:.3f}",
-        f"{total.recall:.3f}",
-        f"{total.f1:.3f} ({low:.3f}-{high:.3f})",
+        f"{score.total.f1:.3f} ({low:.3f}-{high:.3f})",
         f"{score.simultaneous.f1:.3f}",
+        *(f"{delays.latency(p):.2f} s" for p in (50, 95)),
     )
-    when = (f"{delays.latency(p):.2f} s" for p in (50, 95))
     cells = (
         name,
         f"{score.hours:.2f}",
-        str(events),
-        *(cell if events else "" for cell in found),
-        f"{score.false_per_hour:.2f}",
-        *(cell if events else "" for cell in when),
+        str(errors.made),
+        *(cell if errors.made else "" for cell in shares),
+        f"{errors.accidents_per_hour:.2f} ({least:.2f}-{most:.2f})",
+        f"{near.mistaken} of {near.count}",
+        str(errors.duplicates),
+        *(cell if errors.made else "" for cell in found),
         f"{score.accidents.mistaken} of {score.accidents.count}",
-        f"{unknown.mistaken} of {unknown.count}",
     )
     return format_row(cells)
 

@@ -87,13 +87,22 @@ def test_real_recordings_are_scored_by_clips_and_by_events(
     assert events["simultaneous_f1"] is None
     names, counts = events["confusion"]["names"], events["confusion"]["counts"]
     assert len(counts) == len(names) and sum(map(sum, counts[:-1])) == 4
-    assert "false an hour" in out
+    errors = events["errors"]
+    assert errors["made"] == 4
+    assert errors["found"] + errors["missed"] + errors["wrong_names"] == 4
+    assert f"4 gestures made: {errors['found']} found" in out
+    assert "near-words taken for a gesture: none was made" in out
+    assert events["near_words"] == {}
     for plot in plots.values():
         assert plot.read_bytes().startswith(b"\x89PNG")
     curve = events.pop("curve")
     [shipped] = [point for point in curve if point["is_shipped"]]
     assert shipped["false_per_hour"] == events["false_per_hour"]
-    assert shipped["missed"] == pytest.approx(1 - events["recall"])
+    assert shipped["accidents_per_hour"] == errors["accidents_per_hour"]
+    assert shipped["missed"] == pytest.approx(errors["missed"] / 4)
+    assert shipped["wrong_names"] == pytest.approx(errors["wrong_names"] / 4)
+    assert set(events.pop("missed_at_accidents_per_hour")) == {"0.5", "5"}
+    assert "missed, by accidents an hour: " in out
     paths = (data / "bob.mcap", ann)
     assert evaluate(model, *paths)[0] == result, "order does not matter"
 

@@ -9,11 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.learn.events import (
+    GROUPS,
     MatchConfig,
+    NonGestureTally,
     Tally,
+    TouchGroup,
     match_events,
     read_true_events,
     score_events,
+)
+from eskin.learn.events.event_scoring import OTHER_NAMES
+from eskin.sim.constants import load_constants
+from eskin.sim.people.perform import (
+    GESTURE_PROGRAMS,
+    NONE_PROGRAMS,
+    UNKNOWN_PROGRAMS,
 )
 from helpers.events import (
     VOCABULARY,
@@ -162,6 +172,82 @@ def test_gestures_detected_in_accidents_and_unknown_gestures_are_false():
     assert count_confusions(result, "unknown", "unknown") == 1
 
 
+def test_every_kind_that_is_simulated_has_a_group():
+    """A grab of what is too wide for a hand is `none` of the kind of the grab."""
+    grabs = load_constants().weights("grab.kinds")
+    made = {*NONE_PROGRAMS, *UNKNOWN_PROGRAMS, *grabs} - {"idle"}
+    assert set(GROUPS) == made
+    others = {kind for kind, group in GROUPS.items() if group is TouchGroup.OTHER_NAME}
+    assert set(OTHER_NAMES) == others
+    assert set(OTHER_NAMES.values()) <= set(GESTURE_PROGRAMS)
+
+
+def make_kind(kind, at=0.0):
+    """Return a touch that is no gesture of the vocabulary, by its kind."""
+    gesture = kind if kind in UNKNOWN_PROGRAMS else "none"
+    return make_event(at, at + 0.8, gesture, kind=kind)
+
+
+@pytest.mark.parametrize("kind", sorted(GROUPS))
+def test_detection_in_each_kind_is_an_accident_or_a_near_word(kind):
+    event = make_kind(kind)
+    result = score([event], detect_each([event], ["poke"]))
+    errors = result.total_errors
+    is_accident = GROUPS[kind] is TouchGroup.ACCIDENT
+    assert (errors.accidents, errors.near_words) == (is_accident, not is_accident)
+    near = {} if is_accident else {kind: NonGestureTally(1, 1)}
+    assert result.near_words == near
+    assert result.accidents == NonGestureTally(int(is_accident), int(is_accident))
+    assert result.total.false == 1, "F1 counts both as false"
+
+
+@pytest.mark.parametrize(
+    ("detected", "taken", "no_errors"), [("grab", 0, 1), ("poke", 1, 0), ("none", 0, 0)]
+)
+def test_firm_grab_without_a_name_may_be_called_a_grab(detected, taken, no_errors):
+    event = make_kind("squeeze")
+    result = score([event], detect_each([event], [detected]))
+    errors = result.total_errors
+    assert result.near_words == {"squeeze": NonGestureTally(1, taken)}
+    assert (errors.near_words, errors.no_errors) == (taken, no_errors)
+    assert (errors.accidents, errors.wrong_names, errors.duplicates) == (0, 0, 0)
+
+
+def test_touches_that_nobody_listed_are_accidents_if_none_and_else_near_words():
+    events = [make_kind(""), make_event(4.0, 4.8, "hug")]
+    result = score(events, detect_each(events, ["poke", "grab"]))
+    errors = result.total_errors
+    assert (errors.accidents, errors.near_words) == (1, 1)
+    assert result.near_words == {"hug": NonGestureTally(1, 1)}
+
+
+def test_second_detection_is_a_duplicate_except_in_accidents():
+    """Each detection in an accident could start a command."""
+    twice = [make_detection(1.2), make_detection(1.7)]
+    for event, accidents, duplicates in (
+        (POKE, 0, 1),
+        (make_event(1.0, 1.6, "grab"), 0, 1),
+        (make_event(1.0, 1.6, "rub"), 0, 1),
+        (BUMP, 2, 0),
+    ):
+        errors = score([event], twice).total_errors
+        assert (errors.accidents, errors.duplicates) == (accidents, duplicates)
+
+
+def test_near_words_do_not_change_accidents_an_hour():
+    events = [BUMP, make_event(4.0, 4.8)]
+    found = detect_each(events, ["poke", "poke"])
+    near = [make_kind(kind, 10.0 + 4 * n) for n, kind in enumerate(["press", "rub"])]
+    before = score(events, found).total_errors
+    after = score(
+        [*events, *near], [*found, *detect_each(near, ["poke", "stroke"])]
+    ).total_errors
+    assert before.accidents_per_hour == after.accidents_per_hour == 1.0
+    assert before.accidents_interval == after.accidents_interval
+    assert before.accidents_interval == pytest.approx((0.0253, 5.572), abs=1e-3)
+    assert (before.near_words, after.near_words) == (0, 2)
+
+
 def test_accident_is_mistaken_if_any_detection_of_its_touch_is_a_gesture():
     """Others match an event or are assigned to the one they share most time with."""
     right = make_detection(1.6, "none", onset=1.0)
@@ -209,11 +295,16 @@ def test_people_have_tallies_and_f1_an_interval_over_them():
 def scenes(draw):
     """Draw events and detections within 8 s and 30 cm."""
     times, places = st.floats(0, 8), st.floats(0, 0.3)
-    gestures = st.sampled_from([*VOCABULARY, "rub"])
+    gestures = st.sampled_from([*VOCABULARY, "rub", "squeeze"])
+    kinds = st.sampled_from(["bump", "press", ""])
     answers = st.sampled_from([*VOCABULARY, "unknown"])
-    made = st.lists(st.tuples(times, st.floats(0.1, 2), gestures, places), max_size=6)
+    touches = st.tuples(times, st.floats(0.1, 2), gestures, places, kinds)
+    made = st.lists(touches, max_size=6)
     detected = st.lists(st.tuples(times, answers, places), max_size=6)
-    events = [make_event(t, t + seconds, g, x) for t, seconds, g, x in draw(made)]
+    events = [
+        make_event(t, t + seconds, gesture, x, kind=kind)
+        for t, seconds, gesture, x, kind in draw(made)
+    ]
     return events, [make_detection(*one) for one in draw(detected)]
 
 
@@ -244,6 +335,32 @@ def test_every_event_and_detection_is_counted_once(scene):
     assert np.diag(result.confusion)[inside].sum() == total.matched
     wide = match_events(events, detections, MatchConfig(late=2.0, near=0.2))
     assert len(wide.matched) >= total.matched
+
+
+@settings(deadline=None, max_examples=100)
+@given(scenes())
+def test_every_gesture_made_and_every_detection_has_one_outcome(scene):
+    events, detections = scene
+    result = score(events, detections)
+    errors = result.total_errors
+    assert errors.found + errors.missed + errors.wrong_names == errors.made
+    assert errors.missed >= 0
+    assert (errors.made, errors.found) == (
+        result.total.matched + result.total.missed,
+        result.total.matched,
+    )
+    false = (
+        errors.wrong_names,
+        errors.accidents,
+        errors.near_words,
+        errors.duplicates,
+        errors.no_errors,
+    )
+    assert sum(false) == result.total.false
+    assert errors.near_words == result.total_near_words.mistaken
+    inside = [result.names.index(name) for name in GESTURES]
+    named = result.confusion[np.ix_(inside, inside)]
+    assert errors.wrong_names == named.sum() - np.trace(named)
 
 
 def test_true_events_are_the_touches_sorted_by_onset(tmp_path):

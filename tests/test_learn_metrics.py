@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest, chi2
 from sklearn.metrics import (
     accuracy_score,
     confusion_matrix,
@@ -12,6 +13,8 @@ from sklearn.metrics import (
 from eskin.learn.metrics import (
     bootstrap_accuracy,
     bootstrap_difference,
+    bound_rate,
+    bound_share,
     compute_reliability,
     score_predictions,
 )
@@ -128,3 +131,16 @@ def test_plots_are_written_whole_or_not_at_all(tmp_path):
         with pytest.raises(ValueError, match="foo"):
             draw(*values, picture.with_suffix(".foo"), "title")
         assert list(picture.parent.iterdir()) == [picture]
+
+
+@pytest.mark.parametrize(("count", "whole"), [(0, 7), (3, 7), (7, 7), (40, 200)])
+def test_intervals_of_shares_and_rates_equal_those_of_scipy(count, whole):
+    expected = binomtest(count, whole).proportion_ci(method="wilson")
+    assert bound_share(count, whole) == pytest.approx((expected.low, expected.high))
+    low = chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    high = chi2.ppf(0.975, 2 * count + 2) / 2
+    assert bound_rate(count, 4.0) == pytest.approx((low / 4, high / 4))
+
+
+def test_nothing_counted_has_no_interval():
+    assert np.isnan([*bound_share(0, 0), *bound_rate(0, 0.0)]).all()

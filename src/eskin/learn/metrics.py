@@ -5,9 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
+from scipy.special import gammaincinv, ndtri
 
 RESAMPLES = 10_000
 """Number of bootstrap draws."""
+TAIL = 0.025
+"""Share of each end outside a confidence interval."""
 
 RELIABILITY_BINS = 15
 
@@ -147,3 +150,26 @@ def resample_clusters(
     rng = np.random.default_rng(seed)
     draws = rng.integers(len(sums), size=(RESAMPLES, len(sums)))
     return np.stack([column[draws].sum(axis=1) for column in sums.T], axis=1)
+
+
+def bound_rate(count: int, time: float) -> tuple[float, float]:
+    """Return the 95 % interval of the rate of a Poisson count (Garwood 1936).
+
+    It is in units of one over those of `time`, and NaN without time.
+    """
+    if not time:
+        return float("nan"), float("nan")
+    low = float(gammaincinv(count, TAIL)) if count else 0.0
+    return low / time, float(gammaincinv(count + 1, 1 - TAIL)) / time
+
+
+def bound_share(count: int, whole: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Wilson 1927); NaN where it is of none."""
+    if not whole:
+        return float("nan"), float("nan")
+    z = float(ndtri(1 - TAIL))
+    share = count / whole
+    middle = share + z**2 / (2 * whole)
+    half = z * float(np.sqrt(share * (1 - share) / whole + (z / (2 * whole)) ** 2))
+    scale = 1 + z**2 / whole
+    return max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)

@@ -16,12 +16,15 @@ from eskin.cli.checks import Range, check_picture, load_overrides
 from eskin.errors import RecordingError
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.events import (
+    RATES,
     CurvePoint,
+    ErrorCount,
     EventScore,
     NonGestureTally,
     Tally,
     TracedStream,
     draw_curves,
+    interpolate_missed,
     is_stream,
     measure_curve,
     score_events,
@@ -74,10 +77,28 @@ def build_event_result(score: EventScore) -> dict[str, object]:
         "accidents_detected": round_or_none(score.accidents.share),
         "accidents": score.accidents.count,
         "none": build_non_gesture_rows(score.none),
+        "errors": build_error_row(score.total_errors),
+        "near_words": build_non_gesture_rows(score.near_words),
         "ece": round_or_none(score.reliability.error),
         "confusion": {"names": score.names, "counts": score.confusion.tolist()},
         "events": int(score.confusion[:-1].sum()),
         "hours": round(score.hours, 4),
+    }
+
+
+def build_error_row(errors: ErrorCount) -> dict[str, object]:
+    """Return the errors of streams as plain values."""
+    return {
+        "made": errors.made,
+        "found": errors.found,
+        "missed": errors.missed,
+        "wrong_names": errors.wrong_names,
+        "accidents": errors.accidents,
+        "accidents_per_hour": round_or_none(errors.accidents_per_hour, 2),
+        "accidents_interval": [round_or_none(v, 2) for v in errors.accidents_interval],
+        "near_words": errors.near_words,
+        "duplicates": errors.duplicates,
+        "no_errors": errors.no_errors,
     }
 
 
@@ -131,18 +152,37 @@ def print_event_score(score: EventScore, console: Console) -> None:
         )
     console.print(table)
     print("p50, p95: time from the end of the touch until it was recognised")
-    accidents, unknown = score.accidents, score.unknown_total
+    print(describe_errors(score.total_errors))
+    print(f"near-words taken for a gesture: {describe_near_words(score.near_words)}")
     print(
         f"events: F1 {describe(score.total.f1)} "
-        f"{describe_interval(*score.f1_interval)}, "
-        f"{score.false_per_hour:.1f} false an hour in {score.hours:.2f} h"
+        f"{describe_interval(*score.f1_interval)}; "
+        f"at once: F1 {describe(score.simultaneous.f1)}; accidental contacts "
+        f"detected: {score.accidents.mistaken} of {score.accidents.count}"
     )
-    print(
-        f"at once: F1 {describe(score.simultaneous.f1)}; mistaken for a gesture: "
-        f"{accidents.mistaken} of "
-        f"{format_count(accidents.count, 'accidental contact')}, "
-        f"{unknown.mistaken} of {unknown.count} unknown gestures"
+
+
+def describe_errors(errors: ErrorCount) -> str:
+    """Return the errors of streams as two lines of text."""
+    rate = errors.accidents_per_hour
+    low, high = errors.accidents_interval
+    return (
+        f"{format_count(errors.made, 'gesture')} made: {errors.found} found, "
+        f"{errors.missed} missed, {errors.wrong_names} called another one\n"
+        f"accidents, detected without a touch on purpose: {describe(rate, '.2f')} an "
+        f"hour ({describe(low, '.2f')} to {describe(high, '.2f')}) in "
+        f"{errors.hours:.2f} h; {errors.duplicates} detected twice"
     )
+
+
+def describe_near_words(near_words: dict[str, NonGestureTally]) -> str:
+    """Return the near-words that were detected as a gesture, by kind, as text."""
+    kinds = []
+    for kind, tally in near_words.items():
+        low, high = tally.interval
+        share = f"{tally.share:.0%} ({low:.0%} to {high:.0%})"
+        kinds.append(f"{kind} {tally.mistaken} of {tally.count}, {share}")
+    return "; ".join(kinds) or "none was made"
 
 
 def describe(value: float, form: str = ".3f") -> str:
@@ -207,8 +247,8 @@ class EvaluateCommand:
     (.png)."""
 
     curve: Path | None = None
-    """Path of the operating curve of streams (.png): missed gestures by false
-    detections an hour as the probability that a gesture needs moves."""
+    """Path of the operating curve of streams (.png): missed gestures by accidents an
+    hour as the probability that a gesture needs moves."""
 
     calibration: Path | None = None
     """Calibration file, as eskin calibrate writes it, to use in place of the recorded
@@ -352,13 +392,18 @@ def score_streams(
     draw_event_pictures(command, score)
     result = build_event_result(score)
     if command.curve is not None:
-        result["curve"] = draw_curve(command.curve, traced, model, score)
+        points = draw_curve(command.curve, traced, model, score)
+        result["curve"] = [build_point_row(point) for point in points]
+        result["missed_at_accidents_per_hour"] = {
+            f"{rate:g}": round_or_none(interpolate_missed(points, rate))
+            for rate in RATES
+        }
     return result
 
 
 def draw_curve(
     path: Path, streams: Sequence[TracedStream], model: Model, score: EventScore
-) -> list[dict[str, object]]:
+) -> list[CurvePoint]:
     """Draw and print the operating curve of streams; return its points."""
     points = measure_curve(
         lambda decision: [stream.decide(decision) for stream in streams],
@@ -366,33 +411,55 @@ def draw_curve(
         model.card.vocabulary,
     )
     draw_curves({"": points}, path, f"{score.hours:.2f} h of streams")
-    table = Table("threshold", "false an hour", "95 %", "missed", "95 %", "")
+    table = Table(*POINT_HEADS, "")
     for point in points:
         table.add_row(*format_point(point), "shipped" * point.is_shipped)
     Console().print(table)
-    return [
-        {
-            "threshold": point.threshold,
-            "is_shipped": point.is_shipped,
-            "false_per_hour": round_or_none(point.false_per_hour, 2),
-            "false_interval": [round_or_none(v, 2) for v in point.false_interval],
-            "missed": round_or_none(point.missed),
-            "missed_interval": [round_or_none(v) for v in point.missed_interval],
-        }
-        for point in points
-    ]
+    print(describe_missed(points))
+    return points
+
+
+def build_point_row(point: CurvePoint) -> dict[str, object]:
+    """Return a point of the operating curve as plain values."""
+    return {
+        "threshold": point.threshold,
+        "is_shipped": point.is_shipped,
+        "accidents_per_hour": round_or_none(point.accidents_per_hour, 2),
+        "accidents_interval": [round_or_none(v, 2) for v in point.accidents_interval],
+        "missed": round_or_none(point.missed),
+        "missed_interval": [round_or_none(v) for v in point.missed_interval],
+        "wrong_names": round_or_none(point.wrong_names),
+        "false_per_hour": round_or_none(point.false_per_hour, 2),
+        "false_interval": [round_or_none(v, 2) for v in point.false_interval],
+    }
+
+
+POINT_HEADS = ("threshold", "accidents/h (95 %)", "missed (95 %)", "wrong names")
+"""Heads of the columns of `format_point`."""
 
 
 def format_point(point: CurvePoint) -> tuple[str, ...]:
-    """Return threshold, false detections and misses with their intervals, as text."""
-    false, missed = point.false_interval, point.missed_interval
+    """Return threshold, accidents, misses and wrong names as text, with intervals."""
+    least, most = point.accidents_interval
+    low, high = point.missed_interval
     return (
         f"{point.threshold:g}",
-        f"{point.false_per_hour:.2f}",
-        f"{false[0]:.2f} to {false[1]:.2f}",
-        describe(point.missed),
-        f"{describe(missed[0])} to {describe(missed[1])}",
+        f"{point.accidents_per_hour:.2f} ({least:.2f}-{most:.2f})",
+        f"{describe(point.missed)} ({describe(low)}-{describe(high)})",
+        describe(point.wrong_names),
     )
+
+
+def describe_missed(points: Sequence[CurvePoint]) -> str:
+    """Return the misses at some numbers of accidents an hour as text."""
+    if math.isnan(points[0].missed):
+        return "no gestures, so no share of missed ones"
+    shares = []
+    for rate in RATES:
+        share = interpolate_missed(points, rate)
+        text = "not reached" if math.isnan(share) else f"{share:.1%}"
+        shares.append(f"{text} at {rate:g}")
+    return f"missed, by accidents an hour: {', '.join(shares)}"
 
 
 def draw_event_pictures(command: EvaluateCommand, score: EventScore) -> None:

@@ -1,10 +1,19 @@
 """This package scores continuous streams: it matches detections to true events."""
 
-from eskin.learn.events.curve import CurvePoint, draw_curves, measure_curve
+from eskin.learn.events.curve import (
+    RATES,
+    CurvePoint,
+    draw_curves,
+    interpolate_missed,
+    measure_curve,
+)
 from eskin.learn.events.event_scoring import (
+    GROUPS,
+    ErrorCount,
     EventScore,
     NonGestureTally,
     Tally,
+    TouchGroup,
     score_events,
 )
 from eskin.learn.events.matching import (
@@ -25,8 +34,12 @@ from eskin.learn.events.traces import (
 from eskin.learn.events.tuning import TuningConfig, choose_decision
 
 __all__ = [
+    "GROUPS",
+    "RATES",
     "CurvePoint",
+    "ErrorCount",
     "EventScore",
+    "TouchGroup",
     "TracedStream",
     "NonGestureTally",
     "MatchConfig",
@@ -39,6 +52,7 @@ __all__ = [
     "choose_decision",
     "trace_recordings",
     "draw_curves",
+    "interpolate_missed",
     "is_stream",
     "match_events",
     "measure_curve",

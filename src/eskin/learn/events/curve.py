@@ -1,4 +1,4 @@
-"""This module measures how false detections and missed gestures trade, by threshold."""
+"""This module measures how accidents and missed gestures trade, by threshold."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import betaincinv, gammaincinv
+from scipy.special import betaincinv
 
-from eskin.learn.events.event_scoring import Tally, score_events
+from eskin.learn.events.event_scoring import ErrorCount, score_events
 from eskin.learn.events.matching import ScoredStream
+from eskin.learn.metrics import TAIL, bound_rate, resample_clusters
 from eskin.live import DecisionConfig
 
 THRESHOLDS = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99)
 """Probabilities that a gesture needs, beside that of the model."""
-TAIL, DRAWS = 0.025, 1000
-"""Share of each end outside an interval, and number of bootstrap samples."""
+RATES = (0.5, 5.0)
+"""Accidents an hour at which the share of missed gestures is reported [1/h]."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,19 @@ class CurvePoint:
     """Probability that every gesture needs."""
     is_shipped: bool
     """Whether these are the settings of the model."""
-    false_per_hour: float
-    """Detections of gestures that match no event [1/h]."""
-    false_interval: tuple[float, float]
+    accidents_per_hour: float
+    """Detections of gestures in accidents, or of nothing [1/h]."""
+    accidents_interval: tuple[float, float]
     """95 % interval of that."""
     missed: float
     """Share of the gestures that are missed; NaN without gestures."""
     missed_interval: tuple[float, float]
+    """95 % interval of that."""
+    wrong_names: float
+    """Share of the gestures that are detected as another one; NaN without gestures."""
+    false_per_hour: float
+    """Detections of gestures that match no event, of any outcome [1/h]."""
+    false_interval: tuple[float, float]
     """95 % interval of that."""
 
 
@@ -68,54 +75,86 @@ def measure_curve(
     for threshold in sorted({*THRESHOLDS, decision.least}):
         streams = decide(raise_threshold(decision, threshold))
         score = score_events(streams, vocabulary)
-        hours = [
-            sum(s.seconds for s in streams if s.subject == person) / 3600
-            for person in score.per_subject
-        ]
-        false, missed = bound_errors(list(score.per_subject.values()), hours)
-        total = score.total
+        people = list(score.errors.values())
+        hours = [person.hours for person in people]
+        total = score.total_errors
         points.append(
             CurvePoint(
                 threshold=threshold,
                 is_shipped=threshold == decision.least,
+                accidents_per_hour=total.accidents_per_hour,
+                accidents_interval=bound_person_rate(
+                    [person.accidents for person in people], hours
+                ),
+                missed=total.missed_share,
+                missed_interval=bound_missed(people),
+                wrong_names=total.wrong_name_share,
                 false_per_hour=score.false_per_hour,
-                false_interval=false,
-                missed=1 - total.recall,
-                missed_interval=missed,
+                false_interval=bound_person_rate(
+                    [tally.false for tally in score.per_subject.values()], hours
+                ),
             )
         )
     return points
 
 
-def bound_errors(
-    people: Sequence[Tally], hours: Sequence[float]
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return 95 % intervals of the false detections an hour and the share missed.
+def interpolate_missed(points: Sequence[CurvePoint], rate: float) -> float:
+    """Return the share of gestures missed at a number of accidents an hour.
 
-    Each is the union of two: the exact one of a count (Garwood 1936; Clopper and
-    Pearson 1934), which knows nothing of differences between people, and a bootstrap
-    over people, which knows too little where there are few or no errors.
+    It is interpolated between the two thresholds that have more and at most as many
+    accidents, or is that of the lowest threshold where that has fewer. It is NaN where
+    no threshold has as few, or without gestures.
 
     Args:
-        people: tally of each person.
+        points: points of a curve, by increasing threshold.
+        rate: accidents an hour [1/h].
+    """
+    rates = [point.accidents_per_hour for point in points]
+    below = [n for n, found in enumerate(rates) if found <= rate]
+    if not below:
+        return float("nan")
+    n = below[0]
+    if n == 0:
+        return points[0].missed
+    share = (rates[n - 1] - rate) / (rates[n - 1] - rates[n])
+    return (1 - share) * points[n - 1].missed + share * points[n].missed
+
+
+def bound_person_rate(
+    counts: Sequence[int], hours: Sequence[float]
+) -> tuple[float, float]:
+    """Return the 95 % interval of a number of detections an hour.
+
+    It is the union of two: the exact one of a count (Garwood 1936), which knows nothing
+    of differences between people, and a bootstrap over people, which knows too little
+    where there are few or no errors.
+
+    Args:
+        counts: number of detections of each person.
         hours: time of each person [h].
     """
-    counts = np.array([(p.false, p.missed, p.matched + p.missed) for p in people])
-    false, missed, events = counts.sum(axis=0).tolist()
-    time = sum(hours)
-    rng = np.random.default_rng(0)
-    draws = rng.integers(len(people), size=(DRAWS, len(people)))
-    drawn, spent = counts[draws].sum(axis=1), np.array(hours)[draws].sum(axis=1)
-    low = gammaincinv(false, TAIL) if false else 0.0
-    rates = (low / time, gammaincinv(false + 1, 1 - TAIL) / time)
-    shares = (float("nan"), float("nan"))
-    if events:
-        hit = events - missed
-        low = betaincinv(missed, hit + 1, TAIL) if missed else 0.0
-        high = betaincinv(missed + 1, hit, 1 - TAIL) if hit else 1.0
-        some = drawn[:, 2] > 0
-        shares = widen((low, high), drawn[some, 1] / drawn[some, 2])
-    return widen(rates, drawn[:, 0] / spent), shares
+    drawn = resample_clusters(np.stack([counts, hours], axis=1), 0)
+    return widen(bound_rate(sum(counts), sum(hours)), drawn[:, 0] / drawn[:, 1])
+
+
+def bound_missed(people: Sequence[ErrorCount]) -> tuple[float, float]:
+    """Return the 95 % interval of the share of gestures missed; NaN without gestures.
+
+    It is the union of the exact one of a share (Clopper and Pearson 1934) and of a
+    bootstrap over people, as in `bound_person_rate`.
+    """
+    missed = sum(person.missed for person in people)
+    made = sum(person.made for person in people)
+    if not made:
+        return float("nan"), float("nan")
+    low = float(betaincinv(missed, made - missed + 1, TAIL)) if missed else 0.0
+    high = 1.0
+    if missed < made:
+        high = float(betaincinv(missed + 1, made - missed, 1 - TAIL))
+    counts = np.array([(p.missed, p.made) for p in people], np.float64)
+    drawn = resample_clusters(counts, 0)
+    some = drawn[:, 1] > 0
+    return widen((low, high), drawn[some, 0] / drawn[some, 1])
 
 
 def widen(
@@ -129,7 +168,7 @@ def widen(
 def draw_curves(
     curves: Mapping[str, Sequence[CurvePoint]], path: Path, title: str
 ) -> None:
-    """Draw missed gestures by false detections an hour, with intervals.
+    """Draw missed gestures by accidents an hour, with intervals.
 
     A dot marks the settings of the model, with which it is shipped.
 
@@ -145,7 +184,7 @@ def draw_curves(
     figure = Figure(figsize=(5.6, 4.2), dpi=120, layout="constrained")
     axes = figure.add_subplot()
     for name, points in curves.items():
-        x = np.array([p.false_per_hour for p in points])
+        x = np.array([p.accidents_per_hour for p in points])
         y = 100 * np.array([p.missed for p in points])
         (line,) = axes.plot(x, y, label=name or None)
         [n] = [n for n, point in enumerate(points) if point.is_shipped]
@@ -153,13 +192,13 @@ def draw_curves(
             np.abs(np.array([scale * np.array(interval)]).T - middle)
             for scale, interval, middle in (
                 (100, points[n].missed_interval, y[n]),
-                (1, points[n].false_interval, x[n]),
+                (1, points[n].accidents_interval, x[n]),
             )
         ]
         up, across = errors
         colour = line.get_color()
         axes.errorbar(x[n], y[n], up, across, fmt="o", color=colour, capsize=3)
-    axes.set(xlabel="false detections an hour", ylabel="missed gestures [%]")
+    axes.set(xlabel="accidents an hour", ylabel="missed gestures [%]")
     axes.set(title=title, xlim=(0, None), ylim=(0, None))
     axes.grid(alpha=0.3)
     if any(curves):

@@ -1,12 +1,15 @@
 """This module scores the detections of a recogniser on continuous streams."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass
+from enum import Enum
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.learn.events.matching import (
+    GESTURE_ALIASES,
     NO_GESTURE,
     MatchConfig,
     MatchedStream,
@@ -14,10 +17,144 @@ from eskin.learn.events.matching import (
     TrueEvent,
     match_stream,
 )
-from eskin.learn.metrics import Reliability, compute_reliability, resample_clusters
+from eskin.learn.metrics import (
+    Reliability,
+    bound_rate,
+    bound_share,
+    compute_reliability,
+    resample_clusters,
+)
 from eskin.live import UNKNOWN
 from eskin.recording import NONE
 from eskin.units import NS_PER_S
+
+
+class TouchGroup(Enum):
+    """A group says what detecting a gesture is where no known gesture was made.
+
+    The words follow reports on wake words, which give the misses at a number of false
+    accepts an hour without speech, and words that sound alike in a table of their own.
+    """
+
+    ACCIDENT = "accident"
+    """Nobody means the touch, or a thing makes it: every detection is an accident."""
+    NEAR_WORD = "near-word"
+    """A hand touches on purpose in a way that has no name."""
+    OTHER_NAME = "other name"
+    """A hand makes a gesture of the vocabulary under another name, by which it is no
+    error to call it; by any other it is a near-word."""
+
+
+GROUPS = {
+    "bump": TouchGroup.ACCIDENT,
+    "lean": TouchGroup.ACCIDENT,
+    "resting_hand": TouchGroup.ACCIDENT,
+    "brush": TouchGroup.ACCIDENT,
+    "cable": TouchGroup.ACCIDENT,
+    "self_contact": TouchGroup.ACCIDENT,
+    "electrical": TouchGroup.ACCIDENT,
+    "single_pat": TouchGroup.NEAR_WORD,
+    "press": TouchGroup.NEAR_WORD,
+    "squeeze_hold": TouchGroup.NEAR_WORD,
+    "guiding": TouchGroup.NEAR_WORD,
+    "rub": TouchGroup.NEAR_WORD,
+    "tickle": TouchGroup.NEAR_WORD,
+    # Grabs of what is too wide for a hand to close round it, which are presses.
+    "full_hand": TouchGroup.NEAR_WORD,
+    "fingers_thumb": TouchGroup.NEAR_WORD,
+    "tips_thumb": TouchGroup.NEAR_WORD,
+    "clasp": TouchGroup.NEAR_WORD,
+    "squeeze": TouchGroup.OTHER_NAME,
+    "tap_many": TouchGroup.OTHER_NAME,
+}
+"""TouchGroup of each kind of `none`, and of each gesture that is not in the vocabulary.
+
+A brush is a body that stands and that the arm passes; a hand that a person draws over
+the skin is a stroke, and its true gesture says so.
+"""
+
+OTHER_NAMES = GESTURE_ALIASES | {"squeeze": "grab"}
+"""Gesture of the vocabulary that each kind of `TouchGroup.OTHER_NAME` may be called."""
+
+
+def find_group(event: TrueEvent) -> TouchGroup:
+    """Return the group of an event that is no gesture of the vocabulary.
+
+    A touch of `none` whose kind is not known is an accident, and a gesture that nobody
+    has listed is a near-word.
+    """
+    if event.gesture == NONE:
+        return GROUPS.get(event.kind, TouchGroup.ACCIDENT)
+    return GROUPS.get(event.gesture, TouchGroup.NEAR_WORD)
+
+
+class DetectionOutcome(Enum):
+    """An outcome says what one detection of a gesture is."""
+
+    FOUND = "found"
+    """It matches a gesture that was made."""
+    WRONG_NAME = "wrong name"
+    """A gesture of the vocabulary was made, and this names another one."""
+    ACCIDENT = "accident"
+    """Nobody meant a touch there, or nothing touched."""
+    NEAR_WORD = "near-word"
+    """A hand touched on purpose in a way that has no name."""
+    DUPLICATE = "duplicate"
+    """A gesture or a near-word has another detection already."""
+    NO_ERROR = "no error"
+    """It names a gesture that was made under another name."""
+
+
+@dataclass(frozen=True)
+class ErrorCount:
+    """This count says what became of the gestures made, and what detections are."""
+
+    hours: float = 0.0
+    """Duration of the streams [h]."""
+    made: int = 0
+    """Number of gestures of the vocabulary that were made."""
+    found: int = 0
+    """Number of them that were detected by their name."""
+    wrong_names: int = 0
+    """Number of them that were detected as another gesture of the vocabulary."""
+    accidents: int = 0
+    """Number of detections that are an accident."""
+    near_words: int = 0
+    """Number of detections that are a near-word, one at most for each touch."""
+    duplicates: int = 0
+    """Number of detections of a touch that has another detection already."""
+    no_errors: int = 0
+    """Number of detections of a gesture that was made under another name."""
+
+    @property
+    def missed(self) -> int:
+        """Return the number of gestures made that were not detected as any gesture."""
+        return self.made - self.found - self.wrong_names
+
+    @property
+    def missed_share(self) -> float:
+        """Return the share of the gestures made that were missed; NaN without any."""
+        return compute_ratio(self.missed, self.made)
+
+    @property
+    def wrong_name_share(self) -> float:
+        """Return the share of the gestures made with a wrong name; NaN without any."""
+        return compute_ratio(self.wrong_names, self.made)
+
+    @property
+    def accidents_per_hour(self) -> float:
+        """Return the number of accidents an hour of stream; NaN without time."""
+        return self.accidents / self.hours if self.hours else float("nan")
+
+    @property
+    def accidents_interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of that, of a Poisson count (Garwood 1936) [1/h]."""
+        return bound_rate(self.accidents, self.hours)
+
+    def __add__(self, other: "ErrorCount") -> "ErrorCount":
+        """Return the sum of two counts."""
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return ErrorCount(*(one + more for one, more in pairs))
 
 
 @dataclass(frozen=True)
@@ -29,7 +166,7 @@ class Tally:
     missed: int = 0
     """Number of events without one."""
     false: int = 0
-    """Number of detections of a gesture that match no event."""
+    """Number of detections of a gesture that match no event, of any outcome."""
 
     @property
     def precision(self) -> float:
@@ -70,6 +207,11 @@ class NonGestureTally:
     def share(self) -> float:
         """Return the share that was mistaken; NaN where there was none."""
         return compute_ratio(self.mistaken, self.count)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of that share (Wilson 1927); NaN without events."""
+        return bound_share(self.mistaken, self.count)
 
     def __add__(self, other: "NonGestureTally") -> "NonGestureTally":
         """Return the sum of two tallies."""
@@ -119,17 +261,6 @@ def bootstrap_f1(parts: Sequence[Tally], seed: int = 0) -> tuple[float, float]:
     return float(low), float(high)
 
 
-ACCIDENTS = (
-    "bump",
-    "lean",
-    "resting_hand",
-    "brush",
-    "cable",
-    "self_contact",
-    "electrical",
-)
-"""Kinds of touches that nobody intends."""
-
 HOUR = 3600.0  # [s]
 
 
@@ -143,6 +274,11 @@ class EventScore:
     """Tally of each gesture of the vocabulary but `none`."""
     per_subject: dict[str, Tally]
     """Tally of all gestures in each person's streams."""
+    errors: dict[str, ErrorCount]
+    """Errors in each person's streams."""
+    near_words: dict[str, NonGestureTally]
+    """Near-words by their kind; mistaken ones were detected as a gesture, and not as
+    the one that they may be called."""
     simultaneous: Tally
     """Tally of gestures that overlap another event in time, and of the false detections
     during overlaps."""
@@ -168,13 +304,26 @@ class EventScore:
         return sum(self.per_gesture.values(), Tally())
 
     @property
+    def total_errors(self) -> ErrorCount:
+        """Return the errors in all streams."""
+        return sum(self.errors.values(), ErrorCount())
+
+    @property
+    def total_near_words(self) -> NonGestureTally:
+        """Return the tally of near-words of all kinds."""
+        return sum(self.near_words.values(), NonGestureTally())
+
+    @property
     def f1_interval(self) -> tuple[float, float]:
         """Return the 95 % bootstrap interval of the F1 of all gestures, over people."""
         return bootstrap_f1(list(self.per_subject.values()))
 
     @property
     def false_per_hour(self) -> float:
-        """Return the number of false detections an hour; NaN without time."""
+        """Return the number of detections an hour that match no event, of any outcome.
+
+        NaN without time.
+        """
         return self.total.false / self.hours if self.hours else float("nan")
 
     @property
@@ -198,8 +347,12 @@ class EventScore:
 
     @property
     def accidents(self) -> NonGestureTally:
-        """Return the tally of all touches that nobody intends."""
-        tallies = (tally for kind, tally in self.none.items() if kind in ACCIDENTS)
+        """Return the tally of all touches of a known kind that nobody means."""
+        tallies = (
+            tally
+            for kind, tally in self.none.items()
+            if GROUPS.get(kind) is TouchGroup.ACCIDENT
+        )
         return sum(tallies, NonGestureTally())
 
 
@@ -236,6 +389,13 @@ def score_events(
             )
             for person in people
         },
+        errors={
+            person: count_errors(
+                [m for m in matched if m.stream.subject == person], gestures
+            )
+            for person in people
+        },
+        near_words=tally_near_words(matched, gestures),
         simultaneous=sum(
             (tally_overlapping(each, gestures) for each in matched), Tally()
         ),
@@ -265,6 +425,73 @@ def tally_gestures(matched: Sequence[MatchedStream], gestures: Sequence[str]) ->
         false = sum(gesture in gestures for gesture in detected)
         total += Tally(found, sum(wanted) - found, false)
     return total
+
+
+def count_errors(
+    matched: Sequence[MatchedStream], gestures: Sequence[str]
+) -> ErrorCount:
+    """Count what became of the gestures made, and what the detections are."""
+    made = sum(e.gesture in gestures for m in matched for e in m.stream.events)
+    outcomes = Counter(
+        find_outcome(each, d, gestures)
+        for each in matched
+        for d in each.gesture_detections
+    )
+    return ErrorCount(
+        hours=sum(each.stream.seconds for each in matched) / HOUR,
+        made=made,
+        found=outcomes[DetectionOutcome.FOUND],
+        wrong_names=outcomes[DetectionOutcome.WRONG_NAME],
+        accidents=outcomes[DetectionOutcome.ACCIDENT],
+        near_words=outcomes[DetectionOutcome.NEAR_WORD],
+        duplicates=outcomes[DetectionOutcome.DUPLICATE],
+        no_errors=outcomes[DetectionOutcome.NO_ERROR],
+    )
+
+
+def find_outcome(
+    stream: MatchedStream, detection: int, gestures: Sequence[str]
+) -> DetectionOutcome:
+    """Return what a detection of a gesture is, by its index.
+
+    Every detection during an accident counts, as each may start a command; of a touch
+    on purpose all but the one that represents it are duplicates.
+    """
+    index = stream.matching.assigned.get(detection)
+    if index is None:
+        is_found = detection in stream.matching.matched.values()
+        return DetectionOutcome.FOUND if is_found else DetectionOutcome.ACCIDENT
+    event = stream.stream.events[index]
+    is_made = event.gesture in gestures
+    if not is_made and find_group(event) is TouchGroup.ACCIDENT:
+        return DetectionOutcome.ACCIDENT
+    if stream.find_detection(index) != detection:
+        return DetectionOutcome.DUPLICATE
+    if is_made:
+        return DetectionOutcome.WRONG_NAME
+    name = stream.stream.detections[detection].gesture
+    is_right = OTHER_NAMES.get(event.gesture) == name
+    return DetectionOutcome.NO_ERROR if is_right else DetectionOutcome.NEAR_WORD
+
+
+def tally_near_words(
+    matched: Sequence[MatchedStream], gestures: Sequence[str]
+) -> dict[str, NonGestureTally]:
+    """Count the touches on purpose that have no name, by their kind."""
+    tallies: dict[str, NonGestureTally] = {}
+    for each in matched:
+        mistaken = {
+            each.matching.assigned[d]
+            for d in each.gesture_detections
+            if find_outcome(each, d, gestures) is DetectionOutcome.NEAR_WORD
+        }
+        for index, event in enumerate(each.stream.events):
+            if event.gesture in gestures or find_group(event) is TouchGroup.ACCIDENT:
+                continue
+            name = event.kind if event.gesture == NONE else event.gesture
+            one = NonGestureTally(1, int(index in mistaken))
+            tallies[name] = tallies.get(name, NonGestureTally()) + one
+    return dict(sorted(tallies.items()))
 
 
 def tally_overlapping(stream: MatchedStream, gestures: Sequence[str]) -> Tally:

@@ -44,6 +44,8 @@ class TraceStep:
     """Touches that closed with it."""
     logits: Float[np.ndarray, "touch class"]
     """Logits of the open touches."""
+    closing_logits: Float[np.ndarray, "touch class"]
+    """Logits for their decisions if they close after this reading."""
     directions: Float[np.ndarray, "touch 3"]
     """Direction of travel of each open touch in the world, a unit vector."""
 
@@ -81,9 +83,15 @@ class Trace:
         for step in self.steps:
             ids = [touch.id for touch in step.touches]
             directions |= zip(ids, step.directions, strict=True)
-            rows = [compute_probabilities(row, temperature) for row in step.logits]
+            probabilities, closing = (
+                {
+                    touch: compute_probabilities(row, temperature)
+                    for touch, row in zip(ids, logits, strict=True)
+                }
+                for logits in (step.logits, step.closing_logits)
+            )
             decisions = decision_filter.push(
-                step.stamp, step.touches, step.closed, dict(zip(ids, rows, strict=True))
+                step.stamp, step.touches, step.closed, probabilities, closing
             )
             by_id = {touch.id: touch for touch in (*step.touches, *step.closed)}
             for decision in decisions:
@@ -122,14 +130,18 @@ def record_step(
     """Return the trace step of the reading that a recogniser has just processed."""
     assert recognizer.state is not None
     classes = len(recognizer.model.card.vocabulary)
-    keys = [recognizer.classifier.get_key(touch.id) for touch in touches]
+    classifier = recognizer.classifier
+    keys = [classifier.get_key(touch.id) for touch in touches]
+    logits = [classifier.logits[key] for key in keys]
+    closing_logits = [classifier.closing_logits[key] for key in keys]
     compute_direction = recognizer.directions.compute_direction
     directions = [compute_direction(touch.id) for touch in touches]
     return TraceStep(
         stamp=recognizer.state.reading.stamp,
         touches=touches,
         closed=closed,
-        logits=np.array([recognizer.logits[key] for key in keys]).reshape(-1, classes),
+        logits=np.array(logits).reshape(-1, classes),
+        closing_logits=np.array(closing_logits).reshape(-1, classes),
         directions=np.array(directions).reshape(-1, 3),
     )
 
