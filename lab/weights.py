@@ -3,16 +3,16 @@
     python -m lab.weights --sets SETS --out FOLDER
     python -m lab.weights --sets SETS --out FOLDER --weights p0 p1
 
-`ur5-sim` is trained on simulated people alone. `ur5-people` is trained on from
-`ur5-sim`, with touches of the people of SocialTouch beside the same sets, and `ur5`
-from `ur5-people`, with random devices as well, touched by simulated people, those of
-SocialTouch and four of CapFingerId; then it is averaged with `ur5-people`. `p0` and
-`p1` are trained on with one person of SocialTouch each, so that `python -m lab.transfer
---people P1 --model FOLDER/p0.safetensors` tests on the other one. `ur5-groups` knows
-the 12 groups of gestures of SocialTouch instead of the classes of the paper, and starts
-from `ur5-sim`; `groups-p0` and `groups-p1` are trained on one person each
-(`lab.transfer socialtouch-groups`). The decision of `ur5-people` is chosen on streams,
-that of `ur5` is `DECISION`, that of the others the default. Sets and prepared
+`ur5-sim` is trained on simulated people alone. `ur5` is trained on from `ur5-sim`, with
+touches of the people of SocialTouch, random devices that simulated people, those of
+SocialTouch and four of CapFingerId touch, and many kinds of `none` beside the same
+sets. `p0` and `p1` are trained like it with one person of SocialTouch each, so that
+`python -m lab.transfer --people P1 --model FOLDER/p0.safetensors` tests on the other
+one. `ur5-unseen` is trained like `ur5` without some kinds of `none`, to measure kinds
+never seen. `ur5-groups` knows the 12 groups of gestures of SocialTouch instead of the
+classes of the paper, and starts from `ur5-sim`; `groups-p0` and `groups-p1` are trained
+on one person each (`lab.transfer socialtouch-groups`). The decision of `ur5` and of
+those like it is `DECISION`, that of the others the default. Sets and prepared
 recordings that exist are used as they are.
 """
 
@@ -21,7 +21,6 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 from eskin.live import load_model, save_model
@@ -39,9 +38,31 @@ SIMULATED = {
 generate`."""
 
 
-DEVICES = {"devices": "--set devices --seed 1 --clips 3500 --subjects 60"}
+AGAIN = {
+    "train": SIMULATED["train"],
+    "again-families": "--set train-families --clips 6000",
+    "again-sparse": "--set train-families --seed 2 --skin ur5-sparse --clips 1200",
+    "again-dense": "--set train-families --seed 3 --skin ur5-dense --clips 1000",
+    "train-moving": SIMULATED["train-moving"],
+    "train-pairs": SIMULATED["train-pairs"],
+}
+"""Part of these sets, for weights for all sensors: they start from weights that know
+all of them."""
+
+DEVICES = {"devices": "--set devices --seed 1 --clips 6000 --subjects 150"}
 """Sets of random devices that simulated people touch; those of recorded people come
 with `build_recorded_sets`."""
+
+NON_GESTURES = {
+    "none": "--set non-gestures --seed 1 --clips 5000",
+    "none-dense": "--set non-gestures --seed 2 --skin ur5-dense --clips 1000",
+}
+"""Sets of clips that are all `none`, of many kinds."""
+
+SOME_NON_GESTURES = {
+    "none-some": "--set non-gestures-some --seed 1 --clips 5000",
+}
+"""The same without the kinds that are held out."""
 
 PHONE = (1, 3, 6, 8)
 """People of CapFingerId to train on; the others of its folder are for tests."""
@@ -52,15 +73,11 @@ VALIDATION = {
 }
 """Sets that epoch and temperature are chosen on."""
 
-VALIDATION_DEVICES = {"tunedev": "--set devices --seed 11 --clips 750"}
-"""Set that epoch and temperature of weights for devices are chosen on too."""
-
-STREAMS = {
-    "tunestreams": "--set streams-fresh --seed 1 --clips 8",
-    "tunestreamsx": "--set streams --seed 1 --clips 8",
-    "tunestreamsf": "--set streams-families --seed 1 --clips 12",
+VALIDATION_EVERYWHERE = {
+    "tunedev": "--set devices --seed 11 --clips 750",
+    "tunenone": "--set non-gestures --seed 11 --clips 300",
 }
-"""Sets that the decision is chosen on."""
+"""Sets that epoch and temperature of weights for all sensors are chosen on too."""
 
 
 @dataclass(frozen=True)
@@ -74,20 +91,20 @@ class Recipe:
     epochs: int
     steps: int
     """Steps of an epoch."""
-    decides: bool = False
-    """Whether the decision is chosen on streams."""
     grouped: bool = False
     """Whether classes are the groups of gestures of SocialTouch."""
-    devices: bool = False
-    """Whether it is trained on random devices as well."""
+    everywhere: bool = False
+    """Whether it is trained on random devices and more kinds of `none` as well."""
+    unseen: bool = False
+    """Whether some kinds of `none` are held out."""
 
 
 WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
-    "ur5-people": Recipe("ur5-sim", (0, 1), 8, 250, decides=True),
-    "ur5": Recipe("ur5-people", (0, 1), 8, 200, devices=True),
-    "p0": Recipe("ur5-sim", (0,), 8, 200),
-    "p1": Recipe("ur5-sim", (1,), 8, 200),
+    "ur5": Recipe("ur5-sim", (0, 1), 12, 250, everywhere=True),
+    "ur5-unseen": Recipe("ur5-sim", (0, 1), 12, 250, everywhere=True, unseen=True),
+    "p0": Recipe("ur5-sim", (0,), 12, 250, everywhere=True),
+    "p1": Recipe("ur5-sim", (1,), 12, 250, everywhere=True),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
     "groups-p0": Recipe("ur5-sim", (0,), 8, 250, grouped=True),
     "groups-p1": Recipe("ur5-sim", (1,), 8, 250, grouped=True),
@@ -107,19 +124,21 @@ OPTIONS = """
 """Options of every training; after a set of `shares` follows its share of the windows
 of a class."""
 
-SHARES, DEVICE_SHARES = ("0.5",), ("0.3", "devices", "0.25")
-"""Shares of recorded people without and with devices."""
+SHARES = ("0.5",)
+"""Share of recorded people."""
 
-KEPT = 0.2
-"""Weight of the weights that training on devices starts from in the mean that is
-shipped: much of what devices teach, and most of what was known before, is in it."""
+SHARES_EVERYWHERE = ("0.3", "devices", "0.25")
+"""Shares of recorded people and of random devices."""
+
+SHARE_OF_NONE = "0.25"
+"""Share of the sets of many kinds of `none` in the windows of that class."""
 
 DECISION = {
     "least": 0.5,
     "deliberate": 0.75,
     "thresholds": {"double_pat": 0.98, "poke": 0.98},
 }
-"""What the decision of `ur5` has instead of that of `ur5-people`."""
+"""What the decision of `ur5` has instead of the default."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +153,7 @@ class Command:
     """Folder of the SocialTouch set, as published."""
     phone: Path = Path("../shared/data/capfingerid")
     """Folder of the CapFingerId set, one file a person."""
-    weights: tuple[str, ...] = ("ur5-sim", "ur5-people", "ur5")
+    weights: tuple[str, ...] = ("ur5-sim", "ur5")
     """Names of the weights to make, those to start from first."""
     seed: int = 0
     """Seed of the training."""
@@ -164,46 +183,44 @@ def train(name: str, command: Command) -> None:
     recipe = WEIGHTS[name]
     trained = build_recorded_sets(recipe, command.socialtouch)
     validation = {} if recipe.grouped else VALIDATION
-    streams = STREAMS if recipe.decides else {}
+    shares = SHARES
     if not recipe.grouped:
-        trained = SIMULATED | trained
-    if recipe.devices:
-        trained |= DEVICES | build_device_sets(recipe, command)
-        validation = validation | VALIDATION_DEVICES
-    for sets in (trained, validation, streams):
+        trained = (AGAIN if recipe.everywhere else SIMULATED) | trained
+    if recipe.everywhere:
+        none = SOME_NON_GESTURES if recipe.unseen else NON_GESTURES
+        kind = "non-gestures-some" if recipe.unseen else "non-gestures"
+        shares = (*SHARES_EVERYWHERE, kind, SHARE_OF_NONE)
+        trained |= DEVICES | build_device_sets(recipe, command) | none
+        validation = validation | VALIDATION_EVERYWHERE
+    for sets in (trained, validation):
         for folder, options in sets.items():
             generate(command.sets / folder, options.split(), command.workers)
     chosen: list[str] = []
-    for option, sets in (("--val", validation), ("--streams", streams)):
-        chosen += [option, *(str(command.sets / each) for each in sets)] if sets else []
+    if validation:
+        chosen = ["--val", *(str(command.sets / each) for each in validation)]
     start = command.out / f"{recipe.start}.safetensors"
+    path = command.out / f"{name}.safetensors"
     run(
         "train",
         *(str(command.sets / folder) for folder in trained),
         *("--pack", str(command.sets / "pack")),
-        *("--out", str(command.out / f"{name}.safetensors")),
+        *("--out", str(path)),
         *("--train.epochs", str(recipe.epochs), "--train.steps", str(recipe.steps)),
         *("--train.workers", str(command.workers)),
         *("--seed", str(command.seed)),
-        *(*OPTIONS, *(DEVICE_SHARES if recipe.devices else SHARES)),
+        *(*OPTIONS, *shares),
         *(["--start", str(start)] if recipe.start else []),
         *chosen,
     )
-    if recipe.devices:
-        average_weights(start, command.out / f"{name}.safetensors")
+    if recipe.everywhere:
+        set_decision(path)
 
 
-def average_weights(start: Path, path: Path) -> None:
-    """Average weights with those that their training started from."""
-    earlier, later = load_model(start), load_model(path)
-    weights = {
-        name: (KEPT * earlier.weights[name] + (1.0 - KEPT) * each).astype(np.float32)
-        for name, each in later.weights.items()
-    }
-    decision = replace(earlier.card.decision, **DECISION)
-    training = later.card.training | {"kept": str(KEPT)}
-    card = replace(later.card, decision=decision, training=training, metrics={})
-    save_model(path, replace(later, weights=weights, card=card))
+def set_decision(path: Path) -> None:
+    """Write the decision of weights for all sensors into their file."""
+    model = load_model(path)
+    decision = replace(model.card.decision, **DECISION)
+    save_model(path, replace(model, card=replace(model.card, decision=decision)))
 
 
 def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:
