@@ -10,12 +10,14 @@ from torch.nn.functional import log_softmax
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import evaluation
 from eskin.learn.batches import build_network_input, cut_windows
+from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import (
     compute_log_probabilities,
     evaluate,
     find_last_rows,
     predict_clips,
+    score_instants,
     score_segments,
 )
 from eskin.learn.ground_truth import MissedGesture
@@ -23,7 +25,7 @@ from eskin.learn.live_answers import gather_answers
 from eskin.live import ModelCard
 from helpers.clips import clip_at, generated, loaded
 from helpers.learning import NETWORK, record_people
-from helpers.live import model_of, network
+from helpers.live import model_of, network, with_closing_layer
 
 VOCABULARY = ("none", "hold", "tap")
 CARD = ModelCard(VOCABULARY, network=NETWORK, temperature=1.7)
@@ -182,6 +184,29 @@ def test_clip_is_answered_at_the_last_reading_of_its_touch(clips):
     assert scored.segments.accuracy == pytest.approx(accuracy)
     assert scored.interval[0] <= accuracy <= scored.interval[1]
     assert scored.instants is None
+
+
+def test_closing_layer_answers_for_segments_and_clips_but_not_for_instants(
+    net, dataset, clips
+):
+    def answer(network, card, data):
+        rows = np.arange(0, len(data.stamps), 7)
+        return (
+            score_segments(network, data, data.labelled),
+            predict_clips(network, data, card.vocabulary).log_probabilities,
+            score_instants(network, data, rows),
+        )
+
+    for data, card, plain in ((dataset, CARD, net), clips):
+        model = model_of(plain, card.vocabulary)
+        before = answer(plain, card, data)
+        same = answer(to_network(with_closing_layer(model)), card, data)
+        changed = answer(to_network(with_closing_layer(model, 0.5)), card, data)
+        for each, other in zip(before, same, strict=True):
+            np.testing.assert_array_equal(each, other)
+        for each, other in zip(before[:2], changed[:2], strict=True):
+            assert not len(each) or np.abs(each - other)[np.isfinite(each)].max() > 0.05
+        np.testing.assert_array_equal(before[2], changed[2])
 
 
 @pytest.mark.parametrize(

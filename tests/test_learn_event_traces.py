@@ -33,6 +33,7 @@ from helpers.live import (
     say_always,
     scans,
     two_hands,
+    with_closing_layer,
 )
 from helpers.simulation import StandIn
 
@@ -63,14 +64,22 @@ def merging_touches(on):
 
 
 @pytest.mark.parametrize(
-    ("calibrated", "scene"),
-    [(True, two_hands), (True, merging_touches), (False, two_hands)],
+    ("calibrated", "scene", "closing"),
+    [
+        (True, two_hands, False),
+        (True, merging_touches, False),
+        (False, two_hands, False),
+        (True, two_hands, True),
+        (False, two_hands, True),
+    ],
 )
-def test_trace_gives_the_detections_made_live(tmp_path, calibrated, scene):
+def test_trace_gives_the_detections_made_live(tmp_path, calibrated, scene, closing):
     on = mounted(calibrated=calibrated)
     stream = scans(on, scene(on), 15, 5.2)
     recording = read_recording(record(tmp_path / "a.mcap", on, stream))
     model = model_of(network(seed=3))
+    if closing:
+        model = with_closing_layer(model, 0.5)
     trace = trace_recording(recording, model)
     assert 0 < len(trace.steps) < len(stream)
     answers = set()

@@ -6,16 +6,24 @@ import numpy as np
 import pytest
 import torch
 from sklearn.linear_model import Ridge
+from torch.nn.functional import cross_entropy, one_hot
 
 from eskin.errors import ModelError, RecordingError
 from eskin.learn import training
 from eskin.learn.batches import Sampler, build_sampler
 from eskin.learn.checkpoint import EarlyStopping
 from eskin.learn.dataset import prepare
-from eskin.learn.evaluation import predict_clips, score_instants, score_segments
+from eskin.learn.evaluation import (
+    compute_statistics,
+    predict_clips,
+    score_instants,
+    score_segments,
+)
 from eskin.learn.last_layer import (
+    compute_closed_touches,
     draw_statistics,
-    fit_last_layer,
+    fit_closing_layer,
+    fit_open_layer,
     regress,
     spread,
 )
@@ -276,6 +284,18 @@ def test_initial_weights_are_used_where_shapes_match(dataset):
         assert torch.equal(weight, wanted), name
 
 
+def test_closing_layer_of_a_model_to_start_from_is_not_used(dataset):
+    first = Trainer(dataset, VOCABULARY, TINY, seed=1)
+    first.network.add_closing_layer()
+    weights_of = {k: v.numpy() for k, v in first.network.state_dict().items()}
+    model = Model(weights_of, ModelCard(VOCABULARY, network=TINY.network))
+    network = Trainer(dataset, VOCABULARY, TINY, seed=2, start=model).network
+    assert not network.has_closing_layer
+    assert torch.equal(
+        network.summary_head.classify.weight, first.network.summary_head.classify.weight
+    )
+
+
 def test_accuracy_and_temperature_are_of_generated_clips(tmp_path, monkeypatch):
     clips = prepare(generated(tmp_path, clips=6))
     made = {clip.gesture for mine in clips.clips for clip in mine} - {"none"}
@@ -339,15 +359,22 @@ def test_training_stops_early_with_the_weights_of_its_best_epoch(dataset, monkey
 
 
 def test_regression_is_that_of_scikit_learn():
+    """With weights; a class without examples and a constant statistic count nothing."""
     rng = np.random.default_rng(0)
     x, labels = rng.normal(2.0, 3.0, (50, 6)), rng.integers(0, 3, 50)
-    x[:, 5] = 1.0  # what never varies counts nothing
-    weights, offsets = regress(torch.as_tensor(x), torch.as_tensor(labels), 4, 0.1)
-    z = (x[:, :5] - x[:, :5].mean(axis=0)) / x[:, :5].std(axis=0, ddof=1)
-    reference = Ridge(alpha=0.1 * 50).fit(z, np.eye(4)[labels])
+    x[:, 5] = 1.0
+    share = rng.uniform(0.5, 1.5, 50)
+    share /= share.sum()
+    targets = np.eye(4)[labels]
+    arrays = [torch.as_tensor(each) for each in (x, targets, share)]
+    weights, offsets = regress(arrays[0], arrays[1], arrays[2], 0.1)
+    mean = share @ x[:, :5]
+    z = (x[:, :5] - mean) / np.sqrt(share @ (x[:, :5] - mean) ** 2)
+    reference = Ridge(alpha=0.1).fit(z, targets, share)
     found = x @ weights.numpy().T + offsets.numpy()
     np.testing.assert_allclose(found, reference.predict(z), atol=1e-5)
-    np.testing.assert_allclose(weights[:, 5], 0.0)
+    np.testing.assert_allclose(weights[:, 5], 0.0, atol=1e-9)
+    np.testing.assert_allclose(weights[3], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("width", [0, 4])
@@ -355,35 +382,121 @@ def test_last_layer_is_the_mean_of_the_trained_one_and_the_regression(dataset, w
     config = replace(TINY, network=replace(TINY.network, width=width))
     trainer = Trainer(dataset, VOCABULARY, config)
     network, batches = trainer.network.eval(), trainer.batches
-
-    def classify(x):
-        parts = x.float().chunk(len(network.heads), dim=1)
-        pairs = zip(network.heads, parts, strict=True)
-        return torch.stack([h.classify(part) for h, part in pairs]).mean(dim=0)
-
     with torch.no_grad():
         x, labels = draw_statistics(network, batches, 4, np.random.default_rng(0))
-        before = classify(x)
-        fit_last_layer(network, batches, 4, 0.1, np.random.default_rng(0))
-        added = 2.0 * classify(x) - before
-    weights, offsets = regress(x, labels, 3, 0.1)
+        before = network.classify_statistics(x.float())
+        fit_open_layer(network, batches, 4, 0.1, np.random.default_rng(0))
+        added = 2.0 * network.classify_statistics(x.float()) - before
+    share = torch.full((len(x),), 1 / len(x), dtype=x.dtype)
+    weights, offsets = regress(x, one_hot(labels, 3).double(), share, 0.1)
     regression = x @ weights.T + offsets
     scale = (added * regression).sum() / (regression**2).sum()
     torch.testing.assert_close(added.double(), scale * regression, rtol=0, atol=1e-4)
     assert float(spread(added)) == pytest.approx(float(spread(before)), rel=1e-3)
 
 
-def test_last_layer_is_kept_as_trained_where_the_regression_is_worse(dataset):
+@pytest.mark.parametrize("width", [0, 4])
+def test_closing_layer_adds_what_is_unexplained_at_ends_of_touches_to_the_open_one(
+    dataset, width
+):
+    config = replace(TINY, network=replace(TINY.network, width=width))
+    trainer = Trainer(dataset, VOCABULARY, config)
+    network, sampler = trainer.network.eval(), trainer.batches.sampler
+    rng = np.random.default_rng(0)
+    trained = weights(network)
+    x, labels, share = compute_closed_touches(network, sampler, rng)
+    segments, _, _ = sampler.list_segments()
+    ends = np.array([segment.end - 1 for segment in segments])
+    firsts = np.array([segment.first for segment in segments])
+    wanted = compute_statistics(network, dataset, ends, firsts)
+    torch.testing.assert_close(x, wanted.double())
+    of_class = torch.zeros(3, dtype=share.dtype).index_add(0, labels, share)
+    np.testing.assert_allclose(of_class, 1 / 3)
+    fit_closing_layer(network, sampler, 0.1, rng)
+    assert network.has_closing_layer
+    with torch.no_grad():
+        before = network.classify_statistics(x.float())
+        after = network.classify_statistics(x.float(), closing=True)
+    unexplained = one_hot(labels, 3).double() - before.double().softmax(dim=1)
+    regressed, offsets = regress(x, unexplained, share, 0.1)
+    added = 4.0 * (x @ regressed.T + offsets)
+    torch.testing.assert_close((after - before).double(), added, rtol=0, atol=1e-4)
+    losses = [cross_entropy(logits, labels) for logits in (before, after)]
+    assert losses[1] < losses[0]
+    network.remove_closing_layer()
+    assert torch.equal(weights(network), trained)
+
+
+def test_a_network_whose_statistics_are_not_finite_keeps_its_layers(dataset):
+    trainer = Trainer(dataset, VOCABULARY, TINY)
+    network, sampler = trainer.network.eval(), trainer.batches.sampler
+    with torch.no_grad():
+        network.summary_head.project.bias.fill_(torch.nan)
+    fit_closing_layer(network, sampler, 0.1, np.random.default_rng(0))
+    for head in network.heads:
+        assert torch.equal(head.close.weight, head.classify.weight)
+
+
+@pytest.mark.parametrize("validation", [0.0, 0.5])
+def test_layers_are_fitted_on_training_recordings_alone(dataset, validation):
+    """Also the same again by the same seed."""
+    config = replace(TINY, ridge=0.1, validation=validation)
+    least = [0, 1, 2, 3]
+    first = Trainer(dataset, VOCABULARY, config, least)
+    held = first.held_recordings
+    strange = tuple(
+        replace(s, gesture="hold" if s.gesture == "tap" else "tap")
+        if s.recording in held
+        else s
+        for s in dataset.segments
+    )
+    second = Trainer(replace(dataset, segments=strange), VOCABULARY, config, least)
+    for trainer in (first, second):
+        trainer.closing_loss = lambda closing=True: 0.0 if closing else 1.0
+        trainer.calibrated_loss = iter([2.0, 1.0]).__next__
+        trainer.validation_loss = lambda: 1.0
+    networks = [trainer.run(quiet=True) for trainer in (first, second)]
+    assert all(network.has_closing_layer for network in networks)
+    assert torch.equal(*map(weights, networks))
+
+
+def test_open_layer_is_kept_as_trained_where_the_regression_is_worse(dataset):
     trainer = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.5, ridge=0.1))
     last = trainer.network.summary_head.classify.weight
     trained, first = last.clone(), trainer.network.summary_head.project.weight.clone()
-    trainer.refine_last_layer()
+    trainer.calibrated_loss = iter([2.0, 1.0]).__next__
+    trainer.fit_open_layer()
     assert not torch.equal(last, trained)
     assert torch.equal(trainer.network.summary_head.project.weight, first)
-    found, losses = last.clone(), iter([1.0, 2.0])
-    trainer.calibrated_loss = lambda: next(losses)
-    trainer.refine_last_layer()
+    found = last.clone()
+    trainer.calibrated_loss = iter([1.0, 2.0]).__next__
+    trainer.fit_open_layer()
     assert torch.equal(last, found)
+
+
+@pytest.mark.parametrize(("with_it", "kept"), [(0.9, True), (1.0, False)])
+def test_closing_layer_is_kept_where_it_lowers_the_loss_of_held_out_touches(
+    dataset, with_it, kept
+):
+    trainer = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.5, ridge=0.1))
+    trainer.closing_loss = lambda closing=True: with_it if closing else 1.0
+    trainer.fit_closing_layer()
+    assert trainer.network.has_closing_layer == kept
+
+
+def test_interrupted_fit_leaves_the_network_as_trained(dataset, monkeypatch):
+    trainer = Trainer(dataset, VOCABULARY, replace(TINY, ridge=0.1, validation=0.0))
+    trained = weights(trainer.network)
+
+    def stop(*_) -> None:
+        trainer.network.add_closing_layer()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training, "fit_open_layer", lambda *_: None)
+    monkeypatch.setattr(training, "fit_closing_layer", stop)
+    trainer.fit_last_layers()
+    assert trainer.stopped
+    assert torch.equal(weights(trainer.network), trained)
 
 
 def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):

@@ -170,6 +170,31 @@ def test_touch_that_begins_with_a_merger_has_no_other_decision():
     assert not decisions.close((touch_at(15 * STEP),))
 
 
+@pytest.mark.parametrize("change_ends", [False, True])
+def test_closing_probabilities_count_when_a_touch_closes_and_never_before(change_ends):
+    """On a skin that is not calibrated they are those at the last contact."""
+    unsure, certain = share("poke", 0.5), share("stroke", 0.9)
+    decisions, found = DecisionFilter(VOCABULARY, None, change_ends), []
+    for n in range(30):
+        closing = {1: certain if n < 20 else share("none", 0.9)}
+        touch = touch_at(STEP * min(n, 19))
+        found += decisions.push(STEP * n, (touch,), (), {1: unsure}, closing)
+    assert not found
+    [decision] = decisions.close((touch_at(STEP * 19),))
+    assert decision.gesture == ("stroke" if change_ends else "none")
+    assert decision.confidence == pytest.approx(0.9)
+
+
+def test_what_is_certain_while_a_touch_is_open_does_not_wait_for_its_closing():
+    decisions, found = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE)), []
+    for n in range(10):
+        p = {1: share("poke", 0.9)}
+        closing = {1: share("stroke", 0.9)}
+        found += decisions.push(STEP * n, (touch_at(STEP * n),), (), p, closing)
+    assert [decision.gesture for decision in found] == ["poke"]
+    assert not decisions.close((touch_at(STEP * 9),))
+
+
 # Runs, and gesture, onset and last contact of each decision, in readings.
 CHANGES = {
     "none that lasts": (

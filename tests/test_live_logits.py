@@ -5,7 +5,10 @@ import pytest
 import torch
 
 from eskin.learn.batches import build_network_input, cut_windows
+from eskin.learn.checkpoint import to_model, to_network
 from eskin.learn.dataset import prepare
+from eskin.learn.evaluation import compute_log_probabilities
+from eskin.learn.live_answers import gather_answers
 from eskin.live import GraphBuilder, Recognizer, compute_probabilities
 from eskin.live.graph import NO_HISTORY
 from eskin.live.graph_builder import TouchNodes
@@ -20,6 +23,7 @@ from helpers.live import (
     record,
     scans,
     two_hands,
+    with_closing_layer,
 )
 
 pytestmark = pytest.mark.slow
@@ -71,6 +75,57 @@ def test_stream_gives_the_logits_of_the_offline_windows(scene, width, tmp_path):
     assert offline.std(axis=0).max() > 0.1
     live = np.concatenate(list(found.values()))
     np.testing.assert_allclose(live[ends], offline, atol=1e-4)
+
+
+@pytest.mark.parametrize("width", [0, 8])
+def test_a_closing_layer_changes_the_answer_at_closing_alone(width):
+    on = mounted()
+    net = network(width=width)
+    plain = model_of(net)
+    models = [plain, with_closing_layer(plain), with_closing_layer(plain, 0.5)]
+    stream = scans(on, two_hands(on), 50, 4.6)
+    recognizers = [Recognizer(each, on, calibration_of(on.skin)) for each in models]
+    detections = [[], [], []]
+    differences = []
+    for scan in stream:
+        for recognizer, found in zip(recognizers, detections, strict=True):
+            found += [each.record() for each in recognizer.push(scan)]
+        first, *others = (each.classifier for each in recognizers)
+        for key, logits in first.logits.items():
+            for other in others:
+                assert np.array_equal(other.logits[key], logits)
+                assert np.array_equal(
+                    other.probabilities[key], first.probabilities[key]
+                )
+            same, changed = (other.closing_probabilities[key] for other in others)
+            assert np.array_equal(same, first.probabilities[key])
+            differences.append(np.abs(changed - same).max())
+    assert detections[0] == detections[1]
+    assert max(differences) > 0.05
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_closing_logits_of_a_stream_are_those_of_torch_offline(calibrated, tmp_path):
+    on = mounted(calibrated=calibrated)
+    model = with_closing_layer(model_of(network()), 0.5)
+    stream = scans(on, two_hands(on), 20, 4.6)
+    path = record(tmp_path / "two.mcap", on, stream, [label(2.3, 3.2, "stroke")])
+    dataset = prepare([path], model.card.pipeline, model.card.graph)
+    answers = gather_answers(model, dataset)
+    net = to_network(model)
+    ends = np.arange(len(dataset.stamps))
+    scores = [
+        compute_log_probabilities(each, dataset, ends, dataset.starts, closing=closing)
+        for each in (answers, net)
+        for closing in (False, True)
+    ]
+    np.testing.assert_allclose(scores[0], scores[2], atol=1e-4)
+    np.testing.assert_allclose(scores[1], scores[3], atol=1e-4)
+    assert np.abs(scores[2] - scores[3]).max() > 0.05
+    assert all(
+        np.array_equal(to_model(net, model.card).weights[name], weight)
+        for name, weight in model.weights.items()
+    )
 
 
 def make_reading(on, n, taxels, rng):

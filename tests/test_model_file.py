@@ -28,7 +28,7 @@ from eskin.live import (
 from eskin.live.model_config import MIN_SLOTS, read_limits
 from eskin.touch import ContactConfig, PipelineConfig
 from helpers.graphs import logits, press_on_seam
-from helpers.live import VOCABULARY, model_of, network
+from helpers.live import VOCABULARY, model_of, network, with_closing_layer
 
 CARD = ModelCard(
     ("none", "poke", "Strich – ä"),
@@ -280,6 +280,31 @@ def test_weights_that_do_not_fit_their_card_are_refused(use, weights, card, part
     changed = {name: w for name, w in (good.weights | weights).items() if w is not None}
     with pytest.raises(ModelError) as caught:
         use(Model(changed, replace(good.card, **card)))
+    message = str(caught.value)
+    assert all(part in message for part in parts), message
+    assert "\n" not in message
+
+
+CLOSING = "graph_head.close.weight"
+
+
+@pytest.mark.parametrize(
+    ("weight", "parts"),
+    [
+        (np.zeros((4, 7)), [CLOSING, "(4, 7)", "allowed is"]),
+        (None, ["lacks", CLOSING]),
+        (np.full(1, np.nan), [CLOSING, "(1,)"]),
+    ],
+)
+@pytest.mark.parametrize("use", [Network, to_network])
+def test_closing_layer_that_does_not_fit_is_refused(use, weight, parts):
+    model = with_closing_layer(model_of(network()))
+    use(model)
+    changed = dict(model.weights) | {CLOSING: weight}
+    if weight is None:
+        del changed[CLOSING]
+    with pytest.raises(ModelError) as caught:
+        use(replace(model, weights=changed))
     message = str(caught.value)
     assert all(part in message for part in parts), message
     assert "\n" not in message

@@ -172,7 +172,8 @@ def score_touches(
     counts = np.array([len(touch.ends) for touch in touches])
     ends = np.concatenate([touch.ends for touch in touches])
     firsts = np.repeat([touch.first for touch in touches], counts)
-    scores = compute_log_probabilities(network, dataset, ends, firsts)
+    closing = np.isin(np.arange(len(ends)), np.cumsum(counts) - 1)
+    scores = compute_log_probabilities(network, dataset, ends, firsts, closing=closing)
     return average_rows(scores, np.repeat(np.arange(len(touches)), counts))
 
 

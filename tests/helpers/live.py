@@ -1,6 +1,6 @@
 """These helpers simulate moving hands on skins, and build models of random weights."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -93,6 +93,19 @@ def two_hands(mounted):
         Press(3.1, 3.3, d, d, 25.0),
         Press(4.2, 4.5, b, b, 25.0),
     ]
+
+
+def with_closing_layer(model: Model, change: float = 0.0) -> Model:
+    """Return a model with a closing layer, whose weights differ by noise of a size."""
+    rng = np.random.default_rng(1)
+    weights = dict(model.weights)
+    for name, weight in model.weights.items():
+        if ".classify." in name:
+            noise = change * rng.standard_normal(weight.shape)
+            weights[name.replace("classify", "close")] = (weight + noise).astype(
+                np.float32
+            )
+    return replace(model, weights=weights)
 
 
 def list_faulty_scans():

@@ -321,11 +321,33 @@ class Sampler:
         datasets = self.classes[label]
         name, *others = datasets
         if others:
-            left = 1.0 - sum(self.shares.get(each, 0.0) for each in datasets)
-            shares = np.array([self.shares.get(each, left) for each in datasets])
-            name = str(rng.choice(list(datasets), p=shares / shares.sum()))
+            name = str(rng.choice(list(datasets), p=self.find_shares(label)))
         segments = datasets[name]
         return segments[rng.integers(len(segments))]
+
+    def find_shares(self, label: int) -> Float[np.ndarray, "dataset"]:
+        """Return the shares of the data sets in the windows of a class."""
+        datasets = self.classes[label]
+        if len(datasets) == 1:
+            return np.ones(1)
+        left = 1.0 - sum(self.shares.get(each, 0.0) for each in datasets)
+        shares = np.array([self.shares.get(each, left) for each in datasets])
+        return shares / shares.sum()
+
+    def list_segments(
+        self,
+    ) -> tuple[list[Segment], Int[np.ndarray, "segment"], Float[np.ndarray, "segment"]]:
+        """Return all segments, their classes, and how often each is drawn."""
+        segments: list[Segment] = []
+        labels: list[int] = []
+        weights: list[float] = []
+        for label, datasets in self.classes.items():
+            shares = self.find_shares(label).tolist()
+            for share, some in zip(shares, datasets.values(), strict=True):
+                segments += some
+                labels += [label] * len(some)
+                weights += [share / len(some) / len(self.classes)] * len(some)
+        return segments, np.array(labels), np.array(weights)
 
     def draw_end(self, segment: Segment, after: int, rng: np.random.Generator) -> int:
         """Draw a row from `after` [ns] into a segment on, or its last row."""

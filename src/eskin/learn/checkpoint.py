@@ -17,6 +17,7 @@ from eskin.live import (
     ModelCard,
     check_weights,
 )
+from eskin.live.model_file import has_closing_layer
 
 
 def to_model(network: RecogniserNetwork, card: ModelCard) -> Model:
@@ -41,6 +42,8 @@ def to_network(model: Model) -> RecogniserNetwork:
     network = RecogniserNetwork(
         card.network, len(card.vocabulary), card.kind == "shear"
     )
+    if has_closing_layer(weights):
+        network.add_closing_layer()
     network.load_state_dict({name: torch.as_tensor(w) for name, w in weights.items()})
     return network.eval()
 

@@ -73,8 +73,9 @@ class TrainConfig:
     smoothing: Share = 0.1
     """Label smoothing."""
     ridge: NotNegative = 0.1
-    """Penalty of the ridge regression that the last layer is averaged with at the end,
-    where that lowers the validation loss; 0 leaves it as trained."""
+    """Penalty of the ridge regressions that fit the last layers at the end, for touches
+    that are open and for those that close, each where that lowers the validation loss;
+    0 leaves the network as trained, without a layer for touches that close."""
     patience: Annotated[int, Interval(ge=0, le=np.inf)] = 5
     """Epochs without a lower validation loss after which one more stops training."""
     validation: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.15

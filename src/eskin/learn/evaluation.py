@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import log_softmax
 
@@ -48,15 +48,44 @@ def compute_log_probabilities(
     ends: Int[np.ndarray, "window"],
     firsts: Int[np.ndarray, "window"],
     temperature: float = 1.0,
+    closing: bool | Bool[np.ndarray, "window"] = False,
 ) -> Float[np.ndarray, "window class"]:
     """Return log-probabilities of the windows that end with the rows `ends`.
 
     As live, each reading is embedded only once, however many windows hold it. Answers
     that were made live are those at the rows `ends`, whatever `firsts` are.
+
+    Args:
+        network: network that classifies, or its answers.
+        dataset: data set that holds the rows.
+        ends: last row of each window.
+        firsts: earliest row that each window may hold.
+        temperature: divisor of the logits.
+        closing: whether a window ends with its touch, so that the closing layer
+            answers.
     """
     if isinstance(network, LiveAnswers):
-        logits = torch.from_numpy(network.logits[ends])
-        return log_softmax(logits / temperature, dim=1).numpy()
+        opened = torch.from_numpy(network.logits[ends])
+        closed = torch.from_numpy(network.closing[ends])
+    else:
+        statistics = compute_statistics(network, dataset, ends, firsts)
+        with torch.no_grad():
+            opened = network.classify_statistics(statistics)
+            closed = network.classify_statistics(statistics, closing=True)
+    logits = torch.where(torch.as_tensor(closing)[..., None], closed, opened)
+    return log_softmax(logits / temperature, dim=1).numpy()
+
+
+def compute_statistics(
+    network: RecogniserNetwork,
+    dataset: Dataset,
+    ends: Int[np.ndarray, "window"],
+    firsts: Int[np.ndarray, "window"],
+) -> Float[Tensor, "window statistic"]:
+    """Return the statistics of windows that the last layers of a network take.
+
+    Args are as in `compute_log_probabilities`.
+    """
     windows = cut_windows(dataset, ends, firsts, network.config.slots)
     rows, place = np.unique(windows.rows, return_inverse=True)
     parts = []
@@ -69,10 +98,9 @@ def compute_log_probabilities(
                 torch.as_tensor(windows.slot[chosen]),
                 min(WINDOW_BATCH, len(ends) - low),
             )
-            branches = network.classify(e[torch.as_tensor(place[chosen])], slot_index)
-            logits = branches.mean(dim=0) / temperature
-            parts.append(log_softmax(logits, dim=1).numpy())
-    return np.concatenate(parts)
+            own = e[torch.as_tensor(place[chosen])]
+            parts.append(network.summarise(own, slot_index))
+    return torch.cat(parts)
 
 
 def embed_rows(
@@ -95,15 +123,18 @@ def score_segments(
     """Return mean log-probabilities over the windows of each segment.
 
     Windows end every half second, from two seconds into the segment, and with its last
-    reading. They hold nothing from outside the segment.
+    reading, which is taken for the end of a touch. They hold nothing from outside the
+    segment.
     """
     if not segments:
         return np.zeros((0, network.classes))
     ends = [find_window_ends(dataset, segment) for segment in segments]
     counts = np.array([len(rows) for rows in ends])
     firsts = np.repeat([segment.first for segment in segments], counts)
+    joined = np.concatenate(ends)
+    closing = np.isin(np.arange(len(joined)), np.cumsum(counts) - 1)
     scores = compute_log_probabilities(
-        network, dataset, np.concatenate(ends), firsts, temperature
+        network, dataset, joined, firsts, temperature, closing
     )
     starts = np.cumsum(counts) - counts
     return np.add.reduceat(scores, starts, axis=0) / counts[:, None]
@@ -176,7 +207,12 @@ def predict_clips(
     log_probabilities = np.tile(certainly_none, (len(clips), 1))
     if touched.any():
         log_probabilities[touched] = compute_log_probabilities(
-            network, dataset, ends[touched], dataset.starts[ends[touched]], temperature
+            network,
+            dataset,
+            ends[touched],
+            dataset.starts[ends[touched]],
+            temperature,
+            closing=True,
         )
     return ClipPredictions(
         clips=tuple(clip for _, clip in clips),

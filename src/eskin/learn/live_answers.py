@@ -21,7 +21,9 @@ class LiveAnswers:
     """Live answers hold logits from a replay, in place of a network that makes them."""
 
     logits: Float[np.ndarray, "row class"]
-    """Logits of each row of a data set."""
+    """Logits of each row of a data set, while its touch is open."""
+    closing: Float[np.ndarray, "row class"]
+    """Logits of each row for the decision if its touch closes after it."""
 
     @property
     def classes(self) -> int:
@@ -36,7 +38,8 @@ def gather_answers(model: Model, dataset: Dataset) -> LiveAnswers:
         model: weights and their card.
         dataset: data set of rows that were prepared with the pipeline of that card.
     """
-    logits = np.empty((len(dataset.stamps), len(model.card.vocabulary)), np.float32)
+    classes = len(model.card.vocabulary)
+    logits = np.empty((len(dataset.stamps), 2, classes), np.float32)
     numbered = enumerate(dataset.recordings)
     for n, recording in track_progress(numbered, "Replaying", len(dataset.recordings)):
         rows = np.flatnonzero(dataset.recording == n)
@@ -45,24 +48,27 @@ def gather_answers(model: Model, dataset: Dataset) -> LiveAnswers:
         stamps = dataset.stamps[rows].tolist()
         pairs = zip(place.tolist(), stamps, strict=True)
         logits[rows] = [sequences[sequence][stamp] for sequence, stamp in pairs]
-    return LiveAnswers(logits)
+    return LiveAnswers(logits[:, 0], logits[:, 1])
 
 
 def replay_sequences(
     recording: Recording, model: Model
-) -> list[dict[int, Float[np.ndarray, "class"]]]:
+) -> list[dict[int, Float[np.ndarray, "2 class"]]]:
     """Return the logits of each sequence of confirmed touches, by stamp.
 
+    The first row is for an open touch, the second for one that closes.
     Sequences are in the order in which they begin, as in a prepared recording.
     """
     mounted = MountedSkin(recording.skin, recording.load_robot())
     recognizer = Recognizer(model, mounted, recording.calibration)
-    sequences: dict[int, dict[int, Float[np.ndarray, "class"]]] = {}
+    sequences: dict[int, dict[int, Float[np.ndarray, "2 class"]]] = {}
     confirmed: set[int] = set()
     for scan in recording.scans():
         recognizer.push(scan)
+        closing = recognizer.classifier.closing_logits
         for key, logits in recognizer.logits.items():
-            sequences.setdefault(key, {})[scan.stamp] = logits
+            both = np.stack([logits, closing[key]])
+            sequences.setdefault(key, {})[scan.stamp] = both
         confirmed.update(map(recognizer.classifier.get_key, recognizer.probabilities))
     if not recording.skin.calibrated:
         return list(sequences.values())

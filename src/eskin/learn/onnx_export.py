@@ -116,7 +116,8 @@ def export_onnx(model: Model, path: Path | str, seed: int = 0) -> float:
 
     The network takes the fields of `StepInput` and returns `features` of the last slot,
     which the caller keeps in `window`, `logits` and `probabilities`. What it has to
-    know besides lies in the file's metadata.
+    know besides lies in the file's metadata. These are the answers for a touch that is
+    open: a layer that the model has for touches that close is left out.
 
     Args:
         model: the model.

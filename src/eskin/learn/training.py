@@ -22,12 +22,17 @@ from eskin.learn.checkpoint import EarlyStopping, TrainingState
 from eskin.learn.config import NO_AUGMENTATION, AugmentConfig, TrainConfig
 from eskin.learn.dataset import Dataset, find_gestures, find_sessions, hold_out
 from eskin.learn.evaluation import predict_clips
-from eskin.learn.last_layer import fit_last_layer
+from eskin.learn.last_layer import (
+    compute_closed_touches,
+    fit_closing_layer,
+    fit_open_layer,
+)
 from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.processes import ALONE, Processes
 from eskin.live import (
     Model,
 )
+from eskin.live.model_file import OPEN_LAYER
 from eskin.progress import show_progress
 
 SAVE_PERIOD = 30.0  # [s] between two checkpoints
@@ -165,22 +170,49 @@ class Trainer:
                 self.stopped = True
         best.restore(network)
         if config.ridge and processes.is_first and not self.stopped:
-            self.refine_last_layer()
+            self.fit_last_layers()
         return network.eval()
 
-    def refine_last_layer(self) -> None:
-        """Fit the last layer, unless the validation loss is not lower with it."""
-        trained, has_held_out = deepcopy(self.network.state_dict()), self.held_out
-        loss = self.calibrated_loss() if has_held_out else 0.0
-        plain, config = replace(self.batches, config=NO_AUGMENTATION), self.config
-        rng, kept = self.rngs[0], False
+    def fit_last_layers(self) -> None:
+        """Fit the open layer, then the closing layer, each where it lowers the loss.
+
+        The loss is that of held-out recordings at the best temperature; without any,
+        both layers are fitted.
+        """
         try:
-            fit_last_layer(self.network, plain, config.readings, config.ridge, rng)
-            kept = not has_held_out or self.calibrated_loss() < loss
+            self.fit_open_layer()
+            self.fit_closing_layer()
         except KeyboardInterrupt:
             self.stopped = True
-        if not kept:
-            self.network.load_state_dict(trained)
+
+    def fit_open_layer(self) -> None:
+        """Fit the open layer, unless the validation loss is not lower with it."""
+        trained = deepcopy(self.network.state_dict())
+        has_held_out = self.held_out is not None
+        loss = self.calibrated_loss() if has_held_out else 0.0
+        plain = replace(self.batches, config=NO_AUGMENTATION)
+        config = self.config
+        kept = False
+        try:
+            fit_open_layer(
+                self.network, plain, config.readings, config.ridge, self.rngs[0]
+            )
+            kept = not has_held_out or self.calibrated_loss() < loss
+        finally:
+            if not kept:
+                self.network.load_state_dict(trained)
+
+    def fit_closing_layer(self) -> None:
+        """Fit the closing layer, unless the loss of held-out touches is not lower."""
+        sampler = self.batches.sampler
+        has_held_out = self.held_out is not None
+        kept = False
+        try:
+            fit_closing_layer(self.network, sampler, self.config.ridge, self.rngs[0])
+            kept = not has_held_out or self.closing_loss() < self.closing_loss(False)
+        finally:
+            if not kept:
+                self.network.remove_closing_layer()
 
     def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:
         """Take a step by the mean gradient of the parts of a batch of all workers."""
@@ -236,6 +268,19 @@ class Trainer:
         """Return the validation loss at the best temperature."""
         return find_temperature(*self.predict_validation_windows())[0]
 
+    def closing_loss(self, closing: bool = True) -> float:
+        """Return the loss of held-out touches at closing, at the best temperature.
+
+        Args:
+            closing: whether the closing layer answers, and not the open layer.
+        """
+        assert self.held_out is not None
+        rng = np.random.default_rng(0)
+        x, labels, _ = compute_closed_touches(self.network, self.held_out.sampler, rng)
+        with torch.no_grad():
+            logits = self.network.classify_statistics(x.float(), closing)
+        return find_temperature(logits, labels)[0]
+
     def validation_accuracy(self) -> float:
         """Return the accuracy on held-out recordings; NaN if there are none."""
         if self.held_out is None:
@@ -287,17 +332,13 @@ def find_temperature(
     return min((float(cross_entropy(logits / t, labels)), t) for t in TEMPERATURES)
 
 
-LAST_LAYER = ".classify."
-"""Part of the names of the weights that belong to the classes of a vocabulary."""
-
-
 def copy_matching_weights(
     network: RecogniserNetwork, model: Model, vocabulary: tuple[str, ...]
 ) -> frozenset[str]:
     """Copy those weights of a model that the network has by name and shape.
 
     Weights of the classes are not copied unless the vocabularies are equal, since they
-    would belong to other classes.
+    would belong to other classes. The closing layer is never copied: it is fitted anew.
 
     Args:
         network: network that is changed.
@@ -312,7 +353,7 @@ def copy_matching_weights(
         name: torch.as_tensor(weight)
         for name, weight in model.weights.items()
         if name in own and own[name].shape == weight.shape
-        if same or LAST_LAYER not in name
+        if same or f".{OPEN_LAYER}." not in name
     }
     network.load_state_dict(own | fitting)
     return frozenset(fitting)

@@ -1,6 +1,7 @@
 """This module defines classifiers of touches: that of eskin, and those of packages."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import final
 
 import numpy as np
@@ -25,6 +26,9 @@ class TouchClassifier(ABC):
     own name in the entry points `eskin.recognisers`. Files whose card has that name as
     their `recogniser` are then used like any other.
 
+    A class that answers differently for touches that close overrides `closing_logits`
+    and `closing_probabilities`.
+
     Attributes:
         logits: logits of each sequence at the latest reading, by its key.
         probabilities: calibrated probabilities, by the same keys.
@@ -46,6 +50,16 @@ class TouchClassifier(ABC):
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
         self.features = np.empty(0, np.float32)
+
+    @property
+    def closing_logits(self) -> Mapping[int, PerClass]:
+        """Logits for the decision about a touch when it closes, by the same keys."""
+        return self.logits
+
+    @property
+    def closing_probabilities(self) -> Mapping[int, PerClass]:
+        """Calibrated probabilities for that decision, by the same keys."""
+        return self.probabilities
 
     @abstractmethod
     def push(self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None) -> None:
@@ -80,6 +94,16 @@ class GraphClassifier(TouchClassifier):
         )
         self.stream = LogitStream(model, self.graphs.builder)
         self.features = self.stream.network.parts.features
+
+    @property
+    def closing_logits(self) -> Mapping[int, PerClass]:
+        """Logits of the closing layer, or of the open layer where there is none."""
+        return self.stream.closing_logits
+
+    @property
+    def closing_probabilities(self) -> Mapping[int, PerClass]:
+        """Calibrated probabilities of that layer."""
+        return self.stream.closing_probabilities
 
     def push(self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None) -> None:
         """Compute logits and probabilities at the next reading."""

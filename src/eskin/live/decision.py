@@ -69,7 +69,8 @@ class DecisionFilter:
        not wait.
     2. When it closes and nothing has been reported, the likeliest class at its last
        reading is reported, even `none`; or `unknown` where that is below `least`, or
-       is a gesture while all gestures together are below `deliberate`.
+       is a gesture while all gestures together are below `deliberate`. Probabilities
+       of their own count here: those of a model's closing layer, if it has one.
     3. A touch that merges into another counts as reported if either was reported.
     4. On a skin that is not calibrated, contact may never end, as under a tight sleeve.
        There no touch waits. One ends once another class than the reported one, or
@@ -109,12 +110,20 @@ class DecisionFilter:
         touches: Sequence[AnyTouch],
         closed: Sequence[AnyTouch],
         probabilities: Mapping[int, Float[np.ndarray, "class"]],
+        closing: Mapping[int, Float[np.ndarray, "class"]] | None = None,
     ) -> list[Decision]:
         """Return the decisions at the next reading, at a stamp [ns since the epoch].
 
-        `touches` are open, `closed` have just closed; `probabilities` has those of
-        every open touch by its id.
+        Args:
+            stamp: stamp of the reading.
+            touches: touches that are open.
+            closed: touches that have just closed.
+            probabilities: probabilities of every open touch while it is open, by its
+                id.
+            closing: those that count if it closes after this reading; None for the
+                same ones.
         """
+        closing = probabilities if closing is None else closing
         decisions = self.close(closed)
         for touch in touches:
             evidence = self.evidence.get(touch.id)
@@ -122,10 +131,13 @@ class DecisionFilter:
                 evidence = self.evidence[touch.id] = TouchEvidence(touch.onset)
             # A list, since reading single elements of an array is slower.
             by_class: list[float] = probabilities[touch.id].tolist()
-            if not math.isfinite(sum(by_class)):
+            at_closing: list[float] = closing[touch.id].tolist()
+            if not math.isfinite(sum(by_class) + sum(at_closing)):
                 continue
             if self.change_ends and self.has_changed(evidence, stamp, by_class):
                 reset_evidence(evidence, touch, stamp)
+            if touch.last == stamp or not self.change_ends:
+                evidence.latest = at_closing
             decision = self.update(evidence, touch, stamp, by_class)
             if decision is not None:
                 decisions.append(decision)
@@ -151,8 +163,6 @@ class DecisionFilter:
         probabilities: list[float],
     ) -> Decision | None:
         """Update the evidence of an open touch, and return a decision if it is due."""
-        if touch.last == stamp or not self.change_ends:
-            evidence.latest = probabilities
         leader = find_likeliest(probabilities)
         is_lifted = stamp - touch.last >= self.lift
         threshold = (self.lifted if is_lifted else self.thresholds)[leader]

@@ -32,7 +32,8 @@ Indices = Int[np.ndarray, "output"]
 class HeadWeights(NamedTuple):
     """Parameters of all heads, whose channels lie side by side, a branch's together.
 
-    Inputs that a head does not take have zeros for weights.
+    Inputs that a head does not take have zeros for weights. The classes of the closing
+    layer, in a network that has one, follow those of the open layer.
     """
 
     project_weight: Float[np.ndarray, "input channel"]
@@ -41,8 +42,8 @@ class HeadWeights(NamedTuple):
     short_bias: Channels
     long_weight: Filters
     long_bias: Channels
-    classify_weight: Float[np.ndarray, "class scale*statistic*channel"]  # for the mean
-    classify_bias: Float[np.ndarray, "class"]
+    classify_weight: Float[np.ndarray, "layer*class scale*statistic*channel"]  # mean's
+    classify_bias: Float[np.ndarray, "layer*class"]
 
 
 class HeadState(NamedTuple):
@@ -94,7 +95,7 @@ def classify(
     now: int,
     weights: HeadWeights,
     state: HeadState,
-    logits: Float[np.ndarray, "class"],
+    logits: Float[np.ndarray, "layer*class"],
 ) -> None:
     """Update the state with a reading, and write the logits of the window ending now.
 

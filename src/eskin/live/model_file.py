@@ -159,6 +159,12 @@ def check_recogniser(name: str) -> None:
         )
 
 
+OPEN_LAYER = "classify"
+"""Name of the last layer of a head, which answers while a touch is open."""
+CLOSING_LAYER = "close"
+"""Name of the layer that a head may have beside it, fitted on windows that end with
+their touches: it answers for a touch that closes."""
+
 Shapes = dict[str, tuple[int, ...]]
 Weights = dict[str, np.ndarray]
 
@@ -180,6 +186,15 @@ def network_shapes(card: ModelCard) -> Shapes:
         head = head_shapes(both, config.channels, classes)
         shapes |= prefix_names("graph_head", head)
     return shapes
+
+
+def closing_shapes(card: ModelCard) -> Shapes:
+    """Return the shapes of the closing layer, which a network may lack."""
+    return {
+        name.replace(f".{OPEN_LAYER}.", f".{CLOSING_LAYER}."): shape
+        for name, shape in network_shapes(card).items()
+        if f".{OPEN_LAYER}." in name
+    }
 
 
 def encoder_shapes(width: int, layers: int) -> Shapes:
@@ -247,7 +262,15 @@ def check_weights(model: Model) -> Weights:
             f"model is of recogniser {shorten(name)}; allowed here are models of "
             "eskin's own; give one that eskin train has written"
         )
-    return check_parameters(model, network_shapes(model.card))
+    shapes = network_shapes(model.card)
+    if has_closing_layer(model.weights):
+        shapes |= closing_shapes(model.card)
+    return check_parameters(model, shapes)
+
+
+def has_closing_layer(weights: Mapping[str, np.ndarray]) -> bool:
+    """Tell whether there are weights of a closing layer."""
+    return any(f".{CLOSING_LAYER}." in name for name in weights)
 
 
 def check_parameters(model: Model, shapes: Shapes) -> Weights:

@@ -24,9 +24,12 @@ from eskin.live.head_kernels import (
 )
 from eskin.live.model_config import EDGE_SCALARS, NetworkConfig
 from eskin.live.model_file import (
+    CLOSING_LAYER,
+    OPEN_LAYER,
     Model,
     check_weights,
     encoder_shapes,
+    has_closing_layer,
     layer_shapes,
     prefix_names,
 )
@@ -144,7 +147,10 @@ def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspac
 
 
 def build_head_weights(weights: Weights) -> HeadWeights:
-    """Lay out the parameters of the heads, `summary_head.` and maybe `graph_head.`."""
+    """Lay out the parameters of the heads, `summary_head.` and maybe `graph_head.`.
+
+    The rows of all open layers come first, then those of the closing layers, if any.
+    """
     branches = [name for name in BRANCHES if f"{name}_head.project.bias" in weights]
     mean = np.float32(1.0 / len(branches))
 
@@ -161,8 +167,16 @@ def build_head_weights(weights: Weights) -> HeadWeights:
         np.pad(weight, [(0, 0), (0, inputs - weight.shape[1])])
         for weight in every("project.weight")
     ]
-    classify = [w.reshape(len(w), -1, channels) for w in every("classify.weight")]
-    classify_weight = np.concatenate(classify, axis=2) * mean
+    layers = [OPEN_LAYER]
+    if has_closing_layer(weights):
+        layers.append(CLOSING_LAYER)
+    rows = []
+    biases = []
+    for layer in layers:
+        parts = [w.reshape(len(w), -1, channels) for w in every(f"{layer}.weight")]
+        joined = np.concatenate(parts, axis=2) * mean
+        rows.append(joined.reshape(len(joined), -1))
+        biases.append(np.sum(every(f"{layer}.bias"), axis=0) * mean)
     return HeadWeights(
         project_weight=np.ascontiguousarray(np.concatenate(project).T),
         project_bias=np.concatenate(every("project.bias")),
@@ -170,8 +184,8 @@ def build_head_weights(weights: Weights) -> HeadWeights:
         short_bias=np.concatenate(every("short.bias")),
         long_weight=filters("long.conv.weight"),
         long_bias=np.concatenate(every("long.bias")),
-        classify_weight=classify_weight.reshape(len(classify_weight), -1),
-        classify_bias=np.sum(every("classify.bias"), axis=0) * mean,
+        classify_weight=np.concatenate(rows),
+        classify_bias=np.concatenate(biases),
     )
 
 
@@ -195,6 +209,9 @@ class LogitStream:
     Attributes:
         logits: logits of each sequence at the latest reading, by its key.
         probabilities: calibrated probabilities, by the same keys.
+        closing_logits: logits of the closing layer, by the same keys; those above where
+            the network has none.
+        closing_probabilities: calibrated probabilities of the closing layer.
     """
 
     def __init__(self, model: Model, builder: GraphBuilder) -> None:
@@ -205,8 +222,12 @@ class LogitStream:
         """
         self.network, self.builder = Network(model), builder
         self.heads = self.network.parts.heads
+        classes = len(model.card.vocabulary)
+        self.shape = (2, len(self.heads.classify_bias) // classes, classes)
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
+        self.closing_logits: dict[int, PerClass] = {}
+        self.closing_probabilities: dict[int, PerClass] = {}
         self.workspace: GraphWorkspace | None = None
         self.parts: Packed
         self.states: dict[int, Packed] = {}
@@ -220,15 +241,18 @@ class LogitStream:
         active, now = join_active(nodes), self.builder.step
         states, self.states = self.states, {}
         self.logits, self.probabilities = {}, {}
+        self.closing_logits, self.closing_probabilities = {}, {}
         for key, (taxels, earlier, history) in nodes.items():
             self.reserve(len(taxels) + len(earlier))
             state = states.get(key) or pack(
                 create_head_state(self.heads, self.network.slots)
             )
             self.states[key] = state
-            out = np.empty((2, len(self.heads.classify_bias)), np.float32)
+            out = np.empty(self.shape, np.float32)
             step(self.parts, state, active, taxels, earlier, history, now, out)
-            self.logits[key], self.probabilities[key] = out
+            self.logits[key], self.probabilities[key] = out[:, 0]
+            closing = out[:, -1]
+            self.closing_logits[key], self.closing_probabilities[key] = closing
 
     def reserve(self, active: int) -> None:
         """Allocate more memory where a graph of so many active taxels needs it."""

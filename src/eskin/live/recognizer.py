@@ -74,7 +74,8 @@ class Recognizer:
         logits: logits of each sequence at the latest reading, by its key (see
             `TouchClassifier`).
         probabilities: calibrated probabilities of the model's vocabulary for each open
-            touch at the latest reading, by its id.
+            touch at the latest reading, by its id; what is reported of a touch that
+            closes may rest on others (`TouchClassifier.closing_probabilities`).
     """
 
     def __init__(
@@ -174,13 +175,16 @@ class Recognizer:
             classifier.push(state, None)
         self.state = state
         self.logits = classifier.logits
-        self.probabilities = {
-            touch.id: classifier.probabilities[classifier.get_key(touch.id)]
-            for touch in state.open
-        }
+        keys = {touch.id: classifier.get_key(touch.id) for touch in state.open}
+        by_key, at_closing = classifier.probabilities, classifier.closing_probabilities
+        self.probabilities = {touch: by_key[key] for touch, key in keys.items()}
         self.directions.update(state)
         decisions = self.decision_filter.push(
-            state.reading.stamp, state.open, state.closed, self.probabilities
+            state.reading.stamp,
+            state.open,
+            state.closed,
+            self.probabilities,
+            {touch: at_closing[key] for touch, key in keys.items()},
         )
         detections = []
         if decisions:  # else the touches, which are costly to unpack, are not needed

@@ -65,9 +65,9 @@ def step(
     earlier: Taxels,
     touch_history: Float[np.ndarray, "column"],
     reading: KernelStep,
-    out: Float[np.ndarray, "2 class"],
+    out: Float[np.ndarray, "2 layer class"],
 ) -> None:
-    """Write logits and probabilities of a sequence at the next reading.
+    """Write logits and probabilities of a sequence at the next reading, by last layer.
 
     The packed tuples are `StepParts` with room for its graph, and the `HeadState` of
     the sequence. `active` are the active taxels of all sequences, `taxels` those of
@@ -87,8 +87,10 @@ def step(
         parts.workspace,
     )
     compute_features(parts.workspace.graph, network)
-    classify(features, reading.stamp // SLOT_NS, network.heads, state, out[0])
-    write_probabilities(out[0], network.temperature, out[1])
+    logits = out[0].reshape(out[0].size)
+    classify(features, reading.stamp // SLOT_NS, network.heads, state, logits)
+    for layer in range(out.shape[1]):
+        write_probabilities(out[0, layer], network.temperature, out[1, layer])
 
 
 @compiled_fastmath

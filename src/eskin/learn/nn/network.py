@@ -3,6 +3,8 @@
 A head computes logits from embeddings of two seconds.
 """
 
+from copy import deepcopy
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -64,6 +66,8 @@ class TemporalHead(nn.Module):
     The statistics are mean, spread, maximum and integral over the window, of the
     embeddings (20 ms) and of the output of each of two partial convolutions (0.18 s and
     0.5 s); one linear layer follows.
+
+    Another one, `close`, may answer for touches that have closed.
     """
 
     def __init__(
@@ -76,6 +80,7 @@ class TemporalHead(nn.Module):
         self.long = PartialConvolution(channels, LONG_TAPS, LONG_STRIDE)
         self.dropout = nn.Dropout(dropout)
         self.classify = nn.Linear(12 * channels, classes)
+        self.close: nn.Linear | None = None
 
     def forward(
         self,
@@ -84,6 +89,13 @@ class TemporalHead(nn.Module):
     ) -> Float[Tensor, "window class"]:
         """Return the logits of windows; `present` is 1 where a slot holds a reading."""
         return self.classify(self.dropout(self.summarise(e, present)))
+
+    def select_layer(self, closing: bool) -> nn.Linear:
+        """Return the last layer for windows that end with their touches, or anywhere.
+
+        Without a closing layer it is the open one for all.
+        """
+        return self.close if closing and self.close is not None else self.classify
 
     def summarise(
         self,
@@ -202,9 +214,54 @@ class RecogniserNetwork(nn.Module):
         present: Float[Tensor, "window slot"],
     ) -> Float[Tensor, "branch window class"]:
         """Return the logits of each branch and window from its slots' features."""
-        inputs = e[:, :, : len(self.summary_mean)], e
-        branches = zip(self.heads, inputs, strict=False)
+        branches = zip(self.heads, self.split_inputs(e), strict=False)
         return torch.stack([head(x, present) for head, x in branches])
+
+    def summarise(
+        self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
+    ) -> Float[Tensor, "window statistic"]:
+        """Return the statistics of windows that the heads classify, side by side."""
+        slots, present = scatter_to_slots(e, slot_index, self.config.slots)
+        branches = zip(self.heads, self.split_inputs(slots), strict=False)
+        return torch.cat([head.summarise(x, present) for head, x in branches], dim=1)
+
+    def classify_statistics(
+        self, statistics: Float[Tensor, "window statistic"], closing: bool = False
+    ) -> Float[Tensor, "window class"]:
+        """Return the logits of windows from their statistics.
+
+        Args:
+            statistics: statistics that `summarise` returns.
+            closing: whether the windows end with their touches, so that the closing
+                layer answers, where there is one.
+        """
+        parts = statistics.chunk(len(self.heads), dim=1)
+        branches = zip(self.heads, parts, strict=True)
+        logits = [head.select_layer(closing)(part) for head, part in branches]
+        return torch.stack(logits).mean(dim=0)
+
+    def split_inputs(
+        self, e: Float[Tensor, "window slot feature"]
+    ) -> tuple[Float[Tensor, "window slot summary"], Float[Tensor, "window slot all"]]:
+        """Return what the head of the summary takes, and that of the graphs."""
+        return e[:, :, : len(self.summary_mean)], e
+
+    @property
+    def has_closing_layer(self) -> bool:
+        """Whether the heads have closing layers."""
+        return self.summary_head.close is not None
+
+    def add_closing_layer(self) -> list[nn.Linear]:
+        """Give the heads a closing layer that equals the open one; return its parts."""
+        layers = [deepcopy(head.classify) for head in self.heads]
+        for head, layer in zip(self.heads, layers, strict=True):
+            head.close = layer
+        return layers
+
+    def remove_closing_layer(self) -> None:
+        """Let the open layer answer for touches that have closed."""
+        for head in self.heads:
+            head.close = None
 
     @property
     def heads(self) -> list[TemporalHead]:
