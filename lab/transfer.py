@@ -15,7 +15,7 @@ second choice is taken as the touch closes, when no second pat can follow.
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -150,6 +150,8 @@ class TouchTrace:
     """Stamps of its readings [ns]."""
     probabilities: list[Float[np.ndarray, "class"]]
     """Probabilities at each reading, from the 2 s before."""
+    closing: Float[np.ndarray, "class"] = field(default_factory=lambda: np.empty(0))
+    """Probabilities at the latest reading that count if the touch closes after it."""
     impulse: float = 0.0
     """Force integrated over time [N s]."""
 
@@ -173,6 +175,9 @@ def trace_touches(trial: Trial, recognizer: Recognizer) -> dict[int, TouchTrace]
             trace.last = touch.last
             trace.stamps.append(scan.stamp)
             trace.probabilities.append(recognizer.probabilities[touch.id])
+            classifier = recognizer.classifier
+            key = classifier.get_key(touch.id)
+            trace.closing = classifier.closing_probabilities[key]
         for row in state.rows:
             if row.id in traces:
                 traces[row.id].impulse = row.impulse
@@ -190,9 +195,8 @@ def answer(trial: Trial, recognizer: Recognizer) -> TrialAnswer:
     if touch is None:
         return TrialAnswer(trial.subject, trial.gesture, NONE, NONE, seconds)
     names = recognizer.model.card.vocabulary
-    forced, closed = (
-        names[part.argmax()] for part in (touch.forced, touch.probabilities[-1])
-    )
+    forced = names[touch.forced.argmax()]
+    closed = names[touch.closing.argmax()]
     return TrialAnswer(trial.subject, trial.gesture, forced, closed, seconds)
 
 

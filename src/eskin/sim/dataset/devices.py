@@ -142,7 +142,7 @@ def draw_device(name: str) -> Device:
         cell = between(20.0, 90.0) * MM
         apart = between(1.15, 4.0) if rng.random() < 0.5 else 1.0
         pitch = min(cell * apart, max(0.16, cell))
-        cells = int(rng.integers(1, 13))
+        cells = int(between(1.0, 13.0))
         rows = int(rng.choice([n for n in (1, 2, 3) if cells % n == 0]))
         columns = cells // rows
     else:
@@ -372,7 +372,8 @@ def draw_wishes(
 ) -> dict[str, float]:
     """Draw sizes and durations of a gesture that simulated people seldom choose.
 
-    Strokes are long enough to pass from cell to cell. A hand rests from 0.3 s on, and a
+    Strokes are long enough to pass from cell to cell. A hand rests from 0.3 s on, and
+    may be put down and lifted within 0.1 s, so that cells switch at nearly once. A
     poke on a cell that is larger than a fingertip is shorter than half a second: there
     only its duration tells it from a hand. Pats move by up to a cell.
     """
@@ -388,10 +389,11 @@ def draw_wishes(
         most = min(max(device.pitch, 0.01), 0.04)
         return {"double_pat.shift": float(rng.uniform(0.0, most))}
     if name == "resting_hand" and rng.random() < 0.7:
-        hold = between(0.3, 2.0)
-        return {"none.resting_hand.hold": hold, "began_before": 0.0}
+        wishes = {"none.resting_hand.hold": between(0.3, 2.0), "began_before": 0.0}
+        return wishes | {"none.resting_hand.ramp": between(0.03, 0.4)}
     if name == "lean" and rng.random() < 0.5:
-        return {"none.lean.hold": between(0.5, 2.0)}
+        wishes = {"none.lean.hold": between(0.5, 2.0)}
+        return wishes | {"none.lean.ramp": between(0.03, 0.4)}
     if name == "stroke":
         least = max(0.025, device.pitch * (2.0 if device.binary else 1.3))
         span = device.pitch * np.sqrt(device.skin.count)

@@ -67,9 +67,7 @@ def draw_hit(sample: GestureSample, steps: int) -> Series:
     return pin_ends(x * np.exp(1 - x))
 
 
-def repeat_hit(
-    sample: GestureSample, hit: Series
-) -> Float[np.ndarray, "longer"]:
+def repeat_hit(sample: GestureSample, hit: Series) -> Float[np.ndarray, "longer"]:
     """Return a hit and those that follow, each weaker and sooner by one share."""
     hits = int(sample.choose("none.bump.hits"))
     share = sample.draw("none.bump.restitution")
