@@ -37,7 +37,10 @@ Part = Literal["clips", "streams", "skins", "pairs", "final", "all"]
 
 TESTS = ("test-s", "test-p", "test-x", "test-m")
 STREAMS = ("streams-fresh", "streams", "quiet", "accidents")
-FINAL_STREAMS = tuple(f"final-{name}" for name in STREAMS)
+FINAL_STREAMS = (
+    *(f"final-{name}" for name in STREAMS),
+    "final-streams-families",
+)
 FINAL_CLIPS = tuple(name for name in FINAL_SETS if name not in FINAL_STREAMS)
 SKINS = ("ur5-half", "ur5-double", "ur5-shapes", "ur5-missing", "ur10", "base")
 

@@ -35,6 +35,7 @@ import tyro
 from jaxtyping import Float
 
 from eskin import Model, Reading, Recognizer, load_model
+from eskin.learn.metrics import bound_share
 from eskin.live import UNKNOWN
 from eskin.recording import NONE
 from eskin.robot import load_robot
@@ -903,11 +904,8 @@ def format_answers(name: str, truth: str, answers: Sequence[Answer]) -> str:
 
 def format_share(right: Sequence[bool]) -> str:
     """Format a share with its 95 % interval (Wilson)."""
-    n, p, z = len(right), float(np.mean(right)), 1.96
-    middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z * np.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2) / (1 + z**2 / n)
-    low = max(middle - half, 0.0)  # Rounding may bring it below.
-    return f"{p:.0%} [{low:.0%}, {middle + half:.0%}]"
+    low, high = bound_share(sum(right), len(right))
+    return f"{np.mean(right):.0%} [{low:.0%}, {high:.0%}]"
 
 
 if __name__ == "__main__":

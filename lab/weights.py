@@ -9,8 +9,7 @@ SocialTouch and four of CapFingerId touch, and many kinds of `none` beside some 
 same sets. `ur5` is trained on from `ur5-first` with the same, more slowly. `p0` and
 `p1` are trained like `ur5-first` with one person of SocialTouch each, so that `python
 -m lab.transfer --people P1 --model FOLDER/p0.safetensors` tests on the other one.
-`ur5-unseen` is trained like `ur5-first` without some kinds of `none`, to measure kinds
-never seen. `ur5-groups` knows the 12 groups of gestures of SocialTouch instead of the
+`ur5-groups` knows the 12 groups of gestures of SocialTouch instead of the
 classes of the paper, and starts from `ur5-sim`; `groups-p0` and `groups-p1` are trained
 on one person each (`lab.transfer socialtouch-groups`). The decision of `ur5` and of
 those like it is `DECISION`, that of the others the default. Sets and prepared
@@ -60,11 +59,6 @@ NON_GESTURES = {
 }
 """Sets of clips that are all `none`, of many kinds."""
 
-SOME_NON_GESTURES = {
-    "none-some": "--set non-gestures-some --seed 1 --clips 5000",
-}
-"""The same without the kinds that are held out."""
-
 PHONE = (1, 3, 6, 8)
 """People of CapFingerId to train on; the others of its folder are for tests."""
 
@@ -96,8 +90,6 @@ class Recipe:
     """Whether classes are the groups of gestures of SocialTouch."""
     everywhere: bool = False
     """Whether it is trained on random devices and more kinds of `none` as well."""
-    unseen: bool = False
-    """Whether some kinds of `none` are held out."""
     rate: float = 0.003
     """Highest learning rate of the cycle."""
 
@@ -106,7 +98,6 @@ WEIGHTS = {
     "ur5-sim": Recipe("", (), 20, 250),
     "ur5-first": Recipe("ur5-sim", (0, 1), 12, 250, everywhere=True),
     "ur5": Recipe("ur5-first", (0, 1), 18, 250, everywhere=True, rate=0.002),
-    "ur5-unseen": Recipe("ur5-sim", (0, 1), 12, 250, everywhere=True, unseen=True),
     "p0": Recipe("ur5-sim", (0,), 12, 250, everywhere=True),
     "p1": Recipe("ur5-sim", (1,), 12, 250, everywhere=True),
     "ur5-groups": Recipe("ur5-sim", (0, 1), 8, 250, grouped=True),
@@ -131,11 +122,9 @@ of a class."""
 SHARES = ("0.5",)
 """Share of recorded people."""
 
-SHARES_EVERYWHERE = ("0.25", "devices", "0.35")
-"""Shares of recorded people and of random devices."""
-
-SHARE_OF_NONE = "0.25"
-"""Share of the sets of many kinds of `none` in the windows of that class."""
+SHARES_EVERYWHERE = ("0.25", "devices", "0.35", "non-gestures", "0.25")
+"""Shares of recorded people and of random devices, and, in the windows of `none`, of
+the sets of many kinds of it."""
 
 DECISION = {
     "threshold": 0.95,
@@ -193,10 +182,8 @@ def train(name: str, command: Command) -> None:
     if not recipe.grouped:
         trained = (AGAIN if recipe.everywhere else SIMULATED) | trained
     if recipe.everywhere:
-        none = SOME_NON_GESTURES if recipe.unseen else NON_GESTURES
-        kind = "non-gestures-some" if recipe.unseen else "non-gestures"
-        shares = (*SHARES_EVERYWHERE, kind, SHARE_OF_NONE)
-        trained |= DEVICES | build_device_sets(recipe, command) | none
+        shares = SHARES_EVERYWHERE
+        trained |= DEVICES | build_device_sets(recipe, command) | NON_GESTURES
         validation = validation | VALIDATION_EVERYWHERE
     for sets in (trained, validation):
         for folder, options in sets.items():

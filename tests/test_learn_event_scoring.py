@@ -19,6 +19,7 @@ from eskin.learn.events import (
     score_events,
 )
 from eskin.learn.events.event_scoring import OTHER_NAMES
+from eskin.learn.events.matching import GESTURE_ALIASES
 from eskin.sim.constants import load_constants
 from eskin.sim.people.perform import (
     GESTURE_PROGRAMS,
@@ -175,7 +176,7 @@ def test_gestures_detected_in_accidents_and_unknown_gestures_are_false():
 def test_every_kind_that_is_simulated_has_a_group():
     """A grab of what is too wide for a hand is `none` of the kind of the grab."""
     grabs = load_constants().weights("grab.kinds")
-    made = {*NONE_PROGRAMS, *UNKNOWN_PROGRAMS, *grabs} - {"idle"}
+    made = {*NONE_PROGRAMS, *UNKNOWN_PROGRAMS, *grabs} - {"idle", *GESTURE_ALIASES}
     assert set(GROUPS) == made
     others = {kind for kind, group in GROUPS.items() if group is TouchGroup.OTHER_NAME}
     assert set(OTHER_NAMES) == others

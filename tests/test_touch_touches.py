@@ -81,6 +81,23 @@ def test_one_hand_on_several_large_cells_is_one_touch(pitch, count, later):
     assert len(touches) == count
 
 
+@pytest.mark.parametrize(
+    ("column", "later"), [(11, 0.0), (9, 0.45)], ids=["at once", "one after the other"]
+)
+def test_cells_of_a_fingertip_are_as_large_as_one_where_many_are_pressed(column, later):
+    """The mean area of 25 such cells is rounded to a little less than one of them."""
+    mounted = build_mounted_grid(rows=5, columns=16, pitch=0.02)
+    columns = mounted.skin.columns
+    first = 20.0 * (columns < 5)
+    second = 20.0 * ((columns >= column) & (columns < column + 5))
+
+    def pressure_at(t):
+        return first * (0.2 <= t < 0.5) + second * (0.2 <= t - later < 0.5)
+
+    _, touches = find_touches(mounted, pressure_at)
+    assert len(touches) == 1
+
+
 def test_contact_between_two_touches_merges_them_into_the_older():
     scene = press(WIDE, [0.2, 0.26, 0.3], [0.05, 0.25, 0.15], length=0.5)
     states, touches = find_touches(WIDE, scene)

@@ -693,7 +693,9 @@ def write_near(points: Points, rows: Rows, parameters: TrackingParameters) -> No
         compute_box(own, boxes[n])
         for m in range(n):
             is_coarse = min(cells[m], cells[n]) >= FINGERTIP
-            reach = parameters.hand if is_coarse else parameters.max_separation
+            reach = parameters.max_separation
+            if is_coarse:
+                reach = max(reach, parameters.hand)
             others = points[int(rows[m, BEGIN]) : int(rows[m, END])]
             if box_gap(boxes[m], boxes[n]) <= reach:
                 near = are_near(others, own, boxes[n], reach)

@@ -230,7 +230,7 @@ class TouchConfig:
     """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
     hand: Distance = 0.19
     """Length of a hand [m], in place of both distances between contacts whose taxels
-    are each larger than a fingertip: what lies between such cells is not felt."""
+    are each as large as a fingertip: what lies between such cells is not felt."""
     restart: Annotated[float, Interval(ge=1.0, le=math.inf)] = 5.0
     """Force at which a touch begins anew, and with which a younger touch outlives an
     older one with which it merges, in units of the greatest force of the first so
@@ -254,8 +254,9 @@ class TouchConfig:
     evidence, in units of its pressure."""
 
 
-FINGERTIP = 4e-4
-"""Area of the skin that a fingertip covers [m2]: a square of 20 mm."""
+FINGERTIP = (0.02 - MICROMETRE) ** 2
+"""Area of the skin that a fingertip covers [m2]: a square of 20 mm, less what a mean of
+such areas is rounded by."""
 
 CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
 TrackingParameters = namedtuple(

@@ -396,7 +396,10 @@ class TouchGrouper:
             return False
         gap = measure_gap(other.contact, track.contact, self.reading)
         is_coarse = min(other.contact.cell, track.contact.cell) >= FINGERTIP
-        return gap <= (self.parameters.hand if is_coarse else self.parameters.max_gap)
+        reach = self.parameters.max_gap
+        if is_coarse:
+            reach = max(reach, self.parameters.hand)
+        return gap <= reach
 
     def start_touch(self, track: TrackRecord) -> TouchRecord:
         """Start a touch with its first track."""

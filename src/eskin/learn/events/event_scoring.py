@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.learn.events.matching import (
-    GESTURE_ALIASES,
     NO_GESTURE,
     MatchConfig,
     MatchedStream,
@@ -65,7 +64,6 @@ GROUPS = {
     "tips_thumb": TouchGroup.NEAR_WORD,
     "clasp": TouchGroup.NEAR_WORD,
     "squeeze": TouchGroup.OTHER_NAME,
-    "tap_many": TouchGroup.OTHER_NAME,
 }
 """TouchGroup of each kind of `none`, and of each gesture that is not in the vocabulary.
 
@@ -73,7 +71,7 @@ A brush is a body that stands and that the arm passes; a hand that a person draw
 the skin is a stroke, and its true gesture says so.
 """
 
-OTHER_NAMES = GESTURE_ALIASES | {"squeeze": "grab"}
+OTHER_NAMES = {"squeeze": "grab"}
 """Gesture of the vocabulary that each kind of `TouchGroup.OTHER_NAME` may be called."""
 
 

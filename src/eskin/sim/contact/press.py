@@ -86,7 +86,8 @@ class WorldAnchor:
     """Distance by which the surface leaves it along the normal until contact ends
     [m]."""
     most: float
-    """Largest force over the force at rest, as the body is pushed aside."""
+    """Largest force over the force at rest, but for the ripple, as the body is pushed
+    aside."""
     dragged: float
     """Share of the motion of the surface that friction makes the body follow."""
     ripple: float

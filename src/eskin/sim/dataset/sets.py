@@ -145,6 +145,7 @@ FINAL_SETS = {
     "final-moving": "test-m",
     "final-streams-fresh": "streams-fresh",
     "final-streams": "streams",
+    "final-streams-families": "streams-families",
     "final-accidents": ACCIDENTS,
     "final-quiet": "quiet-families",
     **{f"final-{family}": f"test-{family}" for family in FAMILIES},
@@ -169,15 +170,8 @@ DEVICES = "devices"
 """Name of the set of small devices, drawn at random, that simulated or recorded people
 touch."""
 
-NON_GESTURES, NON_GESTURES_SOME = "non-gestures", "non-gestures-some"
-"""Names of the sets of all kinds of `none`, and of those that are left when some are
-held out: guiding hands, rubs, held squeezes and pushed bodies."""
-
-NON_GESTURE_KINDS = {
-    NON_GESTURES: "none.trained",
-    NON_GESTURES_SOME: "none.trained_some",
-}
-"""Constants with the kinds of these sets."""
+NON_GESTURES = "non-gestures"
+"""Name of the set of many kinds of `none`, and of nothing else."""
 
 ALL_SETS = (
     *SETS,
@@ -186,7 +180,7 @@ ALL_SETS = (
     PAIRS,
     *RECORDED_SETS,
     DEVICES,
-    *NON_GESTURE_KINDS,
+    NON_GESTURES,
 )
 """Names of all sets."""
 
@@ -350,7 +344,7 @@ def build_non_gesture_set(name: str, constants: Constants) -> ClipSet:
         families=tuple(kind for family in FAMILIES for kind in (family, "fresh")),
         stopped=constants.value("sets.still_gestureless"),
         classes=("none",),
-        kinds=NON_GESTURE_KINDS[name],
+        kinds="none.trained",
         parts=(SetPart("", int(constants.value("sets.clips.recorded"))),),
     )
 
@@ -372,7 +366,7 @@ SET_BUILDERS = (
     (FINAL_SETS, build_final_set),
     (RECORDED_SETS, build_recorded_set),
     ((DEVICES,), build_device_set),
-    (NON_GESTURE_KINDS, build_non_gesture_set),
+    ((NON_GESTURES,), build_non_gesture_set),
     (FAMILY_SETS, build_family_set),
     (PAPER_SETS, build_paper_set),
     (("streams", "streams-fresh"), build_stream_set),

@@ -157,7 +157,7 @@ def choose_kind(
 ) -> str:
     """Return the variant that is asked for, or draw one."""
     is_unknown = gesture in UNKNOWN_PROGRAMS
-    allowed = [*constants.weights(f"{gesture}.kinds")] if not is_unknown else [gesture]
+    allowed = [gesture] if is_unknown else [*constants.weights(f"{gesture}.kinds")]
     if gesture == "none":
         allowed = list(NONE_PROGRAMS)
     if kind is not None and kind not in allowed:
