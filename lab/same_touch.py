@@ -203,8 +203,8 @@ class RecognitionResult:
     detected: tuple[tuple[str, float], ...]
     """Gesture and confidence of each detection, in their order."""
     probabilities: Float[np.ndarray, "class"]
-    """Probabilities of the strongest touch, at its detection or its last contact; zeros
-    before there is a touch."""
+    """Probabilities of the strongest touch, at its detection or, by the closing layer,
+    as it closes; zeros before there is a touch."""
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -227,19 +227,20 @@ class RecognitionResult:
 def recognise_touch(touch: SameTouch, side: int, model: Model) -> RecognitionResult:
     """Recognise the playback of a touch in one of its poses."""
     recognizer = Recognizer(model, touch.mounted, touch.calibration)
+    classifier = recognizer.classifier
     found: list[Detection] = []
     last: dict[int, np.ndarray] = {}
     for scan in touch.scans(side):
         new = recognizer.push(scan)
         assert recognizer.state is not None
+        is_open = {each.id for each in recognizer.state.open}
         detected = {each.touch for each in found}
-        current = {each.id for each in recognizer.state.open}
-        current |= {each.touch for each in new}
-        last |= {
-            key: probabilities
-            for key, probabilities in recognizer.probabilities.items()
-            if key in current - detected
-        }
+        for key in is_open - detected:
+            last[key] = classifier.closing_probabilities[classifier.get_key(key)]
+        for each in new:
+            # One that is reported while it is open is reported by the open layer.
+            if each.touch in is_open:
+                last[each.touch] = recognizer.probabilities[each.touch]
         found += new
     found += recognizer.finish()
     strongest = max(last, default=None)

@@ -40,7 +40,8 @@ def sets(tmp_path_factory) -> Path:
     ("name", "chosen", "floor"),
     [
         ("ur5", "val", 0.83),
-        ("ur5-sim", "val", 0.87),
+        # Drawn anew since `none` has other kinds: 19 of 24, of 400 such clips 89 %.
+        ("ur5-sim", "val", 0.75),
         ("ur5", "val-families", 0.83),
         ("ur5-sim", "val-families", 0.79),
     ],
