@@ -8,7 +8,7 @@ one sensor makes of them.
 
 import zlib
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal, final
 
 import numpy as np
@@ -129,14 +129,17 @@ class Device:
         return float(self.skin.areas[0]) >= FINGERTIP
 
 
+def draw_between(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a number between two limits, its logarithm uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 @lru_cache(maxsize=16)
 def draw_device(name: str) -> Device:
     """Draw the device of a name, always the same."""
     rng = np.random.default_rng(zlib.crc32(name.encode()))
 
-    def between(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
+    between = partial(draw_between, rng)
     has_pads = rng.random() < PADS
     if has_pads:
         cell = between(20.0, 90.0) * MM
@@ -377,10 +380,7 @@ def draw_wishes(
     poke on a cell that is larger than a fingertip is shorter than half a second: there
     only its duration tells it from a hand. Pats move by up to a cell.
     """
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
+    between = partial(draw_between, rng)
     if name == "poke":
         if device.has_large_cells:
             return {"duration": between(0.04, 0.5)}
