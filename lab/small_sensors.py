@@ -228,7 +228,8 @@ def answer_phone(model: Model, people: tuple[str, ...]) -> Iterator[Answer]:
 
 def answer(recognizer: Recognizer, trial: TouchReadings) -> tuple[str, str]:
     """Return the forced and the live answer of a recogniser."""
-    found, valid = [], np.ones(trial.pressure.shape[1], dtype=np.bool_)
+    found = []
+    valid = np.ones(trial.pressure.shape[1], dtype=np.bool_)
     rows = trial.pressure.astype(np.float32)
     for time, row in zip(trial.times, rows, strict=True):
         stamp = NS_PER_S + round(float(time) * NS_PER_S)
@@ -298,7 +299,8 @@ def read_sensor(
             kept = np.exp(-STEP / rng.uniform(*readout.lags))
             for k in range(1, len(values)):
                 values[k] = np.maximum(values[k], kept * values[k - 1])
-    rate, mode = rng.uniform(*readout.rates), rng.integers(3)
+    rate = rng.uniform(*readout.rates)
+    mode = rng.integers(3)
     known = np.arange(0, len(values) * STEP - STEP, 1 / rate)
     values = values[np.rint(known / STEP).astype(int)]
     if mode == 0:
@@ -454,7 +456,8 @@ def halting(rng: np.random.Generator, device: FlatDevice) -> DrawnTouch:
 
 def slide(rng: np.random.Generator, u: Series, device: FlatDevice) -> DrawnTouch:
     """Return a touch whose place moves from end to end by `u`, from 0 to 1."""
-    pitch, size = device.pitch, device.size
+    pitch = device.pitch
+    size = device.size
     reach = float(np.max(size))
     length = rng.uniform(max(0.028, 2.2 * pitch), max(0.04, 2.6 * pitch, 0.9 * reach))
     turned = np.array(size)[1] < np.array(size)[0]

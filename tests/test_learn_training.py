@@ -452,7 +452,7 @@ def test_layers_are_fitted_on_training_recordings_alone(dataset, validation):
     )
     second = Trainer(replace(dataset, segments=strange), VOCABULARY, config, least)
     for trainer in (first, second):
-        trainer.closing_loss = lambda closing=True: 0.0 if closing else 1.0
+        trainer.closing_losses = lambda: (1.0, 0.0)
         trainer.calibrated_loss = iter([2.0, 1.0]).__next__
         trainer.validation_loss = lambda: 1.0
     networks = [trainer.run(quiet=True) for trainer in (first, second)]
@@ -479,7 +479,7 @@ def test_closing_layer_is_kept_where_it_lowers_the_loss_of_held_out_touches(
     dataset, with_it, kept
 ):
     trainer = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.5, ridge=0.1))
-    trainer.closing_loss = lambda closing=True: with_it if closing else 1.0
+    trainer.closing_losses = lambda: (1.0, with_it)
     trainer.fit_closing_layer()
     assert trainer.network.has_closing_layer == kept
 

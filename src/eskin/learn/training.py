@@ -209,7 +209,11 @@ class Trainer:
         kept = False
         try:
             fit_closing_layer(self.network, sampler, self.config.ridge, self.rngs[0])
-            kept = not has_held_out or self.closing_loss() < self.closing_loss(False)
+            if has_held_out:
+                opened, closed = self.closing_losses()
+                kept = closed < opened
+            else:
+                kept = True
         finally:
             if not kept:
                 self.network.remove_closing_layer()
@@ -268,18 +272,18 @@ class Trainer:
         """Return the validation loss at the best temperature."""
         return find_temperature(*self.predict_validation_windows())[0]
 
-    def closing_loss(self, closing: bool = True) -> float:
-        """Return the loss of held-out touches at closing, at the best temperature.
+    def closing_losses(self) -> tuple[float, float]:
+        """Return the losses of held-out touches at closing, by open and closing layer.
 
-        Args:
-            closing: whether the closing layer answers, and not the open layer.
+        Each is at its best temperature.
         """
         assert self.held_out is not None
         rng = np.random.default_rng(0)
         x, labels, _ = compute_closed_touches(self.network, self.held_out.sampler, rng)
         with torch.no_grad():
-            logits = self.network.classify_statistics(x.float(), closing)
-        return find_temperature(logits, labels)[0]
+            opened = self.network.classify_statistics(x.float())
+            closed = self.network.classify_statistics(x.float(), closing=True)
+        return find_temperature(opened, labels)[0], find_temperature(closed, labels)[0]
 
     def validation_accuracy(self) -> float:
         """Return the accuracy on held-out recordings; NaN if there are none."""

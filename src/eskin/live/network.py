@@ -241,7 +241,8 @@ class LogitStream:
         active, now = join_active(nodes), self.builder.step
         states, self.states = self.states, {}
         self.logits, self.probabilities = {}, {}
-        self.closing_logits, self.closing_probabilities = {}, {}
+        self.closing_logits = {}
+        self.closing_probabilities = {}
         for key, (taxels, earlier, history) in nodes.items():
             self.reserve(len(taxels) + len(earlier))
             state = states.get(key) or pack(

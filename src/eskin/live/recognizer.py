@@ -176,7 +176,8 @@ class Recognizer:
         self.state = state
         self.logits = classifier.logits
         keys = {touch.id: classifier.get_key(touch.id) for touch in state.open}
-        by_key, at_closing = classifier.probabilities, classifier.closing_probabilities
+        by_key = classifier.probabilities
+        at_closing = classifier.closing_probabilities
         self.probabilities = {touch: by_key[key] for touch, key in keys.items()}
         self.directions.update(state)
         decisions = self.decision_filter.push(

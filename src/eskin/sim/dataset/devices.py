@@ -452,7 +452,8 @@ def measure(
     device: Device, pressure: Float[np.ndarray, "time fine"], step: float
 ) -> Float[np.ndarray, "time taxel"]:
     """Return what each cell shows at each step: its mean pressure, as it reads it."""
-    times, fine = device.finer, device.fine.patches[0]
+    times = device.finer
+    fine = device.fine.patches[0]
     shape = (len(pressure), fine.rows // times, times, fine.columns // times, times)
     first = (times - device.inner) // 2
     inner = slice(first, first + device.inner)

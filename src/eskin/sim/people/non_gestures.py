@@ -166,7 +166,8 @@ def draw_brush(sample: GestureSample) -> tuple[Press, ...]:
 def draw_cable(sample: GestureSample) -> tuple[Press, ...]:
     """Draw a cable that hangs in the world, lies on the robot and swings a little."""
     steps = sample.count_steps(sample.draw("none.cable.hold"))
-    size, rate = sample.draw("none.cable.swing"), sample.draw("none.cable.swing_rate")
+    size = sample.draw("none.cable.swing")
+    rate = sample.draw("none.cable.swing_rate")
     direction = sample.record("direction", sample.rng.uniform(-np.pi, np.pi))
     swing = size * draw_tremor(steps, sample.step, rate, sample.rng)
     path = swing[:, None] * np.array([-np.sin(direction), np.cos(direction)])

@@ -92,7 +92,8 @@ def move_press_on_link(
     q_then: Float[np.ndarray, "step joint"],
 ) -> AnyPress:
     """Return a press with its hand at `q_now` where its target was at `q_then`."""
-    link, chart = env.links[press.chart], env.charts[press.chart]
+    link = env.links[press.chart]
+    chart = env.charts[press.chart]
     T_now, T_then = env.poses(q_now)[:, link], env.poses(q_then)[:, link]
     p_then, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
     p_now, s_now, t_now, _ = compute_surface_axes(chart, press.centre, T_now)
@@ -171,13 +172,15 @@ def slide_past_body(
     """
     anchor = press.anchor
     assert anchor is not None
-    link, chart = env.links[press.chart], env.charts[press.chart]
+    link = env.links[press.chart]
+    chart = env.charts[press.chart]
     T = env.poses(q_series)[:, link]
     site = np.array([anchor.centre])
     p_landed, *axes = (each[0] for each in compute_surface_axes(chart, site, T[:1]))
     if T_world_body is None:
         T_world_body = make_transform(np.column_stack(axes), p_landed)
-    R, p_world = T_world_body[:3, :3], T_world_body[:3, 3]
+    R = T_world_body[:3, :3]
+    p_world = T_world_body[:3, 3]
     deepest = min((anchor.most - 1.0) * anchor.give, chart.radius / 2)
     path, height, p_world = drag_past(chart, p_world, T, anchor.dragged, deepest)
     # The unrolling of a sheet is not exact, so its error at the landing is taken off.
