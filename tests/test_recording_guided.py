@@ -147,7 +147,8 @@ def test_recorded_gestures_are_labelled_and_learned_from(played, tmp_path, capsy
     [
         ("--gestures a", ["--gestures are a", "2 to 50", "none"]),
         ("--gestures a a", ["--gestures are a, a", "different"]),
-        ("--gestures A b", ["'A'", "lower case"]),
+        ("--gestures Tap tap", ["'Tap' and 'tap'", "one spelling"]),
+        ("--gestures unknown tap", ["'unknown'", "own word"]),
         ("--gestures a b --times 0", ["--times is 0", "1 to 1000"]),
     ],
 )

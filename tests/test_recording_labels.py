@@ -1,11 +1,15 @@
 """Tests of labels, and of automatic labelling against the truth."""
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.errors import RecordingError
+from eskin.errors import ModelError, RecordingError
+from eskin.live.model_config import ModelCard
+from eskin.live.model_file import CARD_ADAPTER, read_card
 from eskin.recording import (
     AutoLabelConfig,
     Label,
@@ -14,6 +18,7 @@ from eskin.recording import (
     RecordingWriter,
     build_labels,
     build_rough_ranges,
+    check_gesture_names,
     check_no_overlap,
     label_automatically,
     label_instants,
@@ -239,11 +244,11 @@ def test_recording_without_ranges_and_gestures_is_refused(tmp_path):
 def test_ranges_are_loaded_in_seconds_since_the_first_reading(tmp_path):
     path = tmp_path / "ranges.yaml"
     path.write_text(
-        "- {start_s: 6, end_s: 9.5, gesture: Stroke}\n"
+        "- {start_s: 6, end_s: 9.5, gesture: Стук 👩🏽‍🔧}\n"
         "- start_s: 1\n  end_s: 2\n  gesture: poke\n"
     )
     ranges = load_ranges(path, 10 * SECOND)
-    assert list_spans(ranges) == [(11, 12, "poke"), (16, 19.5, "stroke")]
+    assert list_spans(ranges) == [(11, 12, "poke"), (16, 19.5, "Стук 👩🏽‍🔧")]
     assert {label.source for label in ranges} == {"range"}
 
 
@@ -259,6 +264,12 @@ def test_ranges_are_loaded_in_seconds_since_the_first_reading(tmp_path):
         ("- {start_s: .nan, end_s: 1, gesture: poke}", "seconds"),
         ("- {start_s: 1, end_s: 2, gesture: 3}", "gesture's name"),
         ("- {start_s: 1, end_s: 2, gesture: ''}", "no gesture"),
+        ("- {start_s: 1, end_s: 2, gesture: unknown}", "recogniser's own word"),
+        (
+            "- {start_s: 1, end_s: 2, gesture: Tap}\n"
+            "- {start_s: 3, end_s: 4, gesture: tap}",
+            "'Tap' and 'tap' differ only in case",
+        ),
     ],
 )
 def test_invalid_ranges_are_named_in_one_line(tmp_path, text, part):
@@ -269,3 +280,62 @@ def test_invalid_ranges_are_named_in_one_line(tmp_path, text, part):
     assert "\n" not in str(caught.value)
     with pytest.raises(RecordingError, match="no ranges at .*gone.yaml"):
         load_ranges(tmp_path / "gone.yaml", 0)
+
+
+def is_allowed(*names):
+    try:
+        check_gesture_names(names)
+    except RecordingError as error:
+        assert "\n" not in str(error) and "allowed" in str(error)
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "轻拍",
+        "нажать",
+        "👋🏽",
+        "👩🏽‍🔧",
+        "swipe+",
+        "drücken",
+        "Tap",
+        "a, b/c",
+        "نیم‌فاصله",
+        "x" * 200,
+    ],
+)
+def test_names_in_any_letters_are_allowed(name):
+    assert is_allowed(name, "none", f"{name[:9]}2")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", " ", "\u200d", "none ", "\ttap", "a\nb", "a\u202eb", "\ud800", "x" * 201]
+    + ["拍" * 67, "unknown", "Unknown", "None"],
+)
+def test_names_that_a_person_cannot_tell_apart_or_read_are_refused(name):
+    assert not is_allowed(name)
+
+
+@pytest.mark.parametrize(
+    "pair", [("Tap", "tap"), ("dru\u0308cken", "drücken"), ("Straße", "STRASSE")]
+)
+def test_names_that_look_alike_are_refused_in_one_set(pair):
+    assert all(is_allowed(name, name) for name in pair)
+    assert not is_allowed(*pair)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.text(max_size=70))
+def test_allowed_names_pass_through_recordings_and_models(tmp_path_factory, name):
+    path = tmp_path_factory.getbasetemp() / "named.mcap"
+    if is_allowed(name, "none"):
+        card = ModelCard(("none", name))
+        assert read_card(CARD_ADAPTER.dump_json(card).decode(), path) == card
+        recording = record(path, [make_label(1, 2, name)])
+        assert [label.gesture for label in recording.labels] == [name]
+    else:
+        with pytest.raises(ModelError, match="vocabulary"):
+            read_card(json.dumps({"vocabulary": ["none", name]}), path)

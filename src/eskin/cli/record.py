@@ -105,17 +105,18 @@ def check_options(command: RecordCommand) -> None:
         ValueError: for an option.
         EskinError: for the file.
     """
+    from eskin.recording import check_gesture_names
+
     names = command.gestures
     if not 2 <= len(names) <= MAX_GESTURES or len(set(names)) < len(names):
         raise ValueError(
             f"--gestures are {', '.join(names) or 'not given'}; allowed are 2 to "
             f"{MAX_GESTURES} different names; add none, for touches without meaning"
         )
-    wrong = [name for name in names if name != name.strip().lower() or not name]
-    if wrong:
-        raise ValueError(
-            f"--gestures has '{wrong[0]}'; allowed are names in lower case; change it"
-        )
+    try:
+        check_gesture_names(names)
+    except RecordingError as error:
+        raise ValueError(f"--gestures: {error}") from None
     if not 1 <= command.times <= MAX_TIMES:
         raise ValueError(
             f"--times is {command.times}; allowed are 1 to {MAX_TIMES}; change it"

@@ -25,6 +25,7 @@ from eskin.command.actions import (
 )
 from eskin.errors import CommandError
 from eskin.files import Name, format_entry_path, load_plain_yaml, read_file, shorten
+from eskin.recording.records import NONE, UNKNOWN
 from eskin.skin import Patch, Skin
 
 MAX_BYTES = 1 << 18
@@ -33,7 +34,7 @@ DEFAULT_MAP = "commands.yaml"
 """File of the default map, which comes with eskin."""
 NAMED_MAPS = ("paper",)
 """Names of other maps that come with eskin."""
-NON_GESTURES = ("none", "unknown")
+NON_GESTURES = (NONE, UNKNOWN)
 """Classes of detections that are no gestures and command nothing."""
 NEVER = "never"
 """Answer of maps by which nothing is asked, for simulated arms alone."""

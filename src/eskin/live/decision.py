@@ -13,12 +13,10 @@ from jaxtyping import Float
 
 from eskin.live.model_config import DecisionConfig
 from eskin.recording import DetectionRecord
-from eskin.recording.records import NONE
+from eskin.recording.records import NONE, UNKNOWN
 from eskin.touch import LinkPoseCache, Touch, TouchRecord, TouchState
 from eskin.units import NS_PER_S
 
-UNKNOWN = "unknown"
-"""Gesture reported where no class is probable enough."""
 AnyTouch = Touch | TouchRecord
 """A touch, or what is read of it at every reading."""
 

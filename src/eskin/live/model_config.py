@@ -7,10 +7,11 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from annotated_types import Interval, MaxLen
-from pydantic import ConfigDict
+from pydantic import AfterValidator, ConfigDict
 
 from eskin.files import Name, NotNegative, Pause, Share
 from eskin.live.graph_builder import GraphConfig
+from eskin.recording.records import check_gesture_names
 from eskin.touch import PipelineConfig
 
 Limits = Mapping[str, tuple[Any, Any]]
@@ -55,6 +56,12 @@ def read_limits(kind: type) -> Limits:
 Entries = TypeVar("Entries")
 Few = Annotated[Entries, MaxLen(1000)]
 """Entries of a card of which there may not be many."""
+
+
+def check_vocabulary(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the classes of a model, which have names that gestures may have."""
+    check_gesture_names(names)
+    return names
 
 
 @dataclass(frozen=True)
@@ -143,7 +150,7 @@ class ModelCard:
     # A metric may be NaN, for which JSON has no number.
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")
 
-    vocabulary: Few[tuple[Name, ...]]
+    vocabulary: Annotated[Few[tuple[str, ...]], AfterValidator(check_vocabulary)]
     """Classes in the order of the logits; `none` is one of them."""
     kind: Literal["pressure", "shear"] = "pressure"
     """Quantity that the skin must measure."""

@@ -1,5 +1,6 @@
 """This module defines what a recording stores besides its scans, labels among it."""
 
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import RecordingError
-from eskin.files import MAX_YAML_BYTES, load_plain_yaml, read_file
+from eskin.files import MAX_YAML_BYTES, load_plain_yaml, read_file, shorten
 from eskin.units import NS_PER_S
 
 RECORD_NAME = "eskin"
@@ -135,6 +136,16 @@ class TruthRecord:
 
 
 NONE = "none"
+"""Name of what is no gesture."""
+UNKNOWN = "unknown"
+"""Answer of a recogniser for a touch whose gesture it cannot tell, so that no gesture
+may have this name."""
+MAX_NAME_BYTES = 200
+"""Largest size of the name of a gesture in UTF-8: less than that of the name of a file
+and of a string in a message."""
+WITHOUT_JOINERS = {0x200C: None, 0x200D: None}
+"""Removes characters without a shape that join or separate the letters and emoji beside
+them, as in Persian."""
 RANGE_MARGIN_S = 1.0
 """Margin of a rough range: half of the two seconds that the paper leaves between
 gestures."""
@@ -152,7 +163,7 @@ class Label:
     end: int
     """First instant after the gesture [ns since the epoch]."""
     gesture: str
-    """Name of the gesture, lower case; `none` means that nothing touched the skin."""
+    """Name of the gesture; `none` means that nothing touched the skin."""
     source: Literal["true", "range", "auto"] = "true"
     """`true`: known; `range`: roughly marked; `auto`: found by automatic labelling."""
 
@@ -165,6 +176,50 @@ class Label:
             )
         if not self.gesture:
             raise RecordingError("label has no gesture; name one, or 'none'")
+
+
+def check_gesture_names(names: Iterable[str]) -> None:
+    """Refuse names that a gesture cannot have, and names that look like one another.
+
+    A name is kept as it is written, in any letters. Names that differ only in case, or
+    in how their characters are composed, look like one another.
+
+    Raises:
+        RecordingError: naming the first that is refused.
+    """
+    spellings = {look_of(NONE): NONE}
+    for name in names:
+        reason = ""
+        shown = name.translate(WITHOUT_JOINERS)
+        if not shown.strip():
+            reason = "is empty"
+        elif name != name.strip():
+            reason = "begins or ends with a blank"
+        elif not shown.isprintable():
+            reason = "holds characters that cannot be printed"
+        elif len(name.encode()) > MAX_NAME_BYTES:
+            reason = f"has {len(name.encode()):,} bytes"
+        elif look_of(name) == UNKNOWN:
+            reason = "is the recogniser's own word"
+        if reason:
+            raise RecordingError(
+                f"gesture {shorten(name)} {reason}; allowed are printable names of 1 "
+                f"to {MAX_NAME_BYTES} bytes, without a blank at either end, and not "
+                f"'{UNKNOWN}'; rename it"
+            )
+        spelling = spellings.setdefault(look_of(name), name)
+        if spelling != name:
+            raise RecordingError(
+                f"gestures {shorten(spelling)} and {shorten(name)} differ only in case "
+                "or in how their characters are composed; allowed is one spelling of "
+                "each gesture; write both alike, or rename one"
+            )
+
+
+def look_of(name: str) -> str:
+    """Return what names have in common that look like one another."""
+    composed = unicodedata.normalize("NFC", name.translate(WITHOUT_JOINERS))
+    return unicodedata.normalize("NFC", composed.casefold())
 
 
 def sort_labels(
@@ -266,10 +321,15 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
         raise RecordingError(
             f"{path} holds no list; allowed are lines like - {EXAMPLE_RANGE}"
         )
-    return sort_labels(
+    ranges = sort_labels(
         parse_range(entry, f"{path}, range {number}", start)
         for number, entry in enumerate(entries, 1)
     )
+    try:
+        check_gesture_names(each.gesture for each in ranges)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    return ranges
 
 
 def parse_range(entry: object, place: str, start: int) -> Label:
@@ -288,7 +348,7 @@ def parse_range(entry: object, place: str, start: int) -> Label:
     if last <= first:
         raise RecordingError(f"{place} ends at {last} s, not after its start {first} s")
     begin, end = start + round(first * NS_PER_S), start + round(last * NS_PER_S)
-    return Label(begin, end, gesture.strip().lower(), "range")
+    return Label(begin, end, gesture, "range")
 
 
 def build_rough_ranges(
