@@ -86,6 +86,17 @@ def convert(folder: str, file: str, *wanted: str, code: int = 0) -> Case:
     return Case(folder, command, wanted, code=code)
 
 
+def connect(cause: str, *wanted: str) -> Case:
+    """Build a case that commands a UR whose client fails for a cause."""
+    return Case(
+        "t4_ur_reason_lost",
+        f"UR_CASE={cause} PYTHONPATH=fake:$PYTHONPATH eskin run --source sim:ur5 "
+        "--robot ur://127.0.0.1 --ask terminal --allow-simulated-touch --seconds 4",
+        wanted,
+        code=2,
+    )
+
+
 URDF = "python -c \"import eskin; print(eskin.load_robot('{}.urdf').joint_names)\""
 DESIGN = "eskin skin design r.urdf --out d --density 1"
 ALL_READ = r"wrong values 0.*used twice 0; steps back 0"
@@ -153,6 +164,11 @@ LIST = (
     Case("urdf_misc", URDF.format("floating"), ("is taken as fixed",)),
     Case("urdf_misc", URDF.format("declaration_not_first"), ()),
     Case("urdf_misc", URDF.format("quaternion_origin"), ()),
+    connect("registers", r"already in use.*PROFINET"),
+    connect("local_6s", "Failed to start control script.*remote control, and end"),
+    connect("hang", "has not answered for 20 s.*address and cable"),
+    connect("abort", "client .* has ended.*connect again"),
+    connect("not_running", "reached, but its program"),
 )
 
 

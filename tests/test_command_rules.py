@@ -455,6 +455,9 @@ skin: end of a fault starts nothing
 arm: protective stop
     arm protective_stop=1; poke a. > !pause [protective stop]; double_pat b. >
     !close_gripper [unlock it]
+arm: program has ended
+    arm running=; poke a. > !pause [program has ended]; stroke b. > !slow [start the
+    command again]
 arm: no connection
     arm connected=; poke a. > !pause [not connected]; stroke b. > !slow [see to its
     cable]

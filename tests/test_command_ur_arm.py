@@ -11,7 +11,15 @@ import pytest
 
 from eskin.app import open_arm
 from eskin.command import MotionConfig, Policy, PolicyConfig, UrArm
-from eskin.command.ur import PERIOD, UrLink
+from eskin.command.ur import (
+    CLIENT_ENDED,
+    PERIOD,
+    REMEDIES,
+    UNREACHABLE,
+    UrCommand,
+    UrLink,
+)
+from eskin.command.ur_arm import NOT_FINITE, PROGRAM_ENDED
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
@@ -102,7 +110,8 @@ def test_fault_holds_arm_until_release(reason, fault):
     assert arm.state().moving
     link.status = None if fault is None else replace(before, **fault)
     pass_ur_time(arm, PERIOD)
-    assert arm.state().hold_reason == reason
+    held = arm.state().hold_reason
+    assert held.startswith(reason)
     pass_ur_time(arm, 0.15 - PERIOD)
     assert not arm.state().moving
     last = link.commands[-1].q
@@ -113,7 +122,7 @@ def test_fault_holds_arm_until_release(reason, fault):
         arm.release()
     link.status = replace(before, q=last or before.q)
     stood = pass_ur_time(arm, 1.0)
-    assert (stood == stood[0]).all() and arm.state().hold_reason == reason
+    assert (stood == stood[0]).all() and arm.state().hold_reason == held
     arm.release()
     arm.resume()
     steps = np.abs(np.diff(pass_ur_time(arm, 1.0), axis=0))
@@ -170,7 +179,7 @@ def test_number_that_is_not_finite_holds_arm(numbers):
     before, link.follows = link.status, False
     link.status = replace(before, **numbers)
     pass_ur_time(arm, PERIOD)
-    assert arm.state().hold_reason == "lost connection"
+    assert arm.state().hold_reason == f"lost connection: {NOT_FINITE}"
     assert np.isfinite(pass_ur_time(arm, 1.0)).all() and not arm.state().moving
     link.status, link.follows = before, True
     assert (pass_ur_time(arm, 1.0) == before.q).all()
@@ -207,11 +216,72 @@ def test_stale_skin_holds_arm_within_150_ms():
     assert not arm.state().moving
 
 
-def test_unreachable_robot_is_refused():
-    link = StubLink(None, problem="no answer")
-    with pytest.raises(ArmError, match="no answer.*UR"):
+CAUSES = {
+    "RTDE input registers are already in use!": "PROFINET",
+    "Failed to start control script, before timeout": "remote control",
+    CLIENT_ENDED: "connect again",
+    UNREACHABLE: "address and cable",
+    "connect: Connection refused": "30004",
+}
+"""Words of the cause of a failed connection, and some of its remedy."""
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_robot_that_is_not_reached_is_refused_with_cause_and_remedy(cause):
+    link = StubLink(None, problem=cause)
+    with pytest.raises(ArmError) as refused:
+        UrArm(link, clock=ManualClock())
+    assert cause in str(refused.value) and CAUSES[cause] in str(refused.value)
+    assert link.closed
+
+
+def test_every_remedy_is_for_a_cause_of_its_own():
+    for words, remedy in REMEDIES:
+        found = [cause for cause in CAUSES if words in cause]
+        assert len(found) == 1 and CAUSES[found[0]] in remedy
+
+
+FAKE_CLIENT = {
+    "rtde_receive": "def RTDEReceiveInterface(host, rate, names): {}",
+    "rtde_control": "RTDEControlInterface = None",
+    "rtde_io": "RTDEIOInterface = None",
+}
+"""Modules that stand in for `ur_rtde`, whose client fails."""
+
+
+@pytest.mark.parametrize(
+    ("fails", "problem"),
+    [
+        ("raise OSError('no\\n way')", "no way"),
+        ("__import__('os').abort()", CLIENT_ENDED),
+    ],
+)
+def test_link_that_is_closed_keeps_why_its_client_failed(
+    fails, problem, tmp_path, monkeypatch
+):
+    for name, text in FAKE_CLIENT.items():
+        (tmp_path / f"{name}.py").write_text(text.format(fails))
+    monkeypatch.syspath_prepend(tmp_path)
+    link = UrLink("127.0.0.1", 0)
+    wait_until(lambda: link.exchange(UrCommand(None, None, None)) or link.problem)
+    assert link.problem == problem
+    link.close()
+    assert link.problem == problem
+
+
+def test_robot_whose_program_does_not_run_is_refused():
+    link = StubLink(replace(WELL, running=False))
+    with pytest.raises(ArmError, match="reached, but its program"):
         UrArm(link, clock=ManualClock())
     assert link.closed
+
+
+def test_touch_is_not_told_to_pause_a_robot_whose_program_has_ended():
+    arm, link = make_ur_arm()
+    link.status = replace(link.status, running=False)
+    pass_ur_time(arm, PERIOD)
+    policy = start_policy(arm, check_period=None)
+    assert policy.find_fault(arm.state(), arm.clock.now()).startswith(PROGRAM_ENDED)
 
 
 def test_failure_of_thread_holds_arm_for_good(caplog):
@@ -328,13 +398,14 @@ def test_client_switches_output_of_question_and_no_other(working):
 def test_client_is_held_by_fault_until_release(working, fault, end, reason):
     stand_in, arm = working
     stand_in.order(*fault)
-    wait_until(lambda: arm.state().hold_reason == reason)
+    wait_until(lambda: (arm.state().hold_reason or "").startswith(reason))
+    held = arm.state().hold_reason
     assert stands(stand_in)
     with pytest.raises(ArmError, match=reason):
         arm.release()
     stand_in.order(*end)
     wait_until(lambda: arm.state().connected)
-    assert stands(stand_in) and arm.state().hold_reason == reason
+    assert stands(stand_in) and arm.state().hold_reason == held
 
 
 def test_client_is_held_by_stale_skin(working):
@@ -359,7 +430,8 @@ def test_watchdog_of_robot_stops_it_without_commands(working):
 def test_client_process_that_dies_is_lost_connection(working):
     stand_in, arm = working
     arm.link.process.kill()
-    wait_until(lambda: arm.state().hold_reason == "lost connection")
+    lost = f"lost connection: {CLIENT_ENDED}"
+    wait_until(lambda: arm.state().hold_reason == lost)
     assert stands(stand_in)
     wait_until(lambda: arm.state().connected)
 

@@ -122,6 +122,7 @@ class RecordingArm(Arm):
         self.speed_limit = 1.0
         self.shows_question = False
         self.protective_stop, self.connected, self.error = False, True, None
+        self.running = True
 
     def q_at(self, stamp):
         return Q
@@ -139,6 +140,7 @@ class RecordingArm(Arm):
             target="rack",
             protective_stop=self.protective_stop,
             connected=self.connected,
+            running=self.running,
             jogging=self.jogging,
             speed_limit=self.speed_limit,
             pause_count=self.orders.count("pause"),

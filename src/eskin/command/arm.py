@@ -51,6 +51,9 @@ class ArmState:
     connected: bool
     """Whether the robot answers."""
 
+    running: bool = True
+    """Whether the robot's own program, which executes commands, runs."""
+
     carrying: bool = False
     """Whether it has a part in its gripper, as far as it knows."""
 

@@ -298,6 +298,8 @@ class Policy(Listener):
             return "the arm is in protective stop; unlock it at the robot"
         if not state.connected:
             return "the arm is not connected; see to its cable and its controller"
+        if not state.running:
+            return "the robot's program has ended; start the command again"
         if age > self.config.monitor.max_age:
             return f"it was felt {1e3 * age:.0f} ms ago; touch again"
         return None

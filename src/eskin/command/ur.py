@@ -33,10 +33,41 @@ RETRY_PERIOD = 1.0
 """Time between two attempts to connect [s]."""
 UR_OUTPUTS = 8
 """Number of standard digital outputs of a controller."""
+CLIENT_ENDED = "the client of the robot's controller has ended"
+UNREACHABLE = f"its controller has not answered for {CONNECT_TIMEOUT:g} s"
+REMEDIES = (
+    (
+        "already in use",
+        "switch off EtherNet/IP, PROFINET and MODBUS in the robot's installation, and "
+        "end other programs and URCaps that use its RTDE interface",
+    ),
+    (
+        "control script",
+        "switch the robot on, release its brakes, set it to remote control, and end "
+        "the program that it runs",
+    ),
+    (
+        CLIENT_ENDED,
+        "connect again; if it ends again: pip install --force-reinstall ur_rtde",
+    ),
+)
+"""What to do about a problem that contains some words of the client or of eskin."""
+OTHER_REMEDY = (
+    "check its address and cable, that it is switched on, and that its security "
+    "settings allow RTDE, port 30004"
+)
 VARIABLES = """
     timestamp actual_q robot_mode safety_mode safety_status_bits robot_status_bits
     runtime_state speed_scaling target_speed_fraction actual_digital_output_bits
 """.split()
+
+
+def find_remedy(problem: str) -> str:
+    """Return what to do about a connection that is not made."""
+    for words, remedy in REMEDIES:
+        if words in problem:
+            return remedy
+    return OTHER_REMEDY
 
 
 @dataclass(frozen=True)
@@ -78,7 +109,8 @@ class ControllerLink(ABC):
     """Connects to one controller, and again by itself when the connection is lost."""
 
     problem: str
-    """Why the connection was last lost; empty before."""
+    """Why the connection was last lost or not made; empty before. A link that is closed
+    keeps it."""
 
     @abstractmethod
     def exchange(self, command: UrCommand) -> UrStatus | None:
@@ -246,7 +278,7 @@ class UrLink(ControllerLink):
                 return self.disconnect("the robot's controller does not answer")
             return self.receive()
         except (OSError, EOFError):
-            return self.disconnect("the client of the robot's controller has ended")
+            return self.disconnect(CLIENT_ENDED)
 
     def start_client(self) -> None:
         """Start a client, unless one was started just now."""
@@ -272,7 +304,7 @@ class UrLink(ControllerLink):
             self.ready = status is not None
             return status
         if monotonic() - self.changed_at > CONNECT_TIMEOUT:
-            return self.disconnect("the robot's controller cannot be reached")
+            return self.disconnect(UNREACHABLE)
         return None
 
     def receive(self) -> UrStatus | None:
@@ -281,8 +313,14 @@ class UrLink(ControllerLink):
         return got if isinstance(got, UrStatus) else self.disconnect(str(got))
 
     def disconnect(self, problem: str) -> None:
+        """Keep why the connection is lost, and end the client."""
+        self.problem = problem
+        self.end_client()
+
+    def end_client(self) -> None:
         """End the client; the robot's own watchdog stops the robot."""
-        self.problem, self.ready, self.changed_at = problem, False, monotonic()
+        self.ready = False
+        self.changed_at = monotonic()
         if self.process is not None:
             self.pipe.close()
             self.process.kill()
@@ -298,4 +336,4 @@ class UrLink(ControllerLink):
                 self.process.join(1.0)
             except OSError:
                 pass
-        self.disconnect("closed")
+        self.end_client()

@@ -1,6 +1,7 @@
 """This module commands a robot of Universal Robots."""
 
 import logging
+from dataclasses import replace
 from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
@@ -13,9 +14,11 @@ from eskin.command.task import FRAME_TASK, Task, TaskArm, TaskExecutor
 from eskin.command.trajectory import MotionConfig
 from eskin.command.ur import (
     PERIOD,
+    UNREACHABLE,
     ControllerLink,
     UrCommand,
     UrStatus,
+    find_remedy,
 )
 from eskin.drivers import Clock, HostClock, JointHistory
 from eskin.errors import ArmError
@@ -26,6 +29,8 @@ MAX_FOLLOWING_ERROR = 0.2
 CONNECT_TIMEOUT = 30.0
 """How long the first connection may take [s]."""
 NOT_STARTED = "not started"
+NOT_FINITE = "it sends numbers that are not finite"
+PROGRAM_ENDED = "the robot's program has ended"
 logger = logging.getLogger(__name__)
 
 
@@ -57,7 +62,7 @@ class UrArm(TaskArm):
             threaded: whether a thread updates it; else others call `update`.
 
         Raises:
-            ArmError: the robot cannot be reached.
+            ArmError: the robot cannot be reached, or executes no commands.
         """
         self.name = task.robot_name
         self.joint_names = task.joint_names
@@ -68,7 +73,7 @@ class UrArm(TaskArm):
         self.failure: BaseException | None = None
         self.question_shown = False
         self.status = self.connect()
-        self.connected = True
+        self.loss: str | None = None
         self.time = self.clock.now()
         self.executor = TaskExecutor(task, np.array(self.status.q), motion)
         self.executor.gripper = "closed" if self.status.gripper_closed else "open"
@@ -80,21 +85,36 @@ class UrArm(TaskArm):
             self.thread.start()
 
     def connect(self) -> UrStatus:
-        """Wait for the first status of the robot, and return it."""
-        end = self.clock.now() + round(CONNECT_TIMEOUT * NS_PER_S)
-        while self.clock.now() < end:
-            status = self.link.exchange(UrCommand(None, None, None))
-            if status is not None and status.is_finite:
-                return status
-            if self.link.problem:
-                break
-            self.clock.sleep(PERIOD)
+        """Wait for the first status of the robot, and return it.
+
+        Raises:
+            ArmError: none comes, or the program that executes commands does not run.
+        """
+        status = self.await_status()
+        if status is not None and status.running:
+            return status
         self.link.close()
-        problem = self.link.problem or "it says nothing"
+        if status is not None:
+            raise ArmError(
+                "the robot is reached, but its program, which executes commands, does "
+                "not run; allowed is a UR in remote control without a protective or "
+                "emergency stop; clear the stop at the robot, then connect again"
+            )
+        problem = self.link.problem or UNREACHABLE
         raise ArmError(
-            f"the robot is not reached ({problem}); allowed "
-            "is a UR in remote control that is switched on; check its address and cable"
+            f"the robot is not reached ({problem.rstrip('.')}); allowed is a UR in "
+            f"remote control that is switched on; {find_remedy(problem)}"
         )
+
+    def await_status(self) -> UrStatus | None:
+        """Return the first status of the robot, or None where the link has failed."""
+        end = self.clock.now() + round(CONNECT_TIMEOUT * NS_PER_S)
+        while self.clock.now() < end and not self.link.problem:
+            status, _ = self.exchange(UrCommand(None, None, None))
+            if status is not None:
+                return status
+            self.clock.sleep(PERIOD)
+        return None
 
     def run(self) -> None:
         """Update until it is closed; hold the arm where an update fails."""
@@ -116,14 +136,12 @@ class UrArm(TaskArm):
         """Send the robot its set-points, receive its status, and advance the task."""
         with self.lock:
             command, ready = self.build_command(), self.is_ready()
-        status = self.link.exchange(command)
-        if status is not None and not status.is_finite:
-            status = None
+        status, loss = self.exchange(command)
         with self.lock:
             now = self.clock.now()
             passed = min((now - self.time) / NS_PER_S, 2 * PERIOD)
             self.time = now
-            self.connected = status is not None
+            self.loss = loss
             self.status = status or self.status
             problem = self.find_problem()
             if problem is not None:
@@ -134,6 +152,15 @@ class UrArm(TaskArm):
                 self.executor.advance(max(passed, 0.0), self.scaling)
             else:
                 self.executor.trajectory.restart_from(np.array(self.status.q))
+
+    def exchange(self, command: UrCommand) -> tuple[UrStatus | None, str | None]:
+        """Send the robot a command; return its status, or why there is none."""
+        status = self.link.exchange(command)
+        if status is None:
+            return None, self.link.problem or UNREACHABLE
+        if not status.is_finite:
+            return None, NOT_FINITE
+        return status, None
 
     def build_command(self) -> UrCommand:
         """Return what the robot is to do now."""
@@ -149,7 +176,7 @@ class UrArm(TaskArm):
         """Return whether the robot executes commands."""
         status = self.status
         stopped = status.protective_stop or status.emergency_stop
-        return self.connected and status.running and not stopped
+        return self.loss is None and status.running and not stopped
 
     @property
     def scaling(self) -> float:
@@ -159,14 +186,14 @@ class UrArm(TaskArm):
     def find_problem(self) -> str | None:
         """Return why the robot must not go on, or None where it may."""
         status = self.status
-        if not self.connected:
-            return "lost connection"
+        if self.loss is not None:
+            return f"lost connection: {self.loss}"
         if status.emergency_stop:
             return "emergency stop"
         if status.protective_stop:
             return "protective stop"
         if not status.running:
-            return "the robot's program has ended"
+            return PROGRAM_ENDED
         if self.scaling <= 0:
             return "speed slider at zero"
         error = np.abs(self.executor.trajectory.q - status.q).max()
@@ -190,7 +217,8 @@ class UrArm(TaskArm):
         with self.lock:
             status = self.status
             stop = status.protective_stop or status.emergency_stop
-            return self.executor.state(self.time, stop, self.connected)
+            state = self.executor.state(self.time, stop, self.loss is None)
+            return replace(state, running=status.running)
 
     def release(self) -> None:
         """End a hold, and start from where the robot is.

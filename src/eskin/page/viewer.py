@@ -224,6 +224,7 @@ def build_still(
 REMEDIES = (
     ("lost connection", "check its network and power"),
     ("protective stop", "clear it at the robot"),
+    ("the robot's program has ended", "start the command again"),
     ("stale skin", "wait for readings, or check the skin's power and cable"),
     ("broken skin", "plug the patch in"),
     ("touch ", "take your hand off"),
