@@ -1,7 +1,9 @@
 """Tests of what all commands share: help, one line of JSON, one line of error."""
 
 import ast
+import contextlib
 import errno
+import inspect
 import json
 import os
 import re
@@ -17,7 +19,7 @@ import pytest
 import eskin.__main__
 import eskin.cli.main as main_module
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
-from eskin.cli.options import NO_WIDTH, list_options
+from eskin.cli.options import list_options
 from eskin.cli.parse_errors import rewrite_parse_error
 
 ARGUMENTS = {
@@ -100,13 +102,24 @@ def test_help_of_a_group_lists_its_commands(capsys):
     assert [one.strip() for one in listed] == [c for c in COMMANDS if c[:5] == "skin "]
 
 
-def test_help_in_a_terminal_breaks_between_words(monkeypatch, capsys):
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    with pytest.raises(SystemExit):
-        run(["skin", "paint", "--help"])
-    words = capsys.readouterr().out.partition("The page")[2]
-    lines = words.partition("a link has one")[0].splitlines()
-    assert max(map(len, lines)) <= 80 + len(NO_WIDTH)
+@pytest.mark.parametrize("is_terminal", [False, True])
+@pytest.mark.parametrize("width", [80, 100])
+@pytest.mark.parametrize("words", ["", "skin", *COMMANDS])
+def test_help_is_as_wide_as_the_terminal_and_breaks_between_words(
+    words, width, is_terminal, monkeypatch, capsys
+):
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setattr("sys.stdout.isatty", lambda: is_terminal)
+    with contextlib.suppress(SystemExit):
+        run([*words.split(), "--help"])
+    shown = re.sub("\x1b\\[[0-9;]*m", "", capsys.readouterr().out)
+    assert max(map(len, shown.splitlines())) <= width
+    if words in COMMANDS:
+        _, command_type = load_command(words)
+        paragraphs = (inspect.getdoc(command_type) or "").split("\n\n")
+        usage, *described = shown.split("\n\n")[: len(paragraphs) + 1]
+        assert usage.startswith(f"usage: eskin {words}")
+        assert [each.split() for each in described] == [p.split() for p in paragraphs]
 
 
 def test_first_interrupt_stops_and_a_hasty_second_one_does_not_hang(monkeypatch):

@@ -25,7 +25,7 @@ from typing import Annotated, Any, final
 import tyro
 
 from eskin.cli.checks import check_files, check_options
-from eskin.cli.options import describe_command, list_options, registry
+from eskin.cli.options import insert_description, list_options, registry
 from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, StreamError
 from eskin.registry import COMMANDS, MOVED, load_function
@@ -204,11 +204,11 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
     ]
     tyro_error = io.StringIO()
     try:
-        with contextlib.redirect_stderr(tyro_error):
+        with contextlib.redirect_stderr(tyro_error), insert_description(command_type):
             command, output = tyro.cli(
                 both,
                 prog=f"eskin {name}",
-                description=describe_command(command_type),
+                description="",
                 args=argv,
                 config=(tyro.conf.FlagCreatePairsOff,),
                 registry=registry,

@@ -5,18 +5,24 @@ and with its default where there is one to tell.
 """
 
 import ast
+import contextlib
 import inspect
+import io
+import re
+import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from itertools import pairwise
-from textwrap import wrap
+from textwrap import fill
 from types import NoneType, UnionType
 from typing import (
     Annotated,
     Any,
     Literal,
+    TextIO,
     Union,
+    final,
     get_args,
     get_origin,
     get_type_hints,
@@ -30,8 +36,8 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
-WIDTH, NO_WIDTH = 80, "\x1b[m"
-"""Width of the help [characters], and a sequence of a terminal that shows nothing."""
+COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+"""Sequence that sets a colour of a terminal."""
 
 registry = ConstructorRegistry()
 """What tyro is told of the classes of commands."""
@@ -109,15 +115,40 @@ def describe_kind(hint: Any) -> str | None:  # noqa: ANN401
     return hint.__name__.upper() if is_plain else None
 
 
-def describe_command(command: type) -> str:
-    """Return the docstring of a command, in a terminal as wide as its help.
+@final
+class HelpText(io.TextIOWrapper):
+    """A text of help has the characters and colours of the stdout that will show it."""
 
-    Tyro joins lines that begin with a letter; here they begin with an empty sequence.
+    def __init__(self, stdout: TextIO) -> None:
+        """Start without text."""
+        super().__init__(io.BytesIO(), stdout.encoding, write_through=True)
+        self.has_colours = stdout.isatty()
+
+    def isatty(self) -> bool:
+        """Return whether it has colours."""
+        return self.has_colours
+
+
+@contextlib.contextmanager
+def insert_description(command: type) -> Iterator[None]:
+    """Insert the docstring of a command into the help that tyro prints in the block.
+
+    It stands below the usage. Both are wrapped to the width of the terminal, since tyro
+    wraps neither.
     """
-    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
-    lines = [wrap(" ".join(each.split()), WIDTH) for each in paragraphs]
-    end = f"\n{NO_WIDTH}" if sys.stdout.isatty() else " "
-    return "\n\n".join(map(end.join, lines))
+    text = HelpText(sys.stdout)
+    try:
+        with contextlib.redirect_stdout(text):
+            yield
+    finally:
+        text.seek(0)
+        usage, gap, options = text.read().partition("\n\n")
+        if usage:
+            width = shutil.get_terminal_size().columns
+            shown = fill(COLOUR.sub("", usage), width, subsequent_indent=" " * 7)
+            paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
+            description = [fill(each, width) for each in paragraphs]
+            print(gap.join([shown, *description, options]), end="")
 
 
 def list_options(command: type, group: str = "") -> list[str]:
