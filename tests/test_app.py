@@ -24,14 +24,13 @@ from eskin.drivers import (
     UdpTransport,
 )
 from eskin.errors import ArmError, DeviceError, EskinError, RecordingError
-from eskin.live import mount_skin
 from eskin.robot import load_robot
 from eskin.robot.presets import read_preset_urdf
 from eskin.sim.arm import SimulatedArm
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor
 from eskin.sim.virtual import PtyPort
-from eskin.skin import SKIN_PRESETS, load_skin, save_skin
+from eskin.skin import SKIN_PRESETS, load_skin, mount_skin, save_skin
 from eskin.touch import Calibration
 from helpers.devices import StillSimulator, small_skin
 from helpers.live import mounted, record, scans

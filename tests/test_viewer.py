@@ -20,7 +20,7 @@ from eskin.command import ArmState, SkinMonitorConfig
 from eskin.command.skin_monitor import SkinMonitor
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
-from eskin.live import Detection, Recognizer, mount_skin
+from eskin.live import Detection, Recognizer
 from eskin.page import (
     CorrectionOrder,
     PageOrder,
@@ -49,7 +49,7 @@ from eskin.page.viewer import (
 from eskin.robot.meshes import MeshReader
 from eskin.robot.presets import read_preset_urdf
 from eskin.robot.urdf import parse_urdf
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, mount_skin
 from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
 from eskin.units import NS_PER_S

@@ -28,13 +28,14 @@ from eskin.learn.sets import (
     convert_socialtouch,
 )
 from eskin.learn.sets.socialtouch import TOUCHED_COUNTS
-from eskin.live import Recognizer, load_model, mount_skin
+from eskin.live import Recognizer, load_model
 from eskin.recording import (
     NONE,
     Recording,
     find_recordings,
     read_recording,
 )
+from eskin.skin import mount_skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 from lab.flaws.scoring import RestCount, Watcher

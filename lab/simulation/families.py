@@ -7,11 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import Constants
-from eskin.sim.scene.environment import mount_skin
 from eskin.sim.sensor import FAMILIES, FLAWS, SensorBuild, draw_flawed_build, sense
 from eskin.sim.sensor.flaws import RESISTIVE, Family
 from eskin.sim.sensor.sensor import draw_reading_times
-from eskin.skin import Skin
+from eskin.skin import Skin, mount_skin
 from lab.tables import format_head, format_row
 
 PATCH = "forearm_front"

@@ -16,10 +16,9 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.live import mount_skin
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.sensor import FAMILIES
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, mount_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 from lab.attacks import skin_faults

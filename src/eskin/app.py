@@ -33,7 +33,6 @@ from eskin.drivers import (
 )
 from eskin.drivers.joints import JointFunction
 from eskin.errors import ArmError, DeviceError
-from eskin.live import mount_skin
 from eskin.recording import Overrides, read_calibration
 from eskin.registry import (
     ARMS,
@@ -44,7 +43,7 @@ from eskin.registry import (
     load_plugin,
 )
 from eskin.robot import Robot, load_robot
-from eskin.skin import MountedSkin, Skin
+from eskin.skin import MountedSkin, Skin, mount_skin
 from eskin.touch import Calibration
 
 CALIBRATION = "calibration.json"
@@ -68,7 +67,7 @@ class SourceConfig:
     """Skin that devices are patches of: a preset's name, a folder, or a skin."""
 
     robot: str | Path | Robot | None = None
-    """Robot that wears the skin: a preset's name or a URDF; preset skins have one."""
+    """Robot that wears the skin: a preset's name or a URDF; None for the skin's own."""
 
     calibration: Path | Calibration | None = None
     """Calibration of its electronics; else that of the recording that is played, or

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eskin.live import Model, Recognizer, load_model, mount_skin
+from eskin.live import Model, Recognizer, load_model
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.recording.records import select_labels
 from eskin.recording.tables import describe_touch
-from eskin.skin import MountedSkin, Skin, load_skin
+from eskin.skin import MountedSkin, Skin, load_skin, mount_skin
 from eskin.skin.picture import draw_values
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def show_skin(
         values: value of each taxel, 0 or more, such as a row of
             `Recording.pressures()`; the greatest has the darkest colour.
         skin: the skin, a preset's name, or a skin's folder.
-        robot: robot that wears it: a preset's name or a URDF; preset skins have one.
+        robot: robot that wears it: a preset's name or a URDF; None for the skin's own.
         q: joint positions [rad]; all zero where None.
 
     Returns:

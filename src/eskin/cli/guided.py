@@ -41,8 +41,8 @@ class SourceCommand:
     simulations have their own."""
 
     robot_urdf: str | None = None
-    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
-    have their own."""
+    """Robot that wears the skin: a URDF file or a preset's name; by default the skin's
+    own."""
 
     calibration: Path | None = None
     """Calibration file of the electronics, as eskin calibrate writes it. By default it
@@ -249,8 +249,7 @@ def open_guided_source(
         DeviceError: the source is neither.
     """
     from eskin.app import open_joints, open_source
-    from eskin.live import mount_skin
-    from eskin.skin import MountedSkin
+    from eskin.skin import MountedSkin, mount_skin
 
     driver = check_source(command)
     if driver.touches == "simulated":
@@ -336,6 +335,7 @@ def open_page(
     from eskin.page.process import DEFAULT_PORT, free_port
     from eskin.page.viewer import CalibrationViewer, ViewerConfig
 
+    say(mounted.robot.describe_lacking_meshes("drawn"))
     port = free_port(DEFAULT_PORT if command.port is None else command.port)
     config = ViewerConfig(port)
     page = CalibrationViewer(mounted, rate, config)

@@ -63,7 +63,7 @@ def run(command: PoseCommand) -> dict[str, object]:
         estimates = guide.finish()
         for estimate in estimates:
             skin = move_patch(skin, estimate)
-        save_skin(skin, command.out)
+        save_skin(skin, command.out, mounted.robot)
         lines = [describe_estimate(estimate, guide) for estimate in estimates]
         show_result(page, guide, [*lines, f"written to {command.out}"])
     return {

@@ -156,7 +156,8 @@ class ReplayCommand:
     it is that of the model; above 1 a gesture waits for the end of its touch."""
 
     robot_urdf: str | None = None
-    """URDF of the recorded robot, if that robot does not come with eskin."""
+    """Robot in place of the recorded one, as for its meshes: a URDF file or a preset's
+    name."""
 
     calibration: Path | None = None
     """Calibration file, as eskin calibrate writes it, to use in place of the recorded
@@ -286,7 +287,8 @@ class ViewCommand:
     """The recording, an .mcap file."""
 
     robot_urdf: str | None = None
-    """URDF of the recorded robot, if that robot does not come with eskin."""
+    """Robot in place of the recorded one, as for its meshes: a URDF file or a preset's
+    name."""
 
     model: str | None = None
     """Weights whose detections are shown beside the labels, a name or a file; by
@@ -314,6 +316,8 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     else:
         robot = load_robot(command.robot_urdf)
         played = read_recording(command.recording, Overrides(urdf=robot.urdf))
+    if lacking := robot.describe_lacking_meshes("drawn"):
+        print(lacking)
     mounted = MountedSkin(recording.skin, robot)
     detections, config = recording.detections, None
     if command.model is not None:

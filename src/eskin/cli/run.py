@@ -122,8 +122,8 @@ def run(command: RunCommand) -> dict[str, object]:
     """Stream until the end; print detections and events as they come."""
     from eskin.app import open_joints, open_source
     from eskin.drivers import HostClock
-    from eskin.live import Recognizer, load_model, mount_skin, warm_up
-    from eskin.skin import MountedSkin
+    from eskin.live import Recognizer, load_model, warm_up
+    from eskin.skin import MountedSkin, mount_skin
     from eskin.stream import (
         Recognition,
         Stream,
@@ -395,6 +395,9 @@ def build_listeners(
         metadata = Metadata("live", "unknown", source.info.uri, notes=notes)
         config = RecorderConfig(piece_bytes=piece)
         listeners.append(Recorder(command.record, metadata, config))
+    robot = recognition.recognizer.mounted.robot
+    if command.view or command.foxglove:
+        say(robot.describe_lacking_meshes("drawn"))
     if command.view:
         from eskin.page.process import DEFAULT_PORT, free_port
         from eskin.page.viewer import RECORDING, Viewer, ViewerConfig, describe_question
@@ -451,7 +454,7 @@ def subscribe_joints(
     for want of a skin.
     """
     from eskin.bus.ros2 import Ros2Joints
-    from eskin.live import mount_skin
+    from eskin.skin import mount_skin
 
     if command.skin is None:
         return None

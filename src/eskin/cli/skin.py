@@ -12,9 +12,14 @@ from rich.console import Console
 from rich.table import Table
 
 from eskin.cli.checks import NOT_NEGATIVE, check_folder, check_way, check_writable
-from eskin.cli.guided import SourceCommand, describe_taxel, open_guided_source
-from eskin.errors import DeviceError, SkinError
-from eskin.robot import Robot, load_robot
+from eskin.cli.guided import (
+    SourceCommand,
+    describe_taxel,
+    open_guided_source,
+    say,
+)
+from eskin.errors import DeviceError, RobotError, SkinError
+from eskin.robot import Robot, load_urdf
 from eskin.skin import (
     SKIN_PRESETS,
     CheckConfig,
@@ -52,8 +57,8 @@ class ShowCommand:
     """Path of the picture to write, such as skin.png."""
 
     robot_urdf: Annotated[str | None, ROBOT] = None
-    """Robot that wears the skin: ur5, ur10, base, table, tube or a .urdf file. Preset
-    skins have their own."""
+    """Robot that wears the skin: a URDF file or a preset's name; by default the skin's
+    own."""
 
     no_mimics: bool = False
     """Ignore the mimic rules of the URDF: every joint has a value of its own."""
@@ -66,6 +71,7 @@ def run_show(command: ShowCommand) -> dict[str, object]:
         command.skin, command.robot_urdf, mimics=not command.no_mimics
     )
     if command.out is not None:
+        say(robot.describe_lacking_meshes("drawn") if robot else "")
         draw_picture(skin, command.out, robot)
     patches = build_patch_rows(skin)
     total = summarise_areas(skin.areas)
@@ -214,7 +220,7 @@ class CheckCommand(SourceCommand):
     """A preset's name, or a folder with skin.yaml."""
 
     robot_urdf: Annotated[str | None, ROBOT] = None
-    """Robot of the skin: ur5, table, tube or a .urdf file. Preset skins have their
+    """Robot that wears the skin: a URDF file or a preset's name; by default the skin's
     own."""
 
     no_mimics: bool = False
@@ -254,6 +260,8 @@ def run_check(command: CheckCommand) -> dict[str, object]:
     print(f"skin {command.skin}: no problems, checked {against}")
     if robot is None:
         print("--robot-urdf ROBOT checks links, surfaces and outward normals too")
+    else:
+        say(robot.describe_lacking_meshes("checked"))
     return {"problems": []}
 
 
@@ -320,8 +328,9 @@ class ConvertSkinCommand:
     """
 
     robot_urdf: str | None = None
-    """Robot of the skin: a URDF file or a preset's name. GenTact files need one with
-    shapes, which give the normals; to a .urdf, the sensors are added to its URDF."""
+    """Robot of the skin: a URDF file or a preset's name; by default the skin's own, or
+    the one in the .urdf that is read. GenTact files need one with shapes, which give
+    the normals; to a .urdf, the sensors are added to its URDF."""
 
     link: str | None = None
     """Link of all taxels, where the file does not tell it."""
@@ -341,11 +350,11 @@ def run_convert(command: ConvertSkinCommand) -> dict[str, object]:
     from eskin.skin.icub import write_icub_positions
     from eskin.skin.tactile_urdf import write_tactile_urdf
 
-    robot = None if command.robot_urdf is None else load_robot(command.robot_urdf)
+    robot = find_robot(command)
     skin = read_skin(command, robot)
     match wanted:
         case "skin":
-            save_skin(skin, command.out)
+            save_skin(skin, command.out, robot)
         case "urdf":
             write_tactile_urdf(command.out, skin, robot)
         case "icub":
@@ -363,6 +372,21 @@ def run_convert(command: ConvertSkinCommand) -> dict[str, object]:
         "taxels": skin.count,
         "patches": len(skin.patches),
     }
+
+
+def find_robot(command: ConvertSkinCommand) -> Robot | None:
+    """Find the robot of the skin that is converted; None where nothing says it.
+
+    A URDF of tactile sensors alone describes no robot, which is said.
+    """
+    path = Path(command.source)
+    if command.robot_urdf is not None or SUFFIXES.get(path.suffix) != "urdf":
+        return load_robot_for_skin(command.source, command.robot_urdf)
+    try:
+        return load_urdf(path, meshes=False)
+    except RobotError as error:
+        say(f"without its robot: {error}")
+        return None
 
 
 def read_skin(command: ConvertSkinCommand, robot: Robot | None) -> Skin:

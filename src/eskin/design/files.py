@@ -22,6 +22,7 @@ from eskin.design.spec import PER_CM2
 from eskin.drivers.packet import CRC, DATA_BODY, HEADER, MAX_COUNTS
 from eskin.files import atomic_path
 from eskin.progress import track_progress
+from eskin.robot import Robot
 from eskin.skin import save_skin
 
 COLUMNS = (
@@ -31,12 +32,15 @@ COLUMNS = (
 """Columns of the table of a patch: place in the drawing, then on the link."""
 
 
-def save_design(design: SkinDesign, folder: Path) -> dict[str, object]:
+def save_design(
+    design: SkinDesign, folder: Path, robot: Robot | None = None
+) -> dict[str, object]:
     """Write a design into a folder, and return its report.
 
     The folder is that of the skin, which `load_skin` reads. Beside the skin it holds
     `patches/` with a DXF, an SVG, a table of coordinates and the map to the link of
-    each patch, `sheet.svg` and `sheet.dxf` with all patches, and `report.json`.
+    each patch, `sheet.svg` and `sheet.dxf` with all patches, and `report.json`. The
+    URDF of the robot is copied into it, where one is given.
     """
     drawings = draw_design(design)
     report = build_report(design, drawings)
@@ -55,7 +59,7 @@ def save_design(design: SkinDesign, folder: Path) -> dict[str, object]:
     save_dxf(folder / "sheet.dxf", sheet)
     with atomic_path(folder / "report.json") as part:
         part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    save_skin(design.skin, folder)
+    save_skin(design.skin, folder, robot)
     return report
 
 

@@ -57,7 +57,7 @@ from eskin.live.model_file import (
     save_model,
 )
 from eskin.live.network import Network, compute_probabilities
-from eskin.live.recognizer import Recognizer, mount_skin
+from eskin.live.recognizer import Recognizer
 
 __all__ = [
     "Decision",
@@ -105,7 +105,6 @@ __all__ = [
     "find_live_neighbours",
     "join_graphs",
     "load_model",
-    "mount_skin",
     "save_model",
     "warm_up",
 ]

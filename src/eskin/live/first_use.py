@@ -12,8 +12,9 @@ from eskin.live.graph import NO_HISTORY
 from eskin.live.graph_builder import NO_TAXELS, GraphBuilder, TouchNodes
 from eskin.live.model_file import load_model
 from eskin.live.network import LogitStream
-from eskin.live.recognizer import Recognizer, mount_skin
+from eskin.live.recognizer import Recognizer
 from eskin.live.step_kernels import step
+from eskin.skin import mount_skin
 from eskin.touch import Calibration, Reading, Scan, TouchPipeline
 
 WARM_UP_PERIOD = 20_000_000
@@ -56,7 +57,7 @@ def warm_up(recognizer: Recognizer) -> None:
 
 def compile_network() -> None:
     """Compile the step of the network, whose types are the same for every model."""
-    mounted = mount_skin("ur5", None)
+    mounted = mount_skin("ur5")
     stream = LogitStream(load_model("ur5"), GraphBuilder(mounted))
     count, joints = mounted.skin.count, len(mounted.robot.joint_names)
     pressure, valid = np.zeros(count, np.float32), np.ones(count, bool)

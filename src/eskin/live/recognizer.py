@@ -18,8 +18,8 @@ from eskin.live.decision import (
 )
 from eskin.live.model_config import DecisionConfig
 from eskin.live.model_file import MODELS, Model, load_model
-from eskin.robot import Robot, load_robot
-from eskin.skin import MountedSkin, Skin, load_robot_for_skin, load_skin
+from eskin.robot import Robot
+from eskin.skin import MountedSkin, Skin, mount_skin
 from eskin.touch import (
     Calibration,
     LinkPoseCache,
@@ -29,31 +29,6 @@ from eskin.touch import (
     TouchPipeline,
     TouchState,
 )
-
-
-def mount_skin(
-    skin: str | Path | Skin, robot: str | Path | Robot | None
-) -> MountedSkin:
-    """Mount a skin on its robot, both given as objects or by name.
-
-    Args:
-        skin: a preset's name, a skin's folder, or a skin.
-        robot: a preset's name, a URDF, or a robot; None for that of a preset skin.
-
-    Raises:
-        SkinMismatchError: if the robot of the skin is not known.
-    """
-    if isinstance(skin, str) and robot is None:
-        robot = load_robot_for_skin(skin)
-    skin = skin if isinstance(skin, Skin) else load_skin(skin)
-    if isinstance(robot, str | Path):
-        robot = load_robot(robot)
-    if robot is None:
-        raise SkinMismatchError(
-            f"skin '{skin.name}' is given without a robot; allowed are a robot's "
-            "name, a URDF or a Robot; give the robot that it is on (--robot-urdf)"
-        )
-    return MountedSkin(skin, robot)
 
 
 @final

@@ -26,6 +26,8 @@ class Link:
     """Name of the link, unique in its robot."""
     geoms: tuple[Geom, ...] = ()
     """Collision shapes of the link."""
+    lacks_meshes: bool = False
+    """Whether it has collision meshes that are not at hand."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,23 @@ class Robot:
     def velocity(self) -> Float[np.ndarray, "joint"]:
         """Return the largest joint speeds [rad/s] or [m/s]."""
         return np.array([j.velocity for j in self.actuated_joints], dtype=np.float64)
+
+    def describe_lacking_meshes(self, deed: str) -> str:
+        """Describe what is done without meshes that are not at hand; empty for none.
+
+        Recordings and skins hold the URDF of their robot without its meshes.
+
+        Args:
+            deed: what is done to the robot, as "drawn".
+        """
+        count = sum(link.lacks_meshes for link in self.links)
+        if not count:
+            return ""
+        return (
+            f"robot '{self.name}' is {deed} without the meshes of {count} of its "
+            f"{len(self.links)} links, which are not kept with its URDF; --robot-urdf "
+            "FILE brings them"
+        )
 
     def link_index(self, name: str) -> int:
         """Return the index of a link in `links`.

@@ -238,13 +238,15 @@ def read_link(element: Element, reader: MeshReader | None, path: Path) -> Link:
     name = read_text(element, "name", "robot")
     place = f"link '{name}'"
     geoms = []
+    lacks_meshes = False
     for collision in element.findall("collision"):
         geometry = find_child(collision, "geometry", place)
         if reader is None and geometry.find("mesh") is not None:
+            lacks_meshes = True
             continue
         shape = partial(read_sized_shape, geometry, reader, f"{path}: {place}")
         geoms.append(Geom(shape, read_origin(collision, place)))
-    return Link(name, tuple(geoms))
+    return Link(name, tuple(geoms), lacks_meshes)
 
 
 def read_sized_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shape:

@@ -10,7 +10,8 @@ from eskin.skin.files import (
     skin_to_bytes,
 )
 from eskin.skin.layout import TaxelGrid, build_grid_skin, build_skin, cut_corners
-from eskin.skin.presets import SKIN_PRESETS, SkinPreset, load_robot_for_skin
+from eskin.skin.mounting import load_robot_for_skin, mount_skin
+from eskin.skin.presets import SKIN_PRESETS, SkinPreset
 from eskin.skin.skin import MountedSkin, Patch, Skin
 from eskin.skin.surfaces import Dome, Plane, Surface, SurfacePoints, Tube, fit_surface
 
@@ -37,6 +38,7 @@ __all__ = [
     "fit_surface",
     "load_robot_for_skin",
     "load_skin",
+    "mount_skin",
     "parse_skin_folder",
     "save_skin",
     "skin_from_bytes",

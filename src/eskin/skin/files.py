@@ -1,7 +1,9 @@
 """This module reads and writes skins, as folders or as bytes."""
 
 import os
+from contextlib import ExitStack
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,9 +23,11 @@ from eskin.files import (
     read_file,
     shorten,
 )
+from eskin.robot import Robot
+from eskin.robot.urdf import MAX_URDF_BYTES
 from eskin.skin.check import SkinProblem, check_crowding, find_direction_problems
 from eskin.skin.presets import SKIN_PRESETS
-from eskin.skin.skin import Patch, Skin
+from eskin.skin.skin import MountedSkin, Patch, Skin
 from eskin.skin.taxel_table import (
     MAX_TABLE_BYTES,
     build_arrays,
@@ -32,6 +36,8 @@ from eskin.skin.taxel_table import (
 )
 
 MANIFEST = "skin.yaml"
+ROBOT_URDF = "robot.urdf"
+"""Name of the file with the URDF of the skin's robot, beside `skin.yaml`."""
 END = "...\n"
 """End of the YAML document; the taxels follow."""
 Extent = Annotated[int, Field(ge=1, le=65535)]
@@ -62,6 +68,7 @@ class SkinManifest(BaseModel):
     name: Name
     calibrated: bool = True
     taxels: Name = "taxels.csv"
+    robot_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
     patches: Annotated[list[PatchEntry], Field(min_length=1, max_length=MAX_PATCHES)]
 
 
@@ -99,15 +106,63 @@ def load_skin(name_or_path: str | Path) -> Skin:
     return require_valid(parsed, f"`eskin skin check {name}` lists them")
 
 
-def save_skin(skin: Skin, folder: str | Path) -> None:
-    """Write a skin into a folder, which is created where it does not exist."""
+def save_skin(skin: Skin, folder: str | Path, robot: Robot | None = None) -> None:
+    """Write a skin into a folder, which is created where it does not exist.
+
+    Args:
+        skin: the skin.
+        folder: the folder. What it holds of another skin is replaced.
+        robot: robot that wears the skin. Its URDF is copied into the folder, without
+            the meshes that it names, and the skin is mounted on it from then on. The
+            folder names no robot without one, or where it was not read from a URDF.
+
+    Raises:
+        SkinMismatchError: The robot lacks a link that the skin lies on.
+    """
     folder = Path(folder)
-    with (
-        atomic_path(folder / "taxels.csv") as taxels,
-        atomic_path(folder / MANIFEST) as manifest,
-    ):
+    urdf = None
+    if robot is not None:
+        MountedSkin(skin, robot)
+        urdf = robot.urdf or None
+    with ExitStack() as files:
+        taxels = files.enter_context(atomic_path(folder / "taxels.csv"))
+        manifest = files.enter_context(atomic_path(folder / MANIFEST))
         taxels.write_text(format_taxels(skin), encoding="utf-8", newline="\n")
-        manifest.write_text(format_manifest(skin), encoding="utf-8", newline="\n")
+        manifest.write_text(format_manifest(skin, urdf), encoding="utf-8", newline="\n")
+        if urdf is not None:
+            files.enter_context(atomic_path(folder / ROBOT_URDF)).write_bytes(urdf)
+
+
+def read_robot_urdf(path: Path) -> bytes | None:
+    """Read the URDF of the robot that a skin's folder names; None where it names none.
+
+    Args:
+        path: the folder, or its `skin.yaml`.
+
+    Raises:
+        SkinError: It is missing, cannot be read, or was changed since it was written.
+    """
+    file = path if path.name == MANIFEST else path / MANIFEST
+    if not file.exists():
+        return None
+    manifest = parse_manifest(read_text(file, MAX_YAML_BYTES), str(file))
+    if manifest.robot_sha256 is None:
+        return None
+    target = resolve_inside(file.parent, ROBOT_URDF, str(file))
+    remedy = "give the robot with --robot-urdf, or copy the whole folder again"
+    try:
+        urdf = read_file(target, MAX_URDF_BYTES)
+    except OSError as error:
+        raise SkinError(
+            f"{file.parent / ROBOT_URDF}, the robot of the skin, cannot be read "
+            f"({error.strerror}); {remedy}"
+        ) from None
+    if sha256(urdf).hexdigest() != manifest.robot_sha256:
+        raise SkinError(
+            f"{file.parent / ROBOT_URDF}, the robot of the skin, was changed since it "
+            f"was written; allowed is the file whose SHA-256 is in {MANIFEST}; {remedy}"
+        )
+    return urdf
 
 
 def skin_to_bytes(skin: Skin) -> bytes:
@@ -206,7 +261,7 @@ def resolve_inside(folder: Path, name: str, file: str) -> Path:
     target = Path(os.path.realpath(folder / name))
     if not target.is_relative_to(os.path.realpath(folder)):
         raise SkinError(
-            f"{file}: taxels: got '{name}', which leaves the folder; allowed a file "
+            f"{file}: got the file '{name}', which leaves the folder; allowed a file "
             "inside it"
         )
     return target
@@ -248,14 +303,16 @@ def parse_manifest(text: str, file: str) -> SkinManifest:
         raise SkinError(f"{file}: {lines}") from None
 
 
-def format_manifest(skin: Skin) -> str:
-    """Return the text of a skin's `skin.yaml`."""
+def format_manifest(skin: Skin, urdf: bytes | None = None) -> str:
+    """Return the text of a skin's `skin.yaml`, with the digest of its robot's URDF."""
     manifest = SkinManifest(
         name=skin.name,
         calibrated=bool(skin.calibrated),
+        robot_sha256=None if urdf is None else sha256(urdf).hexdigest(),
         patches=[PatchEntry(**vars(patch)) for patch in skin.patches],
     )
-    return yaml.safe_dump(manifest.model_dump(), sort_keys=False, allow_unicode=True)
+    data = manifest.model_dump(exclude_none=True)
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
 def describe_entry_error(detail: ErrorDetails) -> str:
@@ -267,9 +324,9 @@ def describe_entry_error(detail: ErrorDetails) -> str:
         allowed = PatchEntry if "[" in path else SkinManifest
         return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
     if detail["type"] == "string_pattern_mismatch":
-        return (
-            f"{path}: got {shorten(detail['input'])}, allowed one line of text without "
-            "spaces at its ends"
-        )
+        allowed = "one line of text without spaces at its ends"
+        if path == "robot_sha256":
+            allowed = f"64 hexadecimal digits, the SHA-256 of {ROBOT_URDF}"
+        return f"{path}: got {shorten(detail['input'])}, allowed {allowed}"
     wanted = detail["msg"].removeprefix("Input ").removeprefix("should ")
     return f"{path}: got {shorten(detail['input'])}, {wanted}"

@@ -260,7 +260,7 @@ def subdivide(
 
     Sorting polygons by the depth of their centres needs small ones.
     """
-    done = []
+    done = [triangles[:0]]
     while len(triangles):
         edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
         longest = np.argmax(edges, axis=1)

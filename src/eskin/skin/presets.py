@@ -18,7 +18,6 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from eskin.robot import Robot, load_robot
 from eskin.skin.layout import (
     BACK,
     DOWN,
@@ -230,18 +229,3 @@ SKIN_PRESETS = {
 }
 """Skins that `load_skin` knows by name; those of public data sets have a nominal
 pitch."""
-
-
-def load_robot_for_skin(
-    skin_name: str, robot_name: str | None = None, *, mimics: bool = True
-) -> Robot | None:
-    """Load a robot by its name, else that of a preset skin; return None for neither.
-
-    Args:
-        skin_name: name of the skin.
-        robot_name: name of the robot, or path of its URDF.
-        mimics: whether to read mimic rules; without them every joint has a value.
-    """
-    if robot_name is None and skin_name in SKIN_PRESETS:
-        robot_name = SKIN_PRESETS[skin_name].robot
-    return None if robot_name is None else load_robot(robot_name, mimics=mimics)

@@ -108,7 +108,7 @@ def run(command: DesignCommand) -> dict[str, object]:
         check_picture(command.picture)
     robot = load_robot(command.robot, mimics=not command.no_mimics)
     design = design_skin(robot, build_spec(command, robot), command.seed)
-    report = save_design(design, command.out)
+    report = save_design(design, command.out, robot)
     for warning in design.warnings:
         print(f"warning: {warning}")
     print_report(report, command)

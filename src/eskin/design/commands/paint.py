@@ -186,7 +186,8 @@ class SpecDraft:
         saved = []
         try:
             for order in matrices:
-                self.taxels = save_matrix(self.place(order), self.skin).count
+                placed = self.place(order)
+                self.taxels = save_matrix(placed, self.skin, self.robot).count
                 saved = [str(self.skin)]
             if balls or not matrices:
                 write_spec_file(self.path, entries)

@@ -10,7 +10,7 @@ import tyro
 from eskin.cli.checks import Range, check_folder, check_picture
 from eskin.cli.skin import draw_picture
 from eskin.design.commands.design import MAX_COUNT, check_packages
-from eskin.robot import load_robot
+from eskin.robot import Robot, load_robot
 from eskin.skin import Skin, load_skin, save_skin
 from eskin.skin.files import MANIFEST
 from eskin.units import format_count
@@ -103,7 +103,7 @@ def run(command: PlaceCommand) -> dict[str, object]:
         for row in sorted({0, command.rows - 1})
         for column in sorted({0, command.columns - 1})
     }
-    skin = save_matrix(skin, command.out)
+    skin = save_matrix(skin, command.out, robot)
     print(
         f"{command.out}: {format_count(skin.count, 'taxel')} of "
         f"{format_count(len(skin.patches), 'patch')}; distances of '{spec.name}' are "
@@ -123,8 +123,8 @@ def run(command: PlaceCommand) -> dict[str, object]:
     }
 
 
-def save_matrix(skin: Skin, folder: Path) -> Skin:
-    """Write a matrix as a skin, or add it to the one that the folder holds.
+def save_matrix(skin: Skin, folder: Path, robot: Robot) -> Skin:
+    """Write a matrix on its robot as a skin, or add it to that of the folder.
 
     Returns:
         The skin that was written.
@@ -134,5 +134,5 @@ def save_matrix(skin: Skin, folder: Path) -> Skin:
     skin = replace(skin, name=folder.absolute().name)
     if (folder / MANIFEST).exists():
         skin = add_patch(load_skin(str(folder)), skin)
-    save_skin(skin, folder)
+    save_skin(skin, folder, robot)
     return skin

@@ -39,7 +39,8 @@ class ReportCommand:
     """The HTML file; by default that of the recording with the suffix .html."""
 
     robot_urdf: str | None = None
-    """URDF of the recorded robot, if that robot does not come with eskin."""
+    """Robot in place of the recorded one, as for its meshes: a URDF file or a preset's
+    name."""
 
     calibration: Path | None = None
     """Calibration file to use in place of the recorded one."""

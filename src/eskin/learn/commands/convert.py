@@ -9,7 +9,7 @@ import tyro
 
 from eskin.app import SourceConfig, load_calibration
 from eskin.cli.checks import Needs, Range
-from eskin.errors import RecordingError, SkinMismatchError
+from eskin.errors import RecordingError
 from eskin.learn.sets import (
     LAYOUTS,
     ConversionResult,
@@ -23,7 +23,7 @@ from eskin.learn.sets import (
     convert_socialtouch,
     convert_table,
 )
-from eskin.skin import MountedSkin, load_robot_for_skin, load_skin
+from eskin.skin import mount_skin
 from eskin.units import format_count
 
 NOMINAL = Range(0, 1000, is_open=True)
@@ -57,8 +57,8 @@ class ConvertCommand:
     pose of each taxel: a preset's name, or a folder with skin.yaml."""
 
     robot_urdf: Annotated[str | None, Needs("skin")] = None
-    """Robot that wears the skin: a URDF file or a preset's name. Preset skins have
-    their own."""
+    """Robot that wears the skin: a URDF file or a preset's name; by default the skin's
+    own."""
 
     calibration: Annotated[Path | None, Needs("skin")] = None
     """Calibration of counts; by default calibration.json in the skin's folder, else the
@@ -156,13 +156,7 @@ def describe_fit(fit: PoseFit) -> str:
 
 def build_reading_layout(command: ConvertCommand, skin: str) -> ReadingLayout:
     """Return how tables of readings of a skin are read."""
-    robot = load_robot_for_skin(skin, command.robot_urdf)
-    if robot is None:
-        raise SkinMismatchError(
-            f"skin '{skin}' is given without a robot; allowed are a robot's name or a "
-            "URDF file; give the robot that it is on with --robot-urdf"
-        )
-    mounted = MountedSkin(load_skin(skin), robot)
+    mounted = mount_skin(skin, command.robot_urdf)
     config = SourceConfig(skin=skin, calibration=command.calibration)
     calibration = load_calibration(config, mounted.skin)
     calibration.check_skin(mounted.skin)

@@ -48,8 +48,8 @@ class DemoCommand:
     """Name of a skin that comes with eskin and fits the UR5, or a skin's folder."""
 
     robot_urdf: str | None = None
-    """Robot that wears the skin: a URDF file or a preset's name. One other than the UR5
-    stands still in the page, and is not commanded. Preset skins have their own."""
+    """Robot that wears the skin: a URDF file or a preset's name; by default the skin's
+    own. One other than the UR5 stands still in the page, and is not commanded."""
 
     build: Literal["flawless", "fresh", "shifted"] | None = None
     """Simulated sensors: without a defect, as in training with some dead or frozen

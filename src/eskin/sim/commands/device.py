@@ -36,7 +36,7 @@ class DeviceCommand:
 
     robot_urdf: str | None = None
     """Robot that wears the skin, for a simulated person: a URDF file or a preset's
-    name. Preset skins have their own."""
+    name; by default the skin's own."""
 
     pty: bool = False
     """Send over pseudo-terminals, which act as serial ports. This is the default unless

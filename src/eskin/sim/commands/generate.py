@@ -53,8 +53,8 @@ class GenerateCommand:
     """
 
     robot_urdf: str | None = None
-    """Robot that wears the skin: a URDF file or a preset's name. Preset skins have
-    their own."""
+    """Robot that wears the skin: a URDF file or a preset's name; by default the skin's
+    own."""
 
     set: SetName = "train"
     """Name of the set of clips or streams."""

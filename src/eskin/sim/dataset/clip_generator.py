@@ -29,10 +29,9 @@ from eskin.sim.scene.environment import (
     build_environment,
     describe_wearer,
     load_environment,
-    mount_skin,
 )
 from eskin.sim.scene.placement import draw_site
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, mount_skin
 from eskin.touch import Calibration
 
 
@@ -75,7 +74,7 @@ class Simulator(ClipGenerator):
         Args:
             skin: name of a preset, or folder of a skin.
             constants: constants of the simulation; the published ones by default.
-            robot: name of a robot, or path of a URDF; None for that of a preset.
+            robot: name of a robot, or path of a URDF; None for the skin's own.
             recorded: people whose recorded touches are played; None draws touches.
 
         Raises:
@@ -89,7 +88,7 @@ class Simulator(ClipGenerator):
         else:
             self.env = build_environment(mount_skin(source, robot), constants)
         self.mounted = self.env.mounted if source == skin else mount_skin(skin, robot)
-        wearer = describe_wearer(skin, robot, self.mounted)
+        wearer = describe_wearer(self.mounted)
         self.robot_name, self.urdf = wearer.name, wearer.urdf
         self.touches = None
         if recorded is not None:

@@ -39,7 +39,7 @@ from eskin.sim.people.person import (
     mirror_pads,
     select_pads,
 )
-from eskin.sim.scene.environment import SimEnvironment, load_environment, mount_skin
+from eskin.sim.scene.environment import SimEnvironment, load_environment
 from eskin.sim.scene.folds import (
     compute_facing_gaps,
     compute_site_gap,
@@ -58,7 +58,7 @@ from eskin.sim.scene.scene import (
     shift_touch,
 )
 from eskin.sim.scene.validity import are_poses_valid, compute_joint_limits
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, mount_skin
 
 
 @dataclass(frozen=True, eq=False)

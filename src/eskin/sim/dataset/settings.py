@@ -33,7 +33,12 @@ from eskin.sim.people.recorded import RecordedPeople
 from eskin.sim.scene.environment import load_environment
 from eskin.sim.scene.targets import CLOSE
 from eskin.sim.sensor.flaws import FAMILIES, Family
-from eskin.skin import SKIN_PRESETS, load_robot_for_skin, load_skin, skin_to_bytes
+from eskin.skin import (
+    SKIN_PRESETS,
+    load_robot_for_skin,
+    mount_skin,
+    skin_to_bytes,
+)
 
 SETTINGS_NAME = "generation.json"
 MAX_SETTINGS_BYTES = 16 << 20
@@ -66,8 +71,8 @@ class GenerationSettings:
     recorded: RecordedPeople | None = None
     """People whose recorded touches a set is made of; None for other sets."""
     robot: str | None = None
-    """Robot that wears the skin: its name, or the path of its URDF; None for that of a
-    preset skin."""
+    """Robot that wears the skin: its name, or the path of its URDF; None for the skin's
+    own."""
 
     def __post_init__(self) -> None:
         """Refuse settings that no set can be generated with."""
@@ -170,9 +175,11 @@ class GenerationSettings:
             del facts["families"]
         if self.robot is None:
             del facts["robot"]
-        else:
-            data = skin_to_bytes(load_skin(self.skin))
-            facts["skin_digest"] = sha256(data).hexdigest()
+        if self.skin not in SKIN_PRESETS or self.robot is not None:
+            mounted = mount_skin(self.skin, self.robot)
+            facts["skin_digest"] = sha256(skin_to_bytes(mounted.skin)).hexdigest()
+            if self.robot is None:
+                facts["robot_digest"] = sha256(mounted.robot.urdf).hexdigest()
         del facts["recorded"]
         if self.recorded is not None:
             facts["recorded"] = self.recorded.digest
@@ -226,7 +233,7 @@ def has_joints(skin: str) -> bool:
 
 def can_grab(skin: str, robot: str | None) -> bool:
     """Tell whether a hand can close round a part of a skin on its robot."""
-    if robot is None:
+    if robot is None and skin in SKIN_PRESETS:
         return has_joints(skin)
     return max(load_environment(skin, robot).targets.allows) >= CLOSE
 

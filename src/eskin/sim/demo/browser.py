@@ -325,8 +325,9 @@ def run_demo(
         else:
             if config.commands is not None or config.dynamics:
                 raise DeviceError(
-                    f"commands or dynamics are asked for on robot '{config.robot}', "
-                    "which stands still; allowed are both on ur5; leave them out"
+                    "commands or dynamics are asked for on robot "
+                    f"'{skin.wearer.name}', which stands still; allowed are both on "
+                    "ur5; leave them out"
                 )
             arm = policy = question = None
             page = replace(page, skins=(config.skin,))

@@ -99,7 +99,7 @@ class InteractiveSkin:
             person: person who touches it; None draws one that is in no such set.
             loses: whether scans of patches are lost at random, as on a real skin.
             build: sensor build; None draws one of `build_kind`.
-            robot: name of a robot, or path of a URDF; None for that of a preset.
+            robot: name of a robot, or path of a URDF; None for the skin's own.
 
         Raises:
             SkinError: there is no such skin.
@@ -110,7 +110,7 @@ class InteractiveSkin:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
         self.env = load_environment(name, robot)
         self.mounted, constants = self.env.mounted, self.env.constants
-        self.wearer = describe_wearer(name, robot, self.mounted)
+        self.wearer = describe_wearer(self.mounted)
         origin = f"build {DEMO_ROLE} {build_kind}"
         build = build or get_build(
             BuildOrigin(

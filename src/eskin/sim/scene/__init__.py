@@ -5,7 +5,6 @@ from eskin.sim.scene.environment import (
     Wearer,
     build_environment,
     load_environment,
-    mount_skin,
 )
 from eskin.sim.scene.poses import find_untouched_links
 from eskin.sim.scene.validity import are_collision_free, compute_joint_limits
@@ -18,5 +17,4 @@ __all__ = [
     "compute_joint_limits",
     "find_untouched_links",
     "load_environment",
-    "mount_skin",
 ]

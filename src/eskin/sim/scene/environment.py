@@ -6,15 +6,14 @@ from functools import cached_property, lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.errors import SkinMismatchError
-from eskin.robot import ROBOT_PRESETS
+from eskin.robot import ROBOT_PRESETS, load_robot
 from eskin.sim.constants import MM, Constants, load_constants
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite
 from eskin.sim.contact.sheet import Sheet
 from eskin.sim.scene.collision import CollisionModel, build_collision_model
 from eskin.sim.scene.targets import CLOSE, TouchTargets, build_targets
-from eskin.skin import SKIN_PRESETS, MountedSkin, load_robot_for_skin, load_skin
+from eskin.skin import MountedSkin, mount_skin
 from eskin.skin.surfaces import Points
 
 
@@ -28,13 +27,12 @@ class Wearer:
     """URDF of the robot; empty for one that comes with eskin."""
 
 
-def describe_wearer(skin: str, robot: str | None, mounted: MountedSkin) -> Wearer:
-    """Describe the robot of a skin; arguments are those of `mount_skin`."""
-    if robot is None and skin in SKIN_PRESETS:
-        robot = SKIN_PRESETS[skin].robot
-    if robot in ROBOT_PRESETS:
-        return Wearer(robot, b"")
-    return Wearer(mounted.robot.name, mounted.robot.urdf)
+def describe_wearer(mounted: MountedSkin) -> Wearer:
+    """Describe the robot of a mounted skin, as recordings of it name the robot."""
+    robot = mounted.robot
+    if robot.name in ROBOT_PRESETS and robot.urdf == load_robot(robot.name).urdf:
+        return Wearer(robot.name, b"")
+    return Wearer(robot.name, robot.urdf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,26 +107,6 @@ def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironm
     collision = build_collision_model(mounted.robot, least)
     targets = build_targets(mounted.skin, charts, constants)
     return SimEnvironment(mounted, charts, links, collision, targets, constants)
-
-
-def mount_skin(skin: str, robot: str | None = None) -> MountedSkin:
-    """Mount a skin on its robot.
-
-    The skin is the name of a preset or a folder, the robot a name or the path of a
-    URDF, or None for that of a preset.
-
-    Raises:
-        SkinError: there is no such skin.
-        SkinMismatchError: the robot of the skin is not known, or lacks its links.
-    """
-    found = load_skin(skin)
-    wearer = load_robot_for_skin(skin, robot)
-    if wearer is None:
-        raise SkinMismatchError(
-            f"skin '{skin}' is given without a robot; allowed are a robot's name or a "
-            "URDF file; give the robot that it is on with --robot-urdf"
-        )
-    return MountedSkin(found, wearer)
 
 
 @lru_cache(maxsize=4)
