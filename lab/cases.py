@@ -38,6 +38,8 @@ class Case:
     """Patterns that it must not contain."""
     code: int = 0
     """Its exit code."""
+    memory: str = str(MEMORY)
+    """Memory that it may use [kB]; a browser reserves much more than it uses."""
 
     def run(self, folder: Path) -> str:
         """Run it in a folder; return what is wrong, empty if nothing is."""
@@ -45,7 +47,7 @@ class Case:
         path = f"{binaries}{os.pathsep}{os.environ['PATH']}"
         try:
             done = subprocess.run(
-                ["bash", "-c", f"ulimit -v {MEMORY}; {self.command}"],
+                ["bash", "-c", f"ulimit -v {self.memory}; {self.command}"],
                 cwd=folder,
                 env=os.environ | {"PATH": path, "COLUMNS": "1000"},
                 stdout=subprocess.PIPE,
@@ -97,6 +99,17 @@ def connect(cause: str, *wanted: str) -> Case:
     )
 
 
+VIEW = (
+    "eskin run --source sim:ur5 --view --port 8777 > run.log & for each in $(seq 60); "
+    "do grep -q http run.log && break; sleep 1; done; {}; kill %1"
+)
+"""Shows the page at port 8777 while a command looks at it."""
+THROUGH = (
+    'python fwd.py & sleep 2; python -c "import re, urllib.request as r; '
+    "link = re.search(r'http://[^ ]*/', open('run.log').read()).group(); "
+    "print(r.urlopen(link.replace('8777', '8779')).status)\"; kill %2"
+)
+"""Opens it through a tunnel with another port."""
 URDF = "python -c \"import eskin; print(eskin.load_robot('{}.urdf').joint_names)\""
 DESIGN = "eskin skin design r.urdf --out d --density 1"
 ALL_READ = r"wrong values 0.*used twice 0; steps back 0"
@@ -164,6 +177,13 @@ LIST = (
     Case("urdf_misc", URDF.format("floating"), ("is taken as fixed",)),
     Case("urdf_misc", URDF.format("declaration_not_first"), ()),
     Case("urdf_misc", URDF.format("quaternion_origin"), ()),
+    Case(
+        "t4_page_no_webgl",
+        VIEW.format("python b2.py"),
+        (r"no WebGL long.*\nTrue .*this browser has no WebGL",),
+        memory="unlimited",
+    ),
+    Case("t4_page_other_port", VIEW.format(THROUGH), (r"\b200\b",)),
     connect("registers", r"already in use.*PROFINET"),
     connect("local_6s", "Failed to start control script.*remote control, and end"),
     connect("hang", "has not answered for 20 s.*address and cable"),

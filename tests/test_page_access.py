@@ -1,6 +1,8 @@
 """Tests of who may open the page: only a browser that came by its link."""
 
 import logging
+import re
+import socket
 import time
 import urllib.error
 import urllib.request
@@ -41,9 +43,12 @@ def clicks(server):
     sockets.unregister_handler(GuiUpdateMessage, handle)
 
 
-def open_socket(server, path="", origin=None, headers=None):
+def open_socket(server, path="", origin=None, headers=None, host=None):
+    """Connect to the server, as a tunnel does where another host is given."""
+    own = "127.0.0.1", server.get_port()
     return connect(
-        f"ws://127.0.0.1:{server.get_port()}/{path}",
+        f"ws://{host or f'{own[0]}:{own[1]}'}/{path}",
+        sock=socket.create_connection(own),
         origin=origin,
         additional_headers=headers,
         subprotocols=[f"viser-v{viser.__version__}"],
@@ -86,6 +91,20 @@ def list_strangers(server):
         "longer name": {"path": token, "origin": f"{origin}.evil.example"},
         "wrong port": {"path": token, "origin": own_origin(server, 9)},
         "no port": {"path": token, "origin": "http://127.0.0.1"},
+        "other name": {
+            "path": token,
+            "origin": origin.replace("127.0.0.1", "localhost"),
+        },
+        "page at the port of a tunnel": {
+            "path": token,
+            "origin": origin,
+            "host": "127.0.0.1:9",
+        },
+        "name that was bound anew": {
+            "path": token,
+            "origin": "http://evil.example:9",
+            "host": "evil.example:9",
+        },
         "other scheme": {"path": token, "origin": origin.replace("http", "https")},
         "no token": {"origin": origin},
         "wrong token": {"path": make_token(), "origin": origin},
@@ -124,9 +143,14 @@ def test_page_opened_by_its_link_may_connect_and_reload(server, clicks):
     assert status == 200 and b"<html" in text
     # A cookie would be sent to the servers of all ports.
     assert "Set-Cookie" not in headers and "frame-ancestors" in str(headers)
-    for name in ("127.0.0.1", "localhost"):
-        assert press(server, message, path=TOKEN, origin=f"http://{name}:{port}")
-    assert becomes(pressed, 2)
+    hosts = [f"{name}:{port}" for name in ("127.0.0.1", "localhost")]
+    # Tunnels have another port of this computer, or the usual one.
+    hosts += ["127.0.0.1:9", "localhost:9", "[::1]:9", "localhost"]
+    for host in hosts:
+        assert load(server, f"{TOKEN}/", Host=host)[0] == 200
+        origin = f"http://{host}"
+        assert press(server, message, path=TOKEN, origin=origin, host=host)
+    assert becomes(pressed, len(hosts))
 
 
 @pytest.mark.parametrize("path", ["", "no/", "index.html", "?a=%ff", "?token={}"])
@@ -137,14 +161,34 @@ def test_page_without_token_is_refused_and_says_what_to_do(server, path):
     assert TOKEN.encode() not in text
 
 
-def test_name_of_another_computer_is_refused(server):
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "evil.example:9",
+        "192.168.0.9:9",
+        "localhost.evil.example",
+        "127.0.0.1.evil.example:9",
+        "127.0.0.1:9:9",
+        "evil@127.0.0.1",
+        "0.0.0.0:9",
+    ],
+)
+def test_name_of_another_computer_is_refused(server, host):
     """As a name that first leads to a site, then to this computer, would be."""
-    path = f"{TOKEN}/"
-    assert load(server, path, Host=f"evil.example:{server.get_port()}")[0] == 403
+    status, _, text = load(server, f"{TOKEN}/", Host=host)
+    assert status == 403 and b"through a tunnel" in text
+
+
+def test_page_has_the_title_of_eskin_and_works_without_a_scene(server):
+    page = load(server, f"{TOKEN}/")[2]
+    assert re.findall(rb"<title>(.*?)</title>", page) == [b"eskin"]
+    # The browser is looked at before viser's own script runs.
+    assert page.index(b"this browser has no WebGL") < page.index(b"<title>")
 
 
 def test_token_is_long_new_and_in_no_log(caplog):
     assert len(TOKEN) >= 32
     assert TOKEN != make_token()
     with caplog.at_level(logging.DEBUG):
-        assert TOKEN not in repr(PageAccess(80, TOKEN)) + caplog.text
+        assert TOKEN not in repr(PageAccess(TOKEN)) + caplog.text

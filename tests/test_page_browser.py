@@ -26,6 +26,7 @@ from PIL import Image
 from lab.browser import (
     CHROMIUM,
     EYE,
+    NO_WEBGL,
     PATIENCE,
     Canvas,
     Visit,
@@ -311,6 +312,30 @@ def test_page_that_may_not_touch_has_no_controls(browser, page):
         assert page.tab.locator("text=duration, times").count() == 0
     finally:
         page.close()
+
+
+def test_browser_without_webgl_has_the_panel_and_says_what_is_missing():
+    with chromium(NO_WEBGL) as browser:
+        page = FedPage(browser)
+        try:
+            tab = page.tab
+            told = tab.locator("#no-scene").inner_text()
+            assert "this browser has no WebGL" in told and "hardware" in told
+            page.content = {
+                "log_entries": (LogEntry(1.0, "command", "next step"),),
+                "arm": ArmSummary("paused", "", 0.5, "open", "rack"),
+            }
+            tab.wait_for_selector("text=next step")
+            tab.wait_for_selector("text=paused")
+            find_button(tab, "pause").first.click()
+            assert becomes(lambda: page.orders, PATIENCE)
+            # Nobody touches what they do not see.
+            page.orders.clear()
+            tab.mouse.click(*page.place(TARGET))
+            tab.wait_for_timeout(1000)
+            assert not page.orders
+        finally:
+            page.close()
 
 
 def find_button(tab, name):

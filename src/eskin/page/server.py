@@ -9,6 +9,7 @@ the handshake, so no message of anyone else reaches a handler.
 import contextlib
 import logging
 import os
+import re
 from collections.abc import Iterator
 from http import HTTPStatus
 from secrets import compare_digest
@@ -22,10 +23,12 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from eskin.errors import DeviceError
+from eskin.page.client import adapt
 from eskin.page.process import HOST, free_port
 
-LOCAL_NAMES = ("127.0.0.1", "localhost")
-"""Names of this computer in the address of the page."""
+LOCAL_HOST = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
+"""Names of this computer in the address of the page, with any port: a tunnel to this
+one may have another."""
 HEADERS = {
     "Cache-Control": "no-store",
     # A page of another site must not show this one, with its own buttons over it.
@@ -35,124 +38,24 @@ HEADERS = {
 """Headers of the answer to a request for the page."""
 
 
-LOOK = b"""<script>
-  if (matchMedia("(prefers-color-scheme: dark)").matches && !location.search)
-    history.replaceState(null, "", "?darkMode");
-  let at = null, told = 0;
-  addEventListener("pointerdown", (event) => {
-    const isScene = event.button === 0 && event.target.dataset?.engine;
-    at = isScene ? [event.clientX, event.clientY] : null;
-  }, true);
-  addEventListener("pointerup", (event) => {
-    if (at === null) return;
-    const moved = Math.hypot(event.clientX - at[0], event.clientY - at[1]) > 4;
-    const key = moved ? "T" : "M";
-    clearTimeout(told);
-    told = setTimeout(() => document.documentElement.dispatchEvent(
-      new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true})), 60);
-    at = null;
-  }, true);
-  let audio = null, banner = null, hasArm = false;
-  const wake = () => {
-    try { (audio ??= new AudioContext()).resume(); } catch { audio = null; }
-  };
-  for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, wake, true);
-  const sound = () => {
-    if (audio?.state !== "running") return;
-    [660, 880].forEach((pitch, number) => {
-      const tone = audio.createOscillator(), loudness = audio.createGain();
-      const begin = audio.currentTime + 0.12 * number;
-      tone.frequency.value = pitch;
-      loudness.gain.setValueAtTime(0.25, begin);
-      loudness.gain.exponentialRampToValueAtTime(0.001, begin + 0.12);
-      tone.connect(loudness).connect(audio.destination);
-      tone.start(begin);
-      tone.stop(begin + 0.12);
-    });
-  };
-  const CLOSED = {
-    question: "", hint: "Open the panel to see what the arm asks", left: 0};
-  const write = (part, text) => {
-    if (part.textContent !== text) part.textContent = text;
-  };
-  new MutationObserver(() => {
-    const asked = document.querySelector("[data-question]");
-    const {question, hint, left} = asked?.dataset ?? CLOSED;
-    hasArm ||= asked !== null;
-    if (!hasArm || !hint) {
-      banner?.remove();
-      banner = null;
-      return;
-    }
-    if (!banner) {
-      banner = document.createElement("div");
-      banner.id = "question";
-      banner.setAttribute("role", "alert");
-      banner.innerHTML = "<b></b><span></span><i></i>";
-      document.body.append(banner);
-    }
-    const [title, text, bar] = banner.children;
-    if (question && !title.textContent) sound();
-    write(title, question);
-    write(text, hint);
-    bar.style.width = `${100 * left}%`;
-    const box = document.querySelector("canvas[data-engine]")?.getBoundingClientRect();
-    if (box) Object.assign(banner.style, {left: `${box.x}px`, width: `${box.width}px`});
-  }).observe(document, {childList: true, subtree: true});
-</script>
-<style>
-  #question {
-    position: fixed; top: 0; left: 0; width: 100%; z-index: 90;
-    pointer-events: none;
-    box-sizing: border-box; padding: 14px 20px; overflow: hidden;
-    font: 600 clamp(20px, 3.2vw, 44px)/1.25 system-ui, sans-serif;
-    text-align: center; color: #fff; background: #14405ae6; }
-  #question span { display: block; font-size: 0.7em; }
-  #question i {
-    display: block; height: 12px; margin: 10px auto 0; border-radius: 6px;
-    background: #ffc94d; transition: width 0.1s linear; }
-  :root { color-scheme: light dark; }
-  [data-mantine-color-scheme="light"] { color-scheme: light; }
-  [data-mantine-color-scheme="dark"] { color-scheme: dark; }
-  canvas[data-engine] {
-    background: linear-gradient(
-      light-dark(#e0e7f0, #2a313b), light-dark(#fafbfd, #14181d));
-  }
-  .mantine-Button-root { min-height: 28px; }
-  [role="tab"][aria-selected="true"] {
-    color: light-dark(#14677a, #5fd0e3) !important; }
-  @media (pointer: coarse) { .mantine-Button-root { min-height: 40px; } }
-  @media (max-width: 36em) {
-    [style*="max-height: 60%"] { width: 100% !important;
-      max-height: 44% !important; }
-    [style*="max-height: 60%"] [style="width: 20em;"] { width: 100% !important; }
-  }
-</style>"""
-"""What is added to viser's page: it is dark where the browser prefers that; each click
-and drag in the scene is told by a key, M or T, so that those beside the skin are
-answered too, after 60 ms, because what it hit is told within 50 ms; what the arm asks
-is shown across the scene, with a sound where the browser allows one, which is after the
-first click or key; the sky is pale or dark; and on a phone the panel is as wide as the
-window, and lower."""
-
-
 @final
 class PageAccess:
     """Accepts requests and connections of a page that was opened by its link."""
 
-    def __init__(self, port: int, token: str) -> None:
-        """Store port and token of the link."""
+    def __init__(self, token: str) -> None:
+        """Store the token of the link."""
         self.token = token.encode()
-        self.hosts = {f"{name}:{port}" for name in LOCAL_NAMES}
-        self.origins = {f"http://{host}" for host in self.hosts}
 
     def find_problem(self, request: Request) -> str | None:
         """Return why a request is refused; None where it is accepted."""
         hosts = request.headers.get_all("Host")
-        if len(hosts) != 1 or hosts[0] not in self.hosts:
-            return "the page is served to this computer only"
+        if len(hosts) != 1 or not LOCAL_HOST.fullmatch(hosts[0]):
+            return (
+                "the page is served to this computer only; open it at 127.0.0.1 or "
+                "localhost, from another computer through a tunnel"
+            )
         origins = request.headers.get_all("Origin")
-        if any(origin not in self.origins for origin in origins):
+        if any(origin != f"http://{hosts[0]}" for origin in origins):
             return "only the page itself may connect"
         path = urlsplit(request.path).path.strip("/")
         # This comparison takes a time that tells nothing about the token.
@@ -186,7 +89,7 @@ def guard_servers(access: PageAccess) -> Iterator[list[Any]]:
             response = process_request(connection, request)
             if response is not None:
                 response.headers.update(HEADERS)
-                response.body = response.body.replace(b"<head>", b"<head>" + LOOK, 1)
+                response.body = adapt(response.body)
                 response.headers.pop("Content-Length", None)
                 response.headers["Content-Length"] = str(len(response.body))
             return response
@@ -217,7 +120,7 @@ def open_server(port: int, token: str) -> ViserServer:
     with (
         open(os.devnull, "w") as nowhere,
         contextlib.redirect_stdout(nowhere),
-        guard_servers(PageAccess(port, token)) as guarded,
+        guard_servers(PageAccess(token)) as guarded,
     ):
         server = ViserServer(HOST, port, label="eskin", verbose=False)
     if not guarded:
