@@ -110,6 +110,33 @@ THROUGH = (
     "print(r.urlopen(link.replace('8777', '8779')).status)\"; kill %2"
 )
 """Opens it through a tunnel with another port."""
+
+
+def table(file: str, *wanted: str, code: int = 2) -> Case:
+    """Build a case that converts a table of frames."""
+    return Case(
+        "t4_table_messages", f"python mk.py && {TABLE.format(file)}", wanted, code=code
+    )
+
+
+def name(first: str, second: str, *wanted: str, code: int = 0) -> Case:
+    """Build a case that converts a table of two gestures, and prints its labels."""
+    write = (
+        "from mk import w; "
+        f"w('a.csv', lab=lambda g, r: {{'poke': '{first}'}}.get(g, '{second}'))"
+    )
+    command = f'python -c "{write}" && {TABLE.format("a.csv")} && {LABELS}'
+    return Case("t4_table_names_not_latin", command, wanted, code=code)
+
+
+TABLE = (
+    "eskin convert table {} out --rows 8 --columns 8 --rate 50 --label gesture "
+    "--person who"
+)
+LABELS = (
+    'python -c "from eskin.recording import read_recording; '
+    "print(*{each.gesture for each in read_recording('out/a-p0.mcap').labels})\""
+)
 URDF = "python -c \"import eskin; print(eskin.load_robot('{}.urdf').joint_names)\""
 DESIGN = "eskin skin design r.urdf --out d --density 1"
 ALL_READ = r"wrong values 0.*used twice 0; steps back 0"
@@ -189,6 +216,16 @@ LIST = (
     connect("hang", "has not answered for 20 s.*address and cable"),
     connect("abort", "client .* has ended.*connect again"),
     connect("not_running", "reached, but its program"),
+    table("nan.csv", "line 51, column c63 is nan"),
+    table("utf16.csv", "8 labels", code=0),
+    table("semi_deccomma.csv", "line 2, column c0.*commas are decimal here"),
+    table("latin.csv", "line 2 is no UTF-8.*save it as UTF-8"),
+    name("轻拍", "抚摸", "轻拍", "抚摸"),
+    name("нажать", "гладить", "нажать", "гладить"),
+    name("👋", "👆", "👋", "👆"),
+    name("swipe+", "swipe-", r"swipe\+", "swipe-"),
+    name("drücken", "stroke", "drücken", "stroke"),
+    name("Poke", "poke", "'Poke' and 'poke' differ only in case", code=2),
 )
 
 

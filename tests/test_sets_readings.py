@@ -175,7 +175,7 @@ def test_labels_by_repetition_and_counts_with_joint_positions_are_kept(
         np.testing.assert_allclose(arrays.q, content["q"])
         starts = [(each.start - recording.start) / 1e9 for each in recording.labels]
         assert starts == pytest.approx(labels["start"])
-        assert [each.gesture for each in recording.labels] == ["double_pat", "none"]
+        assert [each.gesture for each in recording.labels] == ["Double pat", "none"]
         assert recording.metadata.subject == recording.path.stem
     assert len(recordings) == 2
 

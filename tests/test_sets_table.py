@@ -1,10 +1,12 @@
 """Tests of tables of frames: small files of our own, as the sets are published."""
 
+import re
+
 import numpy as np
 import pytest
 
 from eskin.recording import NONE, read_recording
-from helpers.cli import assert_refused, call_json
+from helpers.cli import assert_refused, call, call_json
 
 pytestmark = pytest.mark.slow
 
@@ -97,7 +99,90 @@ def test_table_of_fractions_keeps_their_ratios_and_its_pitch(tmp_path, capsys):
     counts = np.array([scan.counts for scan in recording.scans()])
     pressure = recording.calibration.gain * counts
     np.testing.assert_allclose(pressure, 2 * frames, atol=1e-3)
-    assert recording.skin.calibrated and name_labels(recording) == ["tap"]
+    assert recording.skin.calibrated and name_labels(recording) == ["Tap"]
+    assert recording.metadata.subject == "Ann B"
+
+
+NAMES = ("轻拍", "нажать", "👋", "👩🏽‍🔧", "swipe+", "swipe-", "drücken", "a, b/c")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_names_in_any_letters_and_encoding_are_kept(tmp_path, capsys, encoding):
+    parts = [(("王/芳", f'"{name}"'), build_frames(4, 6, 2)) for name in NAMES]
+    write_csv(tmp_path / "a.csv", ("who", "what"), parts)
+    text = (tmp_path / "a.csv").read_text()
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    options = (*GRID, "--person", "who")
+    _, found = convert(capsys, tmp_path, "table", tmp_path / "a.csv", *options)
+    assert name_labels(found["a-王_芳"]) == [*NAMES]
+    assert found["a-王_芳"].metadata.subject == "王/芳"
+
+
+@pytest.mark.parametrize(
+    ("names", "part"),
+    [
+        (("Tap", "tap"), "'Tap' and 'tap' differ only in case"),
+        (("unknown",), "own word"),
+        (('"two\nlines"',), "cannot be printed"),
+        (("x" * 201,), "201 bytes"),
+    ],
+)
+@pytest.mark.parametrize("files", [1, 2])
+def test_names_that_no_recogniser_can_have_are_refused(
+    tmp_path, capsys, names, part, files
+):
+    """Names of one set look alike in whichever of its files they are."""
+    parts = [((name,), build_frames(4, 6, 2)) for name in ("none", *names)]
+    write_csv(tmp_path / "a.csv", ("what",), parts[: 2 if files == 2 else None])
+    write_csv(tmp_path / "b.csv", ("what",), parts[-1:])
+    source = tmp_path if files == 2 else tmp_path / "a.csv"
+    words = ("convert", "table", source, tmp_path / "out", *GRID)
+    assert_refused(capsys, *words, part=part)
+    assert not (tmp_path / "out").exists()
+
+
+TABLE = "what;a;b;c;d;e;f\n\ntap;1;2;3;4;5;6\ntap;1;2;3;4;5;6\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("5;6\n", "5;nan\n", "line 3, column f is nan"),
+        ("5;6\n", "5;inf\n", "line 3, column f is inf"),
+        ("4;5", "-4;5", "line 3, column d is -4"),
+        ("1;2", "1;x", "line 3, column b is 'x'"),
+        ("1;2", "1;", "line 3, column b is ''"),
+        ("1;2", "1;2,5", "line 3, column b is '2,5'"),
+        ("1;2", "1;2;2", "line 3 has 8 columns, line 1 names 7"),
+        ("1;2", "1", "line 3 has 6 columns, line 1 names 7"),
+        ("tap", "dr\xfccken", "line 3 is no UTF-8"),
+        ("tap", '"tap', "line 3 or one after it cannot be read"),
+        ("what", "w\0a\0", "holds zero bytes, as UTF-16 does"),
+    ],
+)
+def test_first_line_of_a_table_that_cannot_be_read_is_named(
+    tmp_path, capsys, old, new, part
+):
+    """What is wrong is told by the line of the file, and by the name of the column."""
+    table = TABLE.replace(old, new, 1).encode("latin-1")
+    (tmp_path / "a.csv").write_bytes(table)
+    words = ("convert", "table", tmp_path, tmp_path / "out", *GRID)
+    code, _, error = call(capsys, *words)
+    assert code == 2 and re.search(f"a.csv.*{part}.*; allowed are", error), error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_empty_lines_and_a_separator_at_the_end_of_rows_mean_nothing(tmp_path, capsys):
+    found = []
+    for number, row in enumerate(("6\n", "6;\r\n", "6\n\n\n")):
+        path = tmp_path / f"{number}.csv"
+        path.write_text(TABLE.replace("6\n", row))
+        (tmp_path / "out").mkdir(exist_ok=True)
+        _, recordings = convert(capsys, tmp_path, "table", path, *GRID)
+        scans = recordings[str(number)].scans()
+        found.append([scan.counts.tolist() for scan in scans])
+    assert found == [[[1, 2, 3, 4, 5, 6]] * 2] * 3
 
 
 @pytest.mark.parametrize(
@@ -106,7 +191,7 @@ def test_table_of_fractions_keeps_their_ratios_and_its_pitch(tmp_path, capsys):
         (GRID[:6], "without --label"),
         ((*GRID, "--person", "weight"), "0 columns are 'weight'"),
         ((*GRID[2:], "--rows", 4), "correct --rows"),
-        ((*GRID, "--full-scale", 100), "a taxel is 200"),
+        ((*GRID, "--full-scale", 100), "line 3, column ch2 is 200"),
         ((*GRID, "--rate", 0.5), "--rate is 0.5"),
     ],
 )

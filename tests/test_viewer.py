@@ -347,9 +347,10 @@ def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
     for states[0], number, name, said in (
         ("", touch, "stroke", "not kept: nothing is recorded; press record"),
         ("saved to a.mcap", touch, "stroke", "not kept: nothing is recorded"),
-        ("recording to a.mcap", touch, " ", "name of the gesture is missing"),
+        ("recording to a.mcap", touch, " ", "not kept: gesture ' ' is empty"),
+        ("recording to a.mcap", touch, "unknown", "not kept: gesture 'unknown'"),
         ("recording to a.mcap", 999, "stroke", "not kept: the touch"),
-        ("recording to a.mcap", touch, "My Wave ", "kept: that was a my wave"),
+        ("recording to a.mcap", touch, "Мой взмах+", "kept: that was a Мой взмах+"),
     ):
         viewer.take_order(CorrectionOrder(number, name))
         assert said in viewer.encoder.log_entries[-1].text
@@ -358,7 +359,7 @@ def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
     for _ in range(2):
         viewer.publish_corrections([])
     [correction] = kept
-    assert correction.gesture == "my_wave"
+    assert correction.gesture == "Мой взмах+"
     assert START <= correction.start < correction.end <= START + 3_000_000_000
 
 

@@ -221,14 +221,14 @@ def test_range_is_labelled_with_any_name_by_keys_and_changes_are_undone(
     timeline.clock.seek(5.0)
     timeline.press("O")
     assert timeline.span() == (4.5, 5.0)
-    timeline.attempt(lambda: timeline.label(" My Wave"))
-    assert spans(editor) == [*before, ("my_wave", 4.5, 5.0)]
-    assert timeline.names[:3] == ("grab", "my_wave", "poke")
-    timeline.press("3")
+    timeline.attempt(lambda: timeline.label(" мой взмах"))
+    assert spans(editor) == [*before, ("мой взмах", 4.5, 5.0)]
+    assert timeline.names[:3] == ("grab", "poke", "мой взмах")
+    timeline.press("2")
     assert spans(editor) == [*before, ("poke", 4.5, 5.0)]
     timeline.press("delete")
     assert spans(editor) == before
-    for expected in ("poke", "my_wave", "grab", "grab"):
+    for expected in ("poke", "мой взмах", "grab", "grab"):
         timeline.press("Z")
         assert editor.labels[-1].gesture == expected
     assert spans(editor) == before and "nothing to undo" in timeline.note.content

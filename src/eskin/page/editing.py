@@ -17,6 +17,7 @@ from eskin.recording import (
     DetectionRecord,
     Label,
     Recording,
+    check_gesture_names,
     check_no_overlap,
     read_recording,
     rewrite_recording,
@@ -71,8 +72,10 @@ class LabelEditor:
             end: first instant after the gesture, since the first reading [s].
 
         Raises:
-            RecordingError: the range ends before it starts, or overlaps two labels.
+            RecordingError: the range ends before it starts, or overlaps two labels, or
+                no gesture may have this name.
         """
+        check_gesture_names([gesture])
         label = Label(self.stamp(start), self.stamp(end), gesture)
         inside = self.find_overlapping(start, end)
         replaced = inside if len(inside) == 1 else []

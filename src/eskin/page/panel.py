@@ -300,7 +300,13 @@ class TouchPanel(Panel):
         name = gui.add_dropdown("that was a", tuple(map(to_words, self.names)))
         other = gui.add_text("or another", "", hint="name of any gesture of your own")
         keep = gui.add_button("keep in the recording", icon=Icon.TAG)
-        obey(keep.on_click, lambda _: self.correct(other.value or name.value))
+        named = dict(zip(map(to_words, self.names), self.names, strict=True))
+
+        def keep_correction(_: object) -> None:
+            words = other.value.strip() or name.value
+            self.correct(named.get(words, words))
+
+        obey(keep.on_click, keep_correction)
         for digit, gesture in zip(DIGITS, self.names, strict=False):
             title = f"that was a {to_words(gesture)}"
             add_key(gui, digit, title, partial(self.correct, gesture))

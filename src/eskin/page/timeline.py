@@ -361,7 +361,7 @@ class Timeline:
 
     def label(self, gesture: str) -> str:
         """Label the range with a gesture, and return a message."""
-        name = gesture.strip().lower().replace(" ", "_")
+        name = gesture.strip()
         label = self.editor.set_range(name, *self.span())
         self.gesture.value = name
         self.list_labels()

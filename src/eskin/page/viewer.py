@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float16
 
 from eskin.command import ASK, Arm, ArmState, Policy
 from eskin.drivers import Event
-from eskin.errors import DeviceError
+from eskin.errors import DeviceError, RecordingError
 from eskin.live import UNKNOWN, Detection
 from eskin.page.appearance import describe_scene
 from eskin.page.html import to_words
@@ -37,6 +37,7 @@ from eskin.page.process import (
     format_link,
     make_token,
 )
+from eskin.recording.records import check_gesture_names
 from eskin.skin import MountedSkin
 from eskin.stream import (
     CommandEvent,
@@ -419,13 +420,17 @@ class Viewer(Listener):
     def correct(self, order: CorrectionOrder) -> None:
         """Note what a touch was, for the recording, and say so in the log."""
         known = self.touches.get(order.touch)
-        gesture = order.gesture.strip().lower().replace(" ", "_")
+        gesture = order.gesture
         text = "not kept: nothing is recorded; press record first"
-        if known is None or not gesture:
-            text = "not kept: the touch or the name of the gesture is missing"
+        if known is None:
+            text = "not kept: the touch is not known"
         elif self.describe_recording().startswith(RECORDING):
-            self.corrected[order.touch] = gesture
-            text = f"kept: that was a {to_words(gesture)}"
+            try:
+                check_gesture_names([gesture])
+                self.corrected[order.touch] = gesture
+                text = f"kept: that was a {to_words(gesture)}"
+            except RecordingError as error:
+                text = f"not kept: {error}"
         self.encoder.log(self.context.clock.now(), "note", text)
 
     def publish_corrections(self, going_on: Collection[int]) -> None:

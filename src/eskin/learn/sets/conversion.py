@@ -1,17 +1,19 @@
 """This module writes converted recordings into a folder, all at once or not at all."""
 
 import gzip
+import re
 import shutil
 import tempfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import final
 
-from eskin.errors import ImportSourceError
-from eskin.files import read_file
-from eskin.recording.records import Label, Metadata
+from eskin.errors import ImportSourceError, RecordingError
+from eskin.files import read_file, shorten
+from eskin.recording.records import NONE, Label, Metadata, check_gesture_names
 from eskin.recording.writer import RecordingWriter, write_all
 from eskin.robot import Robot
 from eskin.skin import Skin
@@ -22,6 +24,10 @@ TABLE = "table"
 FULL_SCALE_KPA = 100.0
 MAX_SOURCE_BYTES = 32 << 20
 """Largest size of a file of a dataset, unpacked [bytes]."""
+UNTOUCHED = ("", "no", "no_touch", "notouch", NONE)
+"""Names of no touch, in any case."""
+UNFIT = re.compile(r'[\s/\\:*?"<>|]+')
+"""Characters that are replaced in the names of files."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,58 @@ class ConversionResult:
     """Number of scans in all files."""
     labels: int
     """Number of labels in all files."""
+
+
+@final
+class GestureNames:
+    """Names the gestures of the files of a set, so that no two look alike.
+
+    Attributes:
+        names: gestures of the numbers from 1 on, where labels are numbers.
+        known: names so far, in the order in which they were found.
+    """
+
+    def __init__(self, names: Sequence[str] = ()) -> None:
+        """Start without files."""
+        self.names = tuple(names)
+        self.known: dict[str, None] = {}
+
+    def read(self, path: Path, texts: Iterable[str]) -> list[str]:
+        """Return the gesture of each of the labels of a file.
+
+        Raises:
+            ImportSourceError: a label is no name of a gesture, or looks like another.
+        """
+        texts = [str(text) for text in texts]
+        found = {text: self.name(path, text) for text in dict.fromkeys(texts)}
+        self.known |= dict.fromkeys(found.values())
+        try:
+            check_gesture_names(self.known)
+        except RecordingError as error:
+            raise ImportSourceError(f"{path}: {error}") from None
+        return [found[text] for text in texts]
+
+    def name(self, path: Path, text: str) -> str:
+        """Return the gesture of a label: by its number where there are names."""
+        text = text.strip()
+        if self.names:
+            number = int(text) if re.fullmatch(r"[0-9]{1,3}", text) else 0
+            if not 1 <= number <= len(self.names):
+                raise ImportSourceError(
+                    f"{path}: a gesture is {shorten(text)}; allowed are 1 to "
+                    f"{len(self.names)}; convert it as a table"
+                )
+            return self.names[number - 1]
+        is_untouched = re.sub(r"\s+", "_", text.lower()) in UNTOUCHED
+        return NONE if is_untouched else text
+
+
+def name_file(parts: Iterable[str]) -> str:
+    """Return the name of a file, without suffix, of parts that differ.
+
+    Letters are kept, and what a file system or shell does not take becomes `_`.
+    """
+    return "-".join(dict.fromkeys(UNFIT.sub("_", part) for part in parts))
 
 
 def write_clips(

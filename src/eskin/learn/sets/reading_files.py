@@ -86,6 +86,25 @@ class ReadingFile(ABC):
             )
 
 
+def to_texts(path: Path, name: str, values: np.ndarray) -> np.ndarray:
+    """Return the values of a column of a file as texts; what is missing is empty.
+
+    Raises:
+        ImportSourceError: they are bytes of another encoding than UTF-8.
+    """
+    if values.dtype.kind == "O":
+        return np.array(["" if value is None else str(value) for value in values])
+    if values.dtype.kind != "S":
+        return values.astype(np.str_)
+    try:
+        return np.char.decode(values, "utf-8")
+    except UnicodeError as error:
+        raise ImportSourceError(
+            f"{path}: '{name}' holds bytes that are no UTF-8 ({error}); allowed are "
+            "texts; save them as texts, not as bytes"
+        ) from None
+
+
 @contextmanager
 def explain_errors(path: Path) -> Iterator[None]:
     """Turn errors of a file's format into one that names the file."""

@@ -24,12 +24,14 @@ from eskin.errors import ImportSourceError, RecordingError
 from eskin.learn.sets.conversion import (
     FULL_SCALE_KPA,
     ConversionResult,
+    GestureNames,
     ImportedClip,
     find_files,
+    name_file,
     write_clips,
 )
-from eskin.learn.sets.reading_files import ReadingFile, open_readings
-from eskin.learn.sets.table import MOST, START_NS, name_gesture, write_plainly
+from eskin.learn.sets.reading_files import ReadingFile, open_readings, to_texts
+from eskin.learn.sets.table import MOST, START_NS
 from eskin.learn.sets.taxel_poses import POSE_NUMBERS, PoseFit, PoseReader
 from eskin.recording.reader import MAX_LABELS
 from eskin.recording.records import (
@@ -98,14 +100,17 @@ def convert_readings(
             f"no file in {source} ends with {', '.join(SUFFIXES)}; give the set"
         )
     poses = PoseReader(layout.mounted)
-    clips = (clip for path in files for clip in read_sessions(path, layout, poses))
+    gestures = GestureNames()
+    clips = (
+        clip for path in files for clip in read_sessions(path, layout, poses, gestures)
+    )
     robot = layout.mounted.robot
     result = write_clips(clips, folder, layout.mounted.skin, layout.calibration, robot)
     return result, poses.fit
 
 
 def read_sessions(
-    path: Path, layout: ReadingLayout, poses: PoseReader
+    path: Path, layout: ReadingLayout, poses: PoseReader, gestures: GestureNames
 ) -> Iterator[ImportedClip]:
     """Read a file as a clip for each run of readings of one person and session."""
     with open_readings(path) as file:
@@ -125,7 +130,7 @@ def read_sessions(
         starts = [0, *(np.flatnonzero(is_new) + 1).tolist()]
         runs = [slice(*pair) for pair in zip(starts, [*starts[1:], count], strict=True)]
         check_order(path, stamps, runs)
-        labels = read_labels(file, layout, stamps, runs)
+        labels = read_labels(file, layout, stamps, runs, gestures)
         calibration = layout.calibration
         if "pressure" in widths:
             calibration = measure_calibration(file, widths, layout.mounted.skin.count)
@@ -133,9 +138,9 @@ def read_sessions(
         for run, own in zip(runs, labels, strict=True):
             person = str(people[run.start]).strip()
             session = str(sessions[run.start]).strip()
-            several = map(write_plainly, (person, session)) if len(runs) > 1 else ()
+            several = (person, session) if len(runs) > 1 else ()
             yield ImportedClip(
-                "-".join(dict.fromkeys((path.stem, *several))),
+                name_file((path.stem, *several)),
                 Metadata("table", person, session, "table", {"source_file": path.name}),
                 islice(scans, run.stop - run.start),
                 own,
@@ -248,18 +253,11 @@ def read_texts(file: ReadingFile, name: str, count: int, default: str) -> np.nda
         return np.broadcast_to(np.array(default), (count,))
     if name not in file.names:
         raise_missing(file, name, "--person")
-    values = to_texts(file.read_column(name))
+    values = to_texts(file.path, name, file.read_column(name))
     if not values.ndim:
         return np.broadcast_to(values, (count,))
     check_length(file, name, values, count)
     return values
-
-
-def to_texts(values: np.ndarray) -> np.ndarray:
-    """Return values as texts."""
-    if values.dtype.kind == "S":
-        return np.char.decode(values, "utf-8", "replace")
-    return values.astype(np.str_)
 
 
 def raise_missing(file: ReadingFile, name: str, option: str) -> NoReturn:
@@ -275,6 +273,7 @@ def read_labels(
     layout: ReadingLayout,
     stamps: Int[np.ndarray, "reading"],
     runs: list[slice],
+    gestures: GestureNames,
 ) -> list[tuple[Label, ...]]:
     """Return the labels of each run of readings."""
     path = file.path
@@ -282,11 +281,11 @@ def read_labels(
     try:
         if path.suffix == ".parquet" and beside.exists():
             with open_readings(beside) as table:
-                found = [read_repetitions(table, layout.label, file, stamps)]
+                found = [read_repetitions(table, layout.label, file, stamps, gestures)]
         elif {"start", "end"} <= set(file.names):
-            found = [read_repetitions(file, layout.label, file, stamps)]
+            found = [read_repetitions(file, layout.label, file, stamps, gestures)]
         else:
-            found = label_readings(file, layout.label, stamps, runs)
+            found = label_readings(file, layout.label, stamps, runs, gestures)
     except RecordingError as error:
         raise ImportSourceError(f"{path}: {error}") from error
     if len(found) != len(runs):
@@ -309,14 +308,16 @@ def read_repetitions(
     label: str,
     file: ReadingFile,
     stamps: Int[np.ndarray, "reading"],
+    gestures: GestureNames,
 ) -> tuple[Label, ...]:
     """Return the labels of a table of gestures with their starts and ends."""
     if label not in table.names:
         raise_missing(table, label, "--label")
-    names = to_texts(table.read_column(label)).reshape(-1)
+    texts = to_texts(table.path, label, table.read_column(label)).reshape(-1)
+    names = gestures.read(table.path, texts)
     origin = 0 if "stamp" in file.names else START_NS
-    starts = origin + read_times(table, "start", names.size)
-    ends = origin + read_times(table, "end", names.size)
+    starts = origin + read_times(table, "start", len(names))
+    ends = origin + read_times(table, "end", len(names))
     for number in np.flatnonzero((starts > stamps[-1]) | (ends <= stamps[0]))[:1]:
         raise ImportSourceError(
             f"{table.path}: label {number} starts at {starts[number]} ns; allowed are "
@@ -324,10 +325,8 @@ def read_repetitions(
             "its time or unit"
         )
     labels = tuple(
-        Label(start, end, name_gesture(name, ()))
-        for start, end, name in zip(
-            starts.tolist(), ends.tolist(), names.tolist(), strict=True
-        )
+        Label(start, end, name)
+        for start, end, name in zip(starts.tolist(), ends.tolist(), names, strict=True)
     )
     check_no_overlap(labels)
     return sort_labels(labels)
@@ -338,19 +337,19 @@ def label_readings(
     label: str,
     stamps: Int[np.ndarray, "reading"],
     runs: list[slice],
+    gestures: GestureNames,
 ) -> list[tuple[Label, ...]]:
     """Return the labels of runs of readings that have a gesture each."""
     if label not in file.names:
         raise_missing(file, label, "--label")
-    texts = to_texts(file.read_column(label))
+    texts = to_texts(file.path, label, file.read_column(label))
     check_length(file, label, texts, len(stamps))
-    kinds, index = np.unique(texts, return_inverse=True)
-    names = np.array([name_gesture(str(kind), ()) for kind in kinds])[index]
+    names = gestures.read(file.path, texts)
     found = []
     for run in runs:
         own = stamps[run]
         period = int(np.median(np.diff(own))) if len(own) > 1 else PERIODS[0]
-        found.append(build_labels(own, names[run].tolist(), period))
+        found.append(build_labels(own, names[run], period))
     return found
 
 

@@ -5,10 +5,11 @@ nominal unless they are given. The rest of each taxel is, for each person, the m
 its lowest counts in the repetitions.
 """
 
+import codecs
+import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
 from typing import BinaryIO
@@ -17,17 +18,20 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import ImportSourceError
-from eskin.files import open_file
+from eskin.files import open_file, shorten
 from eskin.learn.sets.conversion import (
     FULL_SCALE_KPA,
     ConversionResult,
+    GestureNames,
     ImportedClip,
     find_files,
+    name_file,
     write_clips,
 )
+from eskin.learn.sets.reading_files import to_texts
 from eskin.learn.sets.shearsense import ARCHIVE_ERRORS, check_unpacked
 from eskin.learn.sets.socialtouch import PITCH
-from eskin.recording.records import NONE, Label, Metadata
+from eskin.recording.records import Label, Metadata
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -41,8 +45,13 @@ GAP_NS = 2 * NS_PER_S
 """Gap between two repetitions, as long as the recogniser's window."""
 MOST = 65_535
 """Greatest count of a recording; fractions are stored in steps of full scale by it."""
-UNTOUCHED = ("", "no", "no_touch", "notouch", NONE)
-"""Names of no touch."""
+CHUNK_ROWS = 4096
+"""Number of rows of a CSV file that are held as texts at a time."""
+HEAD_BYTES = 256
+"""Size of the beginning of a file by which its encoding is found."""
+UTF_8 = "utf-8-sig"
+"""Python's name of UTF-8 that may begin with a byte order mark."""
+DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+")
 
 
 @dataclass(frozen=True)
@@ -100,10 +109,22 @@ published of HAART, and CapFingerId."""
 class Table:
     """Holds the rows of a file, by what each is of."""
 
+    path: Path
+    """Path of the file."""
     values: Float[np.ndarray, "reading taxel"]
     """Values of the taxels, row by row."""
     keys: dict[str, np.ndarray]
     """Columns that the layout names, as texts, by its fields and numbers."""
+    columns: tuple[str, ...] = ()
+    """Names of the columns of the taxels; an archive has none."""
+    lines: tuple[int, ...] = ()
+    """Number of the line on which each row ends; an archive has none."""
+
+    def describe_place(self, row: int, taxel: int) -> str:
+        """Describe where the value of a taxel is in the file."""
+        if not self.columns:
+            return f"{self.path}: reading {row}, taxel {taxel}"
+        return f"{self.path}: line {self.lines[row]}, column {self.columns[taxel]}"
 
 
 def convert_table(
@@ -139,21 +160,28 @@ def convert_table(
         calibrated=pitch is not None,
     )
     nominal = Calibration.uniform(skin.count, MOST, full_scale_kpa)
+    gestures = GestureNames(layout.names)
     clips = (
         clip
         for path in files
-        for clip in read_people(path, layout, name, full_scale_kpa)
+        for clip in read_people(path, layout, name, full_scale_kpa, gestures)
     )
     return write_clips(clips, folder, skin, nominal)
 
 
 def read_people(
-    path: Path, layout: TableLayout, name: str, full_scale_kpa: float
+    path: Path,
+    layout: TableLayout,
+    name: str,
+    full_scale_kpa: float,
+    gestures: GestureNames,
 ) -> Iterator[ImportedClip]:
     """Read a file as a clip for each person, with one label a repetition."""
     table = load_table(path, layout)
-    counts, full_scale = find_counts(path, table.values, layout.full_scale)
-    people, period = table.keys["person"], round(1e9 / layout.rate)
+    counts, full_scale = find_counts(table, layout.full_scale)
+    made = gestures.read(path, table.keys["label"])
+    people = table.keys["person"]
+    period = round(1e9 / layout.rate)
     for person in np.unique(people):
         rows = np.flatnonzero(people == person)
         parts = np.split(rows, find_starts(table, rows))
@@ -168,14 +196,12 @@ def read_people(
             stamps = stamp + period * np.arange(len(part) + 1)
             pairs = zip(stamps[:-1].tolist(), counts[part], strict=True)
             scans += [Scan(at, row, received, np.empty(0)) for at, row in pairs]
-            gesture = name_gesture(str(table.keys["label"][part[0]]), layout.names)
-            labels.append(Label(stamp, int(stamps[-1]), gesture))
+            labels.append(Label(stamp, int(stamps[-1]), made[part[0]]))
             stamp = int(stamps[-1]) + GAP_NS
-        subject = write_plainly(str(person))
-        stem = write_plainly(path.stem)
+        subject = str(person)
         notes = {"source_file": path.name, "rate": f"{layout.rate:g} Hz"}
         yield ImportedClip(
-            stem if subject == stem else f"{stem}-{subject}",
+            name_file((path.stem, subject)),
             Metadata(name, subject, subject, name, notes),
             tuple(scans),
             tuple(labels),
@@ -196,45 +222,36 @@ def find_starts(table: Table, rows: Int[np.ndarray, "row"]) -> Int[np.ndarray, "
 
 
 def find_counts(
-    path: Path, values: Float[np.ndarray, "reading taxel"], full_scale: float | None
+    table: Table, full_scale: float | None
 ) -> tuple[Int[np.ndarray, "reading taxel"], int]:
-    """Return values as counts, and the counts at full scale."""
+    """Return the values of a table as counts, and the counts at full scale."""
+    values = table.values
+    limit = np.inf if full_scale is None else full_scale
+    is_fit = (values >= 0) & (values <= limit) & np.isfinite(values)
+    for row, taxel in np.argwhere(~is_fit)[:1].tolist():
+        value = values[row, taxel]
+        remedy = "correct it, or leave the reading out"
+        if limit < value < np.inf:
+            remedy = "state the greatest value with --full-scale"
+        raise ImportSourceError(
+            f"{table.describe_place(row, taxel)} is {value:g}; allowed are numbers "
+            f"from 0 {'on' if limit == np.inf else f'to {limit:g}'}; {remedy}"
+        )
     is_whole = bool((values == np.rint(values)).all())
     if full_scale is None:
         most = float(values.max(initial=1.0 if is_whole else 0.0))
         full_scale = 2.0 ** int(np.ceil(np.log2(most + 1))) - 1 if is_whole else most
-    wrong = values[~((values >= 0) & (values <= full_scale))]
-    if len(wrong):
-        raise ImportSourceError(
-            f"{path}: a taxel is {wrong[0]:g}; allowed are 0 to {full_scale:g}; state "
-            "the greatest value with --full-scale, or leave the file out"
-        )
     if is_whole and full_scale <= MOST:
         return values.astype(np.int32), int(full_scale)
     return np.rint(values * (MOST / full_scale)).astype(np.int32), MOST
 
 
-def name_gesture(text: str, names: Sequence[str]) -> str:
-    """Return the gesture of a label: by its number where there are names."""
-    if names:
-        number = int(text) if re.fullmatch(r"\d{1,3}", text) else 0
-        if not 1 <= number <= len(names):
-            raise ImportSourceError(
-                f"a gesture is {text!r}; allowed are 1 to {len(names)}; convert it as "
-                "a table"
-            )
-        return names[number - 1]
-    plain = write_plainly(text.lower())
-    return NONE if plain in UNTOUCHED else plain
-
-
-def write_plainly(text: str) -> str:
-    """Return a text with nothing but letters, digits and single `_`."""
-    return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_")
-
-
 def load_table(path: Path, layout: TableLayout) -> Table:
-    """Load a file and the columns that its layout names."""
+    """Load a file and the columns that its layout names.
+
+    Raises:
+        ImportSourceError: it cannot be read.
+    """
     load = load_npz if path.suffix == ".npz" else load_csv
     try:
         with open_file(path, MAX_TABLE_BYTES) as file:
@@ -243,10 +260,12 @@ def load_table(path: Path, layout: TableLayout) -> Table:
         raise
     except ARCHIVE_ERRORS as error:
         raise ImportSourceError(
-            f"{path}: not a whole table ({error}); copy it again from the set"
+            f"{path}: not a whole table ({error}); allowed are CSV files of UTF-8 and "
+            "npz archives; copy it again from the set"
         ) from error
-    own = np.full(len(table.values), path.stem)
-    return Table(table.values, {"person": own} | table.keys)
+    if layout.person is None:
+        table.keys["person"] = np.full(len(table.values), path.stem)
+    return table
 
 
 def list_keys(layout: TableLayout) -> dict[str, str]:
@@ -273,28 +292,144 @@ def find_column(path: Path, names: Sequence[str], wanted: str) -> int:
 
 
 def load_csv(path: Path, file: BinaryIO, layout: TableLayout) -> Table:
-    """Load a CSV file whose first line names the columns."""
-    keys, count = list_keys(layout), layout.rows * layout.columns
-    with TextIOWrapper(file, "utf-8-sig") as text:
-        first, second = text.readline(MOST), text.readline(MOST)
-        cut = max(",;\t", key=first.count)
-        names = [name.strip(' "') for name in first.strip().split(cut)]
-        index = {field: find_column(path, names, name) for field, name in keys.items()}
-        if max(index.values()) + count >= len(names) or not second.strip():
+    """Load a CSV file whose first line names the columns.
+
+    Raises:
+        ImportSourceError: naming the first line that cannot be read.
+    """
+    encoding = find_encoding(path, file)
+    try:
+        with TextIOWrapper(file, encoding, newline="") as text:
+            return read_csv(path, text, layout)
+    except UnicodeError as error:
+        place = f"{path} is no whole UTF-16"
+        if encoding == UTF_8:
+            place = f"{path}: line {find_undecodable(path)} is no UTF-8"
+        raise ImportSourceError(
+            f"{place} ({getattr(error, 'reason', error)}); allowed are UTF-8, and "
+            "UTF-16 with a byte order mark; save it as UTF-8"
+        ) from None
+
+
+def find_encoding(path: Path, file: BinaryIO) -> str:
+    """Return the encoding of a text: UTF-16 by its byte order mark, else UTF-8.
+
+    Raises:
+        ImportSourceError: it is UTF-16 without a byte order mark.
+    """
+    head = file.read(HEAD_BYTES)
+    file.seek(0)
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if b"\0" in head:
+        raise ImportSourceError(
+            f"{path} holds zero bytes, as UTF-16 does; allowed are UTF-8, and UTF-16 "
+            "with a byte order mark; save it as UTF-8"
+        )
+    return UTF_8
+
+
+def find_undecodable(path: Path) -> int:
+    """Return the number of the first line of a file that is no UTF-8."""
+    with open_file(path, MAX_TABLE_BYTES) as file:
+        for number, line in enumerate(file, 1):
+            if line.decode("utf-8", "replace").encode() != line:
+                return number
+    return 0
+
+
+def read_csv(path: Path, text: TextIOWrapper, layout: TableLayout) -> Table:
+    """Read the text of a CSV file, a chunk of rows at a time.
+
+    Raises:
+        ImportSourceError: naming the first line that cannot be read.
+        UnicodeError: it is of another encoding.
+    """
+    keys = list_keys(layout)
+    count = layout.rows * layout.columns
+    head = text.readline(MOST)
+    cut = max(",;\t", key=head.count)
+    names = [name.strip(' "') for name in head.strip().split(cut)]
+    index = {field: find_column(path, names, name) for field, name in keys.items()}
+    first = len(names) - count
+    if max(index.values()) >= first:
+        raise ImportSourceError(
+            f"{path}: {len(names)} columns; allowed are those named, then {count} of "
+            "the frame; correct --rows and --columns, or leave the file out"
+        )
+    rows: list[list[float]] = []
+    texts: list[list[str]] = []
+    lines: list[int] = []
+    chunks: list[np.ndarray] = []
+    for line, cells in read_rows(path, text, cut, len(names)):
+        place = f"{path}: line {line}, column "
+        rows.append(parse_cells(place, names[first:], cells[first:]))
+        texts.append([cells[column].strip() for column in index.values()])
+        lines.append(line)
+        if len(rows) == CHUNK_ROWS:
+            chunks.append(np.array(rows, np.float32))
+            rows.clear()
+    if not lines:
+        raise ImportSourceError(
+            f"{path} has no reading; allowed are rows below the names of the columns; "
+            "leave the file out"
+        )
+    values = np.concatenate([*chunks, np.array(rows, np.float32).reshape(-1, count)])
+    columns = dict(zip(index, np.array(texts).T, strict=True))
+    return Table(path, values, columns, tuple(names[first:]), tuple(lines))
+
+
+def read_rows(
+    path: Path, text: TextIOWrapper, cut: str, count: int
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows below the first line, each with the number of its last line.
+
+    Empty lines are left out, and an empty cell after the last separator.
+
+    Raises:
+        ImportSourceError: a row has another number of cells, or is cut.
+    """
+    rows = csv.reader(text, delimiter=cut, strict=True)
+    line = 1
+    try:
+        for cells in rows:
+            line = rows.line_num + 1
+            if len(cells) == count + 1 and not cells[-1]:
+                cells.pop()
+            if len(cells) not in (0, count):
+                raise ImportSourceError(
+                    f"{path}: line {line} has {len(cells)} columns, line 1 names "
+                    f"{count}; allowed are as many, separated by {cut!r}, and points "
+                    "before decimals; correct it"
+                )
+            if cells:
+                yield line, cells
+    except csv.Error as error:
+        raise ImportSourceError(
+            f"{path}: line {line + 1} or one after it cannot be read ({error}); "
+            "allowed are cells of a CSV file; correct it"
+        ) from None
+
+
+def parse_cells(place: str, names: Sequence[str], cells: Sequence[str]) -> list[float]:
+    """Return the numbers in the cells of a row.
+
+    Raises:
+        ImportSourceError: naming the first cell that holds none.
+    """
+    numbers = []
+    for name, cell in zip(names, cells, strict=True):
+        try:
+            numbers.append(float(cell))
+        except ValueError:
+            remedy = "correct it or leave the reading out"
+            if DECIMAL_COMMA.fullmatch(cell.strip()):
+                remedy = "commas are decimal here: write points in their place"
             raise ImportSourceError(
-                f"{path}: {len(names)} columns, and "
-                f"{'readings' if second.strip() else 'no reading'}; allowed are those "
-                f"named, then {count} of the frame; correct --rows and --columns, or "
-                "leave the file out"
-            )
-        read = partial(np.loadtxt, text, delimiter=cut, quotechar='"', ndmin=2)
-        text.seek(0)
-        frame = range(len(names) - count, len(names))
-        values = read(np.float32, skiprows=1, usecols=frame)
-        text.seek(0)
-        texts = read(str, skiprows=1, usecols=list(index.values()))
-    columns = map(np.char.strip, texts.T)
-    return Table(values, dict(zip(index, columns, strict=True)))
+                f"{place}{name} is {shorten(cell)}; allowed are numbers with a decimal "
+                f"point; {remedy}"
+            ) from None
+    return numbers
 
 
 def load_npz(path: Path, file: BinaryIO, layout: TableLayout) -> Table:
@@ -323,4 +458,8 @@ def load_npz(path: Path, file: BinaryIO, layout: TableLayout) -> Table:
                 f"({len(values)},), of labels also one value a trial; correct it"
             )
     flat = values.reshape(len(values), -1).astype(np.float32)
-    return Table(flat, {field: column.astype(str) for field, column in keys.items()})
+    return Table(
+        path,
+        flat,
+        {field: to_texts(path, field, column) for field, column in keys.items()},
+    )
