@@ -80,7 +80,10 @@ def test_recording_of_presses_gives_a_calibration_file(recording, tmp_path, caps
     counts = {key: found[key] for key in ("taxels", "noisy", "dead", "stuck")}
     assert counts == {"taxels": SKIN.count, "noisy": 0, "dead": 0, "stuck": 1}
     assert found["presses"] == 10
-    assert "left out: taxel 0 (row 0, column 0) of patch 'p0'\n" in printed
+    assert (
+        "left out: taxel 0 (row 0 of 0 to 7, column 0 of 0 to 7 of patch 'p0')\n"
+        in printed
+    )
     measured = Calibration.from_bytes(out.read_bytes())
     assert measured.source == "presses"
     np.testing.assert_allclose(np.delete(measured.rest, STUCK), REST, atol=1.0)

@@ -91,7 +91,7 @@ def test_commands_print_the_same_lines_of_faults(
     expected = find_lines(call_json(capsys, *words)[1])
     kinds = [line.split()[0] for line in expected]
     assert kinds == ["fault", "fault", "fault", "mended", "fault", "fault"]
-    assert "column 5 of patch 'p0'" in expected[0]
+    assert "column 5 of 0 to 7 of patch 'p0'" in expected[0]
     assert all("patch 'p1'" in line for line in expected[1:])
     assert "3 times in 60 s" in expected[2]
     # What is not told yet is told at the end.
@@ -108,19 +108,19 @@ def test_column_that_is_dead_from_the_start_is_told_once(
     words = build_words(command, recording, folder, model)
     printed = call_json(capsys, *words)[1]
     [line] = find_lines(printed)
-    assert "column 5 of patch 'p0' is faulty and not used" in line
+    assert "column 5 of 0 to 7 of patch 'p0' is faulty and not used" in line
     if command == "calibrate":
-        assert "\nleft out: column 5 of patch 'p0'\n" in printed
+        assert "\nleft out: column 5 of 0 to 7 of patch 'p0'\n" in printed
 
 
 def test_stream_and_scans_have_one_form_of_line(capsys):
     fault = Fault("column", "p0", None, 5, None, 0)
-    [event] = FaultReporter().push(7_000_000_000, [fault])
+    [event] = FaultReporter(SKIN).push(7_000_000_000, [fault])
     info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
     stream = TerminalPrinter()
     stream.start(Context(info, ManualClock(0), lambda _: None))
     stream.on_message(event)
-    scans = FaultPrinter()
+    scans = FaultPrinter(SKIN)
     scans.push(0, [])
     scans.push(7_000_000_000, [fault])
     _, one, other = capsys.readouterr().out.splitlines()

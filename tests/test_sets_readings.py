@@ -216,7 +216,10 @@ def test_distances_of_measured_poses_are_told(toy, tmp_path, capsys):
     assert poses["rms_mm"] == pytest.approx(1e3 * np.sqrt((distances**2).mean()))
     assert poses["worst_mm"] == pytest.approx(1e3 * distances.max())
     row, taxel = np.unravel_index(distances.argmax(), distances.shape)
-    assert f"reading {row}, taxel {taxel} (patch" in poses["where"]
+    assert (
+        f"reading {row}, taxel {taxel} ({TOY.describe_taxel(int(taxel))})"
+        in poses["where"]
+    )
 
 
 def test_poses_that_do_not_change_are_solved_once(toy, tmp_path, capsys, monkeypatch):
@@ -282,6 +285,7 @@ def leave_out(content, *names):
     return {name: content[name] for name in content if name not in names}
 
 
+TOY = build_toy_skin()
 BAD = {
     "one taxel too few": (
         lambda c: c | {"pressure": c["pressure"][:, 1:]},
@@ -301,7 +305,7 @@ BAD = {
     ),
     "NaN of a pose": (
         lambda c: change(c, "poses", (7, 3, 1), np.nan),
-        "reading 7: taxel 3 (patch 'upper', row 0, column 3) has a pose that is not",
+        f"reading 7: taxel 3 ({TOY.describe_taxel(3)}) has a pose that is not",
     ),
     "millimetres": (
         lambda c: c | {"poses": c["poses"] * [1e3, 1e3, 1e3, 1, 1, 1, 1]},
@@ -317,7 +321,7 @@ BAD = {
     ),
     "a taxel 5 mm away": (
         lambda c: change(c, "poses", (9, 4, 2), c["poses"][9, 4, 2] + 0.005),
-        "reading 9: taxel 4 (patch 'upper', row 0, column 4) lies 5.0 mm",
+        f"reading 9: taxel 4 ({TOY.describe_taxel(4)}) lies 5.0 mm",
     ),
     "another base": (
         lambda c: change(

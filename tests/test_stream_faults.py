@@ -6,12 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
+from eskin.skin import Patch, Plane, TaxelGrid, build_skin
 from eskin.stream import FaultReporter, describe_places
 from eskin.stream.faults import CHECK, LISTED, REPEAT, SETTLE
 from eskin.touch import Fault
 from helpers.streams import SECOND, START
 
+GRID = TaxelGrid(10, 100, 0.005, 0.005)
+FLAT = Plane(np.eye(4))
+SKIN = build_skin(
+    "many",
+    [
+        (Patch(name, "table", address, GRID.rows, GRID.columns), GRID, FLAT)
+        for address, name in enumerate("abcdefgh")
+    ],
+)
 MINUTES = 10
 END = MINUTES * 60
 
@@ -30,7 +43,7 @@ COLUMN = fault("column", column=2)
 
 def report(faults_at, seconds, rate=20, ends=True):
     """Return the events of the faults at each of some seconds."""
-    reporter = FaultReporter()
+    reporter = FaultReporter(SKIN)
     events = []
     for n in range(round(seconds * rate)):
         stamp = START + round(n * SECOND / rate)
@@ -148,7 +161,7 @@ def test_larger_part_in_order_again_names_what_is_still_faulty_in_it():
         ("fault", "a", None, None, None),
         ("mended", "a", None, None, None),
     ]
-    assert events[-1].text.endswith(", except column 2 of patch 'a'")
+    assert events[-1].text.endswith(", except column 2 of 0 to 99 of patch 'a'")
 
 
 @pytest.mark.parametrize("count", [1, LISTED, LISTED + 1, 200])
@@ -211,7 +224,7 @@ def test_events_are_few_and_end_with_the_truth_whatever_fails(seed):
 
 def report_again(find, seconds):
     """Return what a reporter has still to tell when nothing has changed for long."""
-    reporter = FaultReporter()
+    reporter = FaultReporter(SKIN)
     for n in range(10 * seconds):
         reporter.push(START + n * SECOND // 10, find(n / 10))
     return reporter.finish()
@@ -220,9 +233,9 @@ def report_again(find, seconds):
 @pytest.mark.parametrize(
     ("found", "parts"),
     [
-        (TAXEL, ("taxel 17", "row 1, column 2", "patch 'a'", "frozen")),
-        (ROW, ("row 1 of patch 'a'", "lines")),
-        (COLUMN, ("column 2 of patch 'a'", "lines")),
+        (TAXEL, ("taxel 17 (row 1 of 0 to 9, column 2 of 0 to 99 of", "frozen")),
+        (ROW, ("row 1 of 0 to 9 of patch 'a'", "lines")),
+        (COLUMN, ("column 2 of 0 to 99 of patch 'a'", "lines")),
         (PATCH, ("patch 'a'", "silent")),
     ],
 )
@@ -233,15 +246,39 @@ def test_text_of_a_fault_says_what_where_since_when_and_what_to_do(found, parts)
     assert "\n" not in event.text
 
 
+@given(st.data())
+def test_place_of_a_fault_is_that_in_the_skin_from_0(data):
+    rows = data.draw(st.integers(1, 6))
+    columns = data.draw(st.integers(1, 6))
+    present = data.draw(arrays(bool, (rows, columns)).filter(np.any))
+    grid = TaxelGrid(rows, columns, 0.005, 0.005, present=present)
+    patches = [Patch(name, "table", n, rows, columns) for n, name in enumerate("ab")]
+    skin = build_skin("two", [(patch, grid, FLAT) for patch in patches])
+    i = data.draw(st.integers(0, skin.count - 1))
+    row = int(skin.rows[i])
+    column = int(skin.columns[i])
+    name = skin.patches[skin.patch_index[i]].id
+    cell = rf"row {row} of 0 to {rows - 1}, column {column} of 0 to {columns - 1}"
+    found = [
+        Fault("stuck", name, row, column, i, START),
+        Fault("row", name, row, None, None, START),
+        Fault("column", name, None, column, None, START),
+    ]
+    taxel, *lines = (describe_places([each], skin) for each in found)
+    assert taxel == f"taxel {i} ({cell} of patch '{name}')"
+    assert lines == [f"{part} of patch '{name}'" for part in cell.split(", ")]
+    assert skin.describe_taxel(i) == f"{cell} of patch '{name}'"
+
+
 def test_places_of_many_faults_are_counted():
     taxels = [find_taxel(n) for n in range(LISTED + 1)]
-    text = "column 2 of patch 'a', 4 taxels of patch 'a', patch 'b'"
-    assert describe_places([COLUMN, *taxels, fault("patch", patch="b")]) == text
-    assert describe_places([]) == ""
+    text = "column 2 of 0 to 99 of patch 'a', 4 taxels of patch 'a', patch 'b'"
+    assert describe_places([COLUMN, *taxels, fault("patch", patch="b")], SKIN) == text
+    assert describe_places([], SKIN) == ""
 
 
 def test_memory_of_faults_ends():
-    reporter = FaultReporter()
+    reporter = FaultReporter(SKIN)
     for n in range(1000):
         reporter.push(START + n * SECOND, [find_taxel(n)])
     assert len(reporter.parts) <= 2 * REPEAT // SECOND + CHECK

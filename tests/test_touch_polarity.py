@@ -48,7 +48,7 @@ def play(scans, calibration=CALIBRATION, mounted=MOUNTED):
 
 def find_ways(states):
     """Return the ways of counts that are told, once for each time they begin."""
-    reporter = FaultReporter()
+    reporter = FaultReporter(SKIN)
     events = [
         event
         for state in states

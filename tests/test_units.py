@@ -1,11 +1,13 @@
-"""Tests of counts in messages: one thing is never called by a plural."""
+"""Tests of numbers in messages: counts agree with nouns, rows count from 0."""
 
 import ast
 import re
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from eskin.units import format_count
+from eskin.units import format_count, format_index
 from helpers.source import MODULES, parse_module
 
 COMMANDS = [path for path in MODULES if path.parent.name in ("cli", "commands")]
@@ -53,6 +55,40 @@ def find_bare_plurals(path, plurals):
 )
 def test_counts_have_the_number_of_their_noun(noun, texts):
     assert tuple(format_count(count, noun) for count in range(3)) == texts
+
+
+LINE_NUMBER = re.compile(r"\b(row|column) $", re.IGNORECASE)
+"""End of a text that a row's or a column's number follows."""
+
+
+def find_numbered_lines(path):
+    """Return the texts of a file that give the number of a row or column themselves."""
+    for node in parse_module(path):
+        parts = node.values if isinstance(node, ast.JoinedStr) else []
+        for text, value in zip(parts, parts[1:], strict=False):
+            if isinstance(text, ast.Constant) and isinstance(value, ast.FormattedValue):
+                if LINE_NUMBER.search(text.value):
+                    yield text.value, ast.unparse(value)
+
+
+def test_only_one_function_gives_numbers_of_rows_and_columns():
+    # Columns of text files are those that YAML and the header of a table name.
+    texts = [
+        (path.name, text)
+        for path in MODULES
+        if path.name not in ("files.py", "taxel_table.py", "tables.py", "table.py")
+        for text in find_numbered_lines(path)
+    ]
+    assert texts == []
+
+
+@given(st.data())
+def test_number_from_0_is_given_with_its_range(data):
+    count = data.draw(st.integers(1, 1000))
+    index = data.draw(st.integers(0, count - 1))
+    found = re.fullmatch(r"row (\d+) of 0 to (\d+)", format_index("row", index, count))
+    assert found and list(range(count))[int(found[1])] == index
+    assert range(count)[-1] == int(found[2])
 
 
 def test_commands_print_no_count_before_a_plural_that_does_not_follow_it():

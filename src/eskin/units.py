@@ -1,4 +1,4 @@
-"""Units that more than one package converts between, and counts in messages."""
+"""Units that more than one package converts between, and numbers in messages."""
 
 NS_PER_S = 1_000_000_000
 """Nanoseconds in one second; stamps are in nanoseconds, durations in seconds."""
@@ -14,3 +14,14 @@ def format_count(count: object, noun: str) -> str:
     if count == 1:
         return f"1 {noun}"
     return f"{count} {noun}{'es' if noun.endswith(('tch', 'uch', 's', 'x')) else 's'}"
+
+
+def format_index(noun: str, index: int, count: int) -> str:
+    """Return an index from 0 with its range, such as `row 5 of 0 to 15`.
+
+    Args:
+        noun: what is counted.
+        index: the number of one of them.
+        count: how many there are.
+    """
+    return f"{noun} {index} of 0 to {count - 1}"

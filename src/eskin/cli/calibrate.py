@@ -153,7 +153,7 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
             f"{noise.max():.2f}"
         )
     if result.faults:
-        lines.append(f"left out: {describe_places(result.faults)}")
+        lines.append(f"left out: {describe_places(result.faults, skin)}")
     if result.calibration.falling:
         lines.append("counts fall under pressure, which the file says (falling)")
     rows = build_patch_rows(result, skin)

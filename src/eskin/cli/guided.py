@@ -215,13 +215,10 @@ class Dialogue(ABC, Generic[Guide]):
 
 
 def describe_taxel(skin: "Skin", taxel: int) -> str:
-    """Describe where a taxel is: patch, link, row and column, which count from 0."""
+    """Describe where a taxel is: patch, link, row and column."""
     patch = skin.patches[int(skin.patch_index[taxel])]
-    row, column = int(skin.rows[taxel]), int(skin.columns[taxel])
-    return (
-        f"patch '{patch.id}' on {patch.link}, row {row} of 0 to {patch.rows - 1}, "
-        f"column {column} of 0 to {patch.columns - 1}"
-    )
+    cell = patch.describe_cell(int(skin.rows[taxel]), int(skin.columns[taxel]))
+    return f"patch '{patch.id}' on {patch.link}, {cell}"
 
 
 def build_place(request: "PressRequest", mounted: "MountedSkin") -> "PressPlace":
@@ -377,7 +374,7 @@ def guide_person(
     from eskin.stream import WAY_TEXTS
 
     guide = dialogue.guide
-    faults = FaultPrinter()
+    faults = FaultPrinter(guide.skin)
     say(dialogue.describe_request())
     since: int | None = None
     for scan in scans:

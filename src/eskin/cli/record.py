@@ -66,7 +66,7 @@ def run(command: RecordCommand) -> dict[str, object]:
         source, mounted = open_guided_source(command, stack)
         info, gestures = source.info, command.gestures
         guide = RecordingGuide(mounted, info.calibration, gestures, command.times)
-        faults = FaultPrinter()
+        faults = FaultPrinter(info.skin)
         writer = stack.enter_context(
             RecordingWriter(
                 command.out,

@@ -194,7 +194,7 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     truth = select_labels(recording.labels)
     found: list[Detection] = []
     rows: list[dict[str, object]] = []
-    faults = FaultPrinter()
+    faults = FaultPrinter(recording.skin)
     for scan in recording.scans():
         found += recognizer.push(scan)
         rows += report(recording, truth, found[len(rows) :])

@@ -7,6 +7,7 @@ from typing import final
 from eskin.command import ASK
 from eskin.drivers import Event
 from eskin.live import Detection
+from eskin.skin import Skin
 from eskin.stream import CommandEvent, Context, FaultReporter, Listener, Message
 from eskin.stream.listener import Drop
 from eskin.touch import Fault, Scan
@@ -35,9 +36,9 @@ class FaultPrinter:
     Its lines are those that `TerminalPrinter` prints of a stream.
     """
 
-    def __init__(self) -> None:
-        """Start before the first scan."""
-        self.reporter = FaultReporter()
+    def __init__(self, skin: Skin) -> None:
+        """Start before the first scan of a skin."""
+        self.reporter = FaultReporter(skin)
         self.first: int | None = None
 
     def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:

@@ -17,6 +17,7 @@ from eskin.page.messages import (
     SceneDescription,
     ViewUpdate,
 )
+from eskin.units import format_index
 
 INK, PALE = "light-dark(#1f2733,#e3e8ee)", "light-dark(#596372,#b0b9c4)"
 LINE = "light-dark(#e6e9ee,#3a424d)"
@@ -493,12 +494,15 @@ def render_patch_map(
     taxels = np.flatnonzero(setup.patch_index == patch)
     kpa, good = pressure[taxels].astype(np.float64), valid[taxels]
     rows, columns = setup.rows[taxels], setup.columns[taxels]
-    width, height = 10 * (int(columns.max()) + 1), 10 * (int(rows.max()) + 1)
+    row_count = int(rows.max()) + 1
+    column_count = int(columns.max()) + 1
     each = (rows, columns, scale.colours(kpa, good), kpa, good)
     cells = "".join(
         f'<g><circle cx="{10 * column + 5}" cy="{10 * row + 5}" r="4.2" '
-        f'fill="rgb({red},{green},{blue})"/><text x="0" y="-2">row {row}, '
-        f"column {column}: {f'{value:.0f} kPa' if is_good else 'not used'}</text></g>"
+        f'fill="rgb({red},{green},{blue})"/><text x="0" y="-2">'
+        f"{format_index('row', row, row_count)}, "
+        f"{format_index('column', column, column_count)}: "
+        f"{f'{value:.0f} kPa' if is_good else 'not used'}</text></g>"
         for row, column, (red, green, blue), value, is_good in zip(
             *(array.tolist() for array in each), strict=True
         )
@@ -510,6 +514,7 @@ def render_patch_map(
             render_name(setup.patches[patch]),
             ", rows down, columns across; point at a taxel",
         ),
-        f'<svg class="eskin-map" viewBox="0 -8 {width} {height + 8}" '
+        f'<svg class="eskin-map" viewBox="0 -8 {10 * column_count} '
+        f'{10 * row_count + 8}" '
         f'style="width:100%;max-height:260px;overflow:visible">{cells}</svg>',
     )

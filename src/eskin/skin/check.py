@@ -163,10 +163,9 @@ def find_cell_problems(skin: Skin) -> Iterator[SkinProblem]:
     for taxel, (number, row, column) in enumerate(places):
         patch = skin.patches[number]
         cell = (int(number), int(row), int(column))
-        text = f"lies in row {row}, column {column}"
+        text = f"lies in {patch.describe_cell(int(row), int(column))}"
         if not (0 <= row < patch.rows and 0 <= column < patch.columns):
-            end = f"{patch.rows - 1}, columns 0 to {patch.columns - 1}"
-            yield SkinProblem(f"{text}; allowed rows 0 to {end}", patch.id, taxel)
+            yield SkinProblem(f"{text}; allowed is a cell of the grid", patch.id, taxel)
         elif cell in seen:
             text += f", where taxel {seen[cell]} is; allowed one taxel a cell"
             yield SkinProblem(text, patch.id, taxel)

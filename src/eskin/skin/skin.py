@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from eskin.errors import SkinMismatchError
 from eskin.robot import Kinematics, Robot
+from eskin.units import format_index
 
 TaxelKind = Literal["pressure", "shear"]
 
@@ -31,6 +32,18 @@ class Patch:
     """Quantity that a taxel measures: pressure, or pressure and shear."""
     units: str = "kPa"
     """Unit of its calibrated pressure."""
+
+    def describe_cell(self, row: int | None, column: int | None) -> str:
+        """Describe a row, a column or, with both, a cell of the patch, with ranges.
+
+        Rows and columns count from 0.
+        """
+        names = []
+        if row is not None:
+            names.append(format_index("row", row, self.rows))
+        if column is not None:
+            names.append(format_index("column", column, self.columns))
+        return ", ".join(names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +98,12 @@ class Skin:
     def has_shear(self) -> bool:
         """Return whether any patch measures shear."""
         return any(patch.kind == "shear" for patch in self.patches)
+
+    def describe_taxel(self, taxel: int) -> str:
+        """Describe the row, the column and the patch of a taxel."""
+        patch = self.patches[int(self.patch_index[taxel])]
+        cell = patch.describe_cell(int(self.rows[taxel]), int(self.columns[taxel]))
+        return f"{cell} of patch '{patch.id}'"
 
     def find_taxels(self, patch_id: str) -> Int[np.ndarray, "part"]:
         """Return the indices of the taxels of one patch, in order.

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, final
 
 from eskin.drivers import Event
+from eskin.skin import Skin
 from eskin.touch import Fault
 from eskin.units import NS_PER_S, format_count
 
@@ -144,8 +145,9 @@ class FaultReporter:
         parts: parts that are faulty, or were within the last `REPEAT`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, skin: Skin) -> None:
         """Start with a skin without faults."""
+        self.skin = skin
         self.parts: dict[Place, FaultyPart] = {}
         self.budgets: dict[tuple[str, Group], EventBudget] = {}
         self.known: tuple[Fault, ...] = ()
@@ -224,11 +226,11 @@ class FaultReporter:
 
     def build_event(self, parts: list[FaultyPart]) -> Event:
         """Build the event of one part, or of many of a group, which are then told."""
-        text = describe_event(parts, self.last)
+        text = describe_event(parts, self.last, self.skin)
         one = parts[0].fault
         kind = parts[0].kind
         if kind == "mended" and (left := self.find_covered(parts)):
-            text += f", except {describe_places(left)}"
+            text += f", except {describe_places(left, self.skin)}"
         for part in parts:
             part.mark(self.last)
         if len(parts) == 1:
@@ -272,27 +274,23 @@ def covers(fault: Fault, other: Fault) -> bool:
 def describe_way(faults: Sequence[Fault]) -> str:
     """Describe that counts go another way under pressure; empty where they do not."""
     texts = [
-        f"{describe_place(fault)} has {WAY_TEXTS[fault.kind]}"
+        f"patch '{fault.patch}' has {WAY_TEXTS[fault.kind]}"
         for fault in faults
         if fault.kind in WAY_TEXTS
     ]
     return "".join(texts[:1])
 
 
-def describe_place(fault: Fault) -> str:
-    """Describe which taxel, row, column or patch a fault is of."""
-    patch = f"patch '{fault.patch}'"
-    if fault.taxel is not None:
-        return (
-            f"taxel {fault.taxel} (row {fault.row}, column {fault.column}) of {patch}"
-        )
-    if fault.row is not None or fault.column is not None:
-        number = fault.column if fault.row is None else fault.row
-        return f"{fault.kind} {number} of {patch}"
-    return patch
+def describe_place(fault: Fault, skin: Skin) -> str:
+    """Describe which taxel, row, column or patch of a skin a fault is of."""
+    patch = skin.patches[skin.find_patches((fault.patch,))[0]]
+    place = f"patch '{patch.id}'"
+    if cell := patch.describe_cell(fault.row, fault.column):
+        place = f"{cell} of {place}"
+    return place if fault.taxel is None else f"taxel {fault.taxel} ({place})"
 
 
-def describe_places(faults: Sequence[Fault]) -> str:
+def describe_places(faults: Sequence[Fault], skin: Skin) -> str:
     """Describe the places of faults, many of a kind and patch by their number."""
     groups: dict[Group, list[Fault]] = {}
     for fault in faults:
@@ -302,7 +300,7 @@ def describe_places(faults: Sequence[Fault]) -> str:
         if len(several) > LISTED:
             texts.append(describe_group(several))
         else:
-            texts += [describe_place(fault) for fault in several]
+            texts += [describe_place(fault, skin) for fault in several]
     return ", ".join(texts)
 
 
@@ -317,11 +315,11 @@ def describe_group(faults: Sequence[Fault]) -> str:
     return f"{len(faults)} patches ({names})"
 
 
-def describe_event(parts: list[FaultyPart], stamp: int) -> str:
+def describe_event(parts: list[FaultyPart], stamp: int, skin: Skin) -> str:
     """Describe what has happened to one part, or to many of a group."""
     faults = [part.fault for part in parts]
     is_one = len(parts) == 1
-    what = describe_place(faults[0]) if is_one else describe_group(faults)
+    what = describe_place(faults[0], skin) if is_one else describe_group(faults)
     if faults[0].kind in WAY_TEXTS and parts[0].kind == "fault":
         return f"{what} {'has' if is_one else 'have'} {WAY_TEXTS[faults[0].kind]}"
     verb = "is" if is_one else "are"

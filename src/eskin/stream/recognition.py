@@ -43,7 +43,7 @@ class Recognition(Listener):
         self.drop = drop
         self.step = DurationHistogram()
         self.age = DurationHistogram()
-        self.faults = FaultReporter()
+        self.faults = FaultReporter(recognizer.mounted.skin)
         self.detections = 0
 
     def start(self, context: Context) -> None:

@@ -95,8 +95,9 @@ def run(command: PlaceCommand) -> dict[str, object]:
         MM * command.clearance,
     )
     skin, distortion = place_matrix(robot, spec)
+    [patch] = skin.patches
     corners = {
-        f"row {1 + row}, column {1 + column}": [
+        patch.describe_cell(row, column): [
             round(1e3 * x, 1)
             for x in skin.positions[row * command.columns + column].tolist()
         ]

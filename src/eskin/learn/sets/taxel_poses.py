@@ -195,11 +195,7 @@ class PoseReader:
 
     def describe(self, taxel: int) -> str:
         """Return the number of a taxel, and where it is in the skin."""
-        skin = self.mounted.skin
-        patch = skin.patches[int(skin.patch_index[taxel])]
-        row = int(skin.rows[taxel])
-        column = int(skin.columns[taxel])
-        return f"taxel {taxel} (patch '{patch.id}', row {row}, column {column})"
+        return f"taxel {taxel} ({self.mounted.skin.describe_taxel(taxel)})"
 
     def refuse(self, place: str, taxel: int, problem: str) -> NoReturn:
         """Raise with the place of a reading, a taxel and what is wrong with it."""
