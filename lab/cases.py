@@ -88,6 +88,15 @@ def convert(folder: str, file: str, *wanted: str, code: int = 0) -> Case:
     return Case(folder, command, wanted, code=code)
 
 
+def train(folder: str, name: str, *wanted: str) -> Case:
+    """Build a case that trains on one recording, which is refused."""
+    command = (
+        f"python make.py; eskin train {name}.mcap --start ur5 --out m.safetensors "
+        "--train.epochs 1 --train.steps 3"
+    )
+    return Case(folder, command, wanted, code=2)
+
+
 def connect(cause: str, *wanted: str) -> Case:
     """Build a case that commands a UR whose client fails for a cause."""
     return Case(
@@ -211,6 +220,20 @@ LIST = (
         memory="unlimited",
     ),
     Case("t4_page_other_port", VIEW.format(THROUGH), (r"\b200\b",)),
+    train("t4_train_refuses_own_model", "weird_names", r"weird_names.mcap, label at 2"),
+    train("t4_train_refuses_own_model", "long_name", r"label at 2.93 s.*300 bytes"),
+    train("t4_train_refuses_own_model", "newline_name", r"label at 2.93 s.*printed"),
+    train(
+        "t4_train_wrong_label_times",
+        "late_labels",
+        r"8 of 8 labels hold no touch.*1\.4\d s earlier",
+    ),
+    train("t4_train_wrong_label_times", "far_labels", r"8 of 8 labels lie outside"),
+    train(
+        "t4_train_wrong_label_times",
+        "overlap",
+        r"'poke' from 2\.93 to 3\.33 s and 'stroke' from 2\.93 to 3\.33 s overlap",
+    ),
     connect("registers", r"already in use.*PROFINET"),
     connect("local_6s", "Failed to start control script.*remote control, and end"),
     connect("hang", "has not answered for 20 s.*address and cable"),

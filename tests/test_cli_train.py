@@ -265,6 +265,7 @@ def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
     one = record(tmp_path / "one.mcap", ["hold"], calibrated=True)
     wave = record(tmp_path / "wave.mcap", labels=[label(2.4, 3.6, "wave")])
     silent = record(tmp_path / "silent.mcap", labels=[])
+    named = record(tmp_path / "named.mcap", labels=[label(2.4, 3.6, "tap ")])
     out = ("--out", tmp_path / "m.safetensors")
     files = set(tmp_path.rglob("*"))
     for words, part in (
@@ -279,6 +280,7 @@ def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
         ((quiet, *out), "no touch in 1 recording;"),
         ((one, *out), "hold only hold"),
         ((silent, *out), "hold only none"),
+        ((named, *out), "named.mcap, label at 2.40 s: gesture 'tap ' begins or ends"),
         ((ann, *out, "--classes", "grab"), "no recording is labelled grab"),
         ((ann, *out, "--test", gone), "no recording at"),
         ((ann, *out, "--val", gone), "no recording at"),

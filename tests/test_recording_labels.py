@@ -67,9 +67,10 @@ def test_label_ends_after_its_start_and_has_a_gesture():
 
 
 def test_labels_of_one_source_do_not_overlap():
-    check_no_overlap([make_label(1, 2), make_label(2, 3), make_range(1, 3)])
-    with pytest.raises(RecordingError, match="'stroke' from 1500000000 ns overlap"):
-        check_no_overlap([make_label(1.5, 3, "stroke"), make_label(1, 2)])
+    check_no_overlap([make_label(1, 2), make_label(2, 3), make_range(1, 3)], 0)
+    both = r"'poke' from 0\.50 to 1\.50 s and 'stroke' from 1\.00 to 2\.50 s overlap"
+    with pytest.raises(RecordingError, match=both):
+        check_no_overlap([make_label(1.5, 3, "stroke"), make_label(1, 2)], SECOND // 2)
 
 
 def test_labels_are_sorted_and_selected_by_source():
@@ -97,7 +98,7 @@ def test_labels_made_from_instants_give_the_instants_back(indices):
     stamps = 10**18 + np.arange(len(indices)) * PERIOD
     labels = build_labels(stamps, [GESTURES[i] for i in indices], PERIOD)
     np.testing.assert_array_equal(label_instants(labels, stamps, GESTURES), indices)
-    check_no_overlap(labels)
+    check_no_overlap(labels, 0)
 
 
 def test_ranges_are_labels_widened_and_joined_by_gesture():
@@ -112,7 +113,7 @@ def test_ranges_are_labels_widened_and_joined_by_gesture():
     ranges = build_rough_ranges(truth, margin=1.0)
     assert list_spans(ranges) == [(4, 8.5, "poke"), (8.5, 11, "stroke")]
     assert {label.source for label in ranges} == {"range"}
-    check_no_overlap(ranges)
+    check_no_overlap(ranges, 0)
 
 
 POKE, STROKE = make_range(0.5, 6), make_range(6, 9, "stroke")

@@ -16,6 +16,7 @@ from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import find_window_ends
 from eskin.learn.ground_truth import Segment
+from eskin.learn.label_check import check_labels
 from eskin.live import GraphConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.units import format_count
@@ -198,7 +199,7 @@ def find_segments(
 
     Raises:
         RecordingError: if there is no recording, or all are of one group, or of one
-            gesture, or one that is renamed is not in them.
+            gesture, or one that is renamed is not in them, or labels cannot be right.
         SkinMismatchError: if they are of several skins or robots.
     """
     paths = find_recordings(places)
@@ -206,6 +207,7 @@ def find_segments(
         paths, pack, workers, hold_out, shear, tuple((names or {}).items())
     )
     check_one_skin(paths)
+    check_labels(map(read_recording, paths))
     groups = set(examples.name_groups().values())
     if len(groups) < 2:
         raise RecordingError(

@@ -25,3 +25,24 @@ def format_index(noun: str, index: int, count: int) -> str:
         count: how many there are.
     """
     return f"{noun} {index} of 0 to {count - 1}"
+
+
+DURATIONS = (
+    (2 * 365.25 * 86400, 365.25 * 86400, "years"),
+    (2 * 86400, 86400, "days"),
+    (2 * 3600, 3600, "hours"),
+    (2 * 60, 60, "minutes"),
+)
+"""Duration from which a unit is used [s], its length [s] and its name."""
+
+
+def format_duration(seconds: float) -> str:
+    """Return a duration in the unit that suits it, such as `1.50 s` or `30 days`.
+
+    Args:
+        seconds: the duration [s], 0 or more.
+    """
+    for least, length, name in DURATIONS:
+        if seconds >= least:
+            return f"{seconds / length:.0f} {name}"
+    return f"{seconds:.2f} s"

@@ -20,15 +20,15 @@ from joblib import Parallel, delayed
 from eskin.errors import RecordingError
 from eskin.learn.ground_truth import (
     Clip,
+    LabelMatch,
     MissedGesture,
     Segment,
     build_labelled_segments,
     build_true_segments,
-    extend_labels,
-    find_label_indices,
-    find_missed_gestures,
+    match_labels,
     read_clips,
 )
+from eskin.learn.label_check import check_labels, check_touches, warn_of_labels
 from eskin.learn.prepared_recording import (
     PreparedRecording,
     load_prepared,
@@ -144,11 +144,13 @@ def prepare(
         overrides: what to use in place of what the recordings hold.
 
     Raises:
-        RecordingError: if there is nothing to learn from.
+        RecordingError: if there is nothing to learn from, or labels cannot be right, as
+            `eskin.learn.label_check` says.
     """
     if not paths:
         raise RecordingError("no recording given; give .mcap files or folders of them")
     recordings = tuple(read_recording(path, overrides) for path in paths)
+    check_labels(recordings)
     pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
@@ -191,6 +193,9 @@ def concatenate_recordings(
         parts: their prepared forms.
         copies: number of copies.
         folder: folder on whose disk the graphs are laid; in memory where None.
+
+    Raises:
+        RecordingError: if labels lie beside the touches.
     """
     rows: list[PreparedRecording] = []
 
@@ -202,6 +207,7 @@ def concatenate_recordings(
     graphs = map_graphs(take_graphs(), folder) if folder else join_graphs(take_graphs())
     gestures: list[str] = []
     segments: list[Segment] = []
+    matches: list[LabelMatch] = []
     missed: list[MissedGesture] = []
     sequences: list[np.ndarray] = []
     sequence_count = 0
@@ -210,18 +216,15 @@ def concatenate_recordings(
         if part.touches is not None:
             added = build_true_segments(part.sequence, part.touches, index, offset)
         else:
-            labels = extend_labels(recording)
-            label_index = find_label_indices(labels, part.stamps)
+            match = match_labels(recording, part.stamps, part.sequence)
+            if index < len(recordings) // copies:
+                matches.append(match)
             added = build_labelled_segments(
-                labels, label_index, part.sequence, index, offset
+                match.labels, match.label_index, part.sequence, index, offset
             )
             if recording.metadata.partly_labelled:
                 added = [segment for segment in added if segment.labelled]
-            detected = set(label_index.tolist())
-            missed += [
-                MissedGesture(gesture, index)
-                for gesture in find_missed_gestures(recording, labels, detected)
-            ]
+            missed += [MissedGesture(each.gesture, index) for each in match.missed]
         segments += added
         names = [NONE] * len(part.stamps)
         for segment in added:
@@ -230,6 +233,8 @@ def concatenate_recordings(
         gestures += names
         sequences.append(part.sequence + sequence_count)
         sequence_count += int(part.sequence.max(initial=-1)) + 1
+    check_touches(matches)
+    warn_of_labels(matches)
     return Dataset(
         recordings=recordings,
         graphs=graphs,

@@ -186,7 +186,7 @@ def extend_labels(recording: Recording) -> list[Label]:
 
 
 def find_label_indices(
-    labels: list[Label], stamps: Int[np.ndarray, "row"]
+    labels: Sequence[Label], stamps: Int[np.ndarray, "row"]
 ) -> Int[np.ndarray, "row"]:
     """Return the index of the last label to start at each stamp, or -1."""
     label_index = np.full(len(stamps), -1)
@@ -196,7 +196,7 @@ def find_label_indices(
 
 
 def build_labelled_segments(
-    labels: list[Label],
+    labels: Sequence[Label],
     label_index: Int[np.ndarray, "row"],
     sequence: Int[np.ndarray, "row"],
     recording: int,
@@ -246,25 +246,50 @@ def find_runs(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
     return list(zip(bounds[:-1], bounds[1:], strict=True))
 
 
-def find_missed_gestures(
-    recording: Recording, labels: list[Label], detected: set[int]
-) -> list[str]:
-    """Return the labelled gestures during which no touch was detected.
+@dataclass(frozen=True, eq=False)
+class LabelMatch:
+    """A label match tells which labels of a recording hold which of its touches."""
 
-    Only a calibrated skin can miss one: others have a graph at every reading.
+    recording: Recording
+    """The recording."""
+    labels: tuple[Label, ...]
+    """Its labels, as `extend_labels` returns them."""
+    label_index: Int[np.ndarray, "row"]
+    """Index of the label at each row of a touch, -1 without one."""
+    touches: Int[np.ndarray, "touch 2"]
+    """Stamps of first and last reading of each touch [ns since the epoch]."""
+
+    @property
+    def missed(self) -> tuple[Label, ...]:
+        """Return the labels of gestures during which no touch was detected.
+
+        Only a calibrated skin can miss one: others have a graph at every reading.
+        """
+        if not self.recording.skin.calibrated:
+            return ()
+        detected = set(self.label_index.tolist())
+        return tuple(
+            label
+            for index, label in enumerate(self.labels)
+            if index not in detected
+            and label.gesture != NONE
+            and label.is_within(self.recording.start, self.recording.end)
+        )
+
+
+def match_labels(
+    recording: Recording,
+    stamps: Int[np.ndarray, "row"],
+    sequence: Int[np.ndarray, "row"],
+) -> LabelMatch:
+    """Match the labels of a recording with its touches.
 
     Args:
         recording: the recording.
-        labels: its labels.
-        detected: indices of the labels during which a touch was detected.
+        stamps: stamps of the readings of its touches [ns since the epoch].
+        sequence: number of the touch of each row; rows of one touch are neighbours.
     """
-    if not recording.skin.calibrated:
-        return []
-    return [
-        label.gesture
-        for index, label in enumerate(labels)
-        if index not in detected
-        and label.gesture != NONE
-        and label.start <= recording.end
-        and label.end > recording.start
-    ]
+    labels = tuple(extend_labels(recording))
+    runs = np.array(find_runs(sequence[:, None]), np.int64).reshape(-1, 2)
+    touches = np.stack([stamps[runs[:, 0]], stamps[runs[:, 1] - 1]], axis=1)
+    return LabelMatch(recording, labels, find_label_indices(labels, stamps), touches)

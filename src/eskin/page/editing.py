@@ -104,7 +104,7 @@ class LabelEditor:
     def replace_all(self, labels: tuple[Label, ...]) -> None:
         """Replace all labels, unless some of the new ones overlap."""
         found = sort_labels(replace(label, source="true") for label in labels)
-        check_no_overlap(found)
+        check_no_overlap(found, self.recording.start)
         self.previous.append(self.labels)
         self.labels, self.changed = found, True
 

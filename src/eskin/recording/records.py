@@ -177,6 +177,10 @@ class Label:
         if not self.gesture:
             raise RecordingError("label has no gesture; name one, or 'none'")
 
+    def is_within(self, start: int, end: int) -> bool:
+        """Tell whether any of it lies between two stamps [ns since the epoch]."""
+        return self.start <= end and self.end > start
+
 
 def check_gesture_names(names: Iterable[str]) -> None:
     """Refuse names that a gesture cannot have, and names that look like one another.
@@ -236,18 +240,38 @@ def select_labels(labels: Iterable[Label]) -> tuple[Label, ...]:
     return next((found for found in by_source if found), ())
 
 
-def check_no_overlap(labels: Iterable[Label]) -> None:
-    """Raise a RecordingError if two labels of one source overlap."""
+def check_no_overlap(labels: Iterable[Label], start: int) -> None:
+    """Refuse labels of one source that overlap.
+
+    Args:
+        labels: labels in any order.
+        start: stamp from which messages count seconds, the recording's first [ns].
+
+    Raises:
+        RecordingError: naming the first two that overlap, with their times.
+    """
     last: dict[str, Label] = {}
     for label in sort_labels(labels):
         previous = last.get(label.source)
         if previous is not None and label.start < previous.end:
             raise RecordingError(
-                f"labels '{previous.gesture}' until {previous.end} ns and "
-                f"'{label.gesture}' from {label.start} ns overlap; labels of one "
-                "source follow each other; shorten one"
+                f"labels {describe_label(previous, start)} and "
+                f"{describe_label(label, start)} overlap; labels of one source follow "
+                "each other; shorten or remove one"
             )
         last[label.source] = label
+
+
+def describe_label(label: Label, start: int) -> str:
+    """Return gesture and times of a label, for messages.
+
+    Args:
+        label: the label.
+        start: stamp from which its seconds count, the recording's first [ns].
+    """
+    first = (label.start - start) / NS_PER_S
+    end = (label.end - start) / NS_PER_S
+    return f"'{label.gesture}' from {first:.2f} to {end:.2f} s"
 
 
 def label_instants(

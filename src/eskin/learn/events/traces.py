@@ -14,6 +14,8 @@ from joblib import Parallel, delayed, parallel_config
 
 from eskin.errors import RecordingError
 from eskin.learn.events.matching import ScoredStream, TrueEvent, read_true_events
+from eskin.learn.ground_truth import match_labels
+from eskin.learn.label_check import check_labels, check_touches
 from eskin.live import (
     DecisionConfig,
     DecisionFilter,
@@ -190,7 +192,8 @@ def trace_recordings(
         overrides: what to use in place of what the recordings hold.
 
     Raises:
-        RecordingError: if one of them has neither labels nor ground truth.
+        RecordingError: if one of them has neither labels nor ground truth, or labels
+            that cannot be right, as `eskin.learn.label_check` says.
     """
     count = max(1, min(workers, len(paths)))
     jobs = (delayed(trace_file)(path, model, overrides) for path in paths)
@@ -204,18 +207,25 @@ def trace_file(
 ) -> TracedStream:
     """Trace one recording."""
     recording = read_recording(path, overrides)
-    if not recording.labels and not recording.metadata.simulated:
+    simulated = recording.metadata.simulated
+    check_labels([recording])
+    if not recording.labels and not simulated:
         raise RecordingError(
             f"{path} has no labels; scoring needs them; make some with: "
             f"eskin label {path}"
         )
+    trace = trace_recording(recording, model)
+    if not simulated:
+        pairs = [(each.id, step.stamp) for step in trace.steps for each in step.touches]
+        touch, stamps = np.array(sorted(pairs), np.int64).reshape(-1, 2).T
+        check_touches([match_labels(recording, stamps, touch)])
     return TracedStream(
         path=path,
         subject=recording.metadata.subject or recording.metadata.session,
         seconds=(recording.end - recording.start) / NS_PER_S,
         truncated=recording.truncated,
         events=read_true_events(recording),
-        trace=trace_recording(recording, model),
+        trace=trace,
     )
 
 

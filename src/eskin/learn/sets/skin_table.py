@@ -328,7 +328,7 @@ def read_repetitions(
         Label(start, end, name)
         for start, end, name in zip(starts.tolist(), ends.tolist(), names, strict=True)
     )
-    check_no_overlap(labels)
+    check_no_overlap(labels, int(stamps[0]))
     return sort_labels(labels)
 
 

@@ -1,0 +1,138 @@
+"""Tests of the check of labels before recordings are learned from or scored."""
+
+import re
+
+import pytest
+
+from eskin.errors import RecordingError
+from eskin.learn.dataset import prepare
+from eskin.learn.events import trace_recordings
+from eskin.live import load_model
+from eskin.recording import read_recording, rewrite_recording
+from helpers.learning import label, onset, record
+
+PLAN = ("hold", "tap") * 3
+MODEL = load_model("ur5")
+LASTS = 0.2
+"""Duration of a label, shorter than the pause between two touches [s]."""
+
+
+def mark(shift=0.0, plan=PLAN):
+    """Return a label at the beginning of each touch of a plan, shifted [s]."""
+    return [
+        label(onset(n) + shift, onset(n) + shift + LASTS, gesture)
+        for n, gesture in enumerate(plan)
+    ]
+
+
+@pytest.fixture
+def make(tmp_path):
+    """Return a function that records the touches of the plan with some labels."""
+
+    def make(labels, name="a.mcap", **options):
+        options = {"calibrated": True} | options
+        return record(tmp_path / name, PLAN, labels=labels, **options)
+
+    return make
+
+
+def shift_labels(path, seconds):
+    """Shift the labels of a recording in place."""
+    recording = read_recording(path)
+    begins = [(x.start - recording.start) / 1e9 + seconds for x in recording.labels]
+    labels = [
+        label(begin, begin + LASTS, x.gesture)
+        for begin, x in zip(begins, recording.labels, strict=True)
+    ]
+    rewrite_recording(recording, labels=labels)
+
+
+@pytest.mark.parametrize("shift", [-2.3, -0.3, 1.6, 3.6])
+def test_labels_beside_their_touches_are_refused_with_the_shift_that_mends_them(
+    make, shift
+):
+    path = make(mark(shift))
+    with pytest.raises(RecordingError, match=r"a\.mcap: \d of \d labels hold no") as e:
+        prepare([path])
+    text = str(e.value)
+    assert f"'hold' from {onset(0) + shift:.2f} to " in text
+    told = float(re.search(r"shift the labels by ([+-]\d+\.\d+) s", text)[1])
+    assert f"{abs(told):.2f} s {'earlier' if told < 0 else 'later'}" in text
+    shift_labels(path, told)
+    assert prepare([path]).labelled
+
+
+def test_labels_beside_the_touches_of_streams_are_refused_too(make):
+    with pytest.raises(RecordingError, match="6 of 6 labels hold no touch"):
+        list(trace_recordings([make(mark(1.6))], MODEL))
+
+
+def test_labels_are_judged_together_where_a_recording_has_few(tmp_path):
+    """A single label may be of a faint touch; many that are alike are not."""
+    paths = [
+        record(
+            tmp_path / f"{n}.mcap",
+            ("hold",),
+            labels=[label(onset(0) - 1.0, onset(0) - 0.8, "hold")],
+            calibrated=True,
+        )
+        for n in range(3)
+    ]
+    for path in paths:
+        assert len(prepare([path]).missed) == 1
+    with pytest.raises(RecordingError, match=r"3 of 3 labels.* by \+1\.\d\d s"):
+        prepare(paths)
+
+
+def test_touches_that_are_not_felt_count_as_missed_which_is_told(make, caplog):
+    faint = [label(0.1 + 0.5 * n, 0.4 + 0.5 * n, "tap") for n in range(4)]
+    dataset = prepare([make([*faint, *mark()])])
+    assert [each.gesture for each in dataset.missed] == ["tap"] * 4
+    assert "4 labels without a touch; the first is 'tap' at 0.10 s" in caplog.text
+
+
+def test_labels_without_a_gesture_need_no_touch(make, caplog):
+    rest = [label(0.1 + 0.5 * n, 0.4 + 0.5 * n, "none") for n in range(4)]
+    assert prepare([make(rest)]).missed == ()
+    assert not caplog.text
+
+
+def test_labels_of_a_skin_without_touches_are_not_compared_with_them(make):
+    assert len(prepare([make(mark(1.6), calibrated=False)]).labelled) == len(PLAN)
+
+
+@pytest.mark.parametrize(("shift", "side"), [(-60, "before"), (5000, "after")])
+def test_labels_outside_of_their_recording_are_refused(make, shift, side):
+    with pytest.raises(RecordingError) as caught:
+        prepare([make(mark(shift))])
+    for part in ("a.mcap: 6 of 6 labels lie outside", "'hold'", side, "nanoseconds"):
+        assert part in str(caught.value)
+
+
+def test_few_labels_outside_are_left_out_which_is_told(make, caplog):
+    dataset = prepare([make([*mark(), label(90, 91, "tap")])])
+    assert len(dataset.labelled) == len(PLAN) and not dataset.missed
+    assert "1 of 7 labels lie outside of the recording" in caplog.text
+    assert "left out" in caplog.text
+
+
+def test_labels_that_overlap_are_refused_by_their_times(make):
+    both = r"a\.mcap: labels 'hold' from 2\.40 .* 'tap' from 2\.50 to 3\.00 s overlap"
+    with pytest.raises(RecordingError, match=both):
+        prepare([make([*mark(), label(2.5, 3.0, "tap")])])
+
+
+@pytest.mark.parametrize("name", ["unknown", "tap ", "a\nb", "x" * 300, "Hold"])
+def test_name_that_no_model_can_have_is_refused_with_recording_and_time(make, name):
+    labels = [*mark(plan=PLAN[:-1]), label(onset(5), onset(5) + LASTS, name)]
+    path = make(labels)
+    for look in (prepare, lambda paths: list(trace_recordings(paths, MODEL))):
+        with pytest.raises(RecordingError, match=r"a\.mcap, label at 12\.40 s: gest"):
+            look([path])
+
+
+def test_two_recordings_spell_a_gesture_alike(make):
+    names = {"hold": "Hold", "tap": "tap"}
+    other = [label(onset(n), onset(n) + LASTS, names[g]) for n, g in enumerate(PLAN)]
+    with pytest.raises(RecordingError, match=r"b\.mcap, label at .*'hold' and 'Hold'"):
+        prepare([make(mark()), make(other, "b.mcap")])
