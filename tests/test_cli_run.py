@@ -3,6 +3,8 @@
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 from importlib import resources
@@ -56,6 +58,25 @@ REAL = "--source csv:a --robot ur://127.0.0.1"
 SIMULATED = "--source csv:a --robot sim:ur5"
 
 
+UNUSED = {
+    "eskin.bus",
+    "eskin.design",
+    "eskin.exports",
+    "eskin.learn",
+    "eskin.page",
+    "eskin.sim",
+    "matplotlib",
+    "pandas",
+    "rich",
+    "sklearn",
+    "torch",
+    "trimesh",
+    "viser",
+    "websockets",
+}
+"""Packages that a recording is recognised without: each takes time to import."""
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """The path of a recording of one press, and its number of scans."""
@@ -76,6 +97,23 @@ def test_recording_is_recognised_counted_and_recorded(recording, tmp_path, capsy
     kept = read_recording(tmp_path / "kept.mcap")
     assert kept.count == count and not kept.truncated
     assert len(kept.detections) == 1 and kept.metadata.session == f"replay:{path}"
+
+
+@pytest.mark.parametrize(
+    "words", ["run --source replay:{path} --pace inf", "replay {path}"]
+)
+def test_recording_is_recognised_without_packages_that_others_need(words, recording):
+    code = (
+        "import sys; from eskin.cli.main import run; code = run(sys.argv[1:]); "
+        "print(*sys.modules); sys.exit(code)"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code, *words.format(path=recording[0]).split()],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert not UNUSED & set(told.stdout.splitlines()[-1].split())
 
 
 def test_simulation_runs_for_given_time(capsys, monkeypatch):

@@ -7,19 +7,9 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Self, TypeVar
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
-
 T = TypeVar("T")
 PERIOD = 10.0
 """Interval between two lines where the output is no terminal [s]."""
-COLUMNS = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
 
 
 @contextmanager
@@ -34,16 +24,32 @@ def show_progress(
         done: number that is done at the beginning.
         quiet: whether to show nothing.
     """
-    console = Console(stderr=True)
     if quiet:
         yield lambda number: None
-    elif console.is_terminal:
-        columns = *COLUMNS, TimeRemainingColumn()
-        with Progress(*columns, console=console, transient=True) as bar:
-            task = bar.add_task(what, total=total, completed=done)
-            yield lambda number: bar.update(task, completed=number)
-    else:
+        return
+    # Most commands show none, and start faster without it.
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
         yield print_progress(what, total, done)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(what, total=total, completed=done)
+        yield lambda number: bar.update(task, completed=number)
 
 
 def print_progress(

@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from importlib.metadata import version
 from types import FrameType
 from typing import Annotated, Any, final
 
@@ -97,6 +96,8 @@ def run(argv: list[str]) -> int:
         if last in ("-h", "--help") and begun:
             print(format_overview(begun if group else list(COMMANDS)))
         elif argv == ["--version"]:
+            from importlib.metadata import version
+
             print(f"eskin {version('eskin')}")
         else:
             check_moved(argv)

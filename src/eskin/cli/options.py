@@ -13,6 +13,7 @@ import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache, partial
 from itertools import pairwise
 from textwrap import fill
 from types import NoneType, UnionType
@@ -49,7 +50,6 @@ def describe_class(info: StructTypeInfo) -> StructConstructorSpec | None:
     if not (isinstance(info.type, type) and is_dataclass(info.type)):
         return None
     hints = get_type_hints(info.type, include_extras=True)
-    texts = read_field_texts(info.type)
     found = []
     for each in fields(info.type):
         default = find_default(each, info.default)
@@ -60,7 +60,8 @@ def describe_class(info: StructTypeInfo) -> StructConstructorSpec | None:
         metadata = get_args(own)[1:] if get_origin(own) is Annotated else ()
         # What the field says itself comes last, and counts.
         told: Any = Annotated[(own, words, *metadata)]
-        found.append(StructFieldSpec(each.name, told, default, texts.get(each.name)))
+        text = partial(find_field_text, info.type, each.name)
+        found.append(StructFieldSpec(each.name, told, default, text))
     return StructConstructorSpec(info.type, tuple(found))
 
 
@@ -73,6 +74,12 @@ def find_default(field: Field, given: object) -> object:
     return tyro.MISSING if field.default is MISSING else field.default
 
 
+def find_field_text(command: type, field: str) -> str | None:
+    """Return the docstring below a field of a class; only help and errors need it."""
+    return read_field_texts(command).get(field)
+
+
+@cache
 def read_field_texts(command: type) -> dict[str, str]:
     """Return the docstrings below the fields of a class, each as one line."""
     found = {}

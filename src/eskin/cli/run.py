@@ -469,6 +469,8 @@ def build_publishers(
     joints: "JointSource | JointFunction | None",
 ) -> "list[Publisher]":
     """Build the listeners that publish to ROS 2 and to Foxglove."""
+    if not (command.ros2 or command.foxglove):
+        return []
     from eskin.bus import Publisher
 
     recognizer = recognition.recognizer

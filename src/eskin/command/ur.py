@@ -48,7 +48,7 @@ REMEDIES = (
     ),
     (
         CLIENT_ENDED,
-        "connect again; if it ends again: pip install --force-reinstall ur_rtde",
+        "connect again; if it ends again, install ur_rtde anew",
     ),
 )
 """What to do about a problem that contains some words of the client or of eskin."""
