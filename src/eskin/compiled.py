@@ -57,8 +57,6 @@ LEVEL_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 
 REPORT_SECONDS = 5.0
 """Time between two reports of how far compiling has come [s]."""
-USUAL_COUNT = 20
-"""Number of entries that a recogniser or a demonstration compiles in one process."""
 
 logger = logging.getLogger(__name__)
 
@@ -106,7 +104,7 @@ class CompilationReporter(Listener):
             )
         elif time.monotonic() - self.last >= REPORT_SECONDS:
             self.last = time.monotonic()
-            logger.info("compiling part %d of about %d", self.count, USUAL_COUNT)
+            logger.info("compiling part %d", self.count)
 
     def on_end(self, event: Event) -> None:
         """Forget the function that was compiled."""

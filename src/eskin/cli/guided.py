@@ -187,6 +187,8 @@ class Dialogue(ABC, Generic[Guide]):
         """Describe what a scan has led to; empty where there is nothing to say."""
         if event.kind == "touched":
             return f"{event.text}: hands off, rest begins again"
+        if event.kind == "awaited":
+            return f"{event.text}: keep your hands off until it is measured"
         if event.kind == "rested":
             return "rest is measured"
         if event.kind == "turned":
@@ -235,6 +237,9 @@ def open_guided_source(
 ) -> "tuple[Source, MountedSkin]":
     """Open a device or a recording, and print which skin it has.
 
+    Code is compiled or loaded before: a device sends at any time, and whoever is asked
+    to touch it does not wait.
+
     Args:
         command: what is opened.
         stack: what closes it.
@@ -247,6 +252,7 @@ def open_guided_source(
     """
     from eskin.app import open_joints, open_source
     from eskin.skin import MountedSkin, mount_skin
+    from eskin.touch import warm_up_touches
 
     driver = check_source(command)
     if driver.touches == "simulated":
@@ -261,13 +267,19 @@ def open_guided_source(
         )
     is_shown = isinstance(command, PressCommand) and command.view
     config = command.build_config(1.0 if is_shown else math.inf)
-    if command.skin is not None and command.joints is not None:
-        robot = mount_skin(command.skin, command.robot_urdf).robot
-        joints = open_joints(command.joints, robot, None, command.allow_remote)
-        config = replace(config, joints=stack.enter_context(joints))
+    if command.skin is not None:
+        mounted = mount_skin(command.skin, command.robot_urdf)
+        warm_up_touches(mounted)
+        if command.joints is not None:
+            joints = open_joints(
+                command.joints, mounted.robot, None, command.allow_remote
+            )
+            config = replace(config, joints=stack.enter_context(joints))
     source = stack.enter_context(open_source(*command.source, config=config))
     info = source.info
     mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))
+    if command.skin is None:
+        warm_up_touches(mounted)
     taxels = format_count(info.skin.count, "taxel")
     say(f"{info.uri}: skin '{info.skin.name}', {taxels}")
     say(info.describe_rate())
@@ -399,7 +411,7 @@ def guide_person(
             told = "the last press is not used"
             guide.withdraw()
         say(told, page)
-        if told and not (event is not None and event.kind == "touched"):
+        if told and not (event is not None and event.kind in ("touched", "awaited")):
             since = scan.stamp
             if math.isfinite(wait) or event is None:
                 say(dialogue.describe_request())

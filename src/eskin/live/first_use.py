@@ -15,44 +15,24 @@ from eskin.live.network import LogitStream
 from eskin.live.recognizer import Recognizer
 from eskin.live.step_kernels import step
 from eskin.skin import mount_skin
-from eskin.touch import Calibration, Reading, Scan, TouchPipeline
-
-WARM_UP_PERIOD = 20_000_000
-"""Time between readings of `warm_up` [ns]."""
-FIRST_TOUCHED = 120
-"""Number of the first of its readings with a touch, which the network processes."""
+from eskin.touch import Reading, warm_up_touches
+from eskin.touch.first_use import build_matrix_calibration, make_poke
 
 
 def warm_up(recognizer: Recognizer) -> None:
     """Load all compiled code that a recogniser of this kind needs.
 
-    Two others like it process a poke of one patch, one as readings, one as scans of a
-    matrix behind a divider; the recogniser itself does not change. Where nothing is
-    compiled, a second process compiles the network meanwhile.
+    The recogniser itself does not change: another one like it processes a poke. Where
+    nothing is compiled, a second process compiles the network meanwhile.
     """
     helper = start_helper()
-    model, mounted = recognizer.model, recognizer.mounted
-    skin, robot = mounted.skin, mounted.robot
-    pressed = np.arange(skin.count) < 4
-    valid, q = np.ones(skin.count, bool), np.zeros(len(robot.joint_names))
-    calibration = Calibration(
-        np.full(skin.count, 0.1), 4000, curve="divider", exponent=0.8, matrix=True
-    )
-    reading_recognizer = Recognizer(model, mounted, None)
-    scan_recognizer = Recognizer(model, mounted, calibration)
-    shear = np.zeros((skin.count, 2), np.float32) if skin.has_shear else None
-    shear_counts = None if shear is None else shear.astype(np.int32)
-    for number in range(150):
-        is_touched = FIRST_TOUCHED <= number < 135
-        stamp, touched = number * WARM_UP_PERIOD, pressed & is_touched
-        pressure = np.where(touched, 30.0, 0.0).astype(np.float32)
-        reading = Reading(stamp, pressure, valid, q, shear)
-        if number == FIRST_TOUCHED and helper is not None:
-            TouchPipeline(mounted, calibration).push_reading(reading)
-            helper.wait()
-        reading_recognizer.push(reading)
-        counts = np.where(touched, 300, 20).astype(np.int32)
-        scan_recognizer.push(Scan(stamp, counts, valid, q, shear_counts))
+    mounted = recognizer.mounted
+    warm_up_touches(mounted)
+    if helper is not None:
+        helper.wait()
+    other = Recognizer(recognizer.model, mounted, build_matrix_calibration(mounted))
+    for scan in make_poke(mounted):
+        other.push(scan)
 
 
 def compile_network() -> None:

@@ -4,6 +4,7 @@ from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import MAX_CALIBRATION_BYTES, Calibration
 from eskin.touch.fault_kernels import FaultConfig
 from eskin.touch.faults import Fault
+from eskin.touch.first_use import warm_up_touches
 from eskin.touch.front_end import FrontEnd
 from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
@@ -46,4 +47,5 @@ __all__ = [
     "TouchState",
     "Track",
     "TrackingResult",
+    "warm_up_touches",
 ]

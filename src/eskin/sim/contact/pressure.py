@@ -259,7 +259,9 @@ def compute_pressure_field(
     """Compute the pressure of a press on a chart's taxels, and its true contact."""
     ellipses, area, centroid = compute_contact_ellipses(press, chart, constants)
     geometry = build_taxel_geometry(chart, constants)
-    pad_of, taxel_of = np.nonzero(find_reachable_pairs(ellipses, geometry))
+    pairs = np.nonzero(find_reachable_pairs(ellipses, geometry))
+    # Of several pairs numpy returns strided views, for which code is compiled anew.
+    pad_of, taxel_of = map(np.ascontiguousarray, pairs)
     reached = np.unique(taxel_of)
     column_of = np.zeros(len(chart.taxels), dtype=np.int64)
     column_of[reached] = np.arange(len(reached))
@@ -288,7 +290,8 @@ def build_taxel_geometry(chart: Chart, constants: Constants) -> TaxelGeometry:
     """Build the geometry of a chart's taxels, of which only the middle part senses."""
     cells = chart.cells * np.sqrt(constants.value("contact.fill"))
     dome = chart.radius if isinstance(chart.surface, Dome) else np.inf
-    return TaxelGeometry(chart.unrolled, cells, chart.circumference, dome)
+    centres = np.ascontiguousarray(chart.unrolled)
+    return TaxelGeometry(centres, cells, chart.circumference, dome)
 
 
 def find_reachable_pairs(
