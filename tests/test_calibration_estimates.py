@@ -76,6 +76,15 @@ def test_taxels_that_are_not_received_have_the_rest_of_their_patch():
     assert abs(found.rest[3] - 200.3) < 0.5
 
 
+@pytest.mark.parametrize(("scans", "received"), [(19, 1.0), (200, 0.05), (0, 1.0)])
+def test_rest_of_which_nothing_is_known_is_refused(scans, received):
+    rng = np.random.default_rng(2)
+    uses = rng.random((scans, SKIN.count)) < received
+    record = record_rest(gaussian(1.0), scans / RATE, uses)
+    with pytest.raises(ValueError, match="allowed are 20 or more"):
+        estimate_rest(record, SKIN)
+
+
 @pytest.mark.parametrize(("higher", "noisier"), [(20, 1), (0, 5), (20, 5)])
 def test_hand_has_rested_where_taxels_are_both_higher_and_noisier(higher, noisier):
     hand = (SKIN.patch_index == 1) & (SKIN.rows < 3) & (SKIN.columns < 3)

@@ -1,5 +1,7 @@
 """Tests of the pose of a mounted patch: what is found, how sure it is, the command."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -256,6 +258,27 @@ def test_press_on_another_patch_is_refused_and_asked_for_again():
     assert [event.kind for event in events] == ["rested", "refused", "pressed"]
     assert SKIN.patches[0].id in events[1].text
     assert len(guide.waiting) == len(POINTS) - 1
+
+
+@pytest.mark.parametrize("rate", [1.0, 3.0, 20.0])
+def test_presses_are_asked_for_once_the_skin_is_tared(rate):
+    guide = make_guide()
+    rested = None
+    for number, scan in enumerate(make_scans([]), 1):
+        event = guide.push(replace(scan, stamp=round(number * 1e9 / rate)))
+        if event is not None and event.kind == "rested":
+            rested = number
+            break
+    assert rested == max(20, 3 * rate + 1)
+    assert guide.pipeline.front_end.is_tared.all()
+
+
+def test_rest_without_enough_scans_is_refused():
+    guide = make_guide()
+    for scan in list(make_scans([]))[:10]:
+        guide.push(scan)
+    with pytest.raises(ValueError, match="not at rest"):
+        guide.finish()
 
 
 def repeat_second_and_skip_fifth(page, board):

@@ -16,6 +16,7 @@ from eskin.cli import calibrate
 from eskin.cli.guided import await_page, guide_person
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.recording import read_recording
+from eskin.skin import save_skin
 from eskin.skin.wiring import find_nearest_taxel
 from eskin.touch import Calibration, Scan
 from helpers.cli import assert_refused, call, call_json
@@ -59,6 +60,14 @@ def all_presses():
     ]
 
 
+def make_slow_scans(rate, seconds, is_heard=lambda number: ()):
+    """Yield scans at rest at a rate [1/s]; of some numbers patches are not received."""
+    scans = make_scans(rest(round(rate * seconds)))
+    for number, scan in enumerate(scans, 1):
+        received = ~np.isin(SKIN.patch_index, is_heard(number))
+        yield replace(scan, stamp=round(number * 1e9 / rate), received=received)
+
+
 def push_all(above, config=None, guide=None):
     guide = guide or CalibrationGuide(MOUNTED, CALIBRATION, config)
     return guide, [e for scan in make_scans(above) if (e := guide.push(scan))]
@@ -81,9 +90,10 @@ def test_recording_of_presses_gives_a_calibration_file(recording, tmp_path, caps
     assert counts == {"taxels": SKIN.count, "noisy": 0, "dead": 0, "stuck": 1}
     assert found["presses"] == 10
     assert (
-        "left out: taxel 0 (row 0 of 0 to 7, column 0 of 0 to 7 of patch 'p0')\n"
-        in printed
+        "left out: taxel 0 (row 0 of 0 to 7, column 0 of 0 to 7 of patch 'p0'), out of "
+        "order while hands were off\n" in printed
     )
+    assert "10 presses felt, and all of them used\n" in printed
     measured = Calibration.from_bytes(out.read_bytes())
     assert measured.source == "presses"
     np.testing.assert_allclose(np.delete(measured.rest, STUCK), REST, atol=1.0)
@@ -126,6 +136,60 @@ def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
     )
     assert "patch 'p0' is touched" in printed
     assert not out.exists()
+
+
+@pytest.mark.parametrize("rate", [0.5, 2.0, 3.0, 7.0, 20.0])
+def test_rest_is_that_of_the_skin_however_slow_its_scans_are(rate):
+    guide = CalibrationGuide(MOUNTED, CALIBRATION, GuideConfig(presses=0))
+    scans = make_slow_scans(rate, 60.0)
+    events = [event for scan in scans if (event := guide.push(scan))]
+    kinds = [event.kind for event in events]
+    assert kinds == (["rested"] if rate * 5.0 > 20 else ["awaited", "rested"])
+    measured = np.delete(guide.finish().calibration.rest, STUCK)
+    np.testing.assert_allclose(measured, REST, atol=4 * NOISE)
+
+
+def test_patch_that_sends_seldom_is_waited_for_and_a_silent_one_is_not():
+    def find_missing(number):
+        return [1] if number % 10 else []
+
+    guide = CalibrationGuide(MOUNTED, CALIBRATION, GuideConfig(presses=0))
+    scans = list(make_slow_scans(20.0, 12.0, find_missing))
+    events = [event for scan in scans if (event := guide.push(scan))]
+    assert [event.kind for event in events] == ["awaited", "rested"]
+    assert "of patch 'p1' in 5.0 s" in events[0].text
+    own = SKIN.patch_index == 1
+    assert guide.rest.measured[own].all()
+
+    silent = CalibrationGuide(MOUNTED, CALIBRATION, GuideConfig(presses=0))
+    scans = make_slow_scans(20.0, 6.0, lambda number: [1] if number > 10 else [])
+    events = [event for scan in scans if (event := silent.push(scan))]
+    assert [event.kind for event in events] == ["rested"]
+    assert [fault.patch for fault in silent.finish().faults[:1]] == ["p1"]
+
+
+@pytest.mark.parametrize(
+    ("silent", "part"), [([], "rest needs 20"), ([0, 1], "no scan of a patch")]
+)
+@pytest.mark.parametrize("presses", ["0", "5"])
+def test_too_few_scans_are_refused_and_nothing_is_written(
+    silent, part, presses, tmp_path, capsys
+):
+    scans = make_slow_scans(2.0, 8.0, lambda number: silent)
+    path, out = record(tmp_path / "slow.mcap", scans), tmp_path / "c.json"
+    words = ("calibrate", f"replay:{path}", "--out", out, "--presses", presses)
+    assert_refused(capsys, *words, part=part)
+    assert not out.exists()
+
+
+def test_person_is_told_once_that_more_scans_are_needed(capsys):
+    guide = CalibrationGuide(MOUNTED, CALIBRATION, GuideConfig(presses=0))
+    dialogue = calibrate.CalibrationDialogue(guide)
+    guide_person(make_slow_scans(2.0, 30.0), dialogue, 30.0)
+    lines = capsys.readouterr().out.splitlines()
+    [told] = [line for line in lines if "keep your hands off" in line]
+    assert told.startswith("11 scans of patch 'p0' in 5.0 s, 2 a second")
+    assert lines.index("hands off for 5 s") < lines.index(told)
 
 
 def presses_of(bits, force):
@@ -228,7 +292,9 @@ def test_device_is_asked_for_presses_and_may_leave_a_patch_out(
     info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
     source = PlayedSource(info, make_scans(above), STEPPED, ManualClock())
     monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
-    words = ("calibrate", "udp://127.0.0.1:9", "--skin", "x", "--wait", "3")
+    save_skin(SKIN, tmp_path / "skin")
+    own = ("--skin", tmp_path / "skin", "--robot-urdf", "table")
+    words = ("calibrate", "udp://127.0.0.1:9", *own, "--wait", "3")
     found, out = call_json(capsys, *words, "--out", tmp_path / "calibration.json")
     assert found["presses"] == 5
     assert out.index("press 5 of 5: patch 'p0'") < out.index("press 1 of 5: patch 'p1'")
@@ -374,6 +440,20 @@ def test_presses_that_are_no_fingertips_are_refused():
     assert [event.kind for event in events] == ["rested", "refused", "refused"]
     assert ["wider" in event.text for event in events[1:]] == [True, False]
     assert not guide.presses
+
+
+def test_every_press_that_was_felt_is_counted_as_used_or_not_with_the_reason():
+    wide = press(19, width=2)
+    above = rest(REST_SCANS) + wide + all_presses()[: 24 * 3] + wide
+    guide, events = push_all(above)
+    felt = [event for event in events if event.kind in ("pressed", "refused")]
+    result = guide.finish()
+    assert len(felt) == len(result.presses) + len(result.refusals) == 5
+    [line] = [
+        line for line in calibrate.describe_result(result, SKIN) if "felt" in line
+    ]
+    why = "that was wider than one fingertip (2)"
+    assert line == f"5 presses felt: 3 used, 2 not used since {why}"
 
 
 def test_forces_are_asked_for_in_turn_and_known_places_have_no_fault():

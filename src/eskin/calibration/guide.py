@@ -16,6 +16,7 @@ from eskin.calibration.gains import (
     estimate_gains,
 )
 from eskin.calibration.rest import (
+    MIN_SAMPLES,
     RestEstimate,
     estimate_rest,
     find_resting_hand,
@@ -36,7 +37,7 @@ from eskin.touch import (
 )
 from eskin.touch.faults import TAXEL_KINDS
 from eskin.touch.touches import MIN_PRESS_FORCE, MIN_PRESS_SECONDS
-from eskin.units import NS_PER_S
+from eskin.units import NS_PER_S, format_count
 
 PLACES = ((0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25))
 """Rows and columns of the presses that are asked for, as fractions of a patch's grid.
@@ -75,12 +76,14 @@ Press = TypeVar("Press")
 class GuideEvent:
     """An event is what a scan has led to."""
 
-    kind: Literal["touched", "rested", "pressed", "refused", "turned"]
-    """`touched`: rest begins again, since the skin is touched; `rested`: rest is
-    measured; `pressed`: a press was measured; `refused`: one was not; `turned`: counts
-    go the other way under pressure, and all presses so far are forgotten."""
+    kind: Literal["touched", "awaited", "rested", "pressed", "refused", "turned"]
+    """`touched`: rest begins again, since the skin is touched; `awaited`: the time at
+    rest is over, but more scans are needed; `rested`: rest is measured; `pressed`: a
+    press was measured; `refused`: one was not; `turned`: counts go the other way under
+    pressure, and all presses so far are forgotten."""
     text: str = ""
-    """Reason for which rest begins again, or a press is refused; the way of counts."""
+    """Reason for which rest begins again, goes on, or a press is refused; the way of
+    counts."""
     taxel: int | None = None
     """Taxel of greatest pressure of a press."""
 
@@ -167,8 +170,9 @@ class PressGuide(ABC, Generic[Press]):
         presses: presses so far.
         rest_seconds: time without touch that is asked for first [s].
         state: contacts and pressures at the latest scan; None before the first.
-        began: stamp at which rest began; None before.
-        refusal: why the last press that was refused was; empty before.
+        began: stamp of the first scan at rest that holds data; None before.
+        samples: number of scans at rest in which each taxel was received.
+        refusals: why presses were refused, one reason each.
     """
 
     def __init__(
@@ -183,7 +187,9 @@ class PressGuide(ABC, Generic[Press]):
         self.detector, self.pressing = PressDetector(), PressSummary()
         self.state: TouchState | None = None
         self.began: int | None = None
-        self.refusal = ""
+        self.samples = np.zeros(mounted.skin.count, np.int64)
+        self.is_awaited = False
+        self.refusals: list[str] = []
         self.is_turned = False
 
     @property
@@ -197,12 +203,17 @@ class PressGuide(ABC, Generic[Press]):
         return self.detector.since is not None
 
     @property
-    def rest_share(self) -> float:
-        """Share of the time at rest that has passed."""
+    def passed(self) -> float:
+        """Time at rest that has passed [s]."""
         if self.state is None or self.began is None:
             return 0.0
-        passed = (self.state.reading.stamp - self.began) / NS_PER_S
-        return min(passed / self.rest_seconds, 1.0)
+        return (self.state.reading.stamp - self.began) / NS_PER_S
+
+    @property
+    def rest_share(self) -> float:
+        """Share of the rest that is done: of its time, or of the scans it needs."""
+        scans, _ = self.find_fewest()
+        return min(self.passed / self.rest_seconds, scans / MIN_SAMPLES, 1.0)
 
     @property
     def progress(self) -> float:
@@ -237,7 +248,7 @@ class PressGuide(ABC, Generic[Press]):
         if taxel is None or self.phase == "done":
             return None
         if text := self.describe_refusal(ended, taxel):
-            self.refusal = text
+            self.refusals.append(text)
             return GuideEvent("refused", text, taxel)
         self.presses.append(self.build_press(ended, taxel))
         self.phase = "done" if self.request is None else "press"
@@ -255,6 +266,72 @@ class PressGuide(ABC, Generic[Press]):
     @abstractmethod
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
         """Process a scan of the time at rest."""
+
+    def count_rest(self, scan: Scan) -> GuideEvent | None:
+        """Count a scan at rest; tell once that its time is over but scans are few."""
+        if self.began is None and scan.received.any():
+            self.began = scan.stamp
+        self.samples += scan.received
+        is_few = self.passed >= self.rest_seconds and self.rest_share < 1.0
+        if not is_few or self.is_awaited:
+            return None
+        self.is_awaited = True
+        return GuideEvent("awaited", self.describe_scans())
+
+    def restart_count(self) -> None:
+        """Forget the time at rest so far."""
+        self.began = None
+        self.samples[:] = 0
+        self.is_awaited = False
+
+    def find_fewest(self) -> tuple[int, str]:
+        """Find the patch of which fewest scans came at rest, and return how many.
+
+        A patch counts by its taxel that was received most often. One of which nothing
+        came, and one that is out as a whole, which is a fault of its own, are not
+        waited for. Without any other, the number is 0 and the name empty.
+        """
+        most = np.zeros(len(self.skin.patches), np.int64)
+        np.maximum.at(most, self.skin.patch_index, self.samples)
+        faults = () if self.state is None else self.state.faults
+        out = {fault.patch for fault in faults if fault.kind == "patch"}
+        counted = [
+            (int(count), patch.id)
+            for count, patch in zip(most, self.skin.patches, strict=True)
+            if count and patch.id not in out
+        ]
+        return min(counted, default=(0, ""))
+
+    def describe_scans(self) -> str:
+        """Describe how many scans came at rest, at what rate, and how many it needs."""
+        scans, patch = self.find_fewest()
+        if not scans:
+            return f"no scan of a patch in order has come; rest needs {MIN_SAMPLES}"
+        rate = (scans - 1) / max(self.passed, 1e-9)
+        return (
+            f"{format_count(scans, 'scan')} of patch '{patch}' in {self.passed:.1f} s, "
+            f"{rate:.2g} a second; rest needs {MIN_SAMPLES}"
+        )
+
+    def check_rested(self) -> None:
+        """Raise where rest was not measured.
+
+        Raises:
+            ValueError: the skin was touched, or too few scans came.
+        """
+        if self.phase != "rest":
+            return
+        if self.is_awaited or not self.samples.any():
+            raise ValueError(
+                f"too few scans came while hands were off: {self.describe_scans()}; "
+                f"allowed are {MIN_SAMPLES} or more of each patch that sends; check "
+                "cable and power, let the device send more often, or wait longer for "
+                "it (--wait)"
+            )
+        raise ValueError(
+            f"the skin was not at rest for {self.rest_seconds:g} s; allowed is that "
+            "time without touch; take all hands off and calibrate again"
+        )
 
     @abstractmethod
     def describe_refusal(self, press: PressSummary, taxel: int) -> str:
@@ -313,6 +390,8 @@ class CalibrationResult:
     codes: Int[np.ndarray, "taxel"]
     """Index in `TAXEL_KINDS` of the fault of each taxel at the end of rest, or -1."""
     presses: tuple[FingertipPress, ...]
+    refusals: tuple[str, ...]
+    """Why presses that were felt are not used, one reason each."""
     gains: GainEstimate | None
     """Gains; None without a press."""
 
@@ -393,11 +472,11 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         text = self.describe_touch(scan, state)
         if text:
             return self.restart_rest(text, scan.stamp)
-        self.began = scan.stamp if self.began is None else self.began
+        awaited = self.count_rest(scan)
         self.record.append(scan)
         self.faults.push(scan)
         if self.rest_share < 1.0:
-            return None
+            return awaited
         rest = estimate_rest(self.record, self.skin)
         hand = find_resting_hand(rest, self.skin, self.assumed)
         if hand.any():
@@ -440,10 +519,16 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         """Take counts to go the other way; rest that is measured is turned, too."""
         super().turn()
         if self.rest is None:
-            self.record, self.began, self.faults = [], None, self.build_fault_detector()
+            self.forget_rest()
             return
         self.rest = replace(self.rest, rest=self.assumed.turn_counts(self.rest.rest))
         self.pipeline = TouchPipeline(self.mounted, self.build_rested())
+
+    def forget_rest(self) -> None:
+        """Forget the scans at rest so far, and the faults that they showed."""
+        self.restart_count()
+        self.record = []
+        self.faults = self.build_fault_detector()
 
     def build_rested(self) -> Calibration:
         """Return the assumed calibration with the rest and noise that were measured."""
@@ -456,7 +541,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
 
     def restart_rest(self, text: str, stamp: int) -> GuideEvent | None:
         """Forget the time at rest so far; tell it once for each touch."""
-        self.record, self.began, self.faults = [], None, self.build_fault_detector()
+        self.forget_rest()
         last, self.touched_at = self.touched_at, stamp
         apart = last is None or stamp - last > APART * NS_PER_S
         return GuideEvent("touched", text) if apart else None
@@ -534,10 +619,10 @@ class CalibrationGuide(PressGuide[FingertipPress]):
 
     def describe_unfelt(self) -> str:
         """Describe why no press was felt or used, and what may be done about it."""
-        if self.refusal:
+        if self.refusals:
             return (
-                f"no press could be used, the last since {self.refusal}; allowed is "
-                "one fingertip that keeps its place; press so, for a second"
+                f"no press could be used, the last since {self.refusals[-1]}; allowed "
+                "is one fingertip that keeps its place; press so, for a second"
             )
         press = replace(self.assumed, gain=self.assumed.gain[[self.strongest]])
         pressure = float(press.compute_pressure(np.array([self.largest]))[0])
@@ -559,11 +644,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         Raises:
             ValueError: rest was not measured, or no press that was asked for was felt.
         """
-        if self.rest is None:
-            raise ValueError(
-                f"the skin was not at rest for {self.config.seconds:g} s; allowed is "
-                "that time without touch; take all hands off and calibrate again"
-            )
+        self.check_rested()
+        assert self.rest is not None
         if self.config.presses and self.wanted and not self.presses:
             raise ValueError(self.describe_unfelt())
         known = self.assumed.source
@@ -588,5 +670,6 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             self.faults.taxel_faults,
             self.faults.taxels["code"].copy(),
             tuple(self.presses),
+            tuple(self.refusals),
             gains,
         )

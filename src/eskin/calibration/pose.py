@@ -347,10 +347,10 @@ class PoseGuide(PressGuide[PosePress]):
         self.points, self.waiting = tuple(points), list(range(len(points)))
 
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
-        """Wait until the time at rest has passed."""
-        self.began = scan.stamp if self.began is None else self.began
+        """Wait until the time at rest has passed, and enough scans have come."""
+        awaited = self.count_rest(scan)
         if self.rest_share < 1.0:
-            return None
+            return awaited
         self.phase = "press"
         return GuideEvent("rested")
 
@@ -409,9 +409,10 @@ class PoseGuide(PressGuide[PosePress]):
         """Estimate the poses of the patches that were pressed.
 
         Raises:
-            ValueError: A patch has too few presses, they lie along a line, or they do
-                not fit its points.
+            ValueError: Rest was not measured, a patch has too few presses, they lie
+                along a line, or they do not fit its points.
         """
+        self.check_rested()
         patches = dict.fromkeys(press.point.patch for press in self.presses)
         if not patches:
             raise ValueError(

@@ -52,18 +52,28 @@ def estimate_rest(scans: Sequence[Scan], skin: Skin) -> RestEstimate:
 
     Spikes are left out, and a drift at constant speed is no noise. Counts that change
     by whole steps, or never, have at least the noise of rounding.
+
+    Raises:
+        ValueError: no taxel was received often enough.
     """
-    rest, noise = np.zeros(skin.count), np.zeros(skin.count)
-    measured = np.zeros(skin.count, bool)
+    samples = np.zeros(skin.count, np.int64)
+    for scan in scans:
+        samples += scan.received
+    measured = samples >= MIN_SAMPLES
+    if not measured.any():
+        raise ValueError(
+            f"no taxel was received in {MIN_SAMPLES} of {len(scans)} scans without "
+            f"touch; allowed are {MIN_SAMPLES} or more; take more scans"
+        )
+    rest = np.zeros(skin.count)
+    noise = np.zeros(skin.count)
     times = np.array([scan.stamp - scans[0].stamp for scan in scans]) / NS_PER_S
     for start in range(0, skin.count, BLOCK):
         part = slice(start, start + BLOCK)
         counts = np.array([scan.counts[part] for scan in scans], np.float64)
         received = np.array([scan.received[part] for scan in scans])
-        is_measured = np.count_nonzero(received, axis=0) >= MIN_SAMPLES
-        counts = np.where(received, counts, np.nan)[:, is_measured]
-        found = np.flatnonzero(is_measured) + start
-        measured[found] = True
+        counts = np.where(received, counts, np.nan)[:, measured[part]]
+        found = np.flatnonzero(measured[part]) + start
         rest[found], noise[found] = measure_course(counts, times)
     fill_unmeasured(rest, measured, skin)
     fill_unmeasured(noise, measured, skin)
@@ -106,8 +116,6 @@ def fill_unmeasured(
     values: Float[np.ndarray, "taxel"], measured: Bool[np.ndarray, "taxel"], skin: Skin
 ) -> None:
     """Give taxels without a measurement the median of their patch, or of all."""
-    if not measured.any():
-        return
     values[~measured] = np.median(values[measured])
     for patch in range(len(skin.patches)):
         members = skin.patch_index == patch

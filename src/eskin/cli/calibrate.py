@@ -1,5 +1,6 @@
 """`eskin calibrate` measures the calibration of a skin with a person's help."""
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -153,13 +154,19 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
             f"{noise.max():.2f}"
         )
     if result.faults:
-        lines.append(f"left out: {describe_places(result.faults, skin)}")
+        lines.append(
+            f"left out: {describe_places(result.faults, skin)}, out of order while "
+            "hands were off"
+        )
     if result.calibration.falling:
         lines.append("counts fall under pressure, which the file says (falling)")
     rows = build_patch_rows(result, skin)
+    if result.presses:
+        lines.append(describe_presses(result))
+        lines.append("the pressure of a count, against what was assumed before:")
     lines += [
         f"  patch '{row['id']}': gain x {row['gain_ratio']:.2f} +- "
-        f"{100 * row['deviation']:.0f} %, {format_count(row['presses'], 'press')}"
+        f"{100 * row['deviation']:.0f} %, from {format_count(row['presses'], 'press')}"
         for row in rows
         if row["presses"]
     ]
@@ -167,6 +174,18 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
     if result.presses and unpressed:
         lines.append(f"  not pressed, gain follows the others: {', '.join(unpressed)}")
     return lines
+
+
+def describe_presses(result: "CalibrationResult") -> str:
+    """Describe how many of the presses that were felt are used, and why others not."""
+    used, refused = len(result.presses), len(result.refusals)
+    felt = format_count(used + refused, "press")
+    if not refused:
+        return f"{felt} felt, and all of them used"
+    why = ", ".join(
+        f"{reason} ({count})" for reason, count in Counter(result.refusals).items()
+    )
+    return f"{felt} felt: {used} used, {refused} not used since {why}"
 
 
 def build_patch_rows(result: "CalibrationResult", skin: "Skin") -> list[dict[str, Any]]:
@@ -196,6 +215,7 @@ def summarise(
         "taxels": skin.count,
         **{kind: result.count_taxels(kind) for kind in ("noisy", "dead", "stuck")},
         "presses": len(result.presses),
+        "refused": len(result.refusals),
         "out": str(command.out),
         "source": calibration.source,
         "falling": calibration.falling,
