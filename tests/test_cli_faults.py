@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.cli.terminal import FaultPrinter, TerminalPrinter
+from eskin.cli.terminal import SkinPrinter, TerminalPrinter
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.live import save_model
 from eskin.stream import Context, FaultReporter
@@ -110,7 +110,7 @@ def test_column_that_is_dead_from_the_start_is_told_once(
     [line] = find_lines(printed)
     assert "column 5 of 0 to 7 of patch 'p0' is faulty and not used" in line
     if command == "calibrate":
-        assert "\nleft out: column 5 of 0 to 7 of patch 'p0'\n" in printed
+        assert "\nleft out: column 5 of 0 to 7 of patch 'p0'" in printed
 
 
 def test_stream_and_scans_have_one_form_of_line(capsys):
@@ -120,7 +120,7 @@ def test_stream_and_scans_have_one_form_of_line(capsys):
     stream = TerminalPrinter()
     stream.start(Context(info, ManualClock(0), lambda _: None))
     stream.on_message(event)
-    scans = FaultPrinter(SKIN)
+    scans = SkinPrinter(SKIN)
     scans.push(0, [])
     scans.push(7_000_000_000, [fault])
     _, one, other = capsys.readouterr().out.splitlines()

@@ -1,8 +1,14 @@
 """Tests of guided recording: each gesture is labelled from its first contact on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from eskin.cli.guided import WaitReporter
+from eskin.cli.record import find_awaited
 from eskin.learn.dataset import prepare
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.recording.guided import (
@@ -14,6 +20,7 @@ from eskin.recording.guided import (
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
+from eskin.touch.records import TouchConfig
 from helpers.cli import assert_refused, call_json
 from helpers.touch import SECOND, START, build_grid_skin, press_pad
 
@@ -22,6 +29,7 @@ MOUNTED = MountedSkin(SKIN, load_robot("table"))
 CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
 PAD = press_pad(SKIN, (0.02, 0.02), kpa=1.0, radius=0.015)
 RATE = 50
+PAUSE = TouchConfig.pause_seconds
 
 
 def make_guide(gestures=("knock", "none"), times=2):
@@ -63,7 +71,104 @@ def test_gestures_are_asked_for_in_turns_and_labelled_where_they_are_made():
 def test_touch_before_the_skin_is_tared_is_no_attempt():
     guide = make_guide()
     events = push_touches(guide, [(1.0, 1.5), (6.0, 6.5)], 8.0)
-    assert [event.kind for event in events] == ["ready", "began", "taken"]
+    assert [event.kind for event in events] == ["touched", "ready", "began", "taken"]
+    assert "'p0' is touched" in events[0].text
+
+
+def drop_scans(scans, start, end):
+    """Yield the scans that are not within some seconds."""
+    for scan in scans:
+        if not start <= (scan.stamp - START) / SECOND < end:
+            yield scan
+
+
+@given(
+    start=st.floats(3.4, 6.2),
+    pause=st.sampled_from([0.1, 0.2, 0.5, 1.0, 2.0, 3.0]),
+    length=st.floats(0.2, 1.6),
+)
+@settings(max_examples=40, deadline=None)
+def test_touch_is_labelled_as_a_whole_or_refused_however_late_readings_are(
+    start, pause, length
+):
+    guide = make_guide(("rub",), times=1)
+    events = []
+    for scan in drop_scans(
+        make_scans([(4.0, 4.0 + length)], 11.0), start, start + pause
+    ):
+        event = guide.push(scan)
+        events += [] if event is None else [event]
+    refused = [event.text for event in events if event.kind == "refused"]
+    for attempt in guide.attempts:
+        found = (np.array([attempt.label.start, attempt.label.end]) - START) / SECOND
+        np.testing.assert_allclose(found, (4.0, 4.0 + length), atol=PAUSE + 1 / RATE)
+    seen = max(0.0, start - 4.0) + max(0.0, 4.0 + length - start - pause)
+    assert guide.attempts or refused or seen < 3 / RATE
+    if refused:
+        assert "no scan came for" in refused[0] and all(
+            "before it was asked" in text for text in refused[1:]
+        )
+
+
+@pytest.mark.parametrize(
+    ("late", "is_early"), [(0.0, True), (0.05, True), (0.2, False)]
+)
+def test_touch_that_begins_before_anybody_can_react_is_not_the_gesture(late, is_early):
+    guide = make_guide(("knock",))
+    scans = make_scans([(4.0, 4.3), (4.3 + PAUSE + 0.02 + late, 6.0)], 8.0)
+    events = [event for scan in scans if (event := guide.push(scan))]
+    taken = [event.kind for event in events[3:]]
+    if is_early:
+        assert taken == ["began", "refused"] and "before" in events[-1].text
+    else:
+        assert taken == ["began", "done"]
+
+
+def test_touch_on_a_patch_that_is_lost_meanwhile_is_refused_by_its_name():
+    guide = make_guide(("knock",))
+    events = []
+    for scan in make_scans([(4.0, 5.0)], 8.0):
+        if scan.stamp >= START + 4.5 * SECOND:
+            scan = replace(scan, received=np.zeros(SKIN.count, bool))
+        event = guide.push(scan)
+        events += [] if event is None else [event]
+    assert [event.kind for event in events] == ["ready", "began", "refused"]
+    assert "'p0' had no valid data" in events[-1].text
+
+
+def wait_for_touch(touches, seconds, counts):
+    """Return what a person who is waited for is told."""
+    guide = make_guide()
+    waiting = WaitReporter(SKIN, "a touch has 0.7 kPa or more")
+    told = []
+    for scan in make_scans(touches, seconds, counts):
+        guide.push(scan)
+        told.append(waiting.push(guide.state, find_awaited(guide)))
+    return [text for text in told if text]
+
+
+def test_after_ten_seconds_it_is_told_that_nothing_was_felt():
+    first, second = wait_for_touch([], 23.5, 0)
+    assert first.startswith("nothing was felt for 10 s; the highest pressure was ")
+    assert "nothing was felt for 20 s" in second and "0.7 kPa" in second
+
+
+def test_what_was_too_weak_for_a_touch_is_told():
+    [text] = wait_for_touch([(5.0, 5.02)], 13.5, 14)
+    assert "nothing was felt for 10 s; last: 0." in text
+    assert "of patch 'p0', " in text and "s ago" in text
+
+
+def test_nothing_is_told_while_gestures_are_made():
+    touches = [(4.0 + 5 * n, 4.5 + 5 * n) for n in range(4)]
+    assert wait_for_touch(touches, 25.0, 200) == []
+
+
+def test_hand_that_stays_on_the_skin_before_it_is_tared_is_told():
+    # Rest is taken with the first scans, so the hand comes after them.
+    texts = wait_for_touch([(1.0, 30.0)], 25.0, 200)
+    assert texts and all("hands off: not at rest yet" in text for text in texts)
+    assert "of patch 'p0'" in texts[0]
 
 
 def test_last_attempt_is_dropped_once_and_asked_for_again():

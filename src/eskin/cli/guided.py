@@ -2,12 +2,12 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from itertools import dropwhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar, final
 
 import tyro
 
@@ -23,10 +23,14 @@ if TYPE_CHECKING:
     from eskin.page.viewer import CalibrationViewer
     from eskin.registry import Driver
     from eskin.skin import MountedSkin, Skin
-    from eskin.touch import Fault, Scan
+    from eskin.touch import Fault, Scan, TouchState
 
 PATIENCE = 10.0
 """Longest wait for the first byte of a device [s]."""
+WAIT_SECONDS = 10.0
+"""Time after which a person who is waited for is told what was felt last [s]."""
+APART = 0.5
+"""Time without contact after which what is felt is something else [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -326,7 +330,8 @@ def guide_presses(
     """Guide through the presses of a source, then close it, and return the page."""
     page = open_page(command, dialogue.guide.mounted, source.info.rate, stack)
     scans = await_page(source, page, command.is_live)
-    guide_person(scans, dialogue, command.wait if command.is_live else math.inf, page)
+    wait = command.wait if command.is_live else math.inf
+    guide_person(scans, dialogue, wait, page, source.take_events)
     source.close()
     return page
 
@@ -372,6 +377,7 @@ def guide_person(
     dialogue: Dialogue[Any],
     wait: float,
     page: "CalibrationViewer | None" = None,
+    take_events: "Callable[[], list[Event]]" = list,
 ) -> None:
     """Push scans until all is measured, and say what to do and what was felt.
 
@@ -381,12 +387,16 @@ def guide_person(
         wait: longest time to wait for rest and for each press [s]; infinite for a
             recording, which nobody can be asked for presses.
         page: page that shows the same as the terminal; None without a page.
+        take_events: returns the events of the source since the last call.
     """
-    from eskin.cli.terminal import FaultPrinter
+    from eskin.cli.terminal import SkinPrinter
     from eskin.stream import WAY_TEXTS
+    from eskin.touch.touches import MIN_PRESS_FORCE, MIN_PRESS_SECONDS
 
     guide = dialogue.guide
-    faults = FaultPrinter(guide.skin)
+    printer = SkinPrinter(guide.skin)
+    needs = f"a press has {MIN_PRESS_FORCE:g} N for {MIN_PRESS_SECONDS:g} s"
+    waiting = WaitReporter(guide.skin, needs)
     say(dialogue.describe_request())
     since: int | None = None
     for scan in scans:
@@ -394,7 +404,7 @@ def guide_person(
         was_rest, event = guide.phase == "rest", guide.push(scan)
         # Which way counts go the guide finds out, and says.
         found = [each for each in dialogue.list_faults() if each.kind not in WAY_TEXTS]
-        tell_events(faults.push(scan.stamp, found), page)
+        tell_events(printer.push(scan.stamp, found, take_events()), page)
         limit = wait + guide.rest_seconds * was_rest
         # A press that goes on is waited for.
         is_late = scan.stamp - since > limit * NS_PER_S and not guide.is_pressed
@@ -415,11 +425,122 @@ def guide_person(
             since = scan.stamp
             if math.isfinite(wait) or event is None:
                 say(dialogue.describe_request())
+        if guide.state is not None:
+            say(waiting.push(guide.state, find_awaited(guide)), page)
         if page is not None and guide.state is not None and page.wants():
             page.show(guide.state, dialogue.build_board())
         if guide.phase == "done":
             break
-    tell_events(faults.finish(), page)
+    tell_events(printer.finish(), page)
+
+
+def find_awaited(guide: "PressGuide[Any]") -> "Awaited":
+    """Find what a person is waited for now."""
+    if guide.phase == "press" and not guide.is_pressed:
+        return "touch"
+    return "rest" if guide.phase == "rest" else None
+
+
+Awaited = Literal["rest", "touch"] | None
+"""What a person is waited for; None while nothing is to be done."""
+
+
+@dataclass
+class FeltContact:
+    """What was felt last, whether or not it was enough for a touch."""
+
+    patch: str
+    """Patch of its strongest contact."""
+    first: int
+    """Stamp of its first reading [ns since the epoch]."""
+    last: int
+    """Stamp of its last reading [ns since the epoch]."""
+    force: float = 0.0
+    """Greatest force [N]."""
+    taxels: int = 0
+    """Largest number of taxels."""
+
+    def describe(self) -> str:
+        """Describe how long, how strong and how large it was, and on which patch."""
+        seconds = (self.last - self.first) / NS_PER_S
+        taxels = format_count(self.taxels, "taxel")
+        return f"{seconds:.2f} s, {self.force:.1f} N, {taxels} of patch '{self.patch}'"
+
+
+@final
+class WaitReporter:
+    """A reporter tells a person who is waited for what was felt last; stateful."""
+
+    def __init__(self, skin: "Skin", needs: str) -> None:
+        """Start before the first reading.
+
+        Args:
+            skin: skin that is touched.
+            needs: what is asked for at least, in words.
+        """
+        self.skin = skin
+        self.needs = needs
+        self.awaited: Awaited = None
+        self.since = 0
+        self.told = 0
+        self.highest = 0.0
+        self.felt: FeltContact | None = None
+
+    def push(self, state: "TouchState", awaited: Awaited) -> str:
+        """Process a reading, and return what there is to tell; empty for nothing.
+
+        Args:
+            state: contacts at the reading.
+            awaited: what a person is waited for.
+        """
+        stamp = state.reading.stamp
+        self.note_contact(state)
+        if awaited is None or awaited != self.awaited:
+            self.awaited = awaited
+            self.since = stamp
+            self.told = stamp
+            self.highest = 0.0
+        pressure = state.reading.pressure[state.reading.valid]
+        self.highest = max(self.highest, float(pressure.max(initial=0.0)))
+        if stamp - self.told < WAIT_SECONDS * NS_PER_S:
+            return ""
+        before = self.told
+        self.told = stamp
+        if awaited == "touch":
+            return self.describe_silence(state)
+        if self.felt is None or self.felt.last < before:
+            return ""
+        return f"hands off: not at rest yet; last felt: {self.felt.describe()}"
+
+    def note_contact(self, state: "TouchState") -> None:
+        """Note the contacts of a reading, where there are any."""
+        if not state.contacts:
+            return
+        stamp = state.reading.stamp
+        strongest = max(state.contacts, key=lambda contact: contact.force)
+        is_new = self.felt is None or stamp - self.felt.last > APART * NS_PER_S
+        if self.felt is None or is_new:
+            self.felt = FeltContact(strongest.patch, stamp, stamp)
+        felt = self.felt
+        felt.last = stamp
+        felt.force = max(felt.force, sum(each.force for each in state.contacts))
+        felt.taxels = max(felt.taxels, sum(len(each.taxels) for each in state.contacts))
+
+    def describe_silence(self, state: "TouchState") -> str:
+        """Describe that nothing was felt that is asked for, and why that may be."""
+        from eskin.stream import describe_places
+
+        stamp = state.reading.stamp
+        text = f"nothing was felt for {(stamp - self.since) / NS_PER_S:.0f} s"
+        if self.felt is None:
+            text += f"; the highest pressure was {self.highest:.2g} kPa"
+        else:
+            ago = (stamp - self.felt.last) / NS_PER_S
+            text += f"; last: {self.felt.describe()}, {ago:.1f} s ago"
+        text += f"; {self.needs}"
+        if state.faults:
+            text += f"; not used: {describe_places(state.faults, self.skin)}"
+        return text
 
 
 def tell_events(events: "Sequence[Event]", page: "CalibrationViewer | None") -> None:

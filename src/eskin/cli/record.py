@@ -3,7 +3,6 @@
 import queue
 import sys
 import threading
-from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +11,21 @@ from typing import TYPE_CHECKING
 import tyro
 
 from eskin.cli.checks import check_way, check_writable
-from eskin.cli.guided import GuidedCommand, open_guided_source, say
+from eskin.cli.guided import (
+    Awaited,
+    GuidedCommand,
+    WaitReporter,
+    open_guided_source,
+    say,
+)
 from eskin.errors import RecordingError
 from eskin.units import format_count
 
 if TYPE_CHECKING:
-    from eskin.cli.terminal import FaultPrinter
+    from eskin.cli.terminal import SkinPrinter
+    from eskin.drivers import Source
     from eskin.recording import RecordingWriter
     from eskin.recording.guided import AttemptEvent, AttemptReview, RecordingGuide
-    from eskin.touch import Scan
 
 MAX_GESTURES, MAX_TIMES = 50, 1000
 KEYS = "a: again, the last one was wrong; s: skip the gesture; q: finish (then Enter)"
@@ -57,7 +62,7 @@ class RecordCommand(GuidedCommand):
 
 def run(command: RecordCommand) -> dict[str, object]:
     """Record until every gesture was made often enough, and return what there is."""
-    from eskin.cli.terminal import FaultPrinter
+    from eskin.cli.terminal import SkinPrinter
     from eskin.recording import Metadata, RecordingWriter
     from eskin.recording.guided import RecordingGuide, review_attempts
 
@@ -66,7 +71,7 @@ def run(command: RecordCommand) -> dict[str, object]:
         source, mounted = open_guided_source(command, stack)
         info, gestures = source.info, command.gestures
         guide = RecordingGuide(mounted, info.calibration, gestures, command.times)
-        faults = FaultPrinter(info.skin)
+        printer = SkinPrinter(info.skin)
         writer = stack.enter_context(
             RecordingWriter(
                 command.out,
@@ -79,8 +84,8 @@ def run(command: RecordCommand) -> dict[str, object]:
             )
         )
         with suppress(KeyboardInterrupt):
-            record_attempts(source, guide, writer, faults)
-        faults.finish()
+            record_attempts(source, guide, writer, printer)
+        printer.finish()
         write_last_label(guide, writer)
         if not guide.attempts:
             raise RecordingError(
@@ -125,10 +130,10 @@ def check_options(command: RecordCommand) -> None:
 
 
 def record_attempts(
-    scans: "Iterable[Scan]",
+    source: "Source",
     guide: "RecordingGuide",
     writer: "RecordingWriter",
-    faults: "FaultPrinter",
+    printer: "SkinPrinter",
 ) -> None:
     """Write scans until every gesture has its attempts, and say what to do.
 
@@ -136,23 +141,33 @@ def record_attempts(
     repeated until then.
     """
     keys = listen_to_keys()
+    needs = f"a touch has {guide.pipeline.contact:.2g} kPa or more"
+    waiting = WaitReporter(guide.mounted.skin, needs)
     say(f"hands off for a moment; {KEYS}")
-    for scan in scans:
+    for scan in source:
         writer.write(scan)
         event = guide.push(scan)
         if guide.state is not None:
             check_way(guide.state.faults)
-            faults.push(scan.stamp, guide.state.faults)
+            printer.push(scan.stamp, guide.state.faults, source.take_events())
+            say(waiting.push(guide.state, find_awaited(guide)))
         if event is not None:
             if event.attempt is not None and len(guide.attempts) > 1:
                 writer.write_label(guide.attempts[-2].label)
             say(describe_event(event))
-            if event.kind != "began":
+            if event.kind not in ("began", "touched"):
                 say(describe_request(guide))
         while not keys.empty():
             obey_key(keys.get(), guide)
         if guide.is_ready and guide.touch is None and guide.request is None:
             return
+
+
+def find_awaited(guide: "RecordingGuide") -> Awaited:
+    """Find what a person is waited for now."""
+    if not guide.is_ready:
+        return "rest"
+    return None if guide.touch is not None or guide.request is None else "touch"
 
 
 def write_last_label(guide: "RecordingGuide", writer: "RecordingWriter") -> None:
@@ -201,6 +216,8 @@ def describe_request(guide: "RecordingGuide") -> str:
 
 def describe_event(event: "AttemptEvent") -> str:
     """Describe what a scan has led to; empty where there is nothing to say."""
+    if event.kind == "touched":
+        return f"{event.text}: hands off, rest begins again"
     if event.kind == "refused":
         return f"  not used: {event.text}"
     attempt = event.attempt

@@ -173,7 +173,7 @@ class ReplayCommand:
 
 def run_replay(command: ReplayCommand) -> dict[str, object]:
     """Replay the recording, print and return the detections."""
-    from eskin.cli.terminal import FaultPrinter
+    from eskin.cli.terminal import SkinPrinter
     from eskin.live import Recognizer, load_model
     from eskin.recording import read_recording, rewrite_recording, select_labels
     from eskin.skin import MountedSkin
@@ -194,15 +194,15 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     truth = select_labels(recording.labels)
     found: list[Detection] = []
     rows: list[dict[str, object]] = []
-    faults = FaultPrinter(recording.skin)
+    printer = SkinPrinter(recording.skin)
     for scan in recording.scans():
         found += recognizer.push(scan)
         rows += report(recording, truth, found[len(rows) :])
         if recognizer.state is not None:
-            faults.push(scan.stamp, recognizer.state.faults)
+            printer.push(scan.stamp, recognizer.state.faults)
     found += recognizer.finish()
     rows += report(recording, truth, found[len(rows) :])
-    faults.finish()
+    printer.finish()
     print(f"{len(rows)} detection{'s' * (len(rows) != 1)}")
     if command.record is not None:
         rewrite_recording(

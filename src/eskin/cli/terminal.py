@@ -30,78 +30,33 @@ def format_event(event: Event, first: int) -> str:
 
 
 @final
-class FaultPrinter:
-    """A printer of the faults of a skin, for commands that read its scans themselves.
-
-    Its lines are those that `TerminalPrinter` prints of a stream.
-    """
-
-    def __init__(self, skin: Skin) -> None:
-        """Start before the first scan of a skin."""
-        self.reporter = FaultReporter(skin)
-        self.first: int | None = None
-
-    def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
-        """Print what there is to tell of a reading, and return it."""
-        self.first = stamp if self.first is None else self.first
-        return self.print_events(self.reporter.push(stamp, faults))
-
-    def finish(self) -> list[Event]:
-        """Print what is not told yet, after the last reading, and return it."""
-        return self.print_events(self.reporter.finish())
-
-    def print_events(self, events: list[Event]) -> list[Event]:
-        """Print events, and return them."""
-        for event in events:
-            print(format_event(event, self.first or 0), flush=True)
-        return events
-
-
-@final
-class TerminalPrinter(Listener):
-    """A listener that prints what happens, with seconds since the stream began.
-
-    Where the output is a terminal, its bell rings when the arm asks.
+class EventLines:
+    """Prints events as lines, with seconds since a first stamp; stateful.
 
     Of patches that appear or become silent together, it prints three and counts the
-    others. Scans tell it that time has passed, so that the count is printed while
-    nothing else happens.
+    others.
     """
 
-    name = "terminal"
-    message_types = (Detection, Event, CommandEvent, Scan)
-    size = 1000
-    drop: Drop = "oldest"
+    def __init__(self, first: int) -> None:
+        """Start without an event.
 
-    def start(self, context: Context) -> None:
-        """Print the column titles."""
-        self.first = context.clock.now()
+        Args:
+            first: stamp from which seconds count [ns since the epoch].
+        """
+        self.first = first
         self.last: Event | None = None
         self.together: list[str] = []
         self.more = 0
-        print(f"{'time':>8}  {'what':12} {'conf':>4}  where", flush=True)
 
-    def on_message(self, item: Message) -> None:
-        """Print a message, unless it is one of many of its kind at once."""
-        if isinstance(item, Scan):
-            if self.last is not None and item.stamp - self.last.stamp > TOGETHER:
-                self.close()
-        elif isinstance(item, Detection | Event | CommandEvent):
-            if isinstance(item, Event) and self.is_counted(item):
-                return
-            self.close()
-            self.write(item)
-
-    def is_counted(self, event: Event) -> bool:
-        """Count a patch that is one of many with an event; return whether it is.
-
-        Each is counted once however many events it has.
-        """
+    def push(self, event: Event) -> None:
+        """Print an event, unless it is one of many of its kind at once."""
         is_new = self.gather(event)
-        if event.patch not in self.together[LISTED:]:
-            return False
-        self.more += is_new
-        return True
+        if event.patch in self.together[LISTED:]:
+            # Each patch is counted once however many events it has.
+            self.more += is_new
+            return
+        self.close()
+        print(format_event(event, self.first), flush=True)
 
     def gather(self, event: Event) -> bool:
         """Collect patches with events of one kind at once; return whether it is new."""
@@ -118,12 +73,93 @@ class TerminalPrinter(Listener):
             self.together.append(event.patch)
         return is_new
 
-    def write(self, item: Detection | Event | CommandEvent) -> None:
+    def pass_time(self, stamp: int) -> None:
+        """Print the number of patches that were only counted, once no more may come."""
+        if self.last is not None and stamp - self.last.stamp > TOGETHER:
+            self.close()
+
+    def close(self) -> None:
+        """Print the number of patches that were only counted."""
+        if self.more:
+            text = f"and {format_count(self.more, 'patch')} more"
+            print(f"{'':8}  {'':12} {'':4}  {text}", flush=True)
+        self.more = 0
+
+
+@final
+class SkinPrinter:
+    """Prints what happens to a skin, for commands that read its scans themselves.
+
+    Its lines are those that `TerminalPrinter` prints of a stream.
+    """
+
+    def __init__(self, skin: Skin) -> None:
+        """Start before the first scan of a skin."""
+        self.reporter = FaultReporter(skin)
+        self.lines: EventLines | None = None
+
+    def push(
+        self, stamp: int, faults: Sequence[Fault], events: Sequence[Event] = ()
+    ) -> list[Event]:
+        """Print what there is to tell of a reading, and return it.
+
+        Args:
+            stamp: stamp of the reading [ns since the epoch].
+            faults: faults of the skin at the reading.
+            events: events of the source since the reading before.
+        """
+        if self.lines is None:
+            self.lines = EventLines(stamp)
+        self.lines.pass_time(stamp)
+        return self.print_events([*events, *self.reporter.push(stamp, faults)])
+
+    def finish(self) -> list[Event]:
+        """Print what is not told yet, after the last reading, and return it."""
+        told = self.print_events(self.reporter.finish())
+        if self.lines is not None:
+            self.lines.close()
+        return told
+
+    def print_events(self, events: list[Event]) -> list[Event]:
+        """Print events, and return them."""
+        for event in events:
+            if self.lines is not None:
+                self.lines.push(event)
+        return events
+
+
+@final
+class TerminalPrinter(Listener):
+    """A listener that prints what happens, with seconds since the stream began.
+
+    Where the output is a terminal, its bell rings when the arm asks. Scans tell it that
+    time has passed, so that patches that were only counted are printed while nothing
+    else happens.
+    """
+
+    name = "terminal"
+    message_types = (Detection, Event, CommandEvent, Scan)
+    size = 1000
+    drop: Drop = "oldest"
+
+    def start(self, context: Context) -> None:
+        """Print the column titles."""
+        self.lines = EventLines(context.clock.now())
+        print(f"{'time':>8}  {'what':12} {'conf':>4}  where", flush=True)
+
+    def on_message(self, item: Message) -> None:
+        """Print a message, unless it is one of many of its kind at once."""
+        if isinstance(item, Scan):
+            self.lines.pass_time(item.stamp)
+        elif isinstance(item, Event):
+            self.lines.push(item)
+        elif isinstance(item, Detection | CommandEvent):
+            self.lines.close()
+            self.write(item)
+
+    def write(self, item: Detection | CommandEvent) -> None:
         """Print one line."""
-        if isinstance(item, Event):
-            print(format_event(item, self.first), flush=True)
-            return
-        seconds = (item.stamp - self.first) / NS_PER_S
+        seconds = (item.stamp - self.lines.first) / NS_PER_S
         if isinstance(item, CommandEvent) and item.action == ASK:
             text = f"  {item.action:15}  {item.why}"
             text += BELL if sys.stdout.isatty() else ""
@@ -139,7 +175,4 @@ class TerminalPrinter(Listener):
 
     def close(self) -> None:
         """Print the number of patches that were only counted."""
-        if self.more:
-            text = f"and {format_count(self.more, 'patch')} more"
-            print(f"{'':8}  {'':12} {'':4}  {text}", flush=True)
-        self.more = 0
+        self.lines.close()

@@ -20,6 +20,12 @@ FULL = 0.99
 """Share of full scale from which a taxel is saturated."""
 MAX_SATURATED = 0.3
 """Largest share of the taxels of a contact that may be saturated at its peak."""
+REACTION = 0.1
+"""Time within which nobody can react to a request [s]; a start within it is a false
+start of sprinters (World Athletics, Technical Rules, 16.6)."""
+GAP_PERIODS = 3
+"""Time without a scan, by that between the two scans before it, from which scans are
+missing; it is also longer than a touch may pause."""
 MIN_ATTEMPTS = 5
 """Number of attempts of a gesture from which it can be learned."""
 
@@ -56,12 +62,12 @@ class RecordingAttempt:
 class AttemptEvent:
     """An event is what a scan has led to."""
 
-    kind: Literal["ready", "began", "taken", "refused", "done"]
-    """`ready`: the skin is tared, and the first gesture may be made; `began`: a touch
-    began; `taken`: an attempt was labelled; `refused`: a touch was not, for `text`;
-    `done`: every gesture has its attempts."""
+    kind: Literal["touched", "ready", "began", "taken", "refused", "done"]
+    """`touched`: rest begins again, for `text`; `ready`: the skin is tared, and the
+    first gesture may be made; `began`: a touch began; `taken`: an attempt was labelled;
+    `refused`: a touch was not, for `text`; `done`: every gesture has its attempts."""
     text: str = ""
-    """Reason for which a touch is refused."""
+    """Reason for which rest begins again, or a touch is refused."""
     attempt: RecordingAttempt | None = None
     """What was labelled."""
 
@@ -71,12 +77,18 @@ class RecordingGuide:
     """A guide asks for gestures in turn, and labels each from its first contact on.
 
     It is pushed scan by scan, and knows neither device nor terminal. An attempt ends
-    when nothing has touched the skin for as long as a touch may pause.
+    when nothing has touched the skin for as long as a touch may pause. What began
+    before it was asked for, and what was not seen from its beginning to its end, is no
+    attempt.
 
     Attributes:
         attempts: attempts so far.
         skipped: gestures that are no longer asked for.
         state: contacts, touches and faults at the latest scan; None before the first.
+        asked: stamp at which the current request was made [ns]; None before.
+        gap: longest time without a scan at the latest place where scans are missing
+            [s].
+        gap_end: stamp of the first scan after it [ns]; None where none are missing.
     """
 
     def __init__(
@@ -102,9 +114,14 @@ class RecordingGuide:
         self.is_last_kept = True
         self.skipped: set[str] = set()
         self.rested_since: int | None = None
+        self.is_touched = False
         self.is_ready = False
         self.touch: TouchSummary | None = None
         self.requested: str | None = None
+        self.asked: int | None = None
+        self.elapsed = 0
+        self.gap = 0.0
+        self.gap_end: int | None = None
 
     def count_attempts(self, gesture: str) -> int:
         """Return the number of attempts of a gesture so far."""
@@ -130,19 +147,44 @@ class RecordingGuide:
         if self.is_last_kept or not self.attempts:
             return None
         self.is_last_kept = True
+        self.ask_now()
         return self.attempts.pop()
 
     def skip(self) -> None:
         """Ask no more for the gesture that is asked for."""
         if self.request is not None:
             self.skipped.add(self.request)
+            self.ask_now()
+
+    def ask_now(self) -> None:
+        """Note that a request is made at the latest scan."""
+        if self.state is not None:
+            self.asked = self.state.reading.stamp
 
     def push(self, scan: Scan) -> AttemptEvent | None:
         """Process the next scan, and return what it has led to."""
+        if self.state is not None:
+            self.note_gap(self.state.reading.stamp, scan.stamp)
         state = self.state = self.pipeline.push(scan)
         scan = self.pipeline.front_end.turn(scan)
-        if not self.is_ready:
-            return self.push_rest(state)
+        event = self.push_touch(scan, state) if self.is_ready else self.push_rest(state)
+        if event is not None and event.kind != "began":
+            self.ask_now()
+        return event
+
+    def note_gap(self, before: int, stamp: int) -> None:
+        """Note whether scans are missing between two stamps [ns]."""
+        longest = max(
+            self.pipeline.config.touches.pause_seconds * NS_PER_S,
+            GAP_PERIODS * self.elapsed,
+        )
+        self.elapsed = stamp - before
+        if self.elapsed > longest:
+            self.gap = self.elapsed / NS_PER_S
+            self.gap_end = stamp
+
+    def push_touch(self, scan: Scan, state: TouchState) -> AttemptEvent | None:
+        """Follow a touch, and label it when it has ended."""
         if self.touch is None:
             if not state.open:
                 return None
@@ -153,8 +195,11 @@ class RecordingGuide:
         if state.open or state.tracking.held:
             self.touch.add(scan, state, self.calibration.full_scale)
             return None
-        ended, self.touch = self.touch, None
-        gesture, text = self.requested, ended.describe_refusal()
+        ended = self.touch
+        ended.end(state.reading.stamp)
+        self.touch = None
+        gesture = self.requested
+        text = self.describe_unseen(ended, state) or ended.describe_refusal()
         if gesture is None or gesture != self.request:
             text = "another gesture was asked for meanwhile"
         if gesture is None or text:
@@ -164,23 +209,48 @@ class RecordingGuide:
         self.is_last_kept = False
         return AttemptEvent("taken" if self.request else "done", attempt=attempt)
 
+    def describe_unseen(self, touch: "TouchSummary", state: TouchState) -> str:
+        """Describe why a touch was not seen as a whole; empty if it was."""
+        if self.asked is not None and touch.onset < self.asked + REACTION * NS_PER_S:
+            return "it began before it was asked for; wait until it is"
+        if self.gap_end is not None and touch.onset <= self.gap_end <= touch.after:
+            return f"no scan came for {self.gap:.1f} s while it was made"
+        valid = state.reading.valid[touch.pressed]
+        if 2 * np.count_nonzero(valid) < len(valid):
+            return f"patch '{touch.patch}' had no valid data when it ended"
+        return ""
+
     def push_rest(self, state: TouchState) -> AttemptEvent | None:
         """Wait until the skin has been at rest for long enough."""
         stamp = state.reading.stamp
-        is_touched = bool(state.open or state.tracking.held)
-        if self.rested_since is None or is_touched:
+        was_touched = self.is_touched
+        self.is_touched = bool(state.open or state.tracking.held)
+        if self.rested_since is None or self.is_touched:
             self.rested_since = stamp
+        if self.is_touched and not was_touched and state.contacts:
+            patch = max(state.contacts, key=lambda contact: contact.force).patch
+            return AttemptEvent("touched", f"patch '{patch}' is touched")
         self.is_ready = stamp - self.rested_since >= REST * NS_PER_S
         return AttemptEvent("ready") if self.is_ready else None
 
 
 class TouchSummary:
-    """A summary collects what an attempt needs of the touches of one gesture."""
+    """A summary collects what an attempt needs of the touches of one gesture.
+
+    Attributes:
+        onset: first contact [ns since the epoch].
+        last: latest contact [ns since the epoch].
+        after: first reading after it [ns since the epoch]; 0 while it goes on.
+        pressed: taxels in contact at the greatest force.
+        patch: patch of the strongest contact then.
+    """
 
     def __init__(self, onset: int) -> None:
         """Start at the first contact [ns since the epoch]."""
+        self.pressed = np.empty(0, np.int64)
+        self.patch = ""
         self.onset = self.last = onset
-        self.after: int | None = None
+        self.after = 0
         self.force = self.area = self.saturated = self.travelled = 0.0
         self.taxels = self.pieces = 0
         self.strongest: Contact | None = None
@@ -189,10 +259,11 @@ class TouchSummary:
         """Add a scan and its contacts."""
         contacts, stamp = state.contacts, state.reading.stamp
         if not contacts:
-            self.after = self.after or stamp
+            self.end(stamp)
             self.strongest = None
             return
-        self.last, self.after = stamp, None
+        self.last = stamp
+        self.after = 0
         strongest = max(contacts, key=lambda contact: contact.force)
         previous, self.strongest = self.strongest, strongest
         self.pieces += previous is None
@@ -205,7 +276,13 @@ class TouchSummary:
         force = sum(contact.force for contact in contacts)
         if force > self.force:
             self.force = force
+            self.pressed = taxels
+            self.patch = strongest.patch
             self.saturated = float(np.mean(scan.counts[taxels] >= FULL * full_scale))
+
+    def end(self, stamp: int) -> None:
+        """Note that a reading has no contact [ns since the epoch]."""
+        self.after = self.after or stamp
 
     def describe_refusal(self) -> str:
         """Describe why it is no attempt; empty if it is one."""
@@ -218,9 +295,8 @@ class TouchSummary:
 
     def build_attempt(self, gesture: str) -> RecordingAttempt:
         """Build the attempt of a gesture."""
-        end = self.after or self.last + 1
         values = (
-            (end - self.onset) / NS_PER_S,
+            (self.after - self.onset) / NS_PER_S,
             self.force,
             1e4 * self.area,
             self.taxels,
@@ -229,7 +305,7 @@ class TouchSummary:
         )
         features = np.log(np.maximum(values, 1e-3))
         return RecordingAttempt(
-            gesture, self.onset, end, self.force, self.taxels, features
+            gesture, self.onset, self.after, self.force, self.taxels, features
         )
 
 
