@@ -541,7 +541,7 @@ def test_surface_of_many_triangles_is_simplified_and_stays_where_it_is(
     link = robots["torus"].links[0]
     every = build_link_surface(link)
     monkeypatch.setattr("eskin.design.surface.MANY_TRIANGLES", 100)
-    monkeypatch.setattr("eskin.design.surface.SAGITTA", 8e-4)
+    monkeypatch.setattr("eskin.design.surface.SIMPLIFIED", 8e-4)
     fewer = build_link_surface(link)
     assert len(fewer.faces) < 0.9 * len(every.faces)
     points = np.concatenate([fewer.vertices, fewer.corners.mean(axis=1)])
@@ -723,6 +723,31 @@ def test_matrix_without_room_is_refused_and_nothing_is_written(tmp_path, capsys)
     )
     assert_refused(capsys, *words, *size, part="taxels hang over")
     assert not (tmp_path / "skin").exists()
+
+
+@pytest.mark.parametrize(
+    ("shape", "at"), [("tube", ()), *((name, ("--at", 60, 0, 40)) for name in SHAPES)]
+)
+def test_pitch_that_is_advised_is_accepted_and_the_next_is_not(
+    shape, at, tmp_path, capsys
+):
+    trimesh.creation.torus(0.06, 0.03, 48, 20).export(tmp_path / "torus.stl")
+    urdf, out = write_urdf(tmp_path, SHAPES[shape]), tmp_path / "skin"
+    words = ("skin", "place", urdf, "--link", "body", "--rows", 9, "--columns", 7)
+    words = (*words, *at, "--out", out, "--pitch-mm")
+    code, _, err = call(capsys, *words, 40)
+    assert code == 2 and not out.exists()
+    pitch = float(re.search(r"--pitch-mm ([\d.]+) fits", err)[1])
+    assert call(capsys, *words, pitch)[0] == 0
+    assert len(load_skin(out).positions) == 63
+    assert call(capsys, *words, 1.1 * pitch)[0] == 2
+
+
+def test_place_without_room_for_any_pitch_is_told(tmp_path, capsys):
+    urdf, out = write_urdf(tmp_path, SHAPES["box"]), tmp_path / "skin"
+    words = ("skin", "place", urdf, "--link", "body", "--rows", 9, "--columns", 7)
+    on_edge = ("--pitch-mm", 6, "--at", 40, 50, 0, "--out", out)
+    assert_refused(capsys, *words, *on_edge, part="no pitch fits")
 
 
 SPEC = """

@@ -19,8 +19,10 @@ igl = find_package("igl", "libigl", "design", "skin design")
 
 SAGITTA = 5e-5
 """Largest distance of a circle from the sides of its polygon [m]."""
-MANY_TRIANGLES = 100_000
-"""Number of triangles above which a surface is simplified, to within `SAGITTA`."""
+MANY_TRIANGLES = 20_000
+"""Number of triangles above which a surface is simplified."""
+SIMPLIFIED = 2e-4
+"""Largest distance of a surface from the same one before it is simplified [m]."""
 MAX_TRIANGLES = 2_000_000
 """Largest number of small triangles of all links."""
 SEGMENTS = (24, 192)
@@ -31,7 +33,7 @@ MIN_BODY_VOLUME = 1e-9
 """Volume below which a body of a mesh is left out [m3]."""
 MIN_OPEN_AREA = 1e-4
 """Area below which bodies that are not closed are left out [m2]."""
-MAX_OFFSET = 1e-4
+MAX_OFFSET = 3e-4
 """Largest distance of skin from the shapes of a link that was repaired [m]."""
 WRAP_CELLS = 80
 """Number of cells of the grid along the longest side of a body that is wrapped."""
@@ -175,7 +177,7 @@ def build_two_surfaces(
             "choose another link, or correct its mesh"
         )
     if joined.num_tri() > MANY_TRIANGLES:
-        joined = joined.simplify(SAGITTA)
+        joined = joined.simplify(SIMPLIFIED)
     coarse = to_surface(joined, link.name, warnings)
     if max_edge is None:
         return coarse, None
@@ -215,14 +217,14 @@ def close_bodies(
 ) -> list[manifold3d.Manifold]:
     """Return the closed bodies of a mesh; append what was repaired to the warnings."""
     mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=True)
-    mesh.merge_vertices(merge_norm=True, merge_tex=True)
     mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
     labels = trimesh.graph.connected_component_labels(
         mesh.face_adjacency, node_count=len(mesh.faces)
     )
     # So many are triangles without common edges rather than bodies.
     soup = labels.max(initial=0) >= MAX_BODIES
-    parts = [mesh] if soup else mesh.split(only_watertight=False)
+    is_whole = soup or labels.max(initial=0) == 0
+    parts = [mesh] if is_whole else mesh.split(only_watertight=False)
     closed, capped, broken = [], [], [mesh] if soup else []
     for part in () if soup else parts:
         if (body := to_manifold(part)) is not None:

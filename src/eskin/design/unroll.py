@@ -139,9 +139,16 @@ def lift(unrolled: Unrolled) -> Points:
 
 
 def unroll_region(
-    surface: LinkSurface, region: Int[np.ndarray, "region"]
+    surface: LinkSurface,
+    region: Int[np.ndarray, "region"],
+    iterations: int = ITERATIONS,
 ) -> FlatRegion | None:
     """Unroll the triangles of a region, which are connected.
+
+    Args:
+        surface: the surface.
+        region: indices of its triangles.
+        iterations: number of iterations in which a curved region becomes rigid.
 
     Returns:
         The unrolled region; None where it cannot be unrolled without an overlap, or has
@@ -160,7 +167,9 @@ def unroll_region(
         width = np.ptp(flat[faces][..., 0], axis=1)
         seam = np.pi * found.radius if isinstance(found, Tube) else np.inf
         return FlatRegion(found, flat, faces[width < seam], area)
-    flat = flatten(vertices, faces) if len(faces) <= MAX_FLATTENED else None
+    if len(faces) > MAX_FLATTENED:
+        return None
+    flat = flatten(vertices, faces, iterations)
     if flat is None:
         return None
     mesh = UnrolledMesh(vertices, normals, faces, flat)
@@ -181,8 +190,15 @@ def fit_exactly(vertices: Points, normals: Points) -> Plane | Tube | None:
     return None
 
 
-def flatten(vertices: Points, faces: Int[np.ndarray, "face 3"]) -> Unrolled | None:
+def flatten(
+    vertices: Points, faces: Int[np.ndarray, "face 3"], iterations: int
+) -> Unrolled | None:
     """Compute the unrolled coordinates [m] of the vertices of a mesh with a boundary.
+
+    Args:
+        vertices: positions of the vertices [m].
+        faces: indices into `vertices`.
+        iterations: number of iterations of the unrolling.
 
     Returns:
         The coordinates; None where the mesh is closed, curved nearly all round or has
@@ -198,7 +214,7 @@ def flatten(vertices: Points, faces: Int[np.ndarray, "face 3"]) -> Unrolled | No
         return None
     longest = np.argmax([compute_perimeter(vertices, loop) for loop in loops])
     outer = np.array(loops[longest])
-    flat = compute_rigid_map(vertices, faces, outer)
+    flat = compute_rigid_map(vertices, faces, outer, iterations)
     if flat is None or is_overlapping(flat, faces, loops, outer):
         return None
     return flat
@@ -208,6 +224,7 @@ def compute_rigid_map(
     vertices: Points,
     faces: Int[np.ndarray, "face 3"],
     outer: Int[np.ndarray, "corner"],
+    iterations: int,
 ) -> Unrolled | None:
     """Compute a map that is as rigid as possible, beginning with a conformal one.
 
@@ -215,6 +232,7 @@ def compute_rigid_map(
         vertices: positions of the vertices [m].
         faces: indices into `vertices`.
         outer: vertices around the mesh.
+        iterations: number of iterations.
 
     Returns:
         The unrolled coordinates [m]; None where triangles are too thin for a solution.
@@ -227,7 +245,7 @@ def compute_rigid_map(
         return None
     flat = flat * np.sqrt(igl.doublearea(vertices, faces).sum() / size)
     data = igl.ARAPData()
-    data.max_iter = ITERATIONS
+    data.max_iter = iterations
     pinned = ends[:1].astype(np.int32)
     try:
         igl.arap_precomputation(vertices, faces, 2, pinned, data)

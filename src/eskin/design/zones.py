@@ -9,7 +9,6 @@ from typing import final
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
-from scipy.stats import qmc
 
 from eskin.design.surface import LinkSurface, PointLocator
 from eskin.progress import track_progress
@@ -306,6 +305,8 @@ def sample_positions(robot: Robot, count: int) -> Float[np.ndarray, "sample join
     one of its limits in a third of them, where links usually meet. The first of more
     samples are those of fewer.
     """
+    from scipy.stats import qmc  # It takes half a second, and not all need it.
+
     joints = robot.actuated_joints
     ranges = [(sample[0], sample[-1]) for sample in map(sample_joint, joints)]
     low, high = np.array(ranges, np.float64).reshape(-1, 2).T
