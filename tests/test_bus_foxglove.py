@@ -16,6 +16,7 @@ from eskin.bus import PUBLISHED, Publisher
 from eskin.bus.foxglove import FoxgloveBus, build_asset_finder
 from eskin.errors import DeviceError
 from eskin.live import Recognizer
+from eskin.registry import advise_install
 from eskin.robot import load_urdf
 from eskin.stream import Recognition, Stream
 from helpers.cli import assert_refused
@@ -203,4 +204,4 @@ def test_without_foxglove_one_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "eskin.bus.foxglove", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)
     words = ("run", "--source", "sim:ur5", "--foxglove")
-    assert_refused(capsys, *words, part="pip install 'eskin[foxglove]'")
+    assert_refused(capsys, *words, part=advise_install("foxglove"))

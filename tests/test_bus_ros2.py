@@ -29,6 +29,7 @@ from eskin.recording.messages import (
     READING,
     pack_joint_state,
 )
+from eskin.registry import advise_install
 from eskin.robot import load_robot
 from eskin.stream import Context, Recognition, Stream
 from helpers.cli import assert_refused, call_json
@@ -216,4 +217,4 @@ def test_without_cyclone_dds_one_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "eskin.bus.ros2", raising=False)
     monkeypatch.setitem(sys.modules, "cyclonedds.core", None)
     words = ("run", "--source", "sim:ur5", "--ros2")
-    assert_refused(capsys, *words, part="pip install 'eskin[ros2]'")
+    assert_refused(capsys, *words, part=advise_install("ros2"))

@@ -25,8 +25,9 @@ from eskin.learn.nn import (
 from eskin.learn.onnx_export import NAMES, StepInput, export_onnx
 from eskin.live import SLOT_NS, GraphStream, Recognizer, load_model
 from eskin.recording import Label, read_recording
+from eskin.registry import advise_install
 from eskin.touch import TouchPipeline
-from helpers.cli import assert_refused, call_json
+from helpers.cli import assert_refused, call, call_json
 from helpers.graphs import random_graph
 from helpers.live import (
     START,
@@ -235,8 +236,11 @@ def test_package_that_is_missing_is_named(
     monkeypatch.setitem(sys.modules, package, None)
     source = "ur5" if option == "onnx" else recording[0]
     extra = "export" if option == "onnx" else option
-    words = ("export", source, f"--{option}", tmp_path / "out")
-    assert_refused(capsys, *words, part=f"pip install 'eskin[{extra}]'")
+    words = ("export", source, "--to", option, tmp_path / "out")
+    code, _, err = call(capsys, *words)
+    assert code == 2 and advise_install(extra) in err
+    # The option of that format was not given.
+    assert f"--{option}" not in err
     assert not list(tmp_path.iterdir())
 
 

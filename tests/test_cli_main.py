@@ -21,6 +21,7 @@ import eskin.cli.main as main_module
 from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
 from eskin.cli.options import list_options
 from eskin.cli.parse_errors import rewrite_parse_error
+from eskin.registry import advise_install
 
 ARGUMENTS = {
     "convert": "sleeve in out",
@@ -216,6 +217,11 @@ def test_missing_path_is_refused(name, refuse):
         ("train a --out m --seed x", ("--seed is 'x'; allowed is a whole number",)),
         ("run --source a --seconds x", ("--seconds is 'x'; allowed is a number;",)),
         ("run --source a --q 1 b", ("--q is '1 b'; allowed is a number for each",)),
+        (
+            "skin place ur5 --link a --rows 1 --columns 1 --pitch-mm 1 --out b --at 1",
+            ("--at is '1'; allowed is a number 3 times",),
+        ),
+        ("export a --to parquet", ("--to is 'parquet'; allowed is a name and a path",)),
         ("run --source a --pace", ("--pace has no value; give one",)),
         ("calibrat x", ("did you mean calibrate?",)),
         ("skin chek a", ("no command 'skin chek'", "did you mean skin check?")),
@@ -261,7 +267,7 @@ def test_invalid_word_is_refused_and_named(words, parts, refuse):
         (ValueError("first\n  second"), "first second"),
         (
             ModuleNotFoundError("No module named 'torch'", name="torch"),
-            "torch is missing; install it: pip install 'eskin'",
+            f"torch is missing; install it: {advise_install()}",
         ),
         (
             OSError(errno.ENOSPC, "No space left on device", "/data/a.mcap"),

@@ -10,6 +10,7 @@ from eskin.command import FRAME_TASK, MotionConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
+from eskin.registry import advise_install
 from eskin.robot import Kinematics, load_robot
 from eskin.robot.presets import read_preset_urdf
 from eskin.sim.arm import (
@@ -285,4 +286,4 @@ def test_missing_mujoco_is_named_with_what_installs_it(monkeypatch, capsys):
         DynamicPlant(FRAME_TASK)
     assert run(["demo", "--dynamics", "--headless"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "--dynamics" in line and "pip install 'eskin[sim]'" in line
+    assert "--dynamics" in line and advise_install("sim") in line

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from eskin.errors import GenerationError
+from eskin.registry import advise_install
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.sim.dataset.cluster import make_file, open_cluster
 from helpers.cli import assert_refused
@@ -85,5 +86,5 @@ def test_options_of_a_cluster_are_checked(tmp_path, capsys, monkeypatch):
     other = ("generate", tmp_path / "out", "--ray", "head", "--clips", 1)
     assert_refused(capsys, *other, part="no HOST:PORT")
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert_refused(capsys, *words, part="pip install 'eskin[scale]'")
+    assert_refused(capsys, *words, part=advise_install("scale"))
     assert not (tmp_path / "out").exists()

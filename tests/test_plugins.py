@@ -1,5 +1,6 @@
 """Tests of drivers, arms and exporters of other packages, and of the drivers' kit."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,14 @@ from eskin.drivers import ManualClock, Source, SourceInfo, check_source
 from eskin.errors import ArmError, DeviceError, EskinError, ModelError
 from eskin.live import Model, Recognizer, load_model, save_model
 from eskin.live.classifier import GraphClassifier
-from eskin.registry import ARMS, DRIVERS, EXPORTERS, RECOGNISERS, find_plugins
+from eskin.registry import (
+    ARMS,
+    DRIVERS,
+    EXPORTERS,
+    RECOGNISERS,
+    advise_install,
+    find_plugins,
+)
 from eskin.touch import Scan
 from helpers.cli import assert_refused, call_json
 from helpers.devices import PERIOD, calibration_of, mounted_small, small_skin
@@ -279,3 +287,21 @@ def test_kit_finds_the_rule_that_a_source_breaks(change, part):
 
 def test_kit_accepts_a_source_that_keeps_all_rules():
     assert check_source(Played, 0.5) == []
+
+
+@pytest.mark.parametrize(
+    ("origin", "what"),
+    [
+        ({"url": "file:///a/clone", "dir_info": {}}, "."),
+        ({"url": "file:///a/clone", "dir_info": {"editable": True}}, "."),
+        ({"url": "file:///a/eskin-1.whl", "archive_info": {}}, "eskin"),
+        (None, "eskin"),
+    ],
+)
+def test_extra_is_advised_as_eskin_was_installed(origin, what, tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, "eskin", "")
+    if origin is not None:
+        info = tmp_path / "eskin-1.0.dist-info" / "direct_url.json"
+        info.write_text(json.dumps(origin))
+    assert advise_install("train") == f"pip install '{what}[train]'"
+    assert advise_install() == f"pip install {what}"

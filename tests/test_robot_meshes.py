@@ -1,9 +1,13 @@
 """Tests of lengths: units are applied, and lengths in another unit are not silent."""
 
+import re
+import sys
+
 import numpy as np
 import pytest
 
 from eskin.errors import RobotError
+from eskin.registry import advise_install
 from eskin.robot import Box, build_shape_mesh, load_urdf
 from eskin.robot.urdf import warn_once
 
@@ -41,7 +45,7 @@ def read_part(tmp_path):
 def read_collada(read_part, tmp_path):
     """Return a function that reads a COLLADA file of some unit."""
     pytest.importorskip("trimesh")
-    pytest.importorskip("collada", reason="pycollada is not installed: extra models")
+    pytest.importorskip("collada", reason="pycollada is not installed: extra design")
 
     def read(unit, up="Z_UP", scale="1 1 1"):
         numbers, faces = (
@@ -82,6 +86,13 @@ def test_unit_of_a_collada_file_is_applied_and_its_axes_kept(
 def test_unit_that_is_no_length_is_refused(read_collada, text):
     with pytest.raises(RobotError, match=f"part.dae has <unit meter='{text}'>"):
         read_collada(f'<unit meter="{text}"/>')
+
+
+def test_reader_that_is_missing_is_named_with_the_file(read_collada, monkeypatch):
+    monkeypatch.setitem(sys.modules, "collada", None)
+    text = "part.dae cannot be read: needs pycollada; " + advise_install("design")
+    with pytest.raises(RobotError, match=re.escape(text)):
+        read_collada("")
 
 
 LARGE = [

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.errors import RobotError
+from eskin.registry import advise_install
 from eskin.robot import (
     Box,
     Cylinder,
@@ -252,7 +253,7 @@ def test_mesh_without_trimesh_names_the_extra(write, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     write_stl(tmp_path / "box.stl")
     path = write(MESH.format("box.stl", "1 1 1"))
-    check_refusal(path, "'base'", "box.stl", "eskin[models]")
+    check_refusal(path, "'base'", "box.stl", advise_install("design"))
 
 
 def test_urdf_is_read_without_its_meshes(write):

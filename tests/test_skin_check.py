@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
+from eskin.registry import advise_install
 from eskin.robot import Box, Geom, Link, Robot, load_robot
 from eskin.skin import check_skin, load_skin, save_skin
 from eskin.skin.picture import build_robot_triangles
@@ -191,7 +192,9 @@ def test_picture_without_matplotlib_names_the_extra(monkeypatch, tmp_path, capsy
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert run(["skin", "show", "ur5", "--out", str(tmp_path / "a.png")]) == 2
     err = capsys.readouterr().err
-    assert "eskin[train]" in err and "matplotlib" in err and err.count("\n") == 1
+    assert (
+        advise_install("train") in err and "matplotlib" in err and err.count("\n") == 1
+    )
 
 
 def check_responses(move):

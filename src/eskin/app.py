@@ -39,6 +39,7 @@ from eskin.registry import (
     DRIVERS,
     ArmDriver,
     Driver,
+    advise_install,
     list_forms,
     load_plugin,
 )
@@ -286,7 +287,7 @@ def open_ur_arm(
     if find_spec("rtde_control") is None:
         raise ArmError(
             f"robot is '{uri}', but ur_rtde is missing; allowed is with it installed; "
-            "pip install 'eskin[ur]'"
+            + advise_install("ur")
         )
     link = UrLink(host, gripper_output, question_output=question_output)
     return UrArm(link, task, clock, motion)

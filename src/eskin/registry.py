@@ -13,10 +13,16 @@ of eskin too:
 A module is imported when its name is used.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import (
+    EntryPoint,
+    PackageNotFoundError,
+    distribution,
+    entry_points,
+)
 from types import ModuleType
 from typing import Any, Literal
 
@@ -197,7 +203,7 @@ def find_plugins(group: str) -> dict[str, EntryPoint]:
     if not found:
         raise EskinError(
             f"no entry point of {group} is installed, not even those of eskin; allowed "
-            "is an eskin installed as it is now; install it again: pip install ."
+            f"is an eskin installed as it is now; install it again: {advise_install()}"
         )
     return found
 
@@ -239,6 +245,20 @@ def name_package(entry: EntryPoint) -> str:
     return "?" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
 
 
+def advise_install(extra: str = "") -> str:
+    """Return the command that installs eskin with an extra.
+
+    The command names the clone in which it is run where eskin was installed from one,
+    and else the package.
+    """
+    try:
+        origin = distribution("eskin").read_text("direct_url.json") or "{}"
+    except PackageNotFoundError:
+        origin = '{"dir_info": {}}'
+    what = "." if "dir_info" in json.loads(origin) else "eskin"
+    return f"pip install '{what}[{extra}]'" if extra else f"pip install {what}"
+
+
 def find_mujoco(what: str) -> ModuleType:
     """Import the simulator MuJoCo, of the extra `sim`.
 
@@ -268,5 +288,5 @@ def find_package(module: str, name: str, extra: str, what: str) -> Any:  # noqa:
     except ImportError as error:
         raise ExtraError(
             f"{what} needs {name}, which is not installed; allowed is with it "
-            f"installed; pip install 'eskin[{extra}]'"
+            f"installed; {advise_install(extra)}"
         ) from error

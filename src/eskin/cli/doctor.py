@@ -21,7 +21,13 @@ from eskin.drivers import (
 )
 from eskin.errors import DeviceError, EskinError
 from eskin.live import MODELS, Recognizer, warm_up
-from eskin.registry import GROUPS, find_plugins, load_plugin, name_package
+from eskin.registry import (
+    GROUPS,
+    advise_install,
+    find_plugins,
+    load_plugin,
+    name_package,
+)
 
 RUNTIME_PACKAGES = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
 TRAINING_PACKAGES = ("torch", "scikit-learn")
@@ -79,7 +85,7 @@ def run_checks() -> Iterator[Check]:
     """Yield the results of the checks of the installation."""
     yield Check("python", True, platform.python_version())
     yield Check("packages", True, ", ".join(list_versions(RUNTIME_PACKAGES)))
-    missing = "not installed; only training needs it: pip install 'eskin[train]'"
+    missing = f"not installed; only training needs it: {advise_install('train')}"
     yield Check(
         "for training", True, ", ".join(list_versions(TRAINING_PACKAGES)) or missing
     )

@@ -27,7 +27,7 @@ from eskin.cli.checks import check_files, check_options
 from eskin.cli.options import insert_description, list_options, registry
 from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, StreamError
-from eskin.registry import COMMANDS, MOVED, load_function
+from eskin.registry import COMMANDS, MOVED, advise_install, load_function
 
 CHECKED_FIRST = ("demo", "evaluate", "export", "run", "train")
 """Commands that take a second or more before they read their files."""
@@ -106,10 +106,8 @@ def run(argv: list[str]) -> int:
             run_command(name, rest)
         sys.stdout.flush()
     except ModuleNotFoundError as error:
-        wanted = f"eskin[{extra}]" if extra else "eskin"
-        return print_error(
-            f"{error.name} is missing; install it: pip install '{wanted}'"
-        )
+        remedy = advise_install(extra or "")
+        return print_error(f"{error.name} is missing; install it: {remedy}")
     except (BrokenPipeError, StreamError) as error:
         if not isinstance(error.__cause__ or error, BrokenPipeError):
             print_error(str(error))

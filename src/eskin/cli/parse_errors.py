@@ -9,7 +9,12 @@ from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 
 BOX = {ord(character): " " for character in "╭╮╰╯│─├┤"}
-KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path"}
+KINDS = {
+    "INT": "a whole number",
+    "FLOAT": "a number",
+    "PATH": "a path",
+    "STR": "a name",
+}
 """Descriptions of what tyro names by its type."""
 TITLES = "Parsing error|Value error|Unrecognized options|Required options"
 TITLES += "|Missing argument|Invalid choice"
@@ -72,7 +77,10 @@ def describe_value(found: re.Match[str]) -> str:
     """Describe a value of the wrong type."""
     kind = found["kind"].replace("{None}|", "").strip("{}")
     several = re.fullmatch(r"\[(?P<kind>[A-Z]+) \[\w+ \.\.\.\]\]", kind)
-    allowed = KINDS.get(kind, kind)
+    words = [KINDS.get(word, word) for word in kind.split()]
+    allowed = " and ".join(words)
+    if len(words) > 1 and len(set(words)) == 1:
+        allowed = f"{words[0]} {len(words)} times"
     if several is not None:
         allowed = f"{KINDS.get(several['kind'], several['kind'])} for each"
     got = " ".join(re.findall(r"'([^']*)'", found["got"]))

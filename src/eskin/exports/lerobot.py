@@ -129,8 +129,10 @@ def write_lerobot(
         RecordingError: the recordings are of different skins or rates, one is empty, or
             the folder cannot be written.
     """
-    arrow = find_package("pyarrow", "pyarrow", "parquet", "--lerobot")
-    parquet = find_package("pyarrow.parquet", "pyarrow", "parquet", "--lerobot")
+    arrow = find_package("pyarrow", "pyarrow", "parquet", "a LeRobot data set")
+    parquet = find_package(
+        "pyarrow.parquet", "pyarrow", "parquet", "a LeRobot data set"
+    )
     plan = plan_dataset(recordings)
     total = {name: Stats() for name in plan.features}
     tasks: dict[str, int] = {}

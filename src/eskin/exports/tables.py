@@ -51,8 +51,8 @@ def write_tables(recordings: Sequence[Recording], folder: Path | str) -> dict[st
         RecordingError: the folder exists or cannot be written, or a recording cannot
             be read.
     """
-    arrow = find_package("pyarrow", "pyarrow", "parquet", "--parquet")
-    parquet = find_package("pyarrow.parquet", "pyarrow", "parquet", "--parquet")
+    arrow = find_package("pyarrow", "pyarrow", "parquet", "a Parquet table")
+    parquet = find_package("pyarrow.parquet", "pyarrow", "parquet", "a Parquet table")
     touches: list[dict[str, Any]] = []
     count = 0
     schema = build_reading_schema(arrow)

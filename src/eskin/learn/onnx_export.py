@@ -131,9 +131,9 @@ def export_onnx(model: Model, path: Path | str, seed: int = 0) -> float:
         ExtraError: onnx or onnxruntime is not installed.
         ModelError: the weights do not fit the model's card.
     """
-    onnx = find_package("onnx", "onnx", "export", "--onnx")
-    runtime = find_package("onnxruntime", "onnxruntime", "export", "--onnx")
-    find_package("onnxscript", "onnxscript", "export", "--onnx")
+    onnx = find_package("onnx", "onnx", "export", "a model as ONNX")
+    runtime = find_package("onnxruntime", "onnxruntime", "export", "a model as ONNX")
+    find_package("onnxscript", "onnxscript", "export", "a model as ONNX")
     step = StepNetwork(to_network(model), model.card.temperature).eval()
     rng = np.random.default_rng(seed)
     example = draw_step(rng, step.network, 40)

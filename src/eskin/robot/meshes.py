@@ -1,8 +1,8 @@
 """This module reads the mesh files of a URDF, within its packages and within limits."""
 
-import importlib
 import os
 from contextlib import suppress
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any, final
@@ -12,8 +12,12 @@ import numpy as np
 
 from eskin.errors import RobotError
 from eskin.files import read_file
+from eskin.registry import advise_install
 from eskin.robot.shapes import TriangleMesh
 
+READERS = {"trimesh": "trimesh", "collada": "pycollada"}
+"""Packages that read meshes, by the modules that they install; the second for `.dae`.
+"""
 FORMATS = (".stl", ".obj", ".ply", ".off", ".dae")
 """Suffixes of mesh files that are read: one file each, none of them compressed."""
 MAX_MESH_BYTES = 32 << 20
@@ -34,7 +38,7 @@ MESH_FOLDERS = ("meshes", "mesh", "assets")
 
 @final
 class MeshReader:
-    """Reads the meshes of one URDF with trimesh (extra `models`).
+    """Reads the meshes of one URDF with trimesh and pycollada (extra `design`).
 
     A mesh lies in the folder of the URDF, in one named `meshes` beside it, in a package
     around the URDF, or in a package that a `package://` address names. A package is a
@@ -61,16 +65,12 @@ class MeshReader:
             RobotError: there is no such mesh, or it cannot be used.
         """
         path = self.find(address, place)
-        data = None if path in self.files else self.read_bytes(path, place)
-        try:
-            trimesh = importlib.import_module("trimesh")
-        except ImportError:
-            raise RobotError(
-                f"{place} has mesh {address}, which needs trimesh: "
-                "pip install 'eskin[models]'"
-            ) from None
-        if data is not None:
-            self.files[path] = parse_mesh(trimesh, data, path, place)
+        if path not in self.files:
+            data = self.read_bytes(path, place)
+            for module, package in READERS.items():
+                if module == "trimesh" or path.suffix.lower() == ".dae":
+                    check_reader(module, package, path, place)
+            self.files[path] = parse_mesh(data, path, place)
         found = self.files[path]
         self.triangles += len(found.faces)
         check_triangles(self.triangles, path, place)
@@ -156,12 +156,24 @@ def is_package(folder: Path) -> bool:
     return (folder / PACKAGE_FILE).is_file()
 
 
-def parse_mesh(trimesh: Any, data: bytes, path: Path, place: str) -> TriangleMesh:  # noqa: ANN401
+def check_reader(module: str, package: str, path: Path, place: str) -> None:
+    """Raise where a package that reads a mesh is missing."""
+    try:
+        import_module(module)
+    except ImportError:
+        raise RobotError(
+            f"{place}: mesh {path} cannot be read: needs {package}; "
+            f"{advise_install('design')}"
+        ) from None
+
+
+def parse_mesh(data: bytes, path: Path, place: str) -> TriangleMesh:
     """Parse a mesh file, whose triangles are joined.
 
     Lengths are those of the file; a COLLADA file tells its unit. Its `<up_axis>` is
     ignored, as RViz, MoveIt and Pinocchio do: coordinates are those of the link.
     """
+    trimesh = import_module("trimesh")
     suffix, unit = path.suffix.lower(), 1.0
     if suffix == ".dae":
         check_collada(data, path, place)

@@ -61,7 +61,7 @@ def load_urdf(path: str | Path, *, meshes: bool = True, mimics: bool = True) -> 
 
     Args:
         path: the file. Its meshes lie in its folder or in its packages, see
-            `MeshReader`. They need the extra `models`, and are read when they are
+            `MeshReader`. They need the extra `design`, and are read when they are
             needed.
         meshes: whether links have their `<mesh>` geoms.
         mimics: whether to read mimic rules; without them every joint has a value.

@@ -13,6 +13,7 @@ from rich.table import Table
 from eskin.cli.checks import Excludes, Range, check_folder, check_picture
 from eskin.cli.skin import draw_picture
 from eskin.errors import ExtraError
+from eskin.registry import advise_install
 from eskin.robot import Robot, load_robot
 from eskin.units import format_count
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from eskin.design.spec import DesignSpec
 
 PACKAGES = {
+    "collada": "pycollada",
     "igl": "libigl",
     "manifold3d": "manifold3d",
     "embreex": "embreex",
@@ -125,7 +127,7 @@ def check_packages() -> None:
     if missing:
         raise ExtraError(
             f"skin design needs {', '.join(missing)}, not installed; allowed is with "
-            "all of the extra: pip install 'eskin[design]'"
+            f"all of the extra; {advise_install('design')}"
         )
 
 
