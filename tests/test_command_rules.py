@@ -132,12 +132,12 @@ never: a hold ends by two pokes
     map paper; arm hold; 1; double_pat a. > !next_waypoint [the arm is held: test; to
     go on: poke, 1 s later poke]; 1; poke b. > pause; 1; poke c. > resume; ? at work
 confidence: poke needs 0.34
-    poke a 0.35. > pause; poke b 0.33. > !pause [below 0.34]
+    poke a 0.35. > pause; poke b 0.33. > !pause [below 34%]
 confidence: so does what asks
-    grab a 0.33. > !next_waypoint [grab (0.33) is below 0.34; do it again]; 1; grab b
+    grab a 0.33. > !next_waypoint [grab (33%) is below 34%; do it again]; 1; grab b
     0.35. >; ? shows_question=1
 confidence: rule raises it
-    map stroke_on; stroke a 0.96. > !next_waypoint [below 0.97]
+    map stroke_on; stroke a 0.96. > !next_waypoint [below 97%]
 confidence: rule lowers it
     map pat_low; double_pat a 0.1.; ? shows_question=1
 confidence: doubtful touch becomes confident until it closes
@@ -145,12 +145,12 @@ confidence: doubtful touch becomes confident until it closes
     >; ? shows_question=1
 confidence: confidence may fall until it closes
     {asked} lift a; 0.4 >; a is 0.33; 0.02; close a > !resume [not understood: grab
-    (0.33) is below 0.34; do it again, more clearly]
+    (33%) is below 34%; do it again, more clearly]
 confidence: doubtful stop may become sure
     poke a 0.3; 0.1; say a >; a is 0.4; 0.02 > pause
 unknown: likely stop halts
     none a; 0.2; lift a; say a unknown 0.35 likely=poke; > pause [most likely poke
-    (0.35): it may be a stop (0.35)]; ? paused
+    (35%): it may be a stop (35%)]; ? paused
 unknown: unlikely stop does not
     none a; 0.2; say a unknown 0.33 likely=poke > !none
 unknown: likely stroke slows
@@ -167,8 +167,8 @@ unknown: likely nothing is nothing
     none a; 0.2; say a unknown likely=none; none b; 0.2; say b unknown >
 unknown: its latest chance counts
     poke a 0.4; 0.02; say a unknown 0.5 likely=double_pat > pause [most likely
-    double_pat (0.50):
-    it may be a stop (0.40)]
+    double_pat (50%):
+    it may be a stop (40%)]
 unknown: never resumes
     {paused} poke a; 0.2; lift a; say a unknown 0.9 likely=poke > !none; 1; close a >;
     ? paused
@@ -264,7 +264,7 @@ answer: by the gesture that asked
 answer: by a poke that is as clear as one that stops
     {asks} 0.5; poke b 0.35.; 0.3 > resume
 answer: by one that is not
-    {asks} 0.5; poke b 0.33. > !resume [no clear poke (0.33)]; 0.02 > !pause
+    {asks} 0.5; poke b 0.33. > !resume [no clear poke (33%)]; 0.02 > !pause
 answer: as briefly as things hit
     {asks} 0.5; poke b; 0.1; lift b; 0.4; close b > !resume [the answer was brief (0.08
     s), as a hit may be]

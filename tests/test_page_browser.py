@@ -248,7 +248,7 @@ def test_page_shows_log_and_reason_of_hold(page):
         "log_entries": (LogEntry(1.0, "command", "next <b>"),),
         "arm": ArmSummary("held", "stale skin", 0.5, "open", "rack", "poke it"),
     }
-    page.tab.wait_for_selector("text=held: stale skin")
+    page.tab.wait_for_selector("text=The arm is stopped: stale skin")
     page.tab.wait_for_selector("text=poke it")
     page.tab.wait_for_selector("text=next <b>")
     page.content = {}
@@ -326,7 +326,7 @@ def test_browser_without_webgl_has_the_panel_and_says_what_is_missing():
                 "arm": ArmSummary("paused", "", 0.5, "open", "rack"),
             }
             tab.wait_for_selector("text=next step")
-            tab.wait_for_selector("text=paused")
+            tab.wait_for_selector("text=The arm is paused")
             find_button(tab, "pause").first.click()
             assert becomes(lambda: page.orders, PATIENCE)
             # Nobody touches what they do not see.
@@ -502,7 +502,9 @@ def test_click_pauses_and_grab_resumes_arm_of_demonstration(visit):
     def is_paused(before, now):
         return now["paused"] and not before["paused"]
 
-    execute(visit, visit.click, "paused (poke", is_paused, lambda state: "paused\n")
+    execute(
+        visit, visit.click, "paused (poke", is_paused, lambda state: "arm is paused\n"
+    )
     assert becomes(lambda: not visit.demo.state["moving"], PATIENCE)
     assert becomes(lambda: not scene_moves(visit), PATIENCE)
     q = visit.demo.state["q"]
@@ -514,7 +516,7 @@ def test_click_pauses_and_grab_resumes_arm_of_demonstration(visit):
 
     resume = "resumed (grab"
     grab = partial(ask, visit, visit.grab)
-    execute(visit, grab, resume, is_resumed, lambda state: "running\n")
+    execute(visit, grab, resume, is_resumed, lambda state: "arm is running\n")
     assert becomes(lambda: scene_moves(visit), PATIENCE)
 
 
@@ -523,7 +525,7 @@ def test_every_other_gesture_commands_arm(visit):
     """A drag takes a slow browser seconds, in which the arm goes away under it."""
     grab = partial(ask, visit, visit.click)
     for mode, touch, line, key, shown in (
-        ("grab", grab, "next waypoint (grab", "target", "to {}"),
+        ("grab", grab, "on to the next waypoint (grab", "target", "next: {}"),
         ("stroke", visit.click, "slowed (stroke", "speed", "{:.0%} speed"),
     ):
         visit.choose(mode)

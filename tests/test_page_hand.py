@@ -1,13 +1,21 @@
 """Tests of what the page is made of: colours, the mouse as a hand, and its server."""
 
 import asyncio
+from dataclasses import replace
+from itertools import combinations
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from viser import BatchedMeshHandle, CameraHandle, ClientHandle, ViserServer
+from viser import (
+    BatchedMeshHandle,
+    CameraHandle,
+    ClientHandle,
+    LabelHandle,
+    ViserServer,
+)
 
-from eskin.page import ColourScale
+from eskin.page import ColourScale, ContactMarker, LogEntry
 from eskin.page.hand import (
     DOUBLE_CLICK,
     MISSED,
@@ -21,10 +29,10 @@ from eskin.page.html import (
     REST_COLOUR,
     choose_gesture_colours,
 )
-from eskin.page.marks import TargetMark
-from eskin.page.scene import Scene, SurfacePoint
+from eskin.page.marks import Marks, TargetMark, measure_box
+from eskin.page.scene import FIELD_OF_VIEW, Scene, SurfacePoint
 from eskin.transforms import apply, rotate
-from helpers.viewer import make_setup, mounted
+from helpers.viewer import make_setup, make_update, mounted
 
 FOREARM = 1200
 FAST = 0.9 * DOUBLE_CLICK
@@ -298,11 +306,20 @@ def test_disc_is_of_the_size_of_its_taxel_before_it_is_scaled():
         assert 0.5 < call.kwargs["batched_scales"].max() < 1.01
 
 
-def test_camera_turns_anew_when_a_window_becomes_narrow():
+def make_scene():
+    """Return a scene whose server keeps labels and draws nothing."""
     server = MagicMock(ViserServer, scene=MagicMock())
     server.scene.add_batched_meshes_simple.return_value = MagicMock(BatchedMeshHandle)
+    server.scene.add_label.side_effect = lambda name, text, **given: MagicMock(
+        LabelHandle, text=text, visible=given.get("visible", True)
+    )
     scene = Scene(server, make_setup(), ColourScale(60.0))
     scene.face_skin()
+    return scene
+
+
+def test_camera_turns_anew_when_a_window_becomes_narrow():
+    scene = make_scene()
     client, distances = MagicMock(ClientHandle, camera=MagicMock(CameraHandle)), []
     asyncio.run(scene.watch(client))
     tell = client.camera.on_update.call_args.args[0]
@@ -316,12 +333,8 @@ def test_camera_turns_anew_when_a_window_becomes_narrow():
 
 def test_place_where_to_click_is_seen_in_every_pose():
     """No other taxel is drawn before it, and it faces the camera."""
-    server = MagicMock(ViserServer, scene=MagicMock())
-    server.scene.add_batched_meshes_simple.return_value = MagicMock(BatchedMeshHandle)
-    setup = make_setup()
-    scene = Scene(server, setup, ColourScale(60.0))
-    scene.face_skin()
-    target, rng = TargetMark(server, scene, hints=True), np.random.default_rng(0)
+    scene, rng = make_scene(), np.random.default_rng(0)
+    target = TargetMark(scene.server, scene, hints=True)
     for turn in np.linspace(-3.0, 3.0, 12):
         bend = rng.uniform((-2.2, 0.6, -2.2), (-1.0, 2.2, -0.6))
         q = np.array([turn, *bend, -1.5, 0.0])
@@ -335,3 +348,57 @@ def test_place_where_to_click_is_seen_in_every_pose():
         along = away @ ray
         aside = np.linalg.norm(away - along[:, None] * ray, axis=1)
         assert ray @ to > 0.59 and not np.any((along > 0.08) & (aside < 0.01))
+
+
+def test_scene_is_projected_as_the_camera_shows_it():
+    scene = make_scene()
+    eye, middle = scene.view
+    assert scene.project(middle) == pytest.approx([0, 0])
+    up = np.cross(np.cross(middle - eye, (0, 0, 1)), middle - eye)
+    up /= np.linalg.norm(up)
+    # The upper edge of the picture is half a field of view above its middle.
+    edge = np.tan(FIELD_OF_VIEW / 2) * np.linalg.norm(middle - eye) * up
+    half = scene.picture_height / 2
+    assert scene.project(middle + edge) == pytest.approx([0, -half])
+    right = np.cross(middle - eye, up)
+    across, down = scene.project(middle + 0.1 * right)
+    assert across > 0 and abs(down) < 1e-9
+
+
+def test_labels_of_forces_overlap_no_other_label():
+    scene, rng, shown = make_scene(), np.random.default_rng(3), []
+    marks, setup = Marks(scene.server, scene), scene.setup
+    for number in range(60):
+        taxels = rng.choice(len(setup.positions), 3)
+        contacts = tuple(
+            ContactMarker(
+                int(setup.taxel_link[taxel]),
+                setup.positions[taxel],
+                setup.normals[taxel],
+                0.01,
+                force,
+                setup.patches[setup.patch_index[taxel]],
+            )
+            for taxel, force in zip(taxels, (9.0, 6.0, 2.0), strict=True)
+        )
+        found = contacts[0]
+        place = tuple(map(float, found.p_link))
+        entry = LogEntry(
+            3.0 * number, "detection", "poke 98%, 9 N", "poke", found.link, place
+        )
+        entries = (entry,) if number % 2 else ()
+        update = make_update(3.0 * number, log_entries=entries)
+        scene.update(update)
+        marks.update(replace(update, contacts=contacts))
+        boxes = [marks.measure_label(label) for label in marks.labels]
+        boxes += [
+            measure_box(scene.project(label.position), label.text)
+            for label in marks.names
+            if label.visible
+        ]
+        for one, other in combinations(boxes, 2):
+            apart = np.maximum(one[:2] - other[2:], other[:2] - one[2:])
+            assert apart.max() >= 0
+        assert marks.names[0].visible or entries
+        shown.append(len(boxes))
+    assert max(shown) == 4 and min(shown) < 3

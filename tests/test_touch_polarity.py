@@ -223,7 +223,7 @@ def test_arm_is_held_while_no_touch_can_be_felt():
     monitor = SkinMonitor(SKIN, SkinMonitorConfig(), scans[0].stamp)
     for state in play(scans):
         monitor.update(RecognitionState(state, {}, ()), ())
-    assert "the other way" in (monitor.find_problem(scans[-1].stamp) or "")
+    assert "the other way" in (str(monitor.find_problem(scans[-1].stamp)))
 
 
 @pytest.fixture

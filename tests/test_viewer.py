@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -12,25 +13,33 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from eskin.command import ArmState, SkinMonitorConfig
+from eskin.command import SUSPEND, ArmState, SkinMonitorConfig, load_commands
 from eskin.command.skin_monitor import SkinMonitor
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
 from eskin.live import Detection, Recognizer
 from eskin.page import (
+    ArmSummary,
     CorrectionOrder,
     PageOrder,
     PaintOrder,
     QuestionBoard,
     TouchOrder,
+    TouchRule,
 )
 from eskin.page.appearance import build_link_meshes, describe_scene
-from eskin.page.html import render_log
-from eskin.page.messages import LogEntry
+from eskin.page.html import (
+    describe_commands,
+    render_arm,
+    render_log,
+    render_purpose,
+)
+from eskin.page.messages import ArmCondition, LogEntry
 from eskin.page.process import (
     MAX_IN_FLIGHT,
     MAX_ORDERS,
@@ -45,6 +54,7 @@ from eskin.page.viewer import (
     ViewerConfig,
     describe_arm,
     describe_command,
+    describe_rules,
 )
 from eskin.robot.meshes import MeshReader
 from eskin.robot.presets import read_preset_urdf
@@ -56,7 +66,7 @@ from eskin.units import NS_PER_S
 from helpers.commands import RecordingArm
 from helpers.live import START, calibration_of, say_always, scans, two_hands
 from helpers.questions import ASKED, TEXT
-from helpers.viewer import Q, make_setup, make_update, mounted
+from helpers.viewer import GESTURES, Q, make_setup, make_update, mounted
 
 pytestmark = pytest.mark.slow
 
@@ -122,59 +132,63 @@ def test_lids_close_bare_ends_and_leave_room_for_taxels():
     assert wrist and all(mesh.vertices[:, 2].min() > low for mesh in wrist)
 
 
-COMMANDS = ("poke: pause", "grab: resume or normal")
-STALE, BROKEN = "stale skin: no reading", "broken skin: patch 'a' is out"
-TOUCHED = "touch of 41 N"
+COMMANDS = (
+    TouchRule("poke", "", ("pause",)),
+    TouchRule("grab", "", ("resume", "normal")),
+)
+STALE = "stale skin: no reading; see to its cable"
+ASKS = "grab, then poke there when it asks"
 
 
 @pytest.mark.parametrize(
-    ("changes", "state", "reason", "remedy"),
+    ("changes", "state", "reason"),
     [
-        ({}, "running", "", ""),
-        ({"moving": False}, "waiting", "", ""),
-        ({"speed_limit": 0.3}, "running", "slow for its skin", ""),
-        (
-            {"moving": False, "speed_limit": 0.0},
-            "waiting",
-            "until a touch is clear",
-            "",
-        ),
-        ({"paused": True}, "paused", "", "grab, then poke there when it asks"),
-        ({"paused": True, "hold_reason": STALE}, "held", STALE, "wait for readings"),
-        ({"hold_reason": BROKEN}, "held", BROKEN, "plug the patch in"),
-        ({"hold_reason": TOUCHED}, "held", TOUCHED, "take your hand off"),
-        ({"protective_stop": True}, "stopped", "protective stop", "at the robot"),
-        ({"connected": False, "paused": True}, "stopped", "lost connection", "network"),
+        ({}, "running", ""),
+        ({"moving": False}, "standing", ""),
+        ({"moving": False, "gripping": "open"}, "standing", "while its gripper moves"),
+        ({"speed_limit": 0.3}, "running", "because of its skin"),
+        ({"moving": False, "speed_limit": 0.0}, "standing", "while it is touched"),
+        ({"paused": True}, "paused", ""),
+        ({"paused": True, "hold_reason": STALE}, "held", STALE),
+        ({"hold_reason": STALE}, "held", STALE),
+        ({"protective_stop": True}, "stopped", "clear it at the robot"),
+        ({"connected": False, "paused": True}, "stopped", "network and power"),
     ],
 )
-def test_most_severe_state_of_arm_is_shown_with_what_ends_it(
-    changes, state, reason, remedy
-):
+def test_most_severe_state_of_arm_is_shown_with_what_ends_it(changes, state, reason):
     arm = replace(ARM, **changes)
     summary = describe_arm(arm, COMMANDS, QuestionBoard("poke"))
-    assert (summary.state, summary.why) == (state, reason)
-    assert remedy in summary.remedy
-    asked = "grab, then poke there when it asks"
-    assert summary.remedy.endswith(asked if remedy else "")
-    before = "" if arm.paused else "poke, wait 1 s, then "
-    assert f"{before}{asked}" in summary.remedy or not remedy
-    assert remedy or not summary.remedy
+    assert summary.state == state
+    assert reason in summary.why and bool(reason) == bool(summary.why)
+    way = ""
+    if state in ("paused", "held", "stopped"):
+        before = "" if arm.paused else "poke, then wait 1 s, then "
+        way = f"To go on: {before}{ASKS}."
+    assert summary.remedy == way
     never = describe_arm(arm, COMMANDS).remedy
-    assert never == summary.remedy.replace(asked, "grab to resume")
+    assert never == way.replace(ASKS, "grab")
+    by_mouse = describe_arm(arm, COMMANDS, QuestionBoard("poke"), by_mouse=True).remedy
+    assert by_mouse == way.replace("poke", "poke (click)").replace(
+        "grab", "grab (shift-click)"
+    )
+
+
+def test_arm_that_no_touch_resumes_promises_nothing():
+    paused, held = replace(ARM, paused=True), replace(ARM, hold_reason=STALE)
+    pausing, resuming = COMMANDS
+    assert not describe_arm(paused, [pausing]).remedy
+    assert describe_arm(paused, [resuming]).remedy == "To go on: grab."
+    assert not describe_arm(held, [resuming]).remedy
 
 
 @pytest.mark.parametrize(
     ("changes", "remedy"),
     [
-        ({}, "touch nothing for 5 s before you ask again"),
+        ({}, "Touch nothing for 5 s, then it can be asked again."),
+        ({"paused": True}, f"To go on: touch nothing for 5 s, then {ASKS}."),
         (
-            {"paused": True},
-            "touch nothing for 5 s, then grab, then poke there when it asks",
-        ),
-        (
-            {"hold_reason": TOUCHED},
-            "take your hand off, then poke, touch nothing for 5 s, then grab, then "
-            "poke there when it asks",
+            {"hold_reason": STALE},
+            f"To go on: poke, then touch nothing for 5 s, then {ASKS}.",
         ),
     ],
 )
@@ -187,6 +201,44 @@ def test_arm_that_stands_for_its_question_says_so():
     board = QuestionBoard("poke", action="next_waypoint", left=0.5)
     standing = replace(ARM, moving=False, speed_limit=0.0)
     assert describe_arm(standing, COMMANDS, board).why.startswith("until its question")
+
+
+@pytest.mark.parametrize("condition", get_args(ArmCondition))
+def test_every_condition_of_the_arm_is_a_sentence_on_the_page(condition):
+    shown = render_arm(ArmSummary(condition, "for a test", 1.0, "open", "over_there"))
+    text = re.sub("<.*?>", "", shown.replace("<br>", "\n"))
+    assert re.fullmatch(
+        r"The arm [a-z ]+:? for a test\ngripper open · next: over there", text
+    )
+
+
+def test_page_tells_what_each_gesture_commands_and_how_the_mouse_makes_it():
+    rules = (
+        *COMMANDS,
+        TouchRule("stroke", "left forearm_link", ("slow",)),
+        TouchRule("stroke", "right", ("wave_hand",)),
+    )
+    setup = replace(make_setup(touchable=True), commands=rules)
+    told = describe_commands(setup)
+    assert told["poke"] == "click · pauses the arm"
+    assert told["grab"] == "shift-click · resumes or full speed"
+    assert told["stroke"] == "drag · left forearm link slows the arm · right wave hand"
+    assert told["none"] == ""
+    told = describe_commands(replace(setup, touchable=False))
+    assert told["poke"] == "pauses the arm" and told["double_pat"] == ""
+
+
+def test_rules_of_the_map_reach_the_page():
+    commands = load_commands(None, GESTURES, mounted().skin)
+    rules = describe_rules(commands)
+    assert [rule.gesture for rule in rules] == [r.gesture for r in commands.commands]
+    assert all(rule.actions and not rule.where for rule in rules)
+
+
+def test_page_says_what_it_is_and_what_to_do_first():
+    for touchable, first in ((True, "click on its skin"), (False, "touch its skin")):
+        text = re.sub("<.*?>", "", render_purpose(make_setup(touchable)))
+        assert text.startswith("This ") and text.count(".") == 1 and first in text
 
 
 def test_detection_is_logged_at_its_place_on_link():
@@ -225,8 +277,8 @@ def test_commands_and_events_are_logged():
     encoder.note(Event(START, "silent", "patch 'a' is silent"))
     assert [(entry.kind, entry.text) for entry in encoder.log_entries] == [
         ("command", "paused"),
-        ("refused", "go on: too soon"),
-        ("command", f"ask: {TEXT}"),
+        ("refused", "go on refused: too soon"),
+        ("command", f"asks: {TEXT}"),
         ("event", "patch 'a' is silent"),
     ]
     for number in range(MAX_LOG_ENTRIES + 5):
@@ -236,21 +288,20 @@ def test_commands_and_events_are_logged():
 
 
 @pytest.mark.parametrize(
-    ("why", "text"),
+    ("changes", "text"),
     [
-        ("poke on forearm_back", "paused (poke on forearm back)"),
-        (
-            "not understood, most likely double_pat (0.60): it may be a stop (0.81)",
-            "paused (probably a double pat)",
-        ),
-        (
-            "not understood: the touch may have been a stop",
-            "paused (not understood: the touch may have been a stop)",
-        ),
+        ({"why": "poke on forearm_back"}, "paused (poke on forearm back)"),
+        ({"likeliest": "double_pat"}, "paused (probably a double pat)"),
+        ({"why": "touched while it jogs"}, "paused (touched while it jogs)"),
+        ({"action": SUSPEND}, "stands still while it is touched"),
+        ({"action": "my_wave", "why": ""}, "my wave"),
+        ({"action": "none", "accepted": False, "why": "not so"}, "not so"),
+        ({"action": "go_on", "accepted": False, "why": "no"}, "go on refused: no"),
     ],
 )
-def test_log_says_what_was_done_and_what_it_was_probably(why, text):
-    assert describe_command(CommandEvent(START, "pause", 4, None, True, why)) == text
+def test_log_says_what_was_done_and_what_it_was_probably(changes, text):
+    paused = CommandEvent(START, "pause", 4, None, True, "not understood: 19%")
+    assert describe_command(replace(paused, **changes)) == text
 
 
 def test_log_is_shown_while_an_answer_is_added():
@@ -266,15 +317,13 @@ def test_log_is_shown_while_an_answer_is_added():
     assert "paused" in render_log(log)
 
 
-def test_busy_computer_asks_for_nothing_but_how_to_go_on():
+def test_busy_computer_asks_for_nothing():
     monitor = SkinMonitor(mounted().skin, SkinMonitorConfig(), START)
     late = START + NS_PER_S
-    assert monitor.find_problem(late).startswith("stale skin")
-    why = monitor.find_problem(late, is_busy=True)
-    assert why.startswith("this computer was too busy")
-    arm = replace(ARM, hold_reason=why, paused=True)
-    remedy = describe_arm(arm, ("grab: resume",), QuestionBoard("poke")).remedy
-    assert remedy == "grab, then poke there when it asks"
+    assert str(monitor.find_problem(late)).startswith("stale skin")
+    problem = monitor.find_problem(late, is_busy=True)
+    assert str(problem).startswith("this computer was too busy")
+    assert problem is not None and not problem.remedy
 
 
 def make_source(scans):

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -400,11 +401,18 @@ def build_listeners(
         say(robot.describe_lacking_meshes("drawn"))
     if command.view:
         from eskin.page.process import DEFAULT_PORT, free_port
-        from eskin.page.viewer import RECORDING, Viewer, ViewerConfig, describe_question
+        from eskin.page.viewer import (
+            RECORDING,
+            Viewer,
+            ViewerConfig,
+            describe_question,
+            describe_rules,
+        )
 
         port = free_port(DEFAULT_PORT if command.port is None else command.port)
-        told = [line for policy in policies for line in policy.commands.describe()]
-        page = ViewerConfig(port, warning="; ".join(doubts), commands=tuple(told))
+        rules = [describe_rules(policy.commands) for policy in policies]
+        commands = tuple(chain.from_iterable(rules))
+        page = ViewerConfig(port, warning="; ".join(doubts), commands=commands)
         path = None if command.record is None else f"{RECORDING}{command.record}"
         describe = None if path is None else lambda: path
         asked = [partial(describe_question, policy) for policy in policies]

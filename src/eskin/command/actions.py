@@ -12,7 +12,7 @@ from threading import Thread
 from types import ModuleType
 from typing import Literal, cast, final, get_args
 
-from eskin.command.arm import Arm, ArmState
+from eskin.command.arm import Arm, ArmState, Problem
 from eskin.errors import CommandError
 from eskin.live import Detection
 
@@ -84,9 +84,9 @@ class FunctionCall:
 
     def __init__(self, name: str, arm: Arm, detection: Detection) -> None:
         """Start to run the function."""
-        self.problem = (
-            f"function '{name}' does not return; let it start a thread for what takes "
-            "long"
+        self.problem = Problem(
+            f"function '{name}' does not return",
+            "let it start a thread for what takes long",
         )
         self.function, self.arguments = COMMAND_FUNCTIONS[name], (arm, detection)
         self.error: BaseException | None = None

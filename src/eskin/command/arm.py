@@ -78,6 +78,21 @@ class ArmState:
         return self.paused or self.hold_reason is not None or self.protective_stop
 
 
+@dataclass(frozen=True)
+class Problem:
+    """A problem is why an arm is held or slowed, though nobody asked for that."""
+
+    what: str
+    """What is wrong."""
+
+    remedy: str = ""
+    """What a person does about it; empty where there is nothing to do."""
+
+    def __str__(self) -> str:
+        """Return what is wrong, and what to do about it."""
+        return f"{self.what}; {self.remedy}" if self.remedy else self.what
+
+
 class Arm(JointSource, Closing):
     """An arm goes from waypoint to waypoint of its task until it is told otherwise.
 

@@ -63,20 +63,24 @@ class Rule(BaseModel):
         """The action, or `function` where the rule names one."""
         return FUNCTION if self.action is None else self.action
 
-    def describe(self) -> str:
-        """Return what the rule commands, such as `stroke left: slow`."""
-        places = (self.direction, self.link, self.patch)
-        touch = " ".join((self.gesture, *(place for place in places if place)))
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """The plain actions, or the function, of which the arm's state chooses one."""
         action = self.function or self.action or ""
-        done = " or ".join(TOGGLES.get(action, (action,)))
-        return f"{touch}: {done}".replace("_", " ")
+        return TOGGLES.get(action, (action,))
+
+    @property
+    def where(self) -> str:
+        """Direction, link and patch of the touch; empty where it may be any."""
+        places = (self.direction, self.link, self.patch)
+        return " ".join(place for place in places if place)
 
     @property
     def needs_answer(self) -> bool:
         """Whether the arm asks before it does what the rule says, in some state."""
-        action = self.action_or_function
-        some = TOGGLES.get(action, (action,))
-        return any(needs_answer(one, self.function) for one in some)
+        if self.function is not None:
+            return needs_answer(FUNCTION, self.function)
+        return any(needs_answer(one) for one in self.actions)
 
     @property
     def key(self) -> tuple[str | None, ...]:
@@ -122,17 +126,12 @@ class CommandMap(BaseModel):
         ]
         return fitting[order.index(max(order))] if order else None
 
-    def describe(self) -> tuple[str, ...]:
-        """Return what each rule commands, one line a rule, such as `poke: pause`."""
-        return tuple(rule.describe() for rule in self.commands)
-
     def list_gestures(self, action: str) -> tuple[str, ...]:
         """Return the gestures that give a plain action somewhere, in some state."""
         found = {
             rule.gesture: None
             for rule in self.commands
-            if rule.action is not None
-            and action in TOGGLES.get(rule.action, (rule.action,))
+            if rule.action is not None and action in rule.actions
         }
         return tuple(found)
 

@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
+from eskin.command.arm import Problem
 from eskin.command.command_map import CommandMap, Rule
 from eskin.command.skin_monitor import SkinMonitorConfig
 from eskin.live import Detection
@@ -394,11 +395,16 @@ class CommandedTouches:
                 return touch
         return None
 
-    def find_lasting(self) -> str | None:
+    def find_lasting(self) -> Problem | None:
         """Return where a touch has been light for too long; None if there is none."""
         patches = [one.patch for one in self.by_id.values() if one.lasts]
+        if not patches:
+            return None
         longer = f"lasts for more than {self.config.light_seconds:g} s"
-        return f"a light touch on patch '{patches[0]}' {longer}" if patches else None
+        return Problem(
+            f"a light touch on patch '{patches[0]}' {longer}",
+            "lift what lies on it, or see to its cable or its cover",
+        )
 
     def list_others(self, touch: CommandedTouch) -> list[CommandedTouch]:
         """Return the other touches that are present, however light and long."""

@@ -25,7 +25,7 @@ from eskin.command.actions import (
     needs_answer,
     resolve_action,
 )
-from eskin.command.arm import Arm, ArmState
+from eskin.command.arm import Arm, ArmState, Problem
 from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
 from eskin.command.commanded_touch import (
     CommandedTouch,
@@ -41,7 +41,6 @@ from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
 ALREADY_COMMANDED = "its touch has commanded already; lift the hand before the next"
-REMEDY = "see to its cable or its cover; it goes on being felt elsewhere"
 GOES_ON = "something still presses the skin; let go, then ask again"
 ASKS_ALREADY = "the arm asks about another touch; let go, then ask again"
 TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
@@ -152,8 +151,8 @@ class Policy(Listener):
         self.failed_at: int | None = None
         self.stops: tuple[int, str | None] | None = None
         self.last_used: dict[object, int] = {}
-        self.slowed: str | None = None
-        self.held_for: str | None = None
+        self.slowed: Problem | None = None
+        self.held_for: Problem | None = None
         self.over: str | None = None
         self.failure: BaseException | None = None
         self.call: FunctionCall | None = None
@@ -247,13 +246,13 @@ class Policy(Listener):
         """Stop or slow the arm if an unknown touch may ask for it; do nothing else."""
         gesture = detection.likeliest
         known = gesture not in ("", *NON_GESTURES)
-        said = f", most likely {gesture} ({detection.confidence:.2f})" if known else ""
+        said = f", most likely {gesture} ({detection.confidence:.0%})" if known else ""
         chance = self.touches.find_stop_chance(detection)
         if chance is not None and not self.arm.state().paused:
             refusal = self.find_fault(self.arm.state(), detection.stamp)
             if refusal is None:
-                reason = f"not understood{said}: it may be a stop ({chance:.2f})"
-                self.pause_for(touch, reason)
+                reason = f"not understood{said}: it may be a stop ({chance:.0%})"
+                self.pause_for(touch, reason, gesture if known else "")
             else:
                 self.publish("pause", False, refusal, detection)
         elif known:
@@ -323,7 +322,7 @@ class Policy(Listener):
             return fault
         problem = self.find_problem(now)
         if problem is not None:
-            return problem
+            return str(problem)
         if self.monitor.is_out(detection.patch, now):
             return f"patch '{detection.patch}' is out; touch elsewhere"
         rested = self.find_rest(request.rule, now)
@@ -404,8 +403,8 @@ class Policy(Listener):
             return "to go on: release it in the program"
         return f"to go on: {stops}, {self.config.question.quiet:g} s later {goes}"
 
-    def find_problem(self, now: int) -> str | None:
-        """Return why the arm is held at a time, with what to do; None if it is not."""
+    def find_problem(self, now: int) -> Problem | None:
+        """Return why the arm is held at a time; None if it is not."""
         if self.call is not None and self.call.has_returned():
             self.call = None
         if self.call is not None:
@@ -413,8 +412,7 @@ class Policy(Listener):
         # A watch that comes late itself shows that the skin need not be silent.
         late = now - self.watched > self.config.monitor.max_age * NS_PER_S
         is_busy = self.thread is not None and late
-        problem = self.monitor.find_problem(now, is_busy)
-        return problem if problem is None or is_busy else f"{problem}; {REMEDY}"
+        return self.monitor.find_problem(now, is_busy)
 
     def hold_if_unreliable(self) -> None:
         """Hold the arm if skin or functions cannot be relied on; publish when again."""
@@ -428,18 +426,18 @@ class Policy(Listener):
         problem = self.find_problem(now)
         if problem is not None:
             for request in self.touches.requests:
-                self.complete(request, problem)
+                self.complete(request, str(problem))
             self.touches.requests.clear()
             if self.question is not None:
-                self.end_question(problem)
+                self.end_question(str(problem))
             if state.hold_reason is None:
-                self.held_for = problem.removesuffix(f"; {REMEDY}")
-                self.hold(self.held_for)
+                self.held_for = problem
+                self.hold(problem)
             self.over = None
         elif state.hold_reason is None:
             self.held_for = self.over = None
         elif self.held_for is not None and self.over is None:
-            self.over = f"no longer {self.held_for}"
+            self.over = f"no longer {self.held_for.what}"
             way = self.describe_way(state)
             self.publish("resume", False, f"{self.over}; {way}")
 
@@ -456,7 +454,7 @@ class Policy(Listener):
         for touch in self.touches.felt:
             excess = touch.find_excess(self.config.monitor)
             if excess and self.commands.asks:
-                return self.hold(excess, touch)
+                return self.hold(Problem(excess, "take your hand off"), touch)
             if touch.is_long(self.config.monitor):
                 return self.pause_for(touch, f"touch for {touch.duration:.1f} s")
 
@@ -507,15 +505,15 @@ class Policy(Listener):
 
     def update_slowing(self, now: int) -> None:
         """Slow the arm where the skin asks for it, and no longer once that is over."""
-        reason = self.monitor.find_outage(now) or self.touches.find_lasting()
-        if reason is not None:
+        problem = self.monitor.find_outage(now) or self.touches.find_lasting()
+        if problem is not None:
             if self.slowed is None:
-                self.publish("slow", True, f"{reason}; {REMEDY}")
-            self.slowed = reason
+                self.publish("slow", True, str(problem))
+            self.slowed = problem
             self.slowed_at = now
         elif self.slowed is not None:
             if now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S:
-                self.publish("normal", True, f"no longer {self.slowed}")
+                self.publish("normal", True, f"no longer {self.slowed.what}")
                 self.slowed = None
 
     def review(self, request: CommandRequest) -> None:
@@ -583,8 +581,8 @@ class Policy(Listener):
             return None
         gesture = request.detection.gesture.replace("_", " ")
         return (
-            f"not understood: {gesture} ({request.confidence:.2f}) is below "
-            f"{request.required:.2f}; do it again, more clearly"
+            f"not understood: {gesture} ({request.confidence:.0%}) is below "
+            f"{request.required:.0%}; do it again, more clearly"
         )
 
     def ask(self, request: CommandRequest) -> None:
@@ -652,7 +650,7 @@ class Policy(Listener):
                 refusal = str(error)
             except ArmError as error:
                 refusal = str(error)
-                self.hold(refusal)
+                self.hold(Problem(refusal))
         if refusal is None:
             self.accepted += 1
             self.last_used[request.rule.key] = self.context.clock.now()
@@ -688,22 +686,30 @@ class Policy(Listener):
                 if not call.has_returned(self.config.function_seconds):
                     self.call = call
                     self.held_for = call.problem
-                    raise ArmError(call.problem)
+                    raise ArmError(str(call.problem))
             case action:
                 getattr(arm, action)()
 
-    def pause_for(self, touch: CommandedTouch, reason: str) -> None:
-        """Pause the arm for a touch that was not recognised, and publish why."""
+    def pause_for(
+        self, touch: CommandedTouch, reason: str, likeliest: str = ""
+    ) -> None:
+        """Pause the arm for a touch that was not recognised, and publish why.
+
+        Args:
+            touch: the touch.
+            reason: why it pauses the arm.
+            likeliest: the likeliest gesture of the touch, where one is known.
+        """
         self.arm.pause()
         self.accepted += 1
         touch.blocked = True
-        self.publish("pause", True, reason, touch=touch)
+        self.publish("pause", True, reason, touch=touch, likeliest=likeliest)
 
-    def hold(self, reason: str, touch: CommandedTouch | None = None) -> None:
+    def hold(self, problem: Problem, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
-        self.arm.hold(reason)
+        self.arm.hold(str(problem))
         self.stopped_at = self.context.clock.now()
-        self.publish("hold", True, reason, touch=touch)
+        self.publish("hold", True, str(problem), touch=touch)
 
     def publish(
         self,
@@ -712,6 +718,7 @@ class Policy(Listener):
         reason: str,
         detection: Detection | None = None,
         touch: CommandedTouch | None = None,
+        likeliest: str = "",
     ) -> None:
         """Publish a decision to the other listeners.
 
@@ -721,6 +728,7 @@ class Policy(Listener):
             reason: why it was, or was not.
             detection: detection that led to it, if any.
             touch: touch that led to it, where no detection did.
+            likeliest: likeliest gesture of that touch, where one is known.
         """
         number = onset = patch = gesture = None
         if detection is not None:
@@ -734,7 +742,17 @@ class Policy(Listener):
             patch = touch.patch or None
         now = self.context.clock.now()
         self.context.publish(
-            CommandEvent(now, action, number, gesture, accepted, reason, onset, patch)
+            CommandEvent(
+                stamp=now,
+                action=action,
+                touch=number,
+                gesture=gesture,
+                accepted=accepted,
+                why=reason,
+                onset=onset,
+                patch=patch,
+                likeliest=likeliest,
+            )
         )
 
     def check_skin(self) -> None:

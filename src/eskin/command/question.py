@@ -144,7 +144,7 @@ class Question:
             chances.get(word, 0.0) for word in chances if word not in NON_GESTURES
         ]
         if chance < max([MIN_CONFIDENCE, *others]):
-            return f"the answer was no clear {answer} ({chance:.2f})"
+            return f"the answer was no clear {answer} ({chance:.0%})"
         return None
 
     def find_touch_refusal(self, touch: CommandedTouch) -> str | None:

@@ -19,6 +19,7 @@ from eskin.page.messages import (
     QuestionBoard,
     SceneDescription,
     TouchOrder,
+    TouchRule,
     ViewUpdate,
 )
 
@@ -39,4 +40,5 @@ __all__ = [
     "LinkMesh",
     "OpenTouch",
     "TouchOrder",
+    "TouchRule",
 ]

@@ -9,12 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Float16, UInt8
 
 from eskin.page.messages import (
+    ArmCondition,
     ArmSummary,
     GuideBoard,
     LogEntry,
     OpenTouch,
     QuestionBoard,
     SceneDescription,
+    TouchRule,
     ViewUpdate,
 )
 from eskin.units import format_index
@@ -25,14 +27,14 @@ TEAL, AMBER = "light-dark(#0c6b60,#5ecbb8)", "light-dark(#8a5000,#f0b255)"
 RED, BLUE = "light-dark(#b3261e,#ff9d94)", "light-dark(#2b5c9e,#93bdf5)"
 """Colours of the panel on white and on black, each with a contrast of 4.5 or more to
 both of its backgrounds."""
-STATE_COLOURS = {
-    "running": TEAL,
-    "paused": AMBER,
-    "held": RED,
-    "stopped": RED,
-    "waiting": PALE,
+STATES: dict[ArmCondition, tuple[str, str]] = {
+    "running": ("The arm is running", TEAL),
+    "standing": ("The arm stands still", PALE),
+    "paused": ("The arm is paused", AMBER),
+    "held": ("The arm is stopped", RED),
+    "stopped": ("The arm is stopped", RED),
 }
-"""Colour of each state of the arm."""
+"""What the page says of each condition of the arm, and in which colour."""
 KIND_COLOURS = {
     "detection": INK,
     "command": BLUE,
@@ -106,6 +108,20 @@ def render_notice(text: str) -> str:
     return render_block(div(f"color:{PALE};font-size:11px", escape(text)))
 
 
+def render_purpose(setup: SceneDescription) -> str:
+    """Return what the page is, and what to do first, as HTML."""
+    text = (
+        "This page shows what a robot feels: touch its skin, and read below which "
+        "gesture that was."
+    )
+    if setup.touchable:
+        text = (
+            "This simulated robot feels touch: click on its skin, and read below what "
+            "it felt."
+        )
+    return render_block(div("margin-bottom:6px", escape(text)))
+
+
 def render_warning(text: str) -> str:
     """Return a warning as HTML."""
     style = f"margin-bottom:6px;{BOX};color:#fff;background:#b3261e"
@@ -144,7 +160,7 @@ def render_status(update: ViewUpdate) -> str:
     colour = TEAL if working == count else AMBER if working > 0.9 * count else RED
     parts = render_numbers(
         ("readings/s", f"{update.rate:.0f}"),
-        ("step", f"{1e3 * update.step:.2f} ms"),
+        ("computing", f"{1e3 * update.step:.2f} ms"),
         ("delay", f"{1e3 * update.age:.0f} ms"),
         ("taxels", span(f"color:{colour}", f"{working} of {count}")),
     )
@@ -157,14 +173,19 @@ def render_status(update: ViewUpdate) -> str:
 
 def render_arm(summary: ArmSummary) -> str:
     """Return the state of the arm as HTML."""
-    state = summary.state + (f": {summary.why}" if summary.why else "")
-    target = summary.target or "-"
-    rest = f"{summary.speed:.0%} speed, gripper {summary.gripper}, to {target}"
+    words, colour = STATES[summary.state]
+    link = ": " if summary.state in ("held", "stopped") else " "
+    state = f"{words}{link if summary.why else ''}{to_words(summary.why)}"
+    rest = [f"gripper {summary.gripper}"]
+    if summary.target:
+        rest.append(f"next: {to_words(summary.target)}")
+    if 0 < summary.speed < 1:
+        rest.append(f"{summary.speed:.0%} speed")
     return div(
         f"margin:4px 0 8px;padding:4px 8px;border-radius:6px;background:{LINE}",
-        f'<b style="color:{STATE_COLOURS[summary.state]}">{escape(state)}</b>',
+        f'<b style="color:{colour}">{escape(state)}</b>',
         f"<br>{escape(summary.remedy)}" if summary.remedy else "",
-        f"<br>{span(f'color:{PALE};font-size:11px', escape(rest))}",
+        f"<br>{span(f'color:{PALE};font-size:11px', escape(' · '.join(rest)))}",
     )
 
 
@@ -261,10 +282,10 @@ EFFECTS = {
     "resume": "resumes",
     "slow": "slows the arm",
     "normal": "full speed",
-    "close gripper": "closes the gripper",
-    "open gripper": "opens it",
+    "close_gripper": "closes the gripper",
+    "open_gripper": "opens it",
 }
-"""What the page says of an action."""
+"""What the page says of an action, where that is not its name."""
 
 
 ASKED = {"normal": "full speed"}
@@ -293,25 +314,21 @@ def render_question(board: QuestionBoard | None, setup: SceneDescription) -> str
     )
 
 
-def describe_actions(actions: str) -> str:
-    """Return what actions do, which are separated by `or`."""
-    *first, last = [EFFECTS.get(action, action) for action in actions.split(" or ")]
-    return f"{', '.join(first)} or {last}" if first else last
+def describe_rule(rule: TouchRule) -> str:
+    """Return what a rule commands, and where: `left slows the arm`."""
+    done = [EFFECTS.get(action, to_words(action)) for action in rule.actions]
+    *first, last = done
+    said = f"{', '.join(first)} or {last}" if first else last
+    return to_words(f"{rule.where} {said}" if rule.where else said)
 
 
 def describe_commands(setup: SceneDescription) -> dict[str, str]:
     """Return what each gesture commands, and how the mouse makes it."""
-    rules = [line.partition(": ") for line in setup.commands]
     found = {}
     for gesture in setup.gestures:
-        name = to_words(gesture)
-        done = [
-            f"{touch.removeprefix(name).strip()} {describe_actions(action)}".strip()
-            for touch, _, action in rules
-            if touch == name or touch.startswith(f"{name} ")
-        ]
+        rules = [rule for rule in setup.commands if rule.gesture == gesture]
         how = [HOW[gesture]] if setup.touchable and gesture in HOW else []
-        found[gesture] = " · ".join([*how, *done])
+        found[gesture] = " · ".join([*how, *map(describe_rule, rules)])
     return found
 
 
@@ -348,7 +365,7 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
     return render_block(*rows)
 
 
-LOG_HEIGHT = "max(90px,calc(100vh - 590px))"
+LOG_HEIGHT = "max(90px,calc(100vh - 620px))"
 """Height of the log, which takes what other parts of the panel leave."""
 
 
@@ -512,7 +529,8 @@ def render_patch_map(
         div(
             f"color:{PALE}",
             render_name(setup.patches[patch]),
-            ", rows down, columns across; point at a taxel",
+            f", rows 0 to {rows.max()} down, columns 0 to {columns.max()} across; "
+            "point at a taxel",
         ),
         f'<svg class="eskin-map" viewBox="0 -8 {10 * column_count} '
         f'{10 * row_count + 8}" '

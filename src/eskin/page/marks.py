@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -102,10 +103,28 @@ ARROW_BASE, ARROW_PER_NEWTON, ARROW_LONGEST = 0.03, 0.006, 0.15
 """Length of the arrow of a force: without force, for each newton, at most [m]."""
 NAMED = 3
 """Greatest number of contacts with their name."""
+LETTER_WIDTH, LINE_HEIGHT = 6.0, 18.0
+"""Width of a letter of a label, and the height of a label, at a scale of 1 [px]."""
+DETECTION_SCALE = 1.25
+"""Scale of the label of a detection."""
 RING_MARGIN = 0.008
 """Difference between the radii of a ring and its contact [m]."""
 LABEL_SECONDS = 2.0
 """Time that a floating label is shown [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloatingLabel:
+    """A floating label names a detection at its place, for a time."""
+
+    seconds: float
+    """Time of the detection since the stream began [s]."""
+    handle: LabelHandle
+    """Label in the scene."""
+    link: int
+    """Index of the link that it moves with."""
+    p_link: Float[np.ndarray, "3"]
+    """Middle of its lower edge in the frame of that link [m]."""
 
 
 @final
@@ -118,7 +137,7 @@ class Marks(PagePart):
         self.scene = scene
         self.ringed: set[int] = set()
         self.count = 0
-        self.labels: deque[tuple[float, LabelHandle, int]] = deque()
+        self.labels: deque[FloatingLabel] = deque()
         ring, arrow = revolve(RING_PROFILE, SEGMENTS), revolve(ARROW_PROFILE, CORNERS)
         self.rings = {n: self.add_marks("contacts", n, ring) for n in scene.discs}
         self.arrows = {n: self.add_marks("forces", n, arrow) for n in scene.discs}
@@ -141,12 +160,12 @@ class Marks(PagePart):
     def update(self, update: ViewUpdate) -> None:
         """Draw the contacts and detections of an update, and remove old labels."""
         self.draw_marks(update.contacts)
-        self.draw_names(update.contacts)
         for entry in update.log_entries:
             if entry.kind == "detection":
                 self.add_label(entry)
-        while self.labels and update.seconds - self.labels[0][0] > LABEL_SECONDS:
-            self.labels.popleft()[1].remove()
+        while self.labels and update.seconds - self.labels[0].seconds > LABEL_SECONDS:
+            self.labels.popleft().handle.remove()
+        self.draw_names(update.contacts)
 
     def draw_marks(self, contacts: tuple[ContactMarker, ...]) -> None:
         """Draw a ring and the force of each contact; unused marks are too small."""
@@ -168,19 +187,44 @@ class Marks(PagePart):
         self.ringed = {contact.link for contact in contacts}
 
     def draw_names(self, contacts: tuple[ContactMarker, ...]) -> None:
-        """Write patch and force beside the arrows of the strongest contacts."""
-        for label in self.names[len(contacts) :]:
-            if label.visible:
-                label.visible = False
-        for label, contact in zip(self.names, contacts, strict=False):
-            length = compute_arrow_length(contact.force) + 0.01
-            end = contact.p_link + length * contact.n_link
-            text = f"{to_words(contact.patch)} {contact.force:.0f} N"
-            if label.text != text:
-                label.text = text
-            label.position = apply(self.scene.T_world_link[contact.link], end)
-            if not label.visible:
-                label.visible = True
+        """Write patch and force beside the arrows of the strongest contacts.
+
+        A name that would overlap the label of a detection, or of a stronger contact, is
+        not shown.
+        """
+        named = contacts[:NAMED]
+        texts = [
+            f"{to_words(contact.patch)} {contact.force:.0f} N" for contact in named
+        ]
+        ends = [self.find_arrow_end(contact) for contact in named]
+        first = [self.measure_label(label) for label in self.labels]
+        boxes = [
+            measure_box(self.scene.project(p), t)
+            for p, t in zip(ends, texts, strict=True)
+        ]
+        shown = find_clear(np.array([*first, *boxes]).reshape(-1, 4))[len(first) :]
+        for number, label in enumerate(self.names):
+            is_shown = number < len(named) and bool(shown[number])
+            if is_shown:
+                if label.text != texts[number]:
+                    label.text = texts[number]
+                label.position = ends[number]
+            if label.visible != is_shown:
+                label.visible = is_shown
+
+    def find_arrow_end(self, contact: ContactMarker) -> Float[np.ndarray, "3"]:
+        """Return the end of the arrow of a contact in the world frame [m]."""
+        length = compute_arrow_length(contact.force) + 0.01
+        end = contact.p_link + length * contact.n_link
+        return apply(self.scene.T_world_link[contact.link], end)
+
+    def measure_label(self, label: FloatingLabel) -> Float[np.ndarray, "4"]:
+        """Return the box of the label of a detection in the picture [px]."""
+        p_world = apply(self.scene.T_world_link[label.link], label.p_link)
+        at = self.scene.project(p_world)
+        box = measure_box(at, label.handle.text, DETECTION_SCALE)
+        width, height = box[2:] - box[:2]
+        return box - np.array([width / 2, height, width / 2, height])
 
     def add_label(self, entry: LogEntry) -> None:
         """Add a floating label where a touch was recognised."""
@@ -188,17 +232,48 @@ class Marks(PagePart):
             return
         self.count += 1
         link = self.scene.setup.links[entry.link]
-        for previous in [found for found in self.labels if found[2] == entry.link]:
-            previous[1].remove()
+        for previous in [found for found in self.labels if found.link == entry.link]:
+            previous.handle.remove()
             self.labels.remove(previous)
         label = self.server.scene.add_label(
             f"/robot/{link}/detection_{self.count}",
             entry.text.partition(",")[0],
             position=entry.p_link,
-            font_screen_scale=1.25,
+            font_screen_scale=DETECTION_SCALE,
             anchor="bottom-center",
         )
-        self.labels.append((entry.seconds, label, entry.link))
+        self.labels.append(
+            FloatingLabel(entry.seconds, label, entry.link, np.array(entry.p_link))
+        )
+
+
+def measure_box(
+    corner: Float[np.ndarray, "2"], text: str, scale: float = 1.0
+) -> Float[np.ndarray, "4"]:
+    """Return the box of a label: left, top, right and bottom [px].
+
+    Args:
+        corner: its left upper corner [px].
+        text: its text.
+        scale: its scale.
+    """
+    size = scale * np.array([LETTER_WIDTH * (len(text) + 1), LINE_HEIGHT])
+    return np.concatenate([corner, corner + size])
+
+
+def find_clear(boxes: Float[np.ndarray, "box 4"]) -> Bool[np.ndarray, "box"]:
+    """Return which boxes are shown: those that overlap no earlier one that is.
+
+    Args:
+        boxes: left, top, right and bottom of each.
+    """
+    clear = np.zeros(len(boxes), bool)
+    for number, (left, top, right, bottom) in enumerate(boxes):
+        others = boxes[clear]
+        across = (others[:, 0] < right) & (left < others[:, 2])
+        down = (others[:, 1] < bottom) & (top < others[:, 3])
+        clear[number] = not np.any(across & down)
+    return clear
 
 
 def compute_arrow_length(force: float) -> float:

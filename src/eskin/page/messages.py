@@ -68,17 +68,31 @@ class LogEntry:
 
 
 @dataclass(frozen=True)
+class TouchRule:
+    """Describes what a gesture commands."""
+
+    gesture: str
+    """Name of the gesture."""
+    where: str
+    """Direction, link and patch of the touch; empty where it may be any."""
+    actions: tuple[str, ...]
+    """Actions, of which the state of the arm chooses one."""
+
+
+ArmCondition = Literal["running", "standing", "paused", "held", "stopped"]
+"""Conditions of an arm. `standing`: at rest in its program; `paused`: a person
+requested it; `held`: stopped without a request; `stopped`: in protective stop, or not
+connected."""
+
+
+@dataclass(frozen=True)
 class ArmSummary:
     """Summarises the state of an arm."""
 
-    state: Literal["running", "paused", "held", "stopped", "waiting"]
-    """State of the arm.
-
-    `paused`: a person requested it; `held`: stopped without a request; `stopped`:
-    protective stop or no connection; `waiting`: at rest in its program.
-    """
+    state: ArmCondition
+    """Condition of the arm."""
     why: str
-    """Reason for `held` or `stopped`, or for a limit of the speed; empty otherwise."""
+    """Reason for the condition, or for a limit of the speed; may be empty."""
     speed: float
     """Speed as a share of full speed."""
     gripper: str
@@ -86,7 +100,7 @@ class ArmSummary:
     target: str
     """Name of the target of the motion."""
     remedy: str = ""
-    """What ends `held` or `stopped`; empty where there is nothing to do."""
+    """What a person does to let the arm go on; empty where there is nothing to do."""
     carrying: bool = False
     """Whether a part is in the gripper."""
 
@@ -240,8 +254,8 @@ class SceneDescription:
     """Height of the ground in the world frame [m]."""
     warning: str = ""
     """Warning that is always shown above the panel; empty for none."""
-    commands: tuple[str, ...] = ()
-    """What each gesture commands, one line a rule of the command map."""
+    commands: tuple[TouchRule, ...] = ()
+    """What each gesture commands."""
     corrects: bool = False
     """Whether detections can be corrected, which is kept in the recording."""
     places: tuple[tuple[str, tuple[float, float, float]], ...] = ()

@@ -23,6 +23,7 @@ from eskin.page.html import (
     render_notice,
     render_patch_map,
     render_patches,
+    render_purpose,
     render_request,
     render_result,
     render_status,
@@ -265,6 +266,7 @@ class TouchPanel(Panel):
         self.last: LogEntry | None = None
         self.running = True
         self.maps_due, self.mapped = 0.0, 0
+        gui.add_html(render_purpose(setup))
         self.status = gui.add_html("")
         if setup.touchable and setup.is_arm:
             self.add_orders("task", {"pause": "pause_task", "resume": "resume_task"})
@@ -368,7 +370,7 @@ class TouchPanel(Panel):
         self.history.update(update)
         found = [entry for entry in update.log_entries if entry.kind == "detection"]
         self.last = found[-1] if found else self.last
-        self.running = update.arm is None or update.arm.state in ("running", "waiting")
+        self.running = update.arm is None or update.arm.state in ("running", "standing")
 
     def render(self, update: ViewUpdate) -> None:
         """Show the touches, the log, the plot and the skin."""

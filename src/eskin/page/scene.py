@@ -39,6 +39,8 @@ LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
 FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
+PICTURE_HEIGHT = 720
+"""Height of the picture before a browser has told its own [px]."""
 NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
 MAX_RAY_DISTANCE = 0.015
@@ -91,6 +93,9 @@ class Scene(PagePart):
     Attributes:
         discs: discs of the taxels of each link that has any, by index of the link.
         taxels: indices of those taxels, by index of the link.
+        view: position of the camera that was turned last, and the point that it looks
+            at, in the world frame [m].
+        picture_height: height of what that camera shows [px].
     """
 
     def __init__(
@@ -101,6 +106,7 @@ class Scene(PagePart):
         self.setup = setup
         self.scale = scale
         self.T_world_link = np.tile(np.eye(4), (len(setup.links), 1, 1))
+        self.picture_height = PICTURE_HEIGHT
         self.add_surroundings()
         self.add_places()
         self.frames = [
@@ -190,6 +196,7 @@ class Scene(PagePart):
                 about unit length.
         """
         self.camera = middle, distance, direction
+        self.view = middle + distance * direction, middle
         first = self.server.initial_camera
         first.fov = FIELD_OF_VIEW
         first.position, first.look_at = middle + distance * direction, middle
@@ -203,6 +210,8 @@ class Scene(PagePart):
         @client.camera.on_update
         async def _(camera: CameraHandle) -> None:
             nonlocal was_narrow
+            self.view = camera.position, camera.look_at
+            self.picture_height = camera.image_height
             before, was_narrow = was_narrow, camera.aspect < NARROW
             if was_narrow != before:
                 self.turn(client)
@@ -211,6 +220,20 @@ class Scene(PagePart):
         """Turn the camera of a browser to the scene, by the shape of its window."""
         position, look_at = place_camera(*self.camera, client.camera.aspect)
         client.camera.position, client.camera.look_at = position, look_at
+
+    def project(self, p_world: Float[np.ndarray, "*_ 3"]) -> Float[np.ndarray, "*_ 2"]:
+        """Return where points are drawn, from the middle to the right and down [px].
+
+        The picture is that of the browser whose camera was turned last.
+        """
+        position, look_at = self.view
+        ahead = (look_at - position) / np.linalg.norm(look_at - position)
+        right = np.cross(ahead, (0.0, 0.0, 1.0))
+        right /= np.linalg.norm(right)
+        axes = np.stack([right, np.cross(ahead, right), ahead])
+        across, down, depth = np.moveaxis((p_world - position) @ axes.T, -1, 0)
+        scale = self.picture_height / 2 / np.tan(FIELD_OF_VIEW / 2) / depth
+        return np.stack([scale * across, scale * down], axis=-1)
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
         """Add pads under and beside the discs, where a touch counts too."""

@@ -10,13 +10,14 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Float16
 
-from eskin.command import ASK, Arm, ArmState, Policy
+from eskin.command import ASK, SUSPEND, Arm, ArmState, CommandMap, Policy
 from eskin.drivers import Event
 from eskin.errors import DeviceError, RecordingError
 from eskin.live import UNKNOWN, Detection
 from eskin.page.appearance import describe_scene
-from eskin.page.html import to_words
+from eskin.page.html import HOW, to_words
 from eskin.page.messages import (
+    ArmCondition,
     ArmSummary,
     ContactMarker,
     CorrectionOrder,
@@ -28,6 +29,7 @@ from eskin.page.messages import (
     PageOrder,
     QuestionBoard,
     SceneDescription,
+    TouchRule,
     ViewUpdate,
 )
 from eskin.page.process import (
@@ -161,11 +163,26 @@ class FrameEncoder:
         return tuple(sorted(found, key=lambda touch: -touch.force))
 
 
-DONE = {"pause": "paused", "hold": "held", "resume": "resumed", "slow": "slowed"}
+DONE = {
+    "pause": "paused",
+    "hold": "stopped",
+    "resume": "resumed",
+    "slow": "slowed",
+    "normal": "at full speed",
+    "next_waypoint": "on to the next waypoint",
+    "previous_waypoint": "back to the waypoint before",
+    "jog": "moved a little",
+    "close_gripper": "gripper closes",
+    "open_gripper": "gripper opens",
+}
 """What the log says of an action that was carried out."""
-NOT_UNDERSTOOD, LIKELIEST = "not understood", "most likely "
-"""Beginning of the reason for a stop by a touch that was not understood, and what comes
-before its likeliest gesture there."""
+
+
+def describe_rules(commands: CommandMap) -> tuple[TouchRule, ...]:
+    """Return what each gesture commands by a command map."""
+    return tuple(
+        TouchRule(rule.gesture, rule.where, rule.actions) for rule in commands.commands
+    )
 
 
 def describe_question(policy: Policy, now: int) -> QuestionBoard:
@@ -197,12 +214,16 @@ def describe_question(policy: Policy, now: int) -> QuestionBoard:
 
 def describe_command(command: CommandEvent) -> str:
     """Return what the log says of a command: what was done, or why it was not."""
-    why = command.why
-    if not command.accepted or command.action == ASK:
-        return to_words(f"{command.action}: {why}")
-    if why.startswith(NOT_UNDERSTOOD) and LIKELIEST in why:
-        why = f"probably a {why.partition(LIKELIEST)[2].partition(' ')[0]}"
-    done = DONE.get(command.action, command.action)
+    action, why = command.action, command.why
+    if action == SUSPEND:
+        return "stands still while it is touched"
+    if action == ASK:
+        return to_words(f"asks: {why}")
+    if not command.accepted:
+        return to_words(why if action == "none" else f"{action} refused: {why}")
+    if command.likeliest:
+        why = f"probably a {command.likeliest}"
+    done = DONE.get(action, action)
     return to_words(f"{done} ({why})" if why else done)
 
 
@@ -222,89 +243,103 @@ def build_still(
     )
 
 
-REMEDIES = (
-    ("lost connection", "check its network and power"),
-    ("protective stop", "clear it at the robot"),
-    ("the robot's program has ended", "start the command again"),
-    ("stale skin", "wait for readings, or check the skin's power and cable"),
-    ("broken skin", "plug the patch in"),
-    ("touch ", "take your hand off"),
-    ("function", "correct the function, and start the command again"),
-    ("closed", "start the command again"),
-    ("the stream has ended", "start the command again"),
-    ("the policy failed", "start the command again"),
-    ("the arm's loop failed", "start the command again"),
-)
-"""What ends a stop, by the beginning of its reason."""
-
-
 NEVER_ASKS = QuestionBoard("")
 """What is asked by an arm that never asks."""
 
 
 def describe_arm(
-    arm: ArmState, commands: Sequence[str] = (), board: QuestionBoard = NEVER_ASKS
+    arm: ArmState,
+    commands: Sequence[TouchRule] = (),
+    board: QuestionBoard = NEVER_ASKS,
+    by_mouse: bool = False,
 ) -> ArmSummary:
-    """Return the summary of an arm's state, with the reason for a stop and its remedy.
+    """Return the summary of an arm's state, with its reason and how to go on.
 
     Args:
         arm: state of the arm.
-        commands: what each gesture commands, such as `grab: resume`.
+        commands: what each gesture commands.
         board: what the arm asks.
+        by_mouse: whether the mouse is the hand.
     """
-    state, why = "running" if arm.moving else "waiting", ""
+    state: ArmCondition = "running" if arm.moving else "standing"
+    why = ""
     if not arm.connected:
-        state, why = "stopped", "lost connection"
+        state = "stopped"
+        why = "the connection is lost; check the robot's network and power"
     elif arm.protective_stop:
-        state, why = "stopped", "protective stop"
+        state = "stopped"
+        why = "protective stop; clear it at the robot"
     elif arm.hold_reason:
-        state, why = "held", arm.hold_reason
+        state = "held"
+        why = arm.hold_reason
     elif arm.paused:
         state = "paused"
     elif board.action:
         why = "until its question is answered"
+    elif arm.speed_limit == 0:
+        why = "while it is touched"
     elif arm.speed_limit < 1:
-        why = "slow for its skin" if arm.speed_limit else "until a touch is clear"
+        why = "slowly because of its skin, as the log says"
+    elif arm.gripping is not None:
+        why = "while its gripper moves"
+    remedy = describe_rest(board)
+    if state in ("paused", "held", "stopped"):
+        remedy = describe_way(commands, arm.paused, board, by_mouse)
     return ArmSummary(
         state,
         why,
         min(arm.speed, arm.speed_limit),
         arm.gripper,
         arm.target,
-        find_remedy(state, why, commands, arm.paused, board),
+        remedy,
         arm.carrying,
     )
 
 
-def find_remedy(
-    state: str,
-    why: str,
-    commands: Sequence[str],
+def describe_rest(board: QuestionBoard) -> str:
+    """Return for how long nothing may touch an arm at work before it is asked again."""
+    if not board.rest:
+        return ""
+    return f"Touch nothing for {board.rest:g} s, then it can be asked again."
+
+
+def describe_way(
+    commands: Sequence[TouchRule],
     paused: bool,
     board: QuestionBoard,
+    by_mouse: bool,
 ) -> str:
-    """Return what ends a stop: the cause that is to be mended, and who resumes.
+    """Return what lets a stopped arm go on; empty where no touch does.
 
     An arm that is not paused must be before a touch can resume it. After a question
-    that was not answered, the skin must stay untouched before the next, whatever the
-    state.
+    that was not answered, the skin must stay untouched before the next.
+
+    Args:
+        commands: what each gesture commands.
+        paused: whether the arm is paused.
+        board: what the arm asks.
+        by_mouse: whether the mouse is the hand.
     """
-    rest = f"touch nothing for {board.rest:g} s" if board.rest else ""
-    if state not in ("paused", "held", "stopped"):
-        return rest and f"{rest} before you ask again"
-    mend = [remedy for reason, remedy in REMEDIES if why.startswith(reason)]
-    rules = [line.partition(": ") for line in commands]
+
+    def describe_touch(gesture: str) -> str:
+        how = f" ({HOW[gesture]})" if by_mouse and gesture in HOW else ""
+        return f"{to_words(gesture)}{how}"
+
     pausing, resuming = (
-        [touch for touch, _, actions in rules if action in actions.split(" or ")]
+        [describe_touch(rule.gesture) for rule in commands if action in rule.actions]
         for action in ("pause", "resume")
     )
-    first = [f"{touch}, {rest or 'wait 1 s'}" for touch in pausing[: not paused]]
-    if paused and rest:
-        first = [rest]
-    answer = to_words(board.answer)
-    end = f", then {answer} there when it asks" if answer else " to resume"
-    last = [f"{touch}{end}" for touch in resuming[:1]]
-    return ", then ".join([*mend[:1], *first, *last])
+    if not resuming or not (paused or pausing):
+        return ""
+    steps = [] if paused else [pausing[0]]
+    if board.rest:
+        steps.append(f"touch nothing for {board.rest:g} s")
+    elif not paused:
+        steps.append("wait 1 s")
+    steps.append(resuming[0])
+    if board.answer:
+        steps.append(f"{describe_touch(board.answer)} there when it asks")
+    return f"To go on: {', then '.join(steps)}."
 
 
 MAX_UPDATE_RATE = 25.0
@@ -332,8 +367,8 @@ class ViewerConfig:
     """Skins offered for selection; the first is the current one."""
     warning: str = ""
     """Warning that the page always shows, such as that packets are unauthenticated."""
-    commands: tuple[str, ...] = ()
-    """What each gesture commands, as the page shows it."""
+    commands: tuple[TouchRule, ...] = ()
+    """What each gesture commands."""
     places: tuple[tuple[str, tuple[float, float, float]], ...] = ()
     """Name of each place of the task, and where parts are put there, in the world frame
     [m]."""
@@ -492,7 +527,9 @@ class Viewer(Listener):
             board = NEVER_ASKS
             if self.question is not None:
                 board = self.question(self.context.clock.now())
-            summary = describe_arm(self.arm.state(), self.config.commands, board)
+            summary = describe_arm(
+                self.arm.state(), self.config.commands, board, self.config.touchable
+            )
             update = replace(update, arm=summary, question=board)
         self.page.give(update)
 

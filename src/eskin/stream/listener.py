@@ -61,6 +61,8 @@ class CommandEvent:
     """First contact of that touch [ns since the epoch]; None without one."""
     patch: str | None = None
     """Patch of its strongest contact; None without one."""
+    likeliest: str = ""
+    """Likeliest gesture of that touch, where none was recognised; empty otherwise."""
 
 
 @dataclass(frozen=True)

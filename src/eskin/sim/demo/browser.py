@@ -20,7 +20,13 @@ from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.process import free_port, make_token
-from eskin.page.viewer import RECORDING, Viewer, ViewerConfig, describe_question
+from eskin.page.viewer import (
+    RECORDING,
+    Viewer,
+    ViewerConfig,
+    describe_question,
+    describe_rules,
+)
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
 from eskin.sim.arm import SimulatedArm
@@ -370,7 +376,7 @@ def complete_page(
     return replace(
         page,
         skins=(config.skin, *others),
-        commands=policy.commands.describe(),
+        commands=describe_rules(policy.commands),
         places=locate_places(arm.executor.task),
     )
 
