@@ -2,7 +2,7 @@
 
 import io
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -33,8 +33,6 @@ FLAGS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 )
-NO_WEBGL = ("--no-sandbox", "--disable-gpu", "--disable-3d-apis")
-"""Flags of a browser without WebGL, as in some virtual machines."""
 PATIENCE = 180.0
 """Longest time to wait for anything on the page [s]."""
 EYE = np.array(SceneDescription.middle) + SceneDescription.distance * np.array(
@@ -44,13 +42,13 @@ EYE = np.array(SceneDescription.middle) + SceneDescription.distance * np.array(
 
 
 @contextmanager
-def chromium(flags: Sequence[str] = FLAGS) -> Iterator[Browser]:
+def chromium() -> Iterator[Browser]:
     """Launch a headless browser at low priority, and close it at the end."""
     with TemporaryDirectory() as folder, sync_playwright() as runner:
         polite = Path(folder) / "chromium"
         polite.write_text(f'#!/bin/sh\nexec nice -n 5 {CHROMIUM} "$@"\n')
         polite.chmod(0o700)
-        browser = runner.chromium.launch(executable_path=polite, args=list(flags))
+        browser = runner.chromium.launch(executable_path=polite, args=list(FLAGS))
         try:
             yield browser
         finally:

@@ -26,7 +26,6 @@ from PIL import Image
 from lab.browser import (
     CHROMIUM,
     EYE,
-    NO_WEBGL,
     PATIENCE,
     Canvas,
     Visit,
@@ -314,9 +313,12 @@ def test_page_that_may_not_touch_has_no_controls(browser, page):
         page.close()
 
 
-def test_browser_without_webgl_has_the_panel_and_says_what_is_missing():
-    with chromium(NO_WEBGL) as browser:
-        page = FedPage(browser)
+def test_browser_without_webgl_has_the_panel_and_says_what_is_missing(browser):
+    blind = browser.browser_type.launch(
+        executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"]
+    )
+    with blind:
+        page = FedPage(blind)
         try:
             tab = page.tab
             told = tab.locator("#no-scene").inner_text()
