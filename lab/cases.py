@@ -220,6 +220,23 @@ LIST = (
         memory="unlimited",
     ),
     Case("t4_page_other_port", VIEW.format(THROUGH), (r"\b200\b",)),
+    Case(
+        "t4_lerobot_gap",
+        "python d1.py; for each in zero_first gap_30d gap_1h; do "
+        "eskin export $each.mcap --lerobot $each; done; "
+        "eskin run --source replay:zero_first.mcap",
+        (
+            r"55 years without.*1 episode, 999 frames",
+            r"30 days without.*2 episodes, 1000 frames",
+            r"60 minutes without.*2 episodes, 1000 frames",
+            r"skipped 55 years without readings.*1000 readings",
+        ),
+    ),
+    Case(
+        "t4_stamps_in_us",
+        "python d1.py; eskin replay in_us.mcap",
+        (r"in_us.mcap: 50,000 scans a second.*in_us.mcap: 50,000 scans a second",),
+    ),
     train("t4_train_refuses_own_model", "weird_names", r"weird_names.mcap, label at 2"),
     train("t4_train_refuses_own_model", "long_name", r"label at 2.93 s.*300 bytes"),
     train("t4_train_refuses_own_model", "newline_name", r"label at 2.93 s.*printed"),

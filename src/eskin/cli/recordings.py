@@ -227,11 +227,12 @@ def check_replay(command: ReplayCommand) -> None:
 
 def print_header(recording: "Recording") -> None:
     """Print what is replayed, and the column titles."""
-    seconds = (recording.end - recording.start) * 1e-9
     print(
         f"{recording.path}: {format_count(recording.count, 'reading')} in "
-        f"{seconds:.1f} s"
+        f"{recording.seconds:.1f} s"
     )
+    if recording.gaps:
+        print(f"besides {recording.describe_gaps()}")
     if recording.truncated:
         print("the file is cut or damaged: replaying up to its last whole part")
     if not recording.skin.calibrated:

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import final
 
 from eskin.drivers.clock import Clock, HostClock
-from eskin.drivers.events import Event
+from eskin.drivers.events import Event, EventLog
 from eskin.drivers.source import Source, SourceInfo
 from eskin.recording import NO_OVERRIDES, Overrides, read_recording
+from eskin.recording.records import find_gap_limit
 from eskin.touch import Scan
-from eskin.units import NS_PER_S
+from eskin.units import NS_PER_S, format_duration
 
 STEPPED = math.inf
 """Pace at which each scan is returned as soon as it is read."""
@@ -32,6 +33,7 @@ class PlayedClock(Clock):
         self.start = start
         self.began: int | None = None
         self.reached = 0
+        self.skipped = 0
 
     def begin(self) -> int:
         """Start the clock unless it runs already; return the time it started at."""
@@ -49,7 +51,12 @@ class PlayedClock(Clock):
             return self.start
         if math.isinf(self.pace):
             return self.reached
-        return self.start + round((self.host.now() - self.began) * self.pace)
+        played = round((self.host.now() - self.began) * self.pace)
+        return self.start + self.skipped + played
+
+    def skip(self, duration: int) -> None:
+        """Go on as if a duration had passed [ns]."""
+        self.skipped += duration
 
     def time_until(self, stamp: int) -> float:
         """Return the time until a stamp is due, by the host's clock [s]."""
@@ -62,7 +69,11 @@ class PlayedClock(Clock):
 
 @final
 class PlayedSource(Source):
-    """Returns scans of a recording or simulation at a pace and ends after the last."""
+    """Returns scans of a recording or simulation at a pace and ends after the last.
+
+    A gap, a time without scans, is skipped, which is an event: the scan after it is due
+    one period after the one before, and keeps its stamp unless stamps are shifted.
+    """
 
     def __init__(
         self,
@@ -93,30 +104,59 @@ class PlayedSource(Source):
                 "inf for as fast as it is read"
             )
         self.info = info
+        self.restamp = restamp
         self.host = clock or HostClock()
         self.scans = iter(scans)
         self.next_scan = next(self.scans, None)
         self.first = 0 if self.next_scan is None else self.next_scan.stamp
         self.played = PlayedClock(self.host, pace, None if restamp else self.first)
         self.clock = self.played
+        self.log = EventLog()
+        self.period = round(NS_PER_S / info.rate) if info.rate else 0
+        self.shift = 0
+        self.skipping = 0
         self.given = 0
 
     def read(self, timeout: float | None = None) -> Scan | None:
         """Return the next scan when it is due; None if not in time, or at the end."""
         if self.next_scan is None:
             return None
-        shift = self.played.begin() - self.first
-        stamp = self.next_scan.stamp + shift
-        wait = self.played.time_until(stamp)
+        if not self.given:
+            self.shift = self.played.begin() - self.first
+        scan = self.next_scan
+        wait = self.played.time_until(scan.stamp + self.shift - self.skipping)
         if timeout is not None and wait > timeout:
             self.host.sleep(timeout)
             return None
         self.host.sleep(wait)
-        scan = replace(self.next_scan, stamp=stamp) if shift else self.next_scan
+        self.skip_gap(scan.stamp + self.shift)
+        stamp = scan.stamp + self.shift
         self.played.reached = stamp
         self.given += 1
         self.next_scan = next(self.scans, None)
-        return scan
+        if self.next_scan is not None:
+            self.skipping = self.find_skipped(self.next_scan.stamp - scan.stamp)
+        return replace(scan, stamp=stamp) if self.shift else scan
+
+    def find_skipped(self, silence: int) -> int:
+        """Return how much of the time between two scans is skipped [ns]."""
+        if silence <= find_gap_limit(self.period):
+            return 0
+        return silence - self.period
+
+    def skip_gap(self, stamp: int) -> None:
+        """Skip the gap before the scan of a stamp, if there is one, and tell it."""
+        if not self.skipping:
+            return
+        if self.restamp:
+            self.shift -= self.skipping
+            stamp -= self.skipping
+        else:
+            self.played.skip(self.skipping)
+        duration = format_duration(self.skipping / NS_PER_S)
+        text = f"skipped {duration} without readings"
+        self.log.add(stamp, "lost", text)
+        self.skipping = 0
 
     @property
     def ended(self) -> bool:
@@ -124,8 +164,8 @@ class PlayedSource(Source):
         return self.next_scan is None
 
     def take_events(self) -> list[Event]:
-        """Return no events."""
-        return []
+        """Return the gaps that were skipped since the last call."""
+        return self.log.take()
 
     def counters(self) -> dict[str, int]:
         """Return the number of `readings` returned."""

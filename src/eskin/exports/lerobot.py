@@ -1,13 +1,17 @@
 """This module writes recordings as a LeRobot data set, version 3 (extra `parquet`).
 
-One recording is one episode. Its frames lie on a grid at the rate of the skin: each
-holds the last reading before it, not valid after a gap. `meta/eskin.json`
-tells where the taxels are and what the numbers of the gestures mean.
+One recording is one episode, or one between each two gaps. Its frames lie on a grid at
+the rate of the skin: each holds the last reading before it, which is not valid where it
+is older than two frames. `meta/eskin.json` tells where the taxels are and what the
+numbers of the gestures mean.
 """
 
 import json
-from collections.abc import Iterator, Sequence
+import logging
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +20,14 @@ from jaxtyping import Float
 
 from eskin.errors import RecordingError
 from eskin.files import write_folder
-from eskin.recording import NONE, Recording, select_labels
+from eskin.recording import NONE, Label, Recording, select_labels
 from eskin.registry import Exporter, find_package
 from eskin.skin import MountedSkin
-from eskin.touch import TouchPipeline
+from eskin.touch import Reading, Scan, TouchPipeline
 from eskin.transforms import matrix_to_quaternion
 from eskin.units import NS_PER_S
+
+logger = logging.getLogger(__name__)
 
 VERSION = "v3.0"
 CHUNK = 1000
@@ -117,8 +123,11 @@ def write_lerobot(
 ) -> dict[str, int]:
     """Write recordings of one skin as a data set that `LeRobotDataset` opens.
 
+    An episode ends at a gap of its recording, which is told. Single readings between
+    gaps are left out.
+
     Args:
-        recordings: the recordings, one episode each.
+        recordings: the recordings.
         folder: folder of the data set, which must not exist.
 
     Returns:
@@ -138,8 +147,9 @@ def write_lerobot(
     tasks: dict[str, int] = {}
     rows, begin = [], 0
     with write_folder(Path(folder), RecordingError) as work:
-        for number, recording in enumerate(recordings):
-            task = tasks.setdefault(name_task(recording), len(tasks))
+        episodes = (each for one in recordings for each in split_episodes(one, plan))
+        for number, (task, batches) in enumerate(episodes):
+            task_index = tasks.setdefault(task, len(tasks))
             chunk, file = divmod(number, CHUNK)
             path = work / DATA.format(chunk_index=chunk, file_index=file)
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -147,11 +157,11 @@ def write_lerobot(
             end = begin
             schema = build_schema(arrow, plan)
             with parquet.ParquetWriter(path, schema, compression="snappy") as writer:
-                for frames in list_frames(recording, plan):
+                for frames in batches:
                     count = len(frames["timestamp"])
                     frames["episode_index"] = np.full((count, 1), number)
                     frames["index"] = end + np.arange(count)[:, None]
-                    frames["task_index"] = np.full((count, 1), task)
+                    frames["task_index"] = np.full((count, 1), task_index)
                     end += count
                     for name, values in frames.items():
                         stats[name].add(values.astype(np.float64))
@@ -162,7 +172,7 @@ def write_lerobot(
             rows.append(
                 {
                     "episode_index": number,
-                    "tasks": [name_task(recording)],
+                    "tasks": [task],
                     "length": end - begin,
                     "data/chunk_index": chunk,
                     "data/file_index": file,
@@ -196,13 +206,12 @@ def plan_dataset(recordings: Sequence[Recording]) -> DatasetPlan:
     """
     rates, names = [], {NONE: None}
     for recording in recordings:
-        stamps = [scan.stamp for scan in recording.scans()]
-        if len(stamps) < 2:
+        if not any(start < end for start, end in recording.runs):
             raise RecordingError(
-                f"{recording.path} has {len(stamps)} readings; allowed are 2 or more; "
-                "leave it out"
+                f"{recording.path} has no two readings without a gap between them; "
+                "allowed are 2 or more; leave it out"
             )
-        rates.append(NS_PER_S / float(np.median(np.diff(stamps))))
+        rates.append(NS_PER_S / recording.period)
         names |= dict.fromkeys(label.gesture for label in recording.labels)
         names |= dict.fromkeys(each.gesture for each in recording.detections)
     first, rate = recordings[0], max(round(float(np.median(rates))), 1)
@@ -227,18 +236,51 @@ def plan_dataset(recordings: Sequence[Recording]) -> DatasetPlan:
     return DatasetPlan(mounted, rate, tuple(names), links)
 
 
-def name_task(recording: Recording) -> str:
+def name_task(labels: Sequence[Label]) -> str:
     """Return the task of an episode: which gestures are made."""
-    made = sorted({label.gesture for label in select_labels(recording.labels)})
+    made = sorted({label.gesture for label in labels})
     return "touch the skin" + (f": {', '.join(made)}" if made else "")
 
 
-def list_frames(
+def split_episodes(
     recording: Recording, plan: DatasetPlan
-) -> Iterator[dict[str, np.ndarray]]:
-    """Yield frames of a recording, some at a time, each feature as (frame, size)."""
+) -> Iterator[tuple[str, Iterator[dict[str, np.ndarray]]]]:
+    """Yield task and frames of each part of a recording between two gaps.
+
+    The frames of one have to be taken before the next is.
+    """
+    if recording.gaps:
+        gaps = recording.describe_gaps()
+        logger.warning("%s: %s; an episode ends at each", recording.path, gaps)
     pipeline = TouchPipeline(plan.mounted, recording.calibration)
     labels = select_labels(recording.labels)
+    ends = [gap.start for gap in recording.gaps]
+    parts = groupby(recording.scans(), lambda scan: bisect_left(ends, scan.stamp))
+    for number, scans in parts:
+        start, end = recording.runs[number]
+        if start < end:
+            own = [label for label in labels if label.is_within(start, end)]
+            states = ((scan, pipeline.push(scan).reading) for scan in scans)
+            yield name_task(own), list_frames(recording, states, own, plan)
+        else:
+            for scan in scans:
+                pipeline.push(scan)
+
+
+def list_frames(
+    recording: Recording,
+    states: Iterable[tuple[Scan, Reading]],
+    labels: Sequence[Label],
+    plan: DatasetPlan,
+) -> Iterator[dict[str, np.ndarray]]:
+    """Yield frames of an episode, some at a time, each feature as (frame, size).
+
+    Args:
+        recording: recording of the episode.
+        states: its scans with their readings.
+        labels: its labels.
+        plan: what all episodes share.
+    """
     period, number = NS_PER_S / plan.fps, 0
     rows: list[dict[str, Any]] = []
     start, latest = 0, {}
@@ -268,10 +310,9 @@ def list_frames(
         return plan.gestures.index(gesture)
 
     latest_stamp = 0
-    for scan in recording.scans():
+    for scan, reading in states:
         start = start if latest else scan.stamp
         yield from hold(scan.stamp)
-        reading = pipeline.push(scan).reading
         poses = plan.mounted.kinematics.poses(scan.q)[list(plan.links)]
         turned = matrix_to_quaternion(poses[:, :3, :3])
         latest_stamp = scan.stamp

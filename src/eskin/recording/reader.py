@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import logging
+from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -40,14 +42,20 @@ from eskin.recording.records import (
     URDF_NAME,
     DetectionRecord,
     EventRecord,
+    Gap,
     Label,
     Metadata,
     TruthRecord,
+    describe_rate,
+    find_gap_limit,
     sort_labels,
 )
 from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import Skin, skin_from_bytes
 from eskin.touch import MAX_CALIBRATION_BYTES, Calibration, Scan
+from eskin.units import NS_PER_S, format_count, format_duration
+
+logger = logging.getLogger(__name__)
 
 MAX_LABELS = 20_000
 MAX_DETECTIONS = MAX_EVENTS = 100_000
@@ -134,11 +142,35 @@ class Recording:
     """Stamp of the last scan [ns since the epoch]; 0 without scans."""
     truncated: bool
     """Whether the end of the file is missing or damaged."""
+    period: int = 0
+    """Median time between scans [ns]; 0 with fewer than two."""
+    gaps: tuple[Gap, ...] = ()
+    """Times without scans that are longer than `find_gap_limit`, in order."""
 
     @property
-    def period(self) -> int:
-        """Return the mean time between scans [ns]; 0 with fewer than two."""
-        return (self.end - self.start) // (self.count - 1) if self.count > 1 else 0
+    def runs(self) -> tuple[tuple[int, int], ...]:
+        """Return the stamps of the first and last scan of each part without a gap."""
+        starts = [self.start, *(gap.end for gap in self.gaps)]
+        ends = [*(gap.start for gap in self.gaps), self.end]
+        return tuple(zip(starts, ends, strict=True)) if self.count else ()
+
+    @property
+    def seconds(self) -> float:
+        """Return how long scans were recorded, without the gaps [s]."""
+        return sum(end - start for start, end in self.runs) / NS_PER_S
+
+    def describe_gaps(self) -> str:
+        """Return number and place of the gaps, for messages; empty without any."""
+        if not self.gaps:
+            return ""
+        longest = max(self.gaps, key=lambda gap: gap.seconds)
+        after = format_duration((longest.start - self.start) / NS_PER_S)
+        which = ", the longest" if len(self.gaps) > 1 else ""
+        return (
+            f"{format_count(len(self.gaps), 'gap')}{which} of "
+            f"{format_duration(longest.seconds)} without readings {after} after the "
+            "first"
+        )
 
     def load_robot(self) -> Robot:
         """Load the robot that the skin is mounted on.
@@ -262,6 +294,18 @@ class Overrides:
 NO_OVERRIDES = Overrides()
 
 
+@lru_cache(maxsize=256)
+def warn_once(text: str) -> None:
+    """Print a warning, though a command reads a recording more than once."""
+    logger.warning(text)
+
+
+def find_gaps(stamps: Int[np.ndarray, "reading"], period: int) -> tuple[Gap, ...]:
+    """Return the gaps between readings with some stamps, of a usual period [ns]."""
+    before = np.flatnonzero(np.diff(stamps) > find_gap_limit(period)).tolist()
+    return tuple(Gap(int(stamps[n]), int(stamps[n + 1])) for n in before)
+
+
 def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Recording:
     """Read everything but the scans, which `Recording.scans` reads.
 
@@ -344,8 +388,7 @@ class RecordingParser:
         self.labels: list[Label] = []
         self.detections: list[DetectionRecord] = []
         self.events: list[EventRecord] = []
-        self.stamps: list[int] = []
-        self.count = 0
+        self.stamps = array("q")
 
     def add(self, item: object) -> None:
         """Add one item of the file."""
@@ -366,10 +409,9 @@ class RecordingParser:
                 raise unusable_message(self.path, item, error) from error
 
     def add_message(self, message: TopicMessage) -> None:
-        """Add one message; scans are only counted."""
+        """Add one message; of scans only the stamps are kept."""
         if message.topic == READING.name:
-            self.count += 1
-            self.stamps = [*self.stamps[:1], message.log_time]
+            self.stamps.append(message.log_time)
         elif message.topic == LABEL.name:
             check_room(self.labels, MAX_LABELS, "labels")
             self.labels.append(unpack_label(message.data))
@@ -389,6 +431,11 @@ class RecordingParser:
             )
         skin = self.find_attachment(SKIN_NAME, truncated)
         calibration = self.find_attachment(CALIBRATION_NAME, truncated)
+        stamps = np.array(self.stamps, np.int64)
+        period = int(np.median(np.diff(stamps))) if len(stamps) > 1 else 0
+        wrong = describe_rate(period) if len(stamps) > 1 else None
+        if wrong is not None:
+            warn_once(f"{self.path}: {wrong}")
         return Recording(
             path=self.path,
             robot_name=self.parse_robot_name(),
@@ -400,10 +447,12 @@ class RecordingParser:
             labels=sort_labels(self.labels),
             detections=tuple(self.detections),
             events=tuple(self.events),
-            count=self.count,
-            start=self.stamps[0] if self.stamps else 0,
-            end=self.stamps[-1] if self.stamps else 0,
+            count=len(stamps),
+            start=int(stamps[0]) if len(stamps) else 0,
+            end=int(stamps[-1]) if len(stamps) else 0,
             truncated=truncated,
+            period=period,
+            gaps=find_gaps(stamps, period),
         )
 
     def parse_robot_name(self) -> str:

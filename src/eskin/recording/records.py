@@ -135,6 +135,53 @@ class TruthRecord:
     """Centre of the force [m]."""
 
 
+MIN_GAP = 1.0
+"""Shortest duration without a reading that is a gap [s]."""
+GAP_PERIODS = 10
+"""Smallest number of periods without a reading that is a gap."""
+MAX_RATE = 10_000.0
+"""Number of scans a second above which stamps are no nanoseconds."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A gap is a time without readings within a recording."""
+
+    start: int
+    """Stamp of the last reading before it [ns since the epoch]."""
+    end: int
+    """Stamp of the first reading after it [ns since the epoch]."""
+
+    @property
+    def seconds(self) -> float:
+        """Return its duration [s]."""
+        return (self.end - self.start) / NS_PER_S
+
+
+def find_gap_limit(period: int) -> int:
+    """Return the time between two readings above which there is a gap [ns].
+
+    Args:
+        period: usual time between two readings [ns].
+    """
+    return max(round(MIN_GAP * NS_PER_S), GAP_PERIODS * period)
+
+
+def describe_rate(period: int) -> str | None:
+    """Return that a rate is impossible, with the remedy; None for one that may be.
+
+    Args:
+        period: usual time between two readings [ns].
+    """
+    rate = NS_PER_S / max(period, 1)
+    if rate <= MAX_RATE:
+        return None
+    return (
+        f"{rate:,.0f} scans a second; allowed are up to {MAX_RATE:,.0f}; stamps are "
+        "nanoseconds since the epoch: write it again with those"
+    )
+
+
 NONE = "none"
 """Name of what is no gesture."""
 UNKNOWN = "unknown"

@@ -5,6 +5,7 @@ used up to its last whole chunk.
 """
 
 import json
+import logging
 import os
 from collections.abc import Iterable
 from functools import lru_cache
@@ -46,6 +47,7 @@ from eskin.recording.records import (
     Label,
     Metadata,
     TruthRecord,
+    describe_rate,
     sort_labels,
 )
 from eskin.robot import load_recorded_robot
@@ -53,6 +55,10 @@ from eskin.skin import Skin, skin_to_bytes
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
+logger = logging.getLogger(__name__)
+
+RATED_SCANS = 100
+"""Number of scans after which their rate is checked, or at the end of fewer."""
 Annotation = Label | DetectionRecord | EventRecord
 
 encode_skin = lru_cache(maxsize=8)(skin_to_bytes)
@@ -94,7 +100,9 @@ class RecordingWriter:
         if joint_names is None:
             joint_names = load_recorded_robot(robot_name, urdf).joint_names
         self.joint_names = tuple(joint_names)
+        self.first_stamp: int | None = None
         self.last_stamp: int | None = None
+        self.count = 0
         self.chunk_start: int | None = None
         self.replaces = self.path.exists()
         try:
@@ -183,6 +191,20 @@ class RecordingWriter:
             self.append_message(JOINT_STATES, stamp, state)
         self.append_message(READING, stamp, reading)
         self.last_stamp = stamp
+        if self.first_stamp is None:
+            self.first_stamp = stamp
+        self.count += 1
+        if self.count == RATED_SCANS:
+            self.check_rate()
+
+    def check_rate(self) -> None:
+        """Warn if the scans so far come faster than any skin sends."""
+        if self.first_stamp is None or self.last_stamp is None or self.count < 2:
+            return
+        period = (self.last_stamp - self.first_stamp) // (self.count - 1)
+        wrong = describe_rate(period)
+        if wrong is not None:
+            logger.warning("%s: %s", self.path, wrong)
 
     def check_next_scan(
         self, counts: tuple[int, ...], joints: tuple[int, ...], first: int
@@ -245,6 +267,8 @@ class RecordingWriter:
         """
         if self.file.closed:
             return
+        if self.count < RATED_SCANS:
+            self.check_rate()
         self.mcap.finish()
         self.file.flush()
         os.fsync(self.file.fileno())

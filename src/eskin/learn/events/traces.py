@@ -148,8 +148,7 @@ def record_step(
     )
 
 
-BREAK_SECONDS = 1.0  # [s] without a reading, after which another clip begins
-STREAM_SECONDS = 10.0  # [s] without a break that make a simulated recording a stream
+STREAM_SECONDS = 10.0  # [s] without a gap that make a simulated recording a stream
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +160,7 @@ class TracedStream:
     subject: str
     """Subject of the recording, or its session where that is not known."""
     seconds: float
-    """Time from its first reading to its last [s]."""
+    """Duration of its readings, without the gaps [s]."""
     truncated: bool
     """Whether the end of the recording is missing."""
     events: tuple[TrueEvent, ...]
@@ -222,7 +221,7 @@ def trace_file(
     return TracedStream(
         path=path,
         subject=recording.metadata.subject or recording.metadata.session,
-        seconds=(recording.end - recording.start) / NS_PER_S,
+        seconds=recording.seconds,
         truncated=recording.truncated,
         events=read_true_events(recording),
         trace=trace,
@@ -236,10 +235,5 @@ def is_stream(recording: Recording) -> bool:
     """
     if not recording.metadata.simulated:
         return True
-    start = last = recording.start
-    for scan in recording.scans():
-        start = scan.stamp if scan.stamp - last > BREAK_SECONDS * NS_PER_S else start
-        last = scan.stamp
-        if last - start >= STREAM_SECONDS * NS_PER_S:
-            return True
-    return False
+    longest = max((end - start for start, end in recording.runs), default=0)
+    return longest >= STREAM_SECONDS * NS_PER_S
