@@ -2,22 +2,24 @@
 
 import threading
 import time
+from dataclasses import replace
 from itertools import count
 
 import pytest
 
 from eskin.cli import doctor
-from eskin.drivers import HostClock, SerialPortInfo, UdpTransport
+from eskin.drivers import HostClock, SerialPortInfo, SourceInfo, UdpTransport
 from eskin.errors import ModelError
 from eskin.sim.virtual import parse_fault
 from eskin.skin import save_skin
 from helpers.cli import assert_refused, call, call_json
-from helpers.devices import playing, scans_of, small_skin, udp_skin
+from helpers.devices import calibration_of, playing, scans_of, small_skin, udp_skin
 from test_drivers_devices import Pad, matrix_skin
 
 pytestmark = pytest.mark.slow
 
 SKIN = small_skin()
+SOURCE = SourceInfo("test:", "table", (), SKIN, calibration_of(SKIN), 50.0)
 
 
 def test_doctor_passes_and_leaves_nothing_to_compile(capsys):
@@ -27,6 +29,14 @@ def test_doctor_passes_and_leaves_nothing_to_compile(capsys):
         assert check["name"] in line and check["found"] in line
     assert "weights ur5: recognises" in out
     assert "compiled code was ready" in call(capsys, "doctor")[1].splitlines()[-1]
+
+
+@pytest.mark.parametrize("rate", [0.5, 2.0, 3.0, 50.0])
+def test_patch_at_its_rate_is_in_order_and_one_that_is_late_or_seldom_is_not(rate):
+    info = replace(SOURCE, rate=rate)
+    assert doctor.check_patch("left", rate, 1.0 / rate, info).ok
+    assert not doctor.check_patch("left", 0.5 * rate, 1.0 / rate, info).ok
+    assert not doctor.check_patch("left", rate, 4.0 / rate + 0.5, info).ok
 
 
 def test_doctor_names_what_is_wrong_and_what_may_be_missing(capsys, monkeypatch):
@@ -72,8 +82,9 @@ def test_doctor_listens_to_every_patch(tmp_path, capsys, monkeypatch):
     assert "scans a second" in right
 
 
+@pytest.mark.parametrize("rate", [2.0, 10.0])
 def test_doctor_listens_to_a_slow_matrix_and_tells_what_an_arm_needs(
-    tmp_path, capsys, monkeypatch
+    rate, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(doctor, "run_checks", lambda: ())
     save_skin(matrix_skin(), tmp_path / "skin")
@@ -82,7 +93,7 @@ def test_doctor_listens_to_a_slow_matrix_and_tells_what_an_arm_needs(
     def send():
         for number in count():
             pad.send(time.time_ns(), number)
-            if stop.wait(0.1):
+            if stop.wait(1.0 / rate):
                 return
 
     sender = threading.Thread(target=send)

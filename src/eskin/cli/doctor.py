@@ -33,10 +33,11 @@ RUNTIME_PACKAGES = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
 TRAINING_PACKAGES = ("torch", "scikit-learn")
 
 
-LISTEN_SECONDS = 3.0
-"""Time for which patches are observed [s]."""
-MAX_AGE_S = 0.5
-"""Age of the last scan from which a patch is silent [s]."""
+LISTEN_SECONDS, LISTEN_PERIODS = 3.0, 10
+"""Time for which patches are observed [s], and at least so many periods of a source."""
+MAX_AGE_S, MAX_AGE_PERIODS = 0.5, 3
+"""Age of the last scan from which a patch is silent [s], and at least so many periods.
+"""
 MIN_RATE_SHARE = 0.8
 """Share of its nominal rate below which a patch is slow."""
 
@@ -46,8 +47,8 @@ class DoctorCommand(SourceCommand):
     """Check the installation, and compile all code that the recogniser needs.
 
     Compiled code is kept on disk, so that later no program waits for the compiler. With
-    --source, the command also observes patches for three seconds and reports their
-    rates.
+    --source, the command also observes patches for three seconds, or ten scans where
+    they are slower, and reports their rates.
     """
 
     source: tuple[str, ...] = ()
@@ -132,7 +133,8 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
         )
     with ExitStack() as stack:
         source, _ = open_guided_source(command, stack)
-        observed = observe_source(source, LISTEN_SECONDS)
+        seconds = max(LISTEN_SECONDS, LISTEN_PERIODS / source.info.rate)
+        observed = observe_source(source, seconds)
     broken = "; ".join(observed.problems)
     yield Check("driver", not broken, broken or "keeps the rules of sources")
     rates, ages = observed.rates.tolist(), observed.ages.tolist()
@@ -145,7 +147,7 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
 def check_patch(patch: str, rate: float, age: float, info: SourceInfo) -> Check:
     """Check the rate [1/s] and the age [s] of the scans of one patch."""
     name = f"patch {patch}"
-    if age > MAX_AGE_S:
+    if age > max(MAX_AGE_S, MAX_AGE_PERIODS / info.rate):
         silence = "no scans received" if math.isinf(age) else f"silent for {age:.1f} s"
         return Check(name, False, f"{silence}; check cable, address and power")
     found = f"{rate:.1f} scans a second, {1e3 * age:.0f} ms old"
