@@ -11,8 +11,9 @@ import pytest
 
 import helpers.guided
 from eskin.recording import Metadata, RecordingWriter, write_all
-from eskin.skin.wiring import find_nearest_taxel
-from helpers.guided import CALIBRATION, SKIN, press, rest
+from eskin.skin import save_skin
+from eskin.skin.wiring import choose_press_targets, find_nearest_taxel
+from helpers.guided import CALIBRATION, SKIN, press, record, rest
 
 pytestmark = pytest.mark.slow
 
@@ -42,6 +43,10 @@ def folder(tmp_path_factory):
         for place in PLACES
     ]
     above = rest(110) + [counts for taxel in taxels for counts in press(taxel)]
+    asked = [target.taxel for target in choose_press_targets(SKIN)]
+    wired = rest(70) + [counts for taxel in asked for counts in press(taxel)]
+    record(folder / "wired.mcap", helpers.guided.make_scans(wired))
+    save_skin(SKIN, folder / "skin")
     for name, falls in (("rise", False), ("fall", True)):
         metadata = Metadata("test", "nobody", "one")
         with RecordingWriter(
@@ -84,6 +89,12 @@ def test_pose_of_a_patch_compiles_nothing_after_its_first_request(folder):
     words = ("--points", folder / "points.csv", "--out", folder / "corrected")
     source = f"replay:{folder / 'rise'}.mcap"
     assert find_late("skin", "pose", source, *words) == []
+
+
+def test_check_of_the_wiring_compiles_nothing_after_its_first_request(folder):
+    words = ("--live", "--source", f"replay:{folder / 'wired.mcap'}")
+    own = (folder / "skin", "--robot-urdf", "table")
+    assert find_late("skin", "check", *own, *words) == []
 
 
 @pytest.mark.parametrize(

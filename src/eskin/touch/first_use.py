@@ -15,8 +15,8 @@ from eskin.touch.reading import Scan
 
 PERIOD = 20_000_000
 """Time between the scans of a poke [ns]."""
-UNTOUCHED, TOUCHED, AFTER = 120, 15, 25
-"""Number of scans before a poke, in which the skin is tared, during it, and after it,
+UNTOUCHED, TOUCHED, AFTER = 40, 15, 25
+"""Number of scans before a poke, from which it is felt, during it, and after it,
 until the touch is over."""
 PRESSED = 4
 """Number of taxels that a poke presses."""
