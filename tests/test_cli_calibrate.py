@@ -456,6 +456,20 @@ def test_every_press_that_was_felt_is_counted_as_used_or_not_with_the_reason():
     assert line == f"5 presses felt: 3 used, 2 not used since {why}"
 
 
+@pytest.mark.parametrize("interval", [7, 10, 20])
+def test_every_taxel_that_no_press_uses_is_told_as_a_fault_or_as_restless(interval):
+    above = rest(REST_SCANS)
+    for number in range(0, REST_SCANS, interval):
+        above[number] = above[number].copy()
+        above[number][[30, 50]] = 60
+    guide, _ = push_all(above, GuideConfig(presses=0))
+    result = guide.finish()
+    assert guide.ignored[[STUCK, 30, 50]].all()
+    assert np.count_nonzero(result.codes >= 0) + result.restless == 3
+    told = "".join(calibrate.describe_result(result, SKIN))
+    assert told.count("not used for presses") == (result.restless > 0)
+
+
 def test_forces_are_asked_for_in_turn_and_known_places_have_no_fault():
     guide, _ = push_all(rest(REST_SCANS), GuideConfig(forces=(1.0, 5.0), presses=3))
     asked = []

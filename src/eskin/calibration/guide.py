@@ -389,6 +389,8 @@ class CalibrationResult:
     """Faults at the end of rest, whole lines and patches as one."""
     codes: Int[np.ndarray, "taxel"]
     """Index in `TAXEL_KINDS` of the fault of each taxel at the end of rest, or -1."""
+    restless: int
+    """Number of other taxels that seemed touched at rest; no press uses them."""
     presses: tuple[FingertipPress, ...]
     refusals: tuple[str, ...]
     """Why presses that were felt are not used, one reason each."""
@@ -436,6 +438,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         self.faults = self.build_fault_detector()
         self.rest: RestEstimate | None = None
         self.ignored = np.zeros(self.skin.count, bool)
+        self.restless = 0
         self.skipped: set[int] = set()
         self.touched_at: int | None = None
         self.highest = self.strongest = 0
@@ -483,7 +486,9 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             patch = self.skin.patches[self.skin.patch_index[np.argmax(hand)]].id
             text = f"a hand seems to rest on patch '{patch}'"
             return self.restart_rest(text, scan.stamp)
-        self.ignored = self.faults.mask | self.find_restless(rest)
+        restless = self.find_restless(rest) & ~self.faults.mask
+        self.restless = int(np.count_nonzero(restless))
+        self.ignored = self.faults.mask | restless
         self.rest, self.record = rest, []
         self.phase = "press" if self.config.presses and self.wanted else "done"
         return GuideEvent("rested")
@@ -669,6 +674,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             self.rest,
             self.faults.taxel_faults,
             self.faults.taxels["code"].copy(),
+            self.restless,
             tuple(self.presses),
             tuple(self.refusals),
             gains,

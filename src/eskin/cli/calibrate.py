@@ -158,6 +158,11 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
             f"left out: {describe_places(result.faults, skin)}, out of order while "
             "hands were off"
         )
+    if result.restless:
+        lines.append(
+            f"not used for presses: {format_count(result.restless, 'taxel')} that "
+            "seemed touched while hands were off"
+        )
     if result.calibration.falling:
         lines.append("counts fall under pressure, which the file says (falling)")
     rows = build_patch_rows(result, skin)

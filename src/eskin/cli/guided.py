@@ -194,7 +194,12 @@ class Dialogue(ABC, Generic[Guide]):
         if event.kind == "awaited":
             return f"{event.text}: keep your hands off until it is measured"
         if event.kind == "rested":
-            return "rest is measured"
+            if self.guide.phase == "done":
+                return "rest is measured"
+            return (
+                "rest is measured; now press with one fingertip, firmly, for about a "
+                "second"
+            )
         if event.kind == "turned":
             return f"{event.text}: they are read so from now on, also those of rest"
         if event.taxel is None:
