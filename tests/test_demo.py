@@ -320,7 +320,7 @@ def test_demo_command_prints_result(monkeypatch, capsys):
 
 @pytest.mark.parametrize(("at_screen", "opened"), [(True, 1), (False, 0)])
 def test_demo_opens_its_link_once_where_a_person_sees_it(
-    monkeypatch, at_screen, opened
+    monkeypatch, capsys, at_screen, opened
 ):
     links = []
     monkeypatch.setattr("webbrowser.open", links.append)
@@ -328,7 +328,8 @@ def test_demo_opens_its_link_once_where_a_person_sees_it(
     monkeypatch.setenv("DISPLAY", ":0")
     open_once.cache_clear()
     for _ in range(2):
-        tell_link("Ctrl-C ends it; see http://127.0.0.1:8080/token/")
+        tell_link("http://127.0.0.1:8080/token/")
+    assert "http://127.0.0.1:8080/token/" in capsys.readouterr().out.splitlines()
     assert links == ["http://127.0.0.1:8080/token/"] * opened
 
 

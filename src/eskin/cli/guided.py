@@ -351,7 +351,7 @@ def open_page(
     """
     if not command.view:
         return None
-    from eskin.page.process import DEFAULT_PORT, free_port
+    from eskin.page.process import DEFAULT_PORT, describe_link, free_port
     from eskin.page.viewer import CalibrationViewer, ViewerConfig
 
     say(mounted.robot.describe_lacking_meshes("drawn"))
@@ -359,7 +359,7 @@ def open_page(
     config = ViewerConfig(port)
     page = CalibrationViewer(mounted, rate, config)
     stack.callback(page.close)
-    say(f"see {config.link}")
+    say(describe_link(config.link))
     return page
 
 

@@ -305,7 +305,7 @@ class ViewCommand:
 def run_view(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
     from eskin.live import Recognizer, load_model
-    from eskin.page.process import format_link, free_port, make_token
+    from eskin.page.process import describe_link, format_link, free_port, make_token
     from eskin.recording import Overrides, read_recording
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
@@ -341,7 +341,8 @@ def run_view(command: ViewCommand) -> dict[str, object]:
         timeline = Timeline(server, mounted, replayed, editor, detections)
         if replayed.group > 1:
             print(f"a long recording: one reading in {replayed.group} is shown")
-        print(f"Ctrl-C ends it; see {format_link(port, token)}", flush=True)
+        print(describe_link(format_link(port, token)))
+        print("Ctrl-C ends it", flush=True)
         play_timeline(timeline, command.seconds)
     finally:
         server.stop()

@@ -400,7 +400,7 @@ def build_listeners(
     if command.view or command.foxglove:
         say(robot.describe_lacking_meshes("drawn"))
     if command.view:
-        from eskin.page.process import DEFAULT_PORT, free_port
+        from eskin.page.process import DEFAULT_PORT, describe_link, free_port
         from eskin.page.viewer import (
             RECORDING,
             Viewer,
@@ -420,7 +420,7 @@ def build_listeners(
         listeners.append(
             Viewer(recognition, page, arm=arm, recording=describe, question=question)
         )
-        print(f"see {page.link}", flush=True)
+        print(describe_link(page.link), flush=True)
     return listeners
 
 

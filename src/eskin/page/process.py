@@ -49,6 +49,11 @@ def format_link(port: int, token: str) -> str:
     return f"http://{HOST}:{port}/{token}/"
 
 
+def describe_link(link: str) -> str:
+    """Return what a person does with a link, which stands alone on the last line."""
+    return f"open this page in a browser on this computer:\n{link}"
+
+
 def free_port(port: int) -> int:
     """Return the port itself, or a free one where it is 0.
 

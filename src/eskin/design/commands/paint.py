@@ -13,7 +13,7 @@ from eskin.design.commands.design import check_packages
 from eskin.design.commands.place import save_matrix
 from eskin.errors import DeviceError, EskinError
 from eskin.page import PaintOrder
-from eskin.page.process import DEFAULT_PORT
+from eskin.page.process import DEFAULT_PORT, describe_link
 from eskin.robot import Robot, load_robot
 from eskin.skin import Skin
 from eskin.units import format_count
@@ -73,7 +73,7 @@ def run(command: PaintCommand) -> dict[str, object]:
     draft = SpecDraft(command.spec, original, command.density, robot, skin)
     page = open_page(command, draft)
     try:
-        print(f"paint at {page.page.wait_ready(WAIT)}", flush=True)
+        print(describe_link(page.page.wait_ready(WAIT)), flush=True)
         with suppress(KeyboardInterrupt):
             page.wait_closed()
         if page.page.failure is not None:

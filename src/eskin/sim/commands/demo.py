@@ -167,13 +167,16 @@ def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, obje
     }
 
 
-def tell_link(line: str) -> None:
-    """Print a line that ends in a link, and open it where a person sees a browser."""
-    print(line, flush=True)
+def tell_link(link: str) -> None:
+    """Print the link of the page, and open it where a person sees a browser."""
+    from eskin.page.process import describe_link
+
+    print(f"a robot is at work in its skin; {describe_link(link)}")
+    print("there the mouse is the hand; Ctrl-C ends it", flush=True)
     displays = ("DISPLAY", "WAYLAND_DISPLAY")
     has_display = sys.platform != "linux" or any(map(os.environ.get, displays))
     if sys.stdout.isatty() and has_display:
-        open_once(line.rpartition(" ")[2])
+        open_once(link)
 
 
 @cache

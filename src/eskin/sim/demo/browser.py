@@ -220,12 +220,12 @@ def serve(
     config: DemoConfig,
     port: int,
     seconds: float | None = None,
-    tell: Callable[[str], None] = lambda line: None,
+    tell: Callable[[str], None] = lambda link: None,
 ) -> PageResult:
     """Serve the page until time is up or a signal comes.
 
     The skin can be changed in the page. Port 0 is any free one; without `seconds` there
-    is no end; `tell` prints a line for the user.
+    is no end; `tell` is called with the link of the page.
 
     Raises:
         DeviceError: the port is not available.
@@ -237,7 +237,7 @@ def serve(
         choice = SkinChoice()
         page = ViewerConfig(port, touchable=True, token=token)
         with run_demo(config, page, choice) as demo:
-            tell(f"Ctrl-C ends it; see {demo.link}")
+            tell(demo.link)
             demo.stream.wait(seconds)
         if choice.skin is None:
             step = demo.recognition.step
