@@ -214,6 +214,11 @@ LIST = (
     Case("urdf_misc", URDF.format("declaration_not_first"), ()),
     Case("urdf_misc", URDF.format("quaternion_origin"), ()),
     Case(
+        "t4_icub_bad_units",
+        "python icub.py",
+        (r"== millimetres 2.*19\.5 m wide.*millimetres", r"12 of 12 taxels lie"),
+    ),
+    Case(
         "t4_page_no_webgl",
         VIEW.format("python b2.py"),
         (r"no WebGL long.*\nTrue .*this browser has no WebGL",),

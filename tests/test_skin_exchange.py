@@ -370,6 +370,33 @@ TEXTS = {"hand.urdf": URDF, "leg.txt": ICUB, "skin.csv": GENTACT}
 
 
 @pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        ([(6.5 * (n % 4), 6.5 * (n // 4), 20.0) for n in range(12)], ["19.5 m wide"]),
+        ([(2.0, 0.0, 20.0 + n) for n in range(3)], ["m from the frame of link"]),
+        ([(0.01, 0.02, 0.03)] * 12, ["12 of 12 taxels lie where another is"]),
+        ([(0.01, 0.02, 0.03)] * 9 + [(0.0, 0.0, 0.01 * n) for n in range(4)], ["9 of"]),
+    ],
+)
+def test_places_that_are_none_are_refused_in_every_format(
+    places, words, tmp_path, capsys
+):
+    icub = tmp_path / "part.txt"
+    rows = "".join(f"{x} {y} {z} 0 0 1\n" for x, y, z in places)
+    icub.write_text(f"name\tarm\n[calibration]\n{rows}")
+    refuse(capsys, icub, tmp_path / "skin", words)
+    urdf = tmp_path / "hand.urdf"
+    rows = "".join(
+        f'<taxel idx="{n}" xyz="{x} {y} {z}"/>' for n, (x, y, z) in enumerate(places)
+    )
+    urdf.write_text(
+        '<robot name="a"><link name="arm"/><sensor name="pad"><parent link="arm"/>'
+        f"<tactile>{rows}</tactile></sensor></robot>"
+    )
+    refuse(capsys, urdf, tmp_path / "skin", words)
+
+
+@pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [(name, *row) for name, rows in WRONG.items() for row in rows],
 )

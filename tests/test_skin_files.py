@@ -1,5 +1,6 @@
 """Tests of skin files: they keep every bit, and problems are named in one line."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,6 +33,7 @@ id,patch,row,column,x,y,z,nx,ny,nz,area_mm2
 4,right,0,1,0.058,0,0,0,0,1,64
 """
 FILES = {"skin.yaml", "taxels.csv"}
+FLAT = load_skin("flat")
 
 
 def write_files(folder, manifest=MANIFEST, table=TABLE):
@@ -62,7 +64,7 @@ def random_skin(rng, count=50):
         patch_index=rng.integers(0, 2, count),
         rows=np.zeros(count, dtype=np.int64),
         columns=np.arange(count),
-        positions=rng.standard_normal((count, 3)) * 10.0 ** rng.integers(-9, 3),
+        positions=rng.standard_normal((count, 3)) * 10.0 ** rng.integers(-9, 0),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         areas=rng.uniform(1e-7, 1e-3, count),
         tangents=tangents / np.linalg.norm(tangents, axis=1, keepdims=True),
@@ -92,6 +94,30 @@ def test_bytes_and_folder_keep_a_random_skin_exactly(tmp_path, seed):
 def test_bytes_keep_a_preset_exactly(name):
     skin = load_skin(name)
     assert to_plain(skin_from_bytes(skin_to_bytes(skin))) == to_plain(skin)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"positions": 1e3 * FLAT.positions}, "m wide, allowed up to 5 m: are its"),
+        ({"positions": FLAT.positions + 20.0}, "from the frame of link"),
+        ({"positions": 0 * FLAT.positions}, "in one place"),
+        ({"positions": np.nan * FLAT.positions}, "nan"),
+        ({"areas": 0 * FLAT.areas}, "area_mm2"),
+        ({"normals": -2 * FLAT.normals}, "normal has length 2"),
+        ({"rows": FLAT.rows + 999}, "row"),
+        ({"name": " flat"}, "name"),
+        ({"patches": (replace(FLAT.patches[0], id="a\nb"),)}, "patches[0].id"),
+        ({"patches": FLAT.patches * 2}, "2 times"),
+    ],
+)
+def test_skin_that_cannot_be_read_is_not_written(tmp_path, changes, text):
+    save_skin(load_skin("sleeve"), tmp_path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    with pytest.raises(SkinError) as error:
+        save_skin(replace(FLAT, **changes), tmp_path)
+    assert text in str(error.value) and "\n" not in str(error.value)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 def test_saving_replaces_a_skin(tmp_path):

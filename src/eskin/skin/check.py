@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 
 from eskin.errors import SkinError
 from eskin.robot import Robot, compute_surface_distance
+from eskin.robot.urdf import LARGE
 from eskin.skin.skin import Skin
 
 MAX_NAMED = 8
@@ -83,7 +84,7 @@ def check_skin(
         *find_patch_problems(skin),
         *find_cell_problems(skin),
         *find_position_problems(skin),
-        *find_direction_problems(skin),
+        *find_fatal_problems(skin),
         *find_coincident_problems(skin, config),
         *find_area_problems(skin, cell_areas, config),
         *find_flipped_problems(skin, neighbour_normals),
@@ -94,6 +95,7 @@ def check_skin(
     return problems
 
 
+UNIT_ADVICE = "are its lengths millimetres? divide them by 1000"
 FARTHEST = 1e6
 """Largest coordinate of a taxel in its link's frame [m]."""
 EXACT = 4.0
@@ -346,6 +348,29 @@ def find_neighbours(
 
 DIRECTION_TOLERANCE = 1e-3
 """Largest error of the lengths of normal and tangent, and of their inner product."""
+
+
+def find_fatal_problems(skin: Skin) -> list[SkinProblem]:
+    """Find what a skin may not have in any file: wrong lengths and directions."""
+    return [*find_size_problems(skin), *find_direction_problems(skin)]
+
+
+def find_size_problems(skin: Skin) -> Iterator[SkinProblem]:
+    """Find patches whose lengths seem to be in another unit than metres."""
+    near = are_near(skin)
+    for number, patch in enumerate(skin.patches):
+        places = skin.positions[near & (skin.patch_index == number)]
+        if len(places) == 0:
+            continue
+        width = float(np.ptp(places, axis=0).max())
+        away = float(np.linalg.norm(places, axis=1).max())
+        if width > LARGE:
+            text = f"is {width:.3g} m wide"
+        elif away > LARGE:
+            text = f"lies {away:.3g} m from the frame of link '{patch.link}'"
+        else:
+            continue
+        yield SkinProblem(f"{text}, allowed up to {LARGE:g} m: {UNIT_ADVICE}", patch.id)
 
 
 @np.errstate(over="ignore", invalid="ignore")

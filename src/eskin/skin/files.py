@@ -25,7 +25,7 @@ from eskin.files import (
 )
 from eskin.robot import Robot
 from eskin.robot.urdf import MAX_URDF_BYTES
-from eskin.skin.check import SkinProblem, check_crowding, find_direction_problems
+from eskin.skin.check import SkinProblem, check_crowding, find_fatal_problems
 from eskin.skin.presets import SKIN_PRESETS
 from eskin.skin.skin import MountedSkin, Patch, Skin
 from eskin.skin.taxel_table import (
@@ -117,9 +117,11 @@ def save_skin(skin: Skin, folder: str | Path, robot: Robot | None = None) -> Non
             folder names no robot without one, or where it was not read from a URDF.
 
     Raises:
+        SkinError: The skin is none that `load_skin` reads; nothing is written.
         SkinMismatchError: The robot lacks a link that the skin lies on.
     """
     folder = Path(folder)
+    skin_from_bytes(skin_to_bytes(skin), f"skin {skin.name!r}")
     urdf = None
     if robot is not None:
         MountedSkin(skin, robot)
@@ -190,7 +192,7 @@ def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
 
 def require_valid(parsed: ParsedSkin, remedy: str) -> Skin:
     """Return the skin of a parsed skin; raise where it has problems."""
-    problems = list(parsed.problems) or find_direction_problems(parsed.skin)
+    problems = list(parsed.problems) or find_fatal_problems(parsed.skin)
     if problems:
         more = f" (and {len(problems) - 1} more; {remedy})" if problems[1:] else ""
         raise SkinError(f"{problems[0]}{more}")
@@ -296,21 +298,31 @@ def parse_manifest(text: str, file: str) -> SkinManifest:
             f"{file}: got {shorten(data)}, allowed a mapping with the keys "
             f"{', '.join(SkinManifest.model_fields)}"
         )
+    return build_manifest(data, file)
+
+
+def build_manifest(data: dict[str, object], source: str) -> SkinManifest:
+    """Build a manifest of its entries.
+
+    Raises:
+        SkinError: The message names the source and every wrong entry, in one line.
+    """
     try:
         return SkinManifest.model_validate(data)
     except ValidationError as error:
         lines = "; ".join(describe_entry_error(detail) for detail in error.errors())
-        raise SkinError(f"{file}: {lines}") from None
+        raise SkinError(f"{source}: {lines}") from None
 
 
 def format_manifest(skin: Skin, urdf: bytes | None = None) -> str:
     """Return the text of a skin's `skin.yaml`, with the digest of its robot's URDF."""
-    manifest = SkinManifest(
-        name=skin.name,
-        calibrated=bool(skin.calibrated),
-        robot_sha256=None if urdf is None else sha256(urdf).hexdigest(),
-        patches=[PatchEntry(**vars(patch)) for patch in skin.patches],
-    )
+    entries: dict[str, object] = {
+        "name": skin.name,
+        "calibrated": bool(skin.calibrated),
+        "robot_sha256": None if urdf is None else sha256(urdf).hexdigest(),
+        "patches": [vars(patch) for patch in skin.patches],
+    }
+    manifest = build_manifest(entries, f"skin {skin.name!r}")
     data = manifest.model_dump(exclude_none=True)
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 

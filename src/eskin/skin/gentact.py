@@ -197,7 +197,11 @@ def build_gentact_patch(
         extent=(1, count),
         positions=positions,
         normals=normals,
-        areas=(estimate_areas(positions) if np.isnan(radii[0]) else np.pi * radii**2),
+        areas=(
+            estimate_areas(positions, f"patch '{patch}'")
+            if np.isnan(radii[0])
+            else np.pi * radii**2
+        ),
         tangents=compute_default_tangents(normals),
         index=np.array([each.index for each in electrodes]),
     )

@@ -121,7 +121,7 @@ def read_icub_part(file: Path, link: str | None) -> PatchTaxels:
         extent=(-(-len(table) // columns), columns),
         positions=table[used, :3],
         normals=normals,
-        areas=estimate_areas(table[used, :3]),
+        areas=estimate_areas(table[used, :3], str(file)),
         tangents=compute_default_tangents(normals),
         index=used,
     )

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from eskin.errors import SkinError
 from eskin.files import read_file
-from eskin.skin.check import check_crowding, find_direction_problems
+from eskin.skin.check import check_crowding, find_fatal_problems
 from eskin.skin.skin import Patch, Skin
 from eskin.skin.taxel_table import MAX_TAXELS
 
@@ -94,7 +94,7 @@ def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
         patch_index=np.repeat(np.arange(len(parts)), counts)[order],
         **arrays,
     )
-    if problems := find_direction_problems(skin):
+    if problems := find_fatal_problems(skin):
         raise SkinError(f"{file}: {problems[0]}")
     check_crowding(skin, str(file))
     return skin
@@ -121,14 +121,27 @@ def read_source(file: Path, max_bytes: int) -> bytes:
         raise SkinError(f"cannot read {file}: {error.strerror}") from None
 
 
-def estimate_areas(positions: Vectors) -> Float[np.ndarray, "taxel"]:
-    """Estimate the areas of taxels from the distance of nearest neighbours [m2]."""
+def estimate_areas(positions: Vectors, place: str) -> Float[np.ndarray, "taxel"]:
+    """Estimate the areas of taxels from the distance of nearest neighbours [m2].
+
+    Args:
+        positions: positions of the taxels of a patch [m].
+        place: file or patch, for messages.
+
+    Raises:
+        SkinError: There is one taxel, or most lie in one place.
+    """
     if len(positions) < 2:
         raise SkinError(
-            "a patch of one taxel has no spacing to tell its area by; allowed are two "
-            "taxels or more; leave it out"
+            f"{place}: a patch of one taxel has no spacing to tell its area by; "
+            "allowed are two taxels or more; leave it out"
         )
     nearest = KDTree(positions).query(positions, k=2)[0][:, 1]
+    if not np.median(nearest) > 0:
+        raise SkinError(
+            f"{place}: {np.count_nonzero(nearest == 0)} of {len(positions)} taxels lie "
+            "where another is; allowed is a place for each; leave placeholders out"
+        )
     return np.full(len(positions), float(np.median(nearest)) ** 2)
 
 

@@ -164,7 +164,7 @@ def read_taxels(
         areas.append(read_taxel_area(taxel, place))
     T = np.array(poses)
     if None in areas:
-        areas = estimate_areas(T[:, :3, 3]).tolist()
+        areas = estimate_areas(T[:, :3, 3], place).tolist()
     return PatchTaxels(
         id=name,
         link=link,
