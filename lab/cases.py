@@ -75,6 +75,13 @@ def load(folder: str, file: str, *wanted: str) -> Case:
     return Case(folder, f"python ../ext.py {file}", wanted, ("CRASH", "Traceback"))
 
 
+def change(old: str, new: str, *wanted: str) -> Case:
+    """Build a case that loads a URDF in which one place is changed."""
+    command = f"sed 's|{old}|{new}|' mimic_of_mimic.urdf > changed.urdf"
+    command += f"; {URDF.format('changed')} 2>&1 | tail -2"
+    return Case("urdf_misc", command, wanted)
+
+
 def feed(case: str, *wanted: str, skin: str = "pad", code: int = 0) -> Case:
     """Build a case that sends one disorder over a pseudo-terminal."""
     command = f"python mkskin.py; python feed.py {case} 5 {skin}"
@@ -213,6 +220,11 @@ LIST = (
     Case("urdf_misc", URDF.format("floating"), ("is taken as fixed",)),
     Case("urdf_misc", URDF.format("declaration_not_first"), ()),
     Case("urdf_misc", URDF.format("quaternion_origin"), ()),
+    change("<axis", '<origin rpy="0 0 90"/><axis', r"degrees.*radians"),
+    change("<geometry>", "<origin/><origin/><geometry>", r"two <origin>.*one"),
+    change('<link name="d">', '<link name="d"><link name="e"/>', r"in robot; move"),
+    change('lower="-1"', 'lower="-0_1"', r"'-0_1'; wanted: 1 finite number"),
+    change('lower="-1"', 'lower="-90"', r"degrees.*radians"),
     Case(
         "t4_icub_bad_units",
         "python icub.py",

@@ -170,6 +170,85 @@ def test_invalid_element_is_refused_with_its_place(write, old, new, texts):
     check_refusal(write(TOY.replace(old, new, 1)), *texts)
 
 
+@pytest.mark.parametrize("text", ["0_1", "0x1", "inf", "nan", "1,5", "\u0661", "1e999"])
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('xyz="0 0 1"/><axis', 'xyz="0 0 {}"/><axis'),
+        ('rpy="0 0 1.57', 'rpy="0 {} 1.57'),
+        ('lower="-1"', 'lower="{}"'),
+        ('velocity="3"', 'velocity="{}"'),
+        ('multiplier="2"', 'multiplier="{}"'),
+        ('size="1 2 3"', 'size="1 {} 3"'),
+        ('radius="0.5"', 'radius="{}"'),
+    ],
+)
+def test_text_that_is_no_decimal_number_is_refused(write, old, new, text):
+    assert old in TOY
+    check_refusal(write(TOY.replace(old, new.format(text), 1)), "finite number")
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<parent link="base"/>',
+        '<child link="arm"/>',
+        '<origin xyz="0 0 1"/>',
+        '<axis xyz="0 2 0"/>',
+        '<limit lower="-1" upper="2" effort="10" velocity="3"/>',
+        '<mimic joint="roll" multiplier="2"/>',
+        '<origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>',
+        '<geometry><box size="1 2 3"/></geometry>',
+        '<box size="1 2 3"/>',
+    ],
+)
+def test_element_that_stands_twice_is_refused(write, element):
+    """Either could be meant, and other programs take the first or the last."""
+    assert element in TOY
+    twice = element + element.replace("1 2 3", "1 2 4").replace('"-1"', '"-2"')
+    check_refusal(write(TOY.replace(element, twice, 1)), "allowed: one")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<link name="tip"/>', '<link name="more"><link name="tip"/></link>'),
+        ('<link name="tip"/>', '<link name="tip"><joint name="a"/></link>'),
+        ("<parent", '<link name="more"/><parent'),
+        ("<parent", '<joint name="more" type="fixed"/><parent'),
+        ("<visual>", "<visual><collision/>"),
+        ("<geometry>", "<geometry><collision/>"),
+        ("<inertial>", "<inertial><collision/>"),
+    ],
+)
+def test_element_that_would_be_lost_where_it_stands_is_refused(write, old, new):
+    assert old in TOY
+    check_refusal(write(TOY.replace(old, new, 1)), "line ", "allowed: in ", "move it")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "texts"),
+    [
+        ('rpy="0 0 1.57', 'rpy="0 0 90"  x:n="', ["'base'", "rpy is '0 0 90' rad"]),
+        ('rpy="0 0 1.57', 'rpy="-180 0 0"  x:n="', ["degrees, divide by 57.29578"]),
+        ('lower="-1" upper="2"', 'lower="-90" upper="90"', ["'lift'", "-90 to 90 rad"]),
+        ('upper="0.2"', 'upper="200"', ["'slide'", "0 to 200 m", "divide by 1000"]),
+        ('<link name="tip"/>', '<link name="tip"><origin/></link>', ["'tip'", "<ori"]),
+        ("<visual>", '<geometry><box size="1 1 1"/></geometry><visual>', ["<geom"]),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"><axis/></axis>', ["nothing"]),
+    ],
+)
+def test_unit_and_place_that_are_doubted_are_told(write, caplog, old, new, texts):
+    assert old in TOY
+    warn_once.cache_clear()
+    load_urdf(write(TOY))
+    assert caplog.messages == []
+    load_urdf(write(TOY.replace(old, new, 1)))
+    [line] = caplog.messages
+    for text in texts:
+        assert text in line
+
+
 def nest(depth):
     return '<robot name="r">' + "<a>" * depth + "</a>" * depth + "</robot>"
 

@@ -291,6 +291,19 @@ def describe_first_error(error: ValidationError) -> str:
     return f"{where}: {first['msg']}, got {shorten(first['input'])}"
 
 
+def parse_number(text: str) -> float:
+    """Return the finite number of a text, written with a decimal point.
+
+    Raises:
+        ValueError: It is none. Underscores between digits and words such as `nan`,
+            which Python reads, are not allowed.
+    """
+    number = float(text)
+    if "_" in text or not text.isascii() or not math.isfinite(number):
+        raise ValueError(f"'{text:.40}' is no finite number")
+    return number
+
+
 def shorten(value: object) -> str:
     """Return the representation of a value, cut to a length for messages."""
     text = repr(value)

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from eskin.errors import RobotError
-from eskin.files import read_file
+from eskin.files import parse_number, read_file
 from eskin.registry import advise_install
 from eskin.robot.shapes import TriangleMesh
 
@@ -237,8 +237,8 @@ def read_collada_unit(data: bytes, path: Path, place: str) -> float:
         if element.tag.rpartition("}")[2] == "unit":
             text = element.get("meter", "1")
             with suppress(ValueError):
-                if 0 < float(text) < np.inf:
-                    return float(text)
+                if (metres := parse_number(text)) > 0:
+                    return metres
             raise RobotError(
                 f"{place}: mesh {path} has <unit meter='{text:.40}'>; wanted: its "
                 "length in metres, above 0"

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import RobotError
-from eskin.files import read_file
+from eskin.files import parse_number, read_file
 from eskin.robot.meshes import MeshReader
 from eskin.robot.robot import Joint, JointKind, Link, Mimic, Robot
 from eskin.robot.shapes import (
@@ -52,6 +52,28 @@ POSE = {"xyz", "rpy", "quat_xyzw"}
 LARGE, MAX_SIZE = 5.0, 1e6
 """Length from which a unit is doubted, and the largest [m]."""
 METRES = "divide by 1000: lengths of a URDF are in metres"
+TURN, TURNS = 2 * np.pi + 0.01, 4 * np.pi
+"""Angle of an <origin>, and limit of a joint, from which its unit is doubted [rad]."""
+ENDLESS = 1e4
+"""Limit from which a joint is taken as one without limits [rad] or [m]."""
+RADIANS = "divide by 57.29578: angles of a URDF are in radians"
+PARENTS = {
+    "link": ("robot",),
+    "joint": ("robot",),
+    "visual": ("link",),
+    "collision": ("link",),
+    "inertial": ("link",),
+    "geometry": ("visual", "collision"),
+    "origin": ("visual", "collision", "inertial", "joint"),
+    "parent": ("joint",),
+    "child": ("joint",),
+    "axis": ("joint",),
+    "limit": ("joint",),
+    "mimic": ("joint",),
+}
+"""Elements in which others may stand. What other programs add is not looked into."""
+SEVERAL = {"link", "joint", "visual", "collision", "inertial"}
+"""Elements of which there may be several in one."""
 RUN_XACRO = "run xacro first, as in 'xacro FILE > out.urdf'"
 logger = logging.getLogger(__name__)
 
@@ -96,6 +118,7 @@ def parse_urdf(
     root = parse_xml(data, path)
     try:
         check_counts(root)
+        check_places(root, path)
         links = tuple(read_link(each, reader, path) for each in root.findall("link"))
         moved = {child.get("link") for child in root.findall("joint/child")}
         joints = [read_joint(each, mimics, moved) for each in root.findall("joint")]
@@ -233,6 +256,39 @@ def check_counts(root: Element) -> None:
             raise RobotError(f"it has {len(found)} <{tag}>; allowed: {most}")
 
 
+def check_places(root: Element, path: Path) -> None:
+    """Raise where an element stands twice, or where it would be lost with its content.
+
+    One that counts for nothing where it stands is told.
+    """
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        name = f" '{element.get('name')}'" if element.get("name") else ""
+        place = f"<{element.tag}>{name}"
+        found = set()
+        for child in element:
+            if child.tag not in PARENTS:
+                continue
+            allowed = f"allowed: in {', '.join(PARENTS[child.tag])}"
+            if element.tag in PARENTS[child.tag]:
+                waiting.append(child)
+            elif child.tag in SEVERAL:
+                raise ElementError(
+                    f"{place} holds a <{child.tag}>; {allowed}; move it there", child
+                )
+            else:
+                warn_once(
+                    f"{path}: {place} holds <{child.tag}>, which counts for nothing "
+                    f"there; {allowed}"
+                )
+            if child.tag in found - SEVERAL:
+                raise ElementError(
+                    f"{place} has two <{child.tag}>; allowed: one; take one out", child
+                )
+            found.add(child.tag)
+
+
 def read_link(element: Element, reader: MeshReader | None, path: Path) -> Link:
     """Read a link with its collision geoms, whose shapes are read when needed."""
     name = read_text(element, "name", "robot")
@@ -267,6 +323,11 @@ def read_sized_shape(geometry: Element, reader: MeshReader | None, place: str) -
 def read_shape(geometry: Element, reader: MeshReader | None, place: str) -> Shape:
     """Read the one shape inside a <geometry>."""
     shape = next(iter(geometry), None)
+    if len(geometry) > 1:
+        raise RobotError(
+            f"{place}: <geometry> holds {len(geometry)} shapes; allowed: one; give "
+            "each a <collision> of its own"
+        )
     match shape.tag if shape is not None else "nothing", shape:
         case "cylinder", Element():
             radius = read_number(shape, "radius", place, above=0.0)
@@ -374,6 +435,12 @@ def read_limits(
         raise RobotError(
             f"{place}: <limit> lower {lower:g} is above upper {upper:g}; swap them"
         )
+    farthest = max(abs(lower), abs(upper))
+    limits = f"{place} moves from {lower:g} to {upper:g}"
+    if kind == "revolute" and TURNS < farthest < ENDLESS:
+        warn_once(f"{limits} rad; if that should be degrees, {RADIANS}")
+    if kind == "prismatic" and LARGE < farthest < ENDLESS:
+        warn_once(f"{limits} m; if that should be millimetres, {METRES}")
     return lower, upper, velocity
 
 
@@ -429,10 +496,10 @@ def read_numbers(
         return tuple(default)
     given = read_text(element, attribute, place)
     try:
-        values = tuple(float(word) for word in given.replace(", ", " ").split())
+        values = tuple(map(parse_number, given.replace(", ", " ").split()))
     except ValueError:
         values = ()
-    if len(values) != count or not np.all(np.isfinite(values)):
+    if len(values) != count:
         raise RobotError(
             f"{place}: <{element.tag}> {attribute} is '{given}'; "
             f"wanted: {count} finite number{'s' if count > 1 else ''}"
@@ -458,6 +525,17 @@ def read_number(
     return value
 
 
+def read_rotation(element: Element, place: str) -> Float[np.ndarray, "3 3"]:
+    """Read the rotation of an element's roll, pitch and yaw [rad]."""
+    rpy = read_numbers(element, "rpy", place, 3, (0.0, 0.0, 0.0))
+    if max(map(abs, rpy)) > TURN:
+        warn_once(
+            f"{place}: <{element.tag}> rpy is '{element.get('rpy')}' rad; if that "
+            f"should be degrees, {RADIANS}"
+        )
+    return rpy_to_matrix(np.array(rpy))
+
+
 def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
     """Read the pose of an element's <origin> [m]; without one it is the identity."""
     found = element.find("origin")
@@ -476,8 +554,7 @@ def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
             f"should be millimetres, {METRES}"
         )
     if "quat_xyzw" not in given:
-        rpy = np.array(read_numbers(found, "rpy", place, 3, (0.0, 0.0, 0.0)))
-        return make_transform(rpy_to_matrix(rpy), xyz)
+        return make_transform(read_rotation(found, place), xyz)
     quaternion = np.array(read_numbers(found, "quat_xyzw", place, 4))
     if not quaternion.any():
         raise RobotError(f"{place}: <origin> quat_xyzw has no length; give a rotation")

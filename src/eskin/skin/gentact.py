@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.errors import SkinError
-from eskin.files import atomic_path
+from eskin.files import atomic_path, parse_number
 from eskin.robot import Robot, compute_surface_distance
 from eskin.skin.patch_taxels import (
     PatchTaxels,
@@ -141,10 +141,12 @@ def read_electrodes(
         try:
             if len(line) != len(names):
                 raise ValueError
-            place = tuple(float(cell) for cell in line[1:4])
-            radius = float(cells.get("Radius", "nan"))
-            index = int(first)
-            if not np.isfinite(place).all() or ("Radius" in cells and not radius > 0):
+            place = tuple(map(parse_number, line[1:4]))
+            radius = np.nan
+            if "Radius" in cells:
+                radius = parse_number(cells["Radius"])
+            index = parse_number(first)
+            if radius <= 0 or not index.is_integer():
                 raise ValueError
         except ValueError:
             raise SkinError(
@@ -154,7 +156,7 @@ def read_electrodes(
         # The index of a vertex counts inside its object.
         own = cells[names[-1]].strip() if head == VERTICES else skin
         parent = cells.get("Parent", "")
-        electrodes.append(Electrode(index, own, parent, place, radius))
+        electrodes.append(Electrode(int(index), own, parent, place, radius))
     if others:
         words = ", ".join(f"{count} {word}" for word, count in others.items())
         logger.warning("%s: left out is what is no taxel: %.200s", path, words)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import SkinError
-from eskin.files import atomic_path
+from eskin.files import atomic_path, parse_number
 from eskin.skin.patch_taxels import (
     MAX_SIDE,
     PatchTaxels,
@@ -135,9 +135,12 @@ def read_channel_kinds(
         return np.zeros(count, np.int64)
     words = text.strip().removeprefix("(").removesuffix(")").split()
     try:
-        kinds = np.array([int(word) for word in words], np.int64)
+        numbers = np.array([parse_number(word) for word in words])
+        kinds = numbers.astype(np.int64)
         if len(kinds) != count:
             raise ValueError(f"{len(kinds)} numbers for {count} positions")
+        if (kinds != numbers).any():
+            raise ValueError("numbers with a fraction")
     except (OverflowError, ValueError) as error:
         raise SkinError(
             f"{file}: taxel2Repr has {error}; allowed is one whole number for each "
@@ -156,9 +159,9 @@ def read_icub_table(
         if not words:
             continue
         try:
-            row = [float(word) for word in words]
+            row = [parse_number(word) for word in words]
             # Older files have a seventh number: the confidence of the position.
-            if len(row) not in (6, 7) or not np.isfinite(row).all():
+            if len(row) not in (6, 7):
                 raise ValueError
         except ValueError:
             raise SkinError(

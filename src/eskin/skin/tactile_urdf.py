@@ -22,6 +22,7 @@ from eskin.robot.urdf import (
     parse_xml,
     read_numbers,
     read_origin,
+    read_rotation,
     read_text,
 )
 from eskin.skin.patch_taxels import (
@@ -35,7 +36,7 @@ from eskin.skin.patch_taxels import (
 )
 from eskin.skin.skin import Patch, Skin
 from eskin.skin.taxel_table import MAX_TAXELS
-from eskin.transforms import apply, make_transform, rpy_to_matrix
+from eskin.transforms import apply, make_transform
 
 SAME = 1e-9
 """Largest difference of two lengths that count as equal [m]."""
@@ -159,8 +160,8 @@ def read_taxels(
             )
         columns.append(int(index))
         xyz = np.array(read_numbers(taxel, "xyz", place, 3, (0.0, 0.0, 0.0)))
-        rpy = np.array(read_numbers(taxel, "rpy", place, 3, (0.0, 0.0, 0.0)))
-        poses.append(T_link_sensor @ make_transform(rpy_to_matrix(rpy), xyz))
+        rotation = read_rotation(taxel, place)
+        poses.append(T_link_sensor @ make_transform(rotation, xyz))
         areas.append(read_taxel_area(taxel, place))
     T = np.array(poses)
     if None in areas:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import SkinError
-from eskin.files import shorten
+from eskin.files import parse_number, shorten
 from eskin.skin.check import SkinProblem
 from eskin.skin.skin import Patch, Skin
 
@@ -205,20 +205,18 @@ def parse_integer(text: str) -> int | None:
 def read_float(row: dict[str, str], column: str, where: str) -> float:
     """Read a finite number."""
     try:
-        value = float(row[column])
+        return parse_number(row[column])
     except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
         text = describe_cell(where, column, row[column], "a finite number")
-        raise BadCellError(text)
-    return value
+        raise BadCellError(text) from None
 
 
 def read_area(row: dict[str, str], where: str) -> float:
     """Read an area in mm2 and return it in m2, exactly, by a shift of the point."""
     try:
+        parse_number(row["area_mm2"])
         value = float(Decimal(row["area_mm2"].strip()).scaleb(-SQUARE_MM_EXPONENT))
-    except ArithmeticError:
+    except (ArithmeticError, ValueError):
         value = np.nan
     if not (np.isfinite(value) and value > 0):
         allowed = "a finite number above 0"
