@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.cli.guided import WaitReporter
-from eskin.cli.record import find_awaited
+from eskin.cli.record import describe_event, find_awaited
 from eskin.learn.dataset import prepare
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.recording.guided import (
@@ -200,19 +200,26 @@ def test_touch_during_which_its_gesture_is_left_out_is_no_attempt(gestures):
     assert not guide.attempts
 
 
-@pytest.mark.parametrize(
-    ("touch", "counts", "reason"),
-    [((4.0, 4.5 + MAX_SECONDS), 200, "lasted"), ((4.0, 4.5), 5000, "full scale")],
-)
-def test_attempt_that_cannot_be_learned_from_is_refused(touch, counts, reason):
+def test_touch_that_lasts_too_long_is_refused():
     guide = make_guide()
-    events = push_touches(guide, [touch], touch[1] + 2.0, counts)
+    end = 4.5 + MAX_SECONDS
+    events = push_touches(guide, [(4.0, end)], end + 2.0)
     assert [event.kind for event in events] == ["ready", "began", "refused"]
-    assert reason in events[-1].text and not guide.attempts
+    assert "lasted" in events[-1].text and not guide.attempts
+
+
+@pytest.mark.parametrize("counts", [200, 5000])
+def test_touch_at_full_scale_is_taken_and_told(counts):
+    guide = make_guide()
+    events = push_touches(guide, [(4.0, 4.5)], 6.0, counts)
+    assert [event.kind for event in events] == ["ready", "began", "taken"]
+    is_told = "at full scale" in describe_event(events[-1])
+    assert is_told == (counts == 5000) == (guide.attempts[0].saturated > 0)
 
 
 def make_attempt(gesture, *features):
-    return RecordingAttempt(gesture, START, START + SECOND, 1.0, 4, np.array(features))
+    end = START + SECOND
+    return RecordingAttempt(gesture, START, end, 1.0, 4, 0, np.array(features))
 
 
 def test_review_names_what_is_few_and_what_is_alike():

@@ -223,10 +223,13 @@ def describe_event(event: "AttemptEvent") -> str:
     attempt = event.attempt
     if attempt is None:
         return ""
-    return (
+    text = (
         f"  {attempt.seconds:.2f} s, {attempt.force:.1f} N, "
         f"{format_count(attempt.taxels, 'taxel')}"
     )
+    if attempt.saturated:
+        text += f", {attempt.saturated} of them at full scale"
+    return text
 
 
 def describe_review(review: "AttemptReview", command: RecordCommand) -> list[str]:
