@@ -75,7 +75,7 @@ def test_doctor_listens_to_every_patch(tmp_path, capsys, monkeypatch):
     with playing(device, scans_of(SKIN, 1000), HostClock()):
         words += ["--skin", tmp_path / "skin"]
         lines = assert_refused(capsys, *words, part="patch left")
-    _, driver, left, middle, right = lines.splitlines()
+    *_, driver, left, middle, right = lines.splitlines()
     assert driver.startswith("ok    driver")
     assert left.startswith("WRONG patch left: no scans")
     assert middle.startswith("ok") and right.startswith("ok")

@@ -6,13 +6,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eskin.calibration import CalibrationGuide
+from eskin.cli.calibrate import CalibrationDialogue
+from eskin.cli.guided import guide_person
+from eskin.cli.record import record_attempts
 from eskin.cli.terminal import SkinPrinter, TerminalPrinter
-from eskin.drivers import ManualClock, SourceInfo
+from eskin.drivers import Event, ManualClock, SourceInfo
 from eskin.live import save_model
+from eskin.recording.guided import RecordingGuide
 from eskin.stream import Context, FaultReporter
 from eskin.touch import Fault
 from helpers.cli import call_json
-from helpers.guided import CALIBRATION, RATE, SKIN, make_scans, press, record, rest
+from helpers.guided import (
+    CALIBRATION,
+    MOUNTED,
+    RATE,
+    SKIN,
+    make_scans,
+    press,
+    press_counts,
+    record,
+    rest,
+)
 from helpers.live import model_of, network
 
 LINE = re.compile(
@@ -125,3 +140,46 @@ def test_stream_and_scans_have_one_form_of_line(capsys):
     scans.push(7_000_000_000, [fault])
     _, one, other = capsys.readouterr().out.splitlines()
     assert one == other and LINE.match(one)
+
+
+class ToldSource:
+    """A source of scans at rest that tells once that lines are damaged."""
+
+    def __init__(self):
+        self.events = [Event(0, "damaged", "3 lines are not read", None)]
+
+    def __iter__(self):
+        return iter(make_scans(rest(150)))
+
+    def take_events(self):
+        events, self.events = self.events, []
+        return events
+
+
+class NoWriter:
+    """A writer that writes nothing."""
+
+    def write(self, scan):
+        pass
+
+
+@pytest.mark.parametrize("command", ["record", "calibrate"])
+def test_what_the_source_tells_is_printed_while_a_person_is_guided(command, capsys):
+    source = ToldSource()
+    if command == "record":
+        guide = RecordingGuide(MOUNTED, CALIBRATION, ("knock", "none"), 1)
+        record_attempts(source, guide, NoWriter(), SkinPrinter(SKIN))
+    else:
+        dialogue = CalibrationDialogue(CalibrationGuide(MOUNTED, CALIBRATION))
+        guide_person(source, dialogue, 30.0, None, source.take_events)
+    lines = capsys.readouterr().out.splitlines()
+    assert sum("3 lines are not read" in line for line in lines) == 1
+
+
+def test_calibration_tells_what_was_felt_last_after_ten_seconds(capsys):
+    dialogue = CalibrationDialogue(CalibrationGuide(MOUNTED, CALIBRATION))
+    brief = [press_counts(19)] * 2
+    guide_person(make_scans(rest(120) + brief + rest(290)), dialogue, 30.0)
+    told = [line for line in capsys.readouterr().out.splitlines() if "felt" in line]
+    assert told[0].startswith("nothing was felt for 10 s; last: 0.05 s, ")
+    assert "of patch 'p0', " in told[0] and "0.5 N for 0.15 s" in told[0]

@@ -1,30 +1,111 @@
 """Tests of the progress of long commands, where the output is no terminal."""
 
+from contextlib import contextmanager
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from eskin.progress import PERIOD, print_progress, show_progress, track_progress
-
-
-def test_line_is_printed_every_ten_seconds_with_the_time_that_is_left(capsys):
-    seconds = [0.0]
-    update = print_progress("clips", 100, 20, lambda: seconds[0])
-    for done, seconds[0] in ((21, 9.9), (40, 10.0), (45, 15.0), (60, 20.5)):
-        update(done)
-    assert capsys.readouterr().err.splitlines() == [
-        "clips: 40 of 100, about 30 s left",
-        "clips: 60 of 100, about 20 s left",
-    ]
-    seconds[0] = 100.0
-    update(100)
-    assert capsys.readouterr() == ("", "")
+import eskin.progress
+from eskin.progress import PERIOD, describe_progress, show_progress, track_progress
+from eskin.recording import Label, Metadata, RecordingWriter, write_all
+from helpers.cli import call
+from helpers.guided import CALIBRATION, SKIN, make_scans, record, rest
+from helpers.guided import PERIOD as PERIOD_NS
 
 
-def test_time_that_is_left_is_not_guessed_before_anything_is_done(capsys):
-    seconds = [0.0]
-    update = print_progress("clips", 100, 20, lambda: seconds[0])
-    seconds[0] = 11.0
-    update(20)
-    assert capsys.readouterr().err == "clips: 20 of 100\n"
+def test_line_tells_what_is_done_and_what_time_is_left():
+    assert describe_progress("clips", 40, 100, 20, 10.0) == (
+        "clips: 40 of 100, about 30 s left"
+    )
+
+
+@pytest.mark.parametrize(
+    ("done", "total", "line"),
+    [
+        (20, 100, "clips: 20 of 100"),
+        (100, 100, "clips: 100 of 100"),
+        (7, None, "clips: 7"),
+    ],
+)
+def test_time_that_is_left_is_not_guessed(done, total, line):
+    assert describe_progress("clips", done, total, 20, 10.0) == line
+
+
+@given(st.integers(0, 50), st.integers(1, 50), st.integers(1, 50), st.floats(0.1, 1e4))
+def test_time_that_is_left_is_that_of_the_rest_at_the_same_rate(
+    begun, more, left, seconds
+):
+    done = begun + more
+    line = describe_progress("clips", done, done + left, begun, seconds)
+    assert line.endswith(f", about {seconds / more * left:.0f} s left")
+
+
+def test_lines_are_printed_while_the_first_takes_long(capsys, monkeypatch):
+    monkeypatch.setattr(eskin.progress, "PERIOD", 0.001)
+    printed = ""
+    with show_progress("clips", 3):
+        while "\n" not in printed:
+            printed += capsys.readouterr().err
+    assert printed.startswith("clips: 0 of 3\n")
+    capsys.readouterr()
+    assert capsys.readouterr().err == ""
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """Return the names of what is counted on stderr, as they come."""
+    names = []
+
+    @contextmanager
+    def remember(what, total, begun):
+        names.append(what)
+        yield lambda number: None
+
+    monkeypatch.setattr(eskin.progress, "print_progress", remember)
+    return names
+
+
+LONG = {
+    "parquet": ("export", "{recording}", "--parquet", "{out}"),
+    "lerobot": ("export", "{recording}", "--lerobot", "{out}"),
+    "rosbag": ("export", "{recording}", "--rosbag", "{out}"),
+    "report": ("report", "{recording}", "--out", "{out}"),
+    "label": ("label", "{labelled}", "--out", "{out}"),
+    "convert": (
+        "convert",
+        "table",
+        "{table}",
+        "{out}",
+        "--rows",
+        "2",
+        "--columns",
+        "2",
+    ),
+}
+"""Commands that may take minutes, and print nothing else meanwhile."""
+
+
+@pytest.mark.parametrize("words", LONG.values(), ids=LONG)
+def test_commands_that_may_take_minutes_show_progress(words, shown, tmp_path, capsys):
+    places = {
+        "recording": record(tmp_path / "a.mcap", make_scans(rest(50))),
+        "labelled": tmp_path / "b.mcap",
+        "table": tmp_path / "t.csv",
+        "out": tmp_path / "out",
+    }
+    label = Label(20 * PERIOD_NS, 40 * PERIOD_NS, "poke")
+    with RecordingWriter(
+        places["labelled"], "table", SKIN, CALIBRATION, Metadata()
+    ) as writer:
+        write_all(writer, make_scans(rest(50)), [label])
+    lines = ["gesture,a,b,c,d", *["poke,1,2,3,4"] * 50]
+    places["table"].write_text("\n".join(lines))
+    filled = [word.format(**places) for word in words]
+    if words[0] == "convert":
+        filled += ["--label", "gesture", "--rate", "50"]
+    call(capsys, *filled)
+    assert shown
 
 
 @pytest.mark.parametrize("quiet", [True, False])

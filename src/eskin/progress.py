@@ -4,6 +4,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from threading import Event, Thread
 from time import monotonic
 from typing import Self, TypeVar
 
@@ -14,13 +15,13 @@ PERIOD = 10.0
 
 @contextmanager
 def show_progress(
-    what: str, total: int, done: int = 0, quiet: bool = False
+    what: str, total: int | None, done: int = 0, quiet: bool = False
 ) -> Iterator[Callable[[int], None]]:
     """Show on stderr how much is done; yield a function of the number that is done.
 
     Args:
         what: what is counted, such as `clips`.
-        total: number of all.
+        total: number of all; None where it is not known.
         done: number that is done at the beginning.
         quiet: whether to show nothing.
     """
@@ -39,7 +40,8 @@ def show_progress(
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield print_progress(what, total, done)
+        with print_progress(what, total, done) as update:
+            yield update
         return
     columns = (
         TextColumn("{task.description}"),
@@ -52,31 +54,60 @@ def show_progress(
         yield lambda number: bar.update(task, completed=number)
 
 
+@contextmanager
 def print_progress(
-    what: str, total: int, begun: int, now: Callable[[], float] = monotonic
-) -> Callable[[int], None]:
-    """Return a function of the number done that prints a line every ten seconds.
+    what: str, total: int | None, begun: int
+) -> Iterator[Callable[[int], None]]:
+    """Print a line every ten seconds; yield a function of the number that is done.
+
+    A thread prints the lines, so that one comes while the first or the next takes long.
 
     Args:
         what: what is counted.
-        total: number of all.
+        total: number of all; None where it is not known.
         begun: number that is done at the beginning.
-        now: clock [s].
     """
-    start = last = now()
+    start = monotonic()
+    done = begun
+    over = Event()
 
-    def update(done: int) -> None:
-        nonlocal last
-        if (time := now()) - last < PERIOD or done >= total:
-            return
-        last = time
-        left = (time - start) * (total - done) / max(done - begun, 1)
-        line = f"{what}: {done} of {total}"
-        line += f", about {left:.0f} s left" if done > begun else ""
-        sys.stderr.write(f"{line}\n")
-        sys.stderr.flush()
+    def update(number: int) -> None:
+        nonlocal done
+        done = number
 
-    return update
+    def write_lines() -> None:
+        while not over.wait(PERIOD):
+            line = describe_progress(what, done, total, begun, monotonic() - start)
+            sys.stderr.write(f"{line}\n")
+            sys.stderr.flush()
+
+    thread = Thread(target=write_lines, name="eskin progress", daemon=True)
+    thread.start()
+    try:
+        yield update
+    finally:
+        over.set()
+        thread.join()
+
+
+def describe_progress(
+    what: str, done: int, total: int | None, begun: int, seconds: float
+) -> str:
+    """Describe how much is done, and how long the rest will take where that is known.
+
+    Args:
+        what: what is counted.
+        done: number that is done.
+        total: number of all; None where it is not known.
+        begun: number that was done at the beginning.
+        seconds: time since the beginning [s].
+    """
+    if total is None:
+        return f"{what}: {done}"
+    if done == begun or done >= total:
+        return f"{what}: {done} of {total}"
+    left = seconds * (total - done) / (done - begun)
+    return f"{what}: {done} of {total}, about {left:.0f} s left"
 
 
 def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:

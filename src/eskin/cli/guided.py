@@ -276,6 +276,8 @@ def open_guided_source(
         )
     is_shown = isinstance(command, PressCommand) and command.view
     config = command.build_config(1.0 if is_shown else math.inf)
+    if driver.is_device:
+        say(f"{' '.join(command.source)}: is opened, wait a few seconds")
     if command.skin is not None:
         mounted = mount_skin(command.skin, command.robot_urdf)
         warm_up_touches(mounted)

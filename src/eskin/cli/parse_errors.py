@@ -8,6 +8,8 @@ import re
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 
+from eskin.units import format_count
+
 BOX = {ord(character): " " for character in "╭╮╰╯│─├┤"}
 KINDS = {
     "INT": "a whole number",
@@ -80,7 +82,7 @@ def describe_value(found: re.Match[str]) -> str:
     words = [KINDS.get(word, word) for word in kind.split()]
     allowed = " and ".join(words)
     if len(words) > 1 and len(set(words)) == 1:
-        allowed = f"{words[0]} {len(words)} times"
+        allowed = f"{words[0]} {format_count(len(words), 'time')}"
     if several is not None:
         allowed = f"{KINDS.get(several['kind'], several['kind'])} for each"
     got = " ".join(re.findall(r"'([^']*)'", found["got"]))

@@ -14,6 +14,7 @@ from eskin.cli.checks import (
     load_overrides,
 )
 from eskin.errors import RecordingError
+from eskin.progress import track_progress
 from eskin.units import format_count
 
 if TYPE_CHECKING:
@@ -76,7 +77,8 @@ def run_label(command: LabelCommand) -> dict[str, object]:
         path if command.out is None else command.out / path.name for path in paths
     ]
     check_targets(command, recordings, targets)
-    results = [find_labels(command, recording) for recording in recordings]
+    tracked = track_progress(recordings, "recordings labelled", len(recordings))
+    results = [find_labels(command, recording) for recording in tracked]
     agreement = LabelAgreement()
     for recording, result in zip(recordings, results, strict=True):
         truth = sort_labels(recording.labels, "true")

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from eskin.errors import RecordingError
 from eskin.files import write_folder
+from eskin.progress import track_progress
 from eskin.recording import NONE, Label, Recording, select_labels
 from eskin.registry import Exporter, find_package
 from eskin.skin import MountedSkin
@@ -147,7 +148,8 @@ def write_lerobot(
     tasks: dict[str, int] = {}
     rows, begin = [], 0
     with write_folder(Path(folder), RecordingError) as work:
-        episodes = (each for one in recordings for each in split_episodes(one, plan))
+        tracked = track_progress(recordings, "recordings", len(recordings))
+        episodes = (each for one in tracked for each in split_episodes(one, plan))
         for number, (task, batches) in enumerate(episodes):
             task_index = tasks.setdefault(task, len(tasks))
             chunk, file = divmod(number, CHUNK)

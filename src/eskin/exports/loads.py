@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.exports.limits import Limits, Region
+from eskin.progress import track_progress
 from eskin.recording import Recording, select_labels
 from eskin.recording.tables import find_label
 from eskin.skin import MountedSkin
@@ -127,7 +128,7 @@ def measure_loads(recording: Recording, limits: Limits) -> RecordingLoads:
     region_of = np.array(list(map(names.index, names)))[skin.patch_index]
     peaks: dict[int, np.ndarray] = {}
     invalid, stamps = np.zeros(skin.count, np.int64), []
-    for scan in recording.scans():
+    for scan in track_progress(recording.scans(), "readings", recording.count):
         state = pipeline.push(scan)
         stamps.append(scan.stamp)
         invalid += ~state.reading.valid

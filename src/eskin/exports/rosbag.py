@@ -11,6 +11,7 @@ import yaml
 
 from eskin.errors import RecordingError
 from eskin.files import write_folder
+from eskin.progress import track_progress
 from eskin.recording.mcap_file import McapReader, TopicMessage
 from eskin.recording.messages import EVENT, TOPICS, TRUTH
 from eskin.recording.reader import Recording
@@ -61,7 +62,8 @@ def write_bag(recordings: Sequence[Recording], folder: Path | str) -> int:
         )
     files = []
     with write_folder(Path(folder), RecordingError) as work:
-        for name, recording in zip(names, recordings, strict=True):
+        pairs = list(zip(names, recordings, strict=True))
+        for name, recording in track_progress(pairs, "recordings", len(pairs)):
             target = work / name
             if recording.truncated:
                 rewrite_recording(recording, target)

@@ -10,6 +10,7 @@ from typing import Any
 
 from eskin.errors import RecordingError
 from eskin.files import write_folder
+from eskin.progress import show_progress
 from eskin.recording import Label, Recording, select_labels
 from eskin.recording.tables import describe_origin, describe_touch, list_taxels
 from eskin.registry import Exporter, find_package
@@ -57,12 +58,17 @@ def write_tables(recordings: Sequence[Recording], folder: Path | str) -> dict[st
     count = 0
     schema = build_reading_schema(arrow)
     with write_folder(Path(folder), RecordingError) as work:
-        with parquet.ParquetWriter(work / READINGS, schema, compression="zstd") as file:
+        total = sum(recording.count for recording in recordings)
+        with (
+            parquet.ParquetWriter(work / READINGS, schema, compression="zstd") as file,
+            show_progress("readings", total) as update,
+        ):
             for recording in recordings:
                 rows = list_rows(recording, touches)
                 for group in split_groups(rows):
                     file.write_table(arrow.Table.from_pylist(group, schema))
                     count += len(group)
+                    update(count)
         table = arrow.Table.from_pylist(touches, build_touch_schema(arrow))
         parquet.write_table(table, work / TOUCHES, compression="zstd")
         rows = [row for recording in recordings for row in list_taxels(recording)]

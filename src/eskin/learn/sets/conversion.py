@@ -5,7 +5,7 @@ import re
 import shutil
 import tempfile
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import final
 
 from eskin.errors import ImportSourceError, RecordingError
 from eskin.files import read_file, shorten
+from eskin.progress import show_progress
 from eskin.recording.records import NONE, Label, Metadata, check_gesture_names
 from eskin.recording.writer import RecordingWriter, write_all
 from eskin.robot import Robot
@@ -139,19 +140,24 @@ def write_clips(
     existed = folder.exists()
     work = make_work_folder(folder)
     try:
-        for clip in clips:
-            path = work / f"{clip.name}.mcap"
-            if path.exists():
-                raise ImportSourceError(
-                    f"two files, or parts of one, would become {path.name}; allowed "
-                    "is one; keep one of them, or sort readings by person and session"
+        with show_progress("readings converted", None) as update:
+            for clip in clips:
+                path = work / f"{clip.name}.mcap"
+                if path.exists():
+                    raise ImportSourceError(
+                        f"two files, or parts of one, would become {path.name}; "
+                        "allowed is one; keep one of them, or sort readings by person "
+                        "and session"
+                    )
+                own = clip.calibration or calibration
+                writer = RecordingWriter(
+                    path, name, skin, own, clip.metadata, joints, urdf
                 )
-            own = clip.calibration or calibration
-            writer = RecordingWriter(path, name, skin, own, clip.metadata, joints, urdf)
-            with writer:
-                readings += write_all(writer, clip.scans, clip.labels)
-            recordings += 1
-            labels += len(clip.labels)
+                with writer:
+                    scans = count_scans(clip.scans, readings, update)
+                    readings += write_all(writer, scans, clip.labels)
+                recordings += 1
+                labels += len(clip.labels)
         for path in sorted(work.iterdir()):
             path.replace(folder / path.name)
     finally:
@@ -159,6 +165,15 @@ def write_clips(
         if not existed and not any(folder.iterdir()):
             folder.rmdir()
     return ConversionResult(recordings, skin.count, readings, labels)
+
+
+def count_scans(
+    scans: Iterable[Scan], before: int, update: Callable[[int], None]
+) -> Iterator[Scan]:
+    """Yield scans, and tell how many there were, with those of the clips before."""
+    for number, scan in enumerate(scans, before + 1):
+        yield scan
+        update(number)
 
 
 def make_work_folder(folder: Path) -> Path:
