@@ -1,4 +1,4 @@
-"""Tests of docs/first_hour.md: all that it says can be done as it stands."""
+"""Tests of the walks: the tutorial as it stands, and what the engineer counts."""
 
 import re
 import shlex
@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from eskin.cli.main import load_command, parse, run, split_command
-from lab.first_hour import (
+from eskin.robot import load_robot
+from lab.first_hour.engineer import FULL, PRESS, REQUEST, TAKEN, Walk, write_arm
+from lab.first_hour.page import (
     PAGE,
     Step,
     find_detections,
@@ -67,3 +69,28 @@ def test_page_leads_from_an_empty_folder_to_live_detections():
         steps = read_steps(port)
         printed = [run_step(step, Path(folder)) for step in steps]
     assert find_detections(printed[-1]) == find_made(steps)
+
+
+def test_arm_of_the_engineer_has_seven_joints_that_turn(tmp_path):
+    write_arm(tmp_path / "arm7.urdf")
+    robot = load_robot(tmp_path / "arm7.urdf")
+    assert [joint.kind for joint in robot.actuated_joints] == ["revolute"] * 7
+
+
+def test_walk_counts_what_was_taken_at_once_and_answered_rightly_alone(tmp_path):
+    walk = Walk(tmp_path, FULL, show=False)
+    walk.tries = {"knock 1": [True], "knock 2": [False, True], "none 1": [False]}
+    assert walk.taken == 1
+    walk.made = ["knock", "circle", "none", "none"]
+    walk.answered = [["knock"], ["knock"], [], ["none", "none"]]
+    assert walk.right == 1
+
+
+def test_hand_understands_what_the_guides_print():
+    (step,) = (each for each in STEPS if each.title.startswith("5."))
+    printed = PAGE.read_text().partition(step.title)[2]
+    found = PRESS.search(printed)
+    assert found and (found["row"], found["column"]) == ("7", "7")
+    found = REQUEST.search(printed)
+    assert found and (found["gesture"], found["number"]) == ("knock", "1")
+    assert TAKEN.search(printed)

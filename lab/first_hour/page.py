@@ -1,7 +1,7 @@
 """Run `docs/first_hour.md` from an empty folder, and time it by step.
 
-python -m lab.first_hour: every block of commands on the page is run as it
-stands. Fails unless the touches of its last step are recognised as they were made.
+Every block of commands on the page is run as it stands. It fails unless the touches of
+its last step are recognised as they were made.
 """
 
 import os
@@ -13,9 +13,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
-PAGE = Path(__file__).parents[1] / "docs" / "first_hour.md"
+PAGE = Path(__file__).parents[2] / "docs" / "first_hour.md"
 PORT = "9750"
 """UDP port in the commands of the page."""
 STEP = re.compile(r"^## (?P<title>\d+\. .*)$", re.MULTILINE)
@@ -80,32 +78,25 @@ def find_made(steps: list[Step]) -> list[str]:
     return moves * int(found["times"])
 
 
-@dataclass(frozen=True)
-class FirstHour:
-    """Run the page, and time it by step."""
+def walk(port: int, show: bool) -> int:
+    """Print the seconds of each step, and whether all touches were recognised.
 
-    port: int = int(PORT)
-    """UDP port for the packets of the matrix."""
+    Args:
+        port: UDP port for the packets of the matrix.
+        show: whether what the commands print is printed too.
 
-    show: bool = False
-    """Print what the commands print, too."""
-
-
-def main(options: FirstHour) -> int:
-    """Print the seconds of each step, and whether all touches were recognised."""
-    steps, total, printed = read_steps(str(options.port)), 0.0, ""
+    Returns:
+        Exit code: 0 where all touches were recognised, else 1.
+    """
+    steps, total, printed = read_steps(str(port)), 0.0, ""
     with tempfile.TemporaryDirectory() as folder:
         for step in steps:
             began = time.monotonic()
             printed = run_step(step, Path(folder))
             seconds = time.monotonic() - began
             total += seconds
-            print(printed if options.show else "", end="")
+            print(printed if show else "", end="")
             print(f"{seconds:6.1f} s  {step.title}", flush=True)
     made, found = find_made(steps), find_detections(printed)
     print(f"{total:6.1f} s  in all\nmade:       {made}\nrecognised: {found}")
     return int(made != found)
-
-
-if __name__ == "__main__":
-    sys.exit(main(tyro.cli(FirstHour)))
