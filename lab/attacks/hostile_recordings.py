@@ -139,7 +139,7 @@ RECORDINGS: dict[str, Write] = {
     ),
     "10,000 taxels in one point": build_skin_writer(stack_taxels(10_000)),
     "10,000 taxels, of them four far away": build_skin_writer(
-        squeeze_taxels(10_000, 1e3)
+        squeeze_taxels(10_000, 1.0)
     ),
     "a hole of 1 TB": write_hole(1 << 40, MAGIC),
     "noise": write_noise,

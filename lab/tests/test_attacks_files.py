@@ -106,7 +106,7 @@ def test_hostile_file_is_refused_in_one_line(tmp_path, monkeypatch, kind, write)
     ("skin", "limit", "part"),
     [
         (squeeze_taxels(49), "touch.adjacency.MAX_PAIRS", "neighbours"),
-        (squeeze_taxels(49, far=1e3), "touch.adjacency.MAX_PAIRS", "neighbours"),
+        (squeeze_taxels(49, far=1.0), "touch.adjacency.MAX_PAIRS", "neighbours"),
         (stack_taxels(40), "skin.check.MAX_COINCIDENT", "40 taxels in one place"),
     ],
 )
