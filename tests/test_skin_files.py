@@ -11,6 +11,7 @@ from eskin.skin import (
     SKIN_PRESETS,
     Patch,
     Skin,
+    build_grid_skin,
     load_skin,
     parse_skin_folder,
     save_skin,
@@ -33,7 +34,7 @@ id,patch,row,column,x,y,z,nx,ny,nz,area_mm2
 4,right,0,1,0.058,0,0,0,0,1,64
 """
 FILES = {"skin.yaml", "taxels.csv"}
-FLAT = load_skin("flat")
+FLAT = replace(load_skin("flat"), calibrated=True)
 
 
 def write_files(folder, manifest=MANIFEST, table=TABLE):
@@ -118,6 +119,11 @@ def test_skin_that_cannot_be_read_is_not_written(tmp_path, changes, text):
         save_skin(replace(FLAT, **changes), tmp_path)
     assert text in str(error.value) and "\n" not in str(error.value)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_nominal_lengths_of_a_wide_table_are_kept(tmp_path):
+    save_skin(build_grid_skin(1, 2000, 0.01), tmp_path)
+    assert load_skin(tmp_path).count == 2000
 
 
 def test_saving_replaces_a_skin(tmp_path):

@@ -356,7 +356,12 @@ def find_fatal_problems(skin: Skin) -> list[SkinProblem]:
 
 
 def find_size_problems(skin: Skin) -> Iterator[SkinProblem]:
-    """Find patches whose lengths seem to be in another unit than metres."""
+    """Find patches whose lengths seem to be in another unit than metres.
+
+    Lengths of a skin that is not calibrated are nominal, and mean little.
+    """
+    if not skin.calibrated:
+        return
     near = are_near(skin)
     for number, patch in enumerate(skin.patches):
         places = skin.positions[near & (skin.patch_index == number)]
