@@ -7,12 +7,16 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import helpers.guided
+from eskin.drivers import HostClock, UdpTransport
 from eskin.recording import Metadata, RecordingWriter, write_all
 from eskin.skin import save_skin
 from eskin.skin.wiring import choose_press_targets, find_nearest_taxel
+from eskin.touch import Scan
+from helpers.devices import PERIOD, playing, small_skin, udp_skin
 from helpers.guided import CALIBRATION, SKIN, press, record, rest
 
 pytestmark = pytest.mark.slow
@@ -109,6 +113,33 @@ def test_run_compiles_nothing_once_touches_count(options, folder, tmp_path):
     words = [names.get(word, word) for word in options]
     late = find_late("run", *words, "--seconds", "6")
     assert [name for name in late if not name.startswith("eskin.sim.")] == []
+
+
+def make_untouched(skin):
+    """Yield scans of a skin at rest."""
+    received = np.ones(skin.count, bool)
+    for number in range(5000):
+        counts = 100 + (np.arange(skin.count, dtype=np.int32) + number) % 2
+        yield Scan(PERIOD * (number + 1), counts, received, np.zeros(0))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("calibrate", "DEVICE", "--presses", "0", "--seconds", "1", "--out", "FILE"),
+        ("run", "--source", "DEVICE", "--seconds", "2", "--record", "FILE"),
+    ],
+)
+def test_scans_of_a_device_do_not_wait_for_the_compiler(words, tmp_path):
+    skin = small_skin()
+    save_skin(skin, tmp_path / "skin")
+    transport = UdpTransport(HostClock())
+    port = transport.port
+    transport.close()
+    names = {"DEVICE": f"udp://127.0.0.1:{port}", "FILE": tmp_path / "file.mcap"}
+    own = ("--skin", tmp_path / "skin", "--robot-urdf", "table")
+    with playing(udp_skin(skin, port), make_untouched(skin), HostClock()):
+        assert find_late(*(names.get(word, word) for word in words), *own) == []
 
 
 @pytest.mark.long

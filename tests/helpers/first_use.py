@@ -1,8 +1,9 @@
-"""Run a command of eskin, and print what it compiles or loads after its first request.
+"""Run a command of eskin, and print what it compiles or loads too late.
 
 A program: `python -m helpers.first_use WORD...`. It prints one line of JSON, a list of
-the compiled functions that were first called after a person had been asked for
-something, each with its types. A demonstration is touched in all ways meanwhile.
+the compiled functions that were first called after a device had been opened, or a
+person had been asked for something, each with its types. A demonstration is touched in
+all ways meanwhile.
 """
 
 import json
@@ -15,6 +16,7 @@ from time import sleep
 
 from numba.core.dispatcher import Dispatcher
 
+import eskin.app
 from eskin.cli.main import run
 from eskin.page import TouchOrder
 
@@ -42,11 +44,27 @@ class Listener(TextIOBase):
     def __init__(self):
         self.compiled = None
 
+    def note(self):
+        if self.compiled is None:
+            self.compiled = list_compiled()
+
     def write(self, text):
         if self.compiled is None and REQUEST.search(text):
-            self.compiled = list_compiled()
+            self.note()
             Thread(target=touch_all, daemon=True).start()
         return len(text)
+
+
+def note_at_devices(listener):
+    """Let the listener note what is compiled when the first device is opened."""
+    open_source = eskin.app.open_source
+
+    def note_and_open(*uris, **options):
+        if eskin.app.find_driver(uris).is_device:
+            listener.note()
+        return open_source(*uris, **options)
+
+    eskin.app.open_source = note_and_open
 
 
 def touch_all():
@@ -82,6 +100,7 @@ def main(words):
     if words[0] == "demo":
         remember_handlers()
     listener = Listener()
+    note_at_devices(listener)
     with redirect_stdout(listener):
         code = run(words)
     if listener.compiled is None:
