@@ -128,9 +128,13 @@ def test_calibration_of_another_skin_is_refused(recording, tmp_path, capsys):
     assert_refused(capsys, "replay", recording, "--calibration", other, part=part)
 
 
-def test_recording_that_is_touched_all_the_time_is_refused(tmp_path, capsys):
+@pytest.mark.parametrize("last", [0, 15])
+def test_recording_that_is_touched_all_the_time_is_refused(last, tmp_path, capsys):
+    """Also if its last scans are touched."""
     out = tmp_path / "calibration.json"
-    path = record(tmp_path / "touched.mcap", make_scans(rest(50) + press(19) * 4))
+    above = rest(50) + press(19) * 4
+    scans = make_scans(above[: len(above) - last])
+    path = record(tmp_path / "touched.mcap", scans)
     printed = assert_refused(
         capsys, "calibrate", f"replay:{path}", "--out", out, part="not at rest for 5 s"
     )
@@ -169,7 +173,8 @@ def test_patch_that_sends_seldom_is_waited_for_and_a_silent_one_is_not():
 
 
 @pytest.mark.parametrize(
-    ("silent", "part"), [([], "rest needs 20"), ([0, 1], "no scan of a patch")]
+    ("silent", "part"),
+    [([], "16 scans of patch"), ([0, 1], "no patch that is in order")],
 )
 @pytest.mark.parametrize("presses", ["0", "5"])
 def test_too_few_scans_are_refused_and_nothing_is_written(

@@ -188,7 +188,7 @@ class PressGuide(ABC, Generic[Press]):
         self.state: TouchState | None = None
         self.began: int | None = None
         self.samples = np.zeros(mounted.skin.count, np.int64)
-        self.is_awaited = False
+        self.is_awaited = self.is_restarted = False
         self.refusals: list[str] = []
         self.is_turned = False
 
@@ -276,13 +276,15 @@ class PressGuide(ABC, Generic[Press]):
         if not is_few or self.is_awaited:
             return None
         self.is_awaited = True
-        return GuideEvent("awaited", self.describe_scans())
+        text = f"{self.describe_scans()}; rest needs {MIN_SAMPLES}"
+        return GuideEvent("awaited", text)
 
     def restart_count(self) -> None:
         """Forget the time at rest so far."""
         self.began = None
         self.samples[:] = 0
         self.is_awaited = False
+        self.is_restarted = True
 
     def find_fewest(self) -> tuple[int, str]:
         """Find the patch of which fewest scans came at rest, and return how many.
@@ -303,14 +305,14 @@ class PressGuide(ABC, Generic[Press]):
         return min(counted, default=(0, ""))
 
     def describe_scans(self) -> str:
-        """Describe how many scans came at rest, at what rate, and how many it needs."""
+        """Describe how many scans have come at rest, and at what rate."""
         scans, patch = self.find_fewest()
         if not scans:
-            return f"no scan of a patch in order has come; rest needs {MIN_SAMPLES}"
+            return "no patch that is in order sends"
         rate = (scans - 1) / max(self.passed, 1e-9)
         return (
             f"{format_count(scans, 'scan')} of patch '{patch}' in {self.passed:.1f} s, "
-            f"{rate:.2g} a second; rest needs {MIN_SAMPLES}"
+            f"{rate:.2g} a second"
         )
 
     def check_rested(self) -> None:
@@ -321,12 +323,11 @@ class PressGuide(ABC, Generic[Press]):
         """
         if self.phase != "rest":
             return
-        if self.is_awaited or not self.samples.any():
+        if self.is_awaited or not (self.samples.any() or self.is_restarted):
             raise ValueError(
                 f"too few scans came while hands were off: {self.describe_scans()}; "
-                f"allowed are {MIN_SAMPLES} or more of each patch that sends; check "
-                "cable and power, let the device send more often, or wait longer for "
-                "it (--wait)"
+                f"allowed are {MIN_SAMPLES} or more of each patch; check cable and "
+                "power, let the device send more often, or wait longer (--wait)"
             )
         raise ValueError(
             f"the skin was not at rest for {self.rest_seconds:g} s; allowed is that "
