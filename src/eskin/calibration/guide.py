@@ -188,7 +188,8 @@ class PressGuide(ABC, Generic[Press]):
         self.state: TouchState | None = None
         self.began: int | None = None
         self.samples = np.zeros(mounted.skin.count, np.int64)
-        self.is_awaited = self.is_restarted = False
+        self.is_awaited = False
+        self.is_restarted = False
         self.refusals: list[str] = []
         self.is_turned = False
 
