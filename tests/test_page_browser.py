@@ -247,7 +247,8 @@ def test_page_shows_log_and_reason_of_hold(page):
         "log_entries": (LogEntry(1.0, "command", "next <b>"),),
         "arm": ArmSummary("held", "stale skin", 0.5, "open", "rack", "poke it"),
     }
-    page.tab.wait_for_selector("text=The arm is stopped: stale skin")
+    page.tab.wait_for_selector("text=The arm is stopped")
+    page.tab.wait_for_selector("text=stale skin")
     page.tab.wait_for_selector("text=poke it")
     page.tab.wait_for_selector("text=next <b>")
     page.content = {}

@@ -208,7 +208,7 @@ def test_every_condition_of_the_arm_is_a_sentence_on_the_page(condition):
     shown = render_arm(ArmSummary(condition, "for a test", 1.0, "open", "over_there"))
     text = re.sub("<.*?>", "", shown.replace("<br>", "\n"))
     assert re.fullmatch(
-        r"The arm [a-z ]+:? for a test\ngripper open · next: over there", text
+        r"The arm [a-z ]+[ \n]for a test\ngripper open · next: over there", text
     )
 
 
@@ -296,6 +296,7 @@ def test_commands_and_events_are_logged():
         ({"action": SUSPEND}, "stands still while it is touched"),
         ({"action": "my_wave", "why": ""}, "my wave"),
         ({"action": "none", "accepted": False, "why": "not so"}, "not so"),
+        ({"action": "resume", "accepted": False, "touch": None, "why": "no"}, "no"),
         ({"action": "go_on", "accepted": False, "why": "no"}, "go on refused: no"),
     ],
 )

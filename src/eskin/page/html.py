@@ -173,9 +173,11 @@ def render_status(update: ViewUpdate) -> str:
 
 def render_arm(summary: ArmSummary) -> str:
     """Return the state of the arm as HTML."""
-    words, colour = STATES[summary.state]
-    link = ": " if summary.state in ("held", "stopped") else " "
-    state = f"{words}{link if summary.why else ''}{to_words(summary.why)}"
+    state, colour = STATES[summary.state]
+    why = to_words(summary.why)
+    if why and summary.state in ("running", "standing"):
+        state = f"{state} {why}"
+        why = ""
     rest = [f"gripper {summary.gripper}"]
     if summary.target:
         rest.append(f"next: {to_words(summary.target)}")
@@ -184,7 +186,7 @@ def render_arm(summary: ArmSummary) -> str:
     return div(
         f"margin:4px 0 8px;padding:4px 8px;border-radius:6px;background:{LINE}",
         f'<b style="color:{colour}">{escape(state)}</b>',
-        f"<br>{escape(summary.remedy)}" if summary.remedy else "",
+        *(f"<br>{escape(text)}" for text in (why, summary.remedy) if text),
         f"<br>{span(f'color:{PALE};font-size:11px', escape(' · '.join(rest)))}",
     )
 

@@ -75,6 +75,11 @@ class PlaybackClock:
         return True
 
 
+PURPOSE = (
+    "This page plays a recording: drag the two ends of “range” over a touch, and label "
+    "it with its gesture."
+)
+"""What the page says of itself, and of what to do first."""
 BINS = 500
 """Greatest number of points of the plot."""
 PEAK_COLOUR, RANGE_COLOUR, HERE_COLOUR = "#3b4f7a", "rgba(31,39,51,0.14)", "#1f2733"
@@ -234,6 +239,7 @@ class Timeline:
         gui, title = server.gui, editor.recording.path.name
         setup = replace(describe_scene(mounted, GESTURES), title=title)
         self.scene = lay_out(server, setup, WIDER)
+        gui.add_html(html.render_block(PURPOSE))
         self.status = gui.add_html("")
         self.overview = Overview(gui, loaded, editor, detections)
         self.add_transport()

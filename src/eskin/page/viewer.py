@@ -220,7 +220,8 @@ def describe_command(command: CommandEvent) -> str:
     if action == ASK:
         return to_words(f"asks: {why}")
     if not command.accepted:
-        return to_words(why if action == "none" else f"{action} refused: {why}")
+        was_asked_for = command.touch is not None and action != "none"
+        return to_words(f"{action} refused: {why}" if was_asked_for else why)
     if command.likeliest:
         why = f"probably a {command.likeliest}"
     done = DONE.get(action, action)
