@@ -145,6 +145,12 @@ def name(first: str, second: str, *wanted: str, code: int = 0) -> Case:
     return Case("t4_table_names_not_latin", command, wanted, code=code)
 
 
+def sketch(form: str, *wanted: str, options: str = "", code: int = 0) -> Case:
+    """Build a case that sends a form of lines to `eskin run` for six seconds."""
+    command = f"python cli.py {form} '{options}'"
+    return Case("t4_csv_hints", command, (f"rc {code}", *wanted))
+
+
 TABLE = (
     "eskin convert table {} out --rows 8 --columns 8 --rate 50 --label gesture "
     "--person who"
@@ -273,6 +279,32 @@ LIST = (
     connect("hang", "has not answered for 20 s.*address and cable"),
     connect("abort", "client .* has ended.*connect again"),
     connect("not_running", "reached, but its program"),
+    Case(
+        "t4_csv_hints",
+        "python try.py",
+        (
+            r"word START +scans 150 read 149 right 149",
+            r"END after +scans 150 read 149 right 149",
+            r"----- after +scans 150 read 149 right 149",
+            r"===== after +scans 150 read 149 right 149",
+            r"R0: a,b [^\n]*label=R\*:",
+            r'"t":..,"d":\[..\]} +scans 150 read 149 right 149',
+            r"0x100..0x109 scans 150 read 0 [^\n]*base=16",
+            r"us at the end [^\n]*give csv:/dev/x,last=ignore",
+            r"number at the end [^\n]*last=ignore if the last is no count",
+            r"prefix of the IDE [^\n]*label=\* ->",
+            r"-1 where a cell is missing [^\n]*missing=-1",
+        ),
+        (r"wrong [1-9](?![^\n]*\n63 taxels)", "Traceback"),
+    ),
+    sketch("start", "145|146 readings"),
+    sketch("start", "does not begin with 'START'", options=",label=START", code=2),
+    sketch("frameno", "last=ignore if the last is no count", code=2),
+    sketch("ide", r"label=\* ->", code=2),
+    sketch("ide", "readings", options=",label=* ->"),
+    sketch("hex", "base=10 if .*base=16 if", code=2),
+    sketch("json", "readings"),
+    sketch("json", "readings", options=",time=ms"),
     table("nan.csv", "line 51, column c63 is nan"),
     table("utf16.csv", "8 labels", code=0),
     table("semi_deccomma.csv", "line 2, column c0.*commas are decimal here"),

@@ -31,10 +31,12 @@ from eskin.drivers import (
     SampleDevice,
     SampledSource,
 )
+from eskin.drivers.csv_matrix import CsvMatrix
 from eskin.drivers.shear_modules import ShearModules
 from eskin.errors import DeviceError
 from eskin.recording import read_recording
-from eskin.skin import Patch, Plane, TaxelGrid, build_skin, save_skin
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin, Patch, Plane, TaxelGrid, build_skin, save_skin
 from helpers.cli import call_json
 from helpers.devices import calibration_of, mounted_small, small_skin
 
@@ -386,6 +388,49 @@ def test_matrix_has_sent_once_any_byte_has_come(tmp_path, data):
             open_source(pad.uri, config=config)
 
 
+@pytest.mark.parametrize("timed", [False, True], ids=["bare", "timed"])
+@pytest.mark.parametrize("overflows", [False, True])
+def test_lines_that_lay_unread_are_told_as_the_lag_of_the_computer(
+    tmp_path, timed, overflows
+):
+    """The cable is not blamed, even where the buffer of the port has cut lines."""
+    pad = Pad(tmp_path, timed)
+    skin = matrix_skin()
+    clock = ManualClock(SECOND)
+    device = CsvMatrix(clock, [pad.uri.removeprefix("csv:")], skin, 115_200)
+    source = SampledSource(
+        device,
+        MountedSkin(skin, load_robot("table")),
+        calibration_of(skin),
+        FixedJoints(np.zeros(0)),
+        clock,
+        pad.uri,
+        50.0,
+    )
+
+    def send(first, count):
+        for number in range(first, first + count):
+            clock.sleep(0.02)
+            pad.send(clock.now(), number)
+            if number not in unread:
+                source.read(0.0)
+
+    unread = range(60, 160)
+    with contextlib.closing(pad), contextlib.closing(source):
+        send(0, 60)
+        assert [event.kind for event in source.take_events()] == ["appeared"]
+        used = device.counters()["samples"]
+        send(60, 100)
+        if overflows:
+            pad.write(b"5,7\n,,8x;2\n")
+        send(160, 60)
+        events = source.take_events()
+    [event] = events
+    assert event.kind == "late"
+    assert "lay unread, as this computer was busy for 2.0 s; stop" in event.text
+    assert device.counters()["samples"] > used + 50
+
+
 def test_module_that_the_server_repeats_is_not_received_again():
     clock = ManualClock(SECOND)
     device = ShearModules(clock, "ws://127.0.0.1:1", matrix_skin("shear"))
@@ -397,6 +442,53 @@ def test_module_that_the_server_repeats_is_not_received_again():
         found += device.parse(text, clock.now())
     assert [int(one.counts[0]) for one in found] == list(range(31 - len(found), 31))
     assert len(found) > 15 and device.counters()["repeated"] == 9
+
+
+def parse_messages(changes):
+    """Return samples of messages with changes, and what is told of those not read."""
+    clock = ManualClock(SECOND)
+    device = ShearModules(clock, "ws://127.0.0.1:1", matrix_skin("shear"))
+    found = []
+    for number in range(1, 30):
+        clock.sleep(0.01)
+        text = format_message(number, clock.now(), [20 + number] * 30)
+        found += device.parse(json.dumps(changes(json.loads(text))), clock.now())
+    return found, device.take_refused()
+
+
+WORDS = {
+    "numbers of the message as texts": lambda m: (
+        m | {"message": str(m["message"]), "time": str(m["time"])}
+    ),
+    "list of texts": lambda m: change_data(m, lambda words: words),
+    "list of numbers": lambda m: change_data(m, lambda words: to_numbers(words)),
+    "decimal numbers": lambda m: change_data(
+        m, lambda words: ",".join(map(str, to_numbers(words)))
+    ),
+    "too few numbers": lambda m: change_data(m, lambda words: ",".join(words[1:])),
+    "fractions": lambda m: change_data(m, lambda words: [0.5] * len(words)),
+    "no data": lambda m: m | {"1": {"sensor": "1"}},
+}
+
+
+def to_numbers(words):
+    return [int(word, 16) for word in words]
+
+
+def change_data(message, change):
+    return message | {
+        "1": message["1"] | {"data": change(message["1"]["data"].split(","))}
+    }
+
+
+@pytest.mark.parametrize("changes", WORDS.values(), ids=WORDS)
+def test_counts_of_modules_are_read_rightly_or_refused_with_a_reason(changes):
+    found, (refused, why) = parse_messages(changes)
+    assert {int(one.counts[0]) for one in found} <= {20 + n for n in range(1, 30)}
+    assert all((one.shear == [[5, -7]] * 30).all() for one in found)
+    assert len(found) > 15 or (refused == 29 and "; allowed are messages" in why)
+    is_unclear = changes in [*WORDS.values()][3:]
+    assert bool(found) != is_unclear and (not is_unclear or "\n" not in why)
 
 
 @settings(max_examples=50, deadline=None)

@@ -105,12 +105,16 @@ def test_skin_with_two_patches_at_one_address_is_refused():
         Assembler(replace(SKIN, patches=patches), FixedJoints(np.zeros(0)), EventLog())
 
 
-def test_repeated_event_is_reported_every_ten_seconds_with_its_count():
+def test_repeated_event_is_reported_once_a_minute_with_its_count():
     log = EventLog()
-    for second in range(25):
-        log.count("lost", "scans", 3)
+    for second in range(125):
+        log.count("lost", "scans", 3, detail=f"; the last at {second} s: wait")
         log.flush_counts(START + second * SECOND)
-    assert [event.text for event in log.take()] == ["3 scans", "30 scans", "30 scans"]
+    assert [event.text for event in log.take()] == [
+        "3 scans; the last at 0 s: wait",
+        "180 scans",
+        "180 scans",
+    ]
 
 
 def test_events_that_nobody_takes_are_bounded():

@@ -3,9 +3,13 @@
 How lines are read is said by options in the address of their port.
 """
 
+import json
 import re
+import shlex
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import final
+from functools import cached_property
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -17,25 +21,58 @@ MAX_LINE_BYTES = 1 << 16
 UNITS = {"ns": 1e-3, "us": 1.0, "ms": 1e3, "s": 1e6}
 """Units of time [us]."""
 END = re.compile(rb"\r\n|\n\r|\n|\r")
+COLOURS = re.compile(rb"\x1b\[[\d;]*[A-Za-z]")
+"""Codes by which a terminal changes colours or the place of what follows."""
+BRACKETS = b"[](){}"
+ANY_NUMBER = re.compile(rb"\d|\b[nN][aA][nN]\b|^[,;\t ]+$")
+"""Part of a line with numbers, of which all may be missing."""
 NUMBERS = re.compile(rb"[-+.\deEnNaA,; \t]*")
-LABEL = re.compile(rb"[^,;]*[^-+.\d,; \t]")
+HEXADECIMAL = re.compile(rb"[\da-fA-FxX,; \t]*")
 AROUND = re.compile(rb" *([,;\t]) *")
 SEPARATOR = re.compile(rb"[,;\t]| +")
 OPTION = re.compile(r"(.*),([a-z]+)=([^,]*)", re.DOTALL)
+CHOICES = {
+    "time": (*UNITS, "ignore", "none"),
+    "last": ("ignore",),
+    "decimal": ("comma", "point"),
+    "base": ("10", "16"),
+}
+"""Options with the values that each may have."""
+QUANTITIES = ("scale", "offset", "missing")
+"""Options that are numbers."""
 ALLOWED_OPTIONS = (
-    "time=ns, us, ms, s, ignore or none, decimal=comma or point, label=TEXT, "
-    "scale=NUMBER and offset=NUMBER"
+    "time=ns, us, ms, s, ignore or none, last=ignore, decimal=comma or point, base=10 "
+    "or 16, label=TEXT, and scale, offset and missing=NUMBER"
 )
+
+
+class OptionChange(NamedTuple):
+    """A change of the options of a port may make its lines readable."""
+
+    options: dict[str, str]
+    """New values of options; empty for an option that is left out."""
+    condition: str
+    """When it is right, as part of a sentence."""
 
 
 @final
 class LineError(Exception):
-    """Says why a line is refused, and what the remedy is; empty where not known."""
+    """Says why a line is refused, and what may help.
 
-    def __init__(self, why: str, remedy: str = "") -> None:
-        """Keep both."""
+    Attributes:
+        why: why it is refused.
+        changes: changes of the options by which it might be read.
+        remedy: what else helps; empty where not known.
+    """
+
+    def __init__(
+        self, why: str, changes: Sequence[OptionChange] = (), remedy: str = ""
+    ) -> None:
+        """Keep all three."""
         super().__init__(why)
-        self.why, self.remedy = why, remedy
+        self.why = why
+        self.changes = tuple(changes)
+        self.remedy = remedy
 
 
 @final
@@ -46,16 +83,22 @@ class LineForm:
     path: str
     """Path of the port's device file."""
     time: str = ""
-    """Unit of the time that a line begins with; `ignore` leaves the time out, `none`
-    says that there is none. Empty: a time follows an @ and is in us."""
+    """Unit of the time that a line begins with; `ignore` leaves the first number out,
+    `none` says that there is no time. Empty: a time follows an @ and is in us."""
+    last: str = ""
+    """`ignore` leaves the last number of a line out."""
     decimal: str = ""
     """What is before the decimals of a number: `comma` or `point`."""
+    base: str = ""
+    """Base of the numbers: 10 or 16."""
     label: str = ""
-    """What a line begins with; other lines are left out."""
+    """What a line begins with, where * stands for any text; others are left out."""
     scale: str = ""
     """Counts of a number 1."""
     offset: str = ""
     """Count of a number 0."""
+    missing: str = ""
+    """Number of a cell that is missing."""
 
     @classmethod
     def parse(cls, text: str) -> "LineForm":
@@ -68,11 +111,11 @@ class LineForm:
         while (match := OPTION.fullmatch(text)) is not None:
             text, name, value = match.groups()
             options[name] = value
+        known = {*CHOICES, *QUANTITIES, "label"}
         if not (
-            options.keys() <= {"time", "decimal", "label", "scale", "offset"}
-            and options.get("time", "us") in (*UNITS, "ignore", "none")
-            and options.get("decimal", "comma") in ("comma", "point")
-            and all(is_number(options.get(name, "1")) for name in ("scale", "offset"))
+            options.keys() <= known
+            and all(options.get(name, one[0]) in one for name, one in CHOICES.items())
+            and all(is_number(options.get(name, "1")) for name in QUANTITIES)
         ):
             given = ",".join(f"{name}={value}" for name, value in options.items())
             raise DeviceError(
@@ -81,46 +124,75 @@ class LineForm:
             )
         return cls(text, **options)
 
-    def format(self, **changes: str) -> str:
-        """Return the address of the port with other options."""
-        options = asdict(replace(self, **changes))
+    def change(self, options: dict[str, str]) -> "LineForm":
+        """Return the form with other options."""
+        return replace(self, **options)
+
+    def format(self) -> str:
+        """Return the address of the port with its options, as a shell takes it."""
+        options = asdict(self)
         path = options.pop("path")
         words = [f"{name}={value}" for name, value in options.items() if value]
-        return ",".join([f"csv:{path}", *words])
+        return shlex.quote(",".join([f"csv:{path}", *words]))
 
-    def split(self, body: bytes) -> list[float]:
-        """Return the numbers of a line; those that are missing are not a number.
+    @cached_property
+    def label_parts(self) -> list[bytes]:
+        """Parts of the label between which there is any text."""
+        return self.label.encode().split(b"*")
+
+    def find_label_end(self, body: bytes) -> int | None:
+        """Return the size of the label of a line; None where it is not there."""
+        end = 0
+        for number, part in enumerate(self.label_parts):
+            start = body.find(part, end)
+            if start < 0 or (number == 0 and start > 0):
+                return None
+            end = start + len(part)
+        return end
+
+    def split(self, body: bytes) -> list[bytes]:
+        """Return the words of a line that are numbers; empty where one is missing.
 
         Raises:
-            ValueError: something is not a number.
-            LineError: commas may be decimal.
+            LineError: something in it is no number, or commas may be decimal.
         """
-        if NUMBERS.fullmatch(body) is None:
-            raise ValueError
+        numbers = HEXADECIMAL if self.base == "16" else NUMBERS
+        if numbers.fullmatch(body) is None:
+            raise LineError("not all of it is numbers", self.list_bases(body))
         body = AROUND.sub(rb"\1", body.strip())
         if self.decimal == "comma":
             body = body.replace(b",", b".")
         elif not self.decimal and b"," in body and any(c in body for c in b"; \t"):
-            comma = self.format(decimal="comma")
             raise LineError(
                 "commas may separate or be decimal",
-                f"give {comma} or {self.format(decimal='point')}",
+                [
+                    OptionChange({"decimal": "comma"}, "if commas are decimal"),
+                    OptionChange({"decimal": "point"}, "if commas separate"),
+                ],
             )
         words = SEPARATOR.split(body)
         if not words[-1]:
             words.pop()
-        return [float(word) if word else np.nan for word in words]
+        return words
 
-    def find_label(self, line: bytes) -> str:
-        """Return the option that reads a line with a label before its numbers."""
-        match = LABEL.match(line)
-        if (
-            match is None
-            or NUMBERS.fullmatch(line[match.end() :].removeprefix(b"@")) is None
-        ):
-            return ""
-        label = match.group().decode("ascii", "replace")
-        return f"give {self.format(label=label)}" if label.isprintable() else ""
+    def list_bases(self, body: bytes) -> list[OptionChange]:
+        """Return the change by which a line is read, if it may be hexadecimal."""
+        if HEXADECIMAL.fullmatch(body) is None:
+            return []
+        return [OptionChange({"base": "16"}, "if numbers are hexadecimal")]
+
+    def convert(self, words: Sequence[bytes]) -> list[float]:
+        """Return the numbers of words; those that are missing are not a number.
+
+        Raises:
+            LineError: a word is no number.
+        """
+        try:
+            if self.base == "16":
+                return [float(int(word, 16)) if word else np.nan for word in words]
+            return [float(word) if word else np.nan for word in words]
+        except (ValueError, OverflowError):
+            raise LineError("not all of it is numbers") from None
 
 
 def is_number(text: str) -> bool:
@@ -129,6 +201,60 @@ def is_number(text: str) -> bool:
         return bool(np.isfinite(float(text)))
     except ValueError:
         return False
+
+
+def clean_line(line: bytes) -> bytes:
+    """Return a line without blanks around it, byte order mark and colours."""
+    return COLOURS.sub(b"", line).strip(b"\xef\xbb\xbf \t")
+
+
+def read_json(body: bytes, takes_time: bool) -> list[float]:
+    """Return the numbers of a line that is a JSON object.
+
+    They are those in its arrays, one after the other, or all of it where it has no
+    array. The time is the first number outside of the arrays whose name begins with a
+    t, or else the first.
+
+    Args:
+        body: the line.
+        takes_time: whether the time comes before the counts.
+
+    Raises:
+        LineError: it is no such object.
+    """
+    try:
+        content = json.loads(body)
+        if not isinstance(content, dict):
+            raise ValueError
+        inside: list[float] = []
+        outside: dict[str, float] = {}
+        for name, value in content.items():
+            if isinstance(value, list):
+                inside += flatten(value)
+            elif isinstance(value, int | float) and not isinstance(value, bool):
+                outside[name] = float(value)
+        names = sorted(outside, key=lambda name: not name.lower().startswith("t"))
+        time = [outside.pop(name) for name in names[:takes_time]]
+    except (ValueError, RecursionError, OverflowError, TypeError):
+        raise LineError("it begins as a JSON object and is none with numbers") from None
+    if takes_time and not time:
+        raise LineError("its time is missing", remedy="send it with all lines")
+    return [*time, *(inside or outside.values())]
+
+
+def flatten(values: list[Any]) -> list[float]:
+    """Return the numbers of nested lists in order; null is not a number.
+
+    Raises:
+        TypeError: something is neither a number nor a list.
+    """
+    numbers: list[float] = []
+    for value in values:
+        if isinstance(value, list):
+            numbers += flatten(value)
+        else:
+            numbers.append(np.nan if value is None else float(value))
+    return numbers
 
 
 @final

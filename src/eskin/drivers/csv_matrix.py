@@ -19,16 +19,30 @@ from operator import xor
 from typing import NamedTuple, final
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.clock_sync import DeviceClock
+from eskin.drivers.csv_hints import describe_forms, find_readable, list_labels
 from eskin.drivers.csv_lines import (
+    ANY_NUMBER,
+    BRACKETS,
     UNITS,
     LineDeframer,
     LineError,
     LineForm,
+    OptionChange,
+    clean_line,
+    read_json,
 )
+from eskin.drivers.csv_meaning import (
+    MIN_CLOCK_LINES,
+    BaseTest,
+    EndTest,
+    NumberTest,
+    Rising,
+)
+from eskin.drivers.events import REPORT_INTERVAL
 from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
 from eskin.drivers.sampled_source import MAX_HELD, PatchSample, SampleDevice
 from eskin.drivers.serial_transport import MAX_READ_BYTES, SerialPort
@@ -46,10 +60,15 @@ PIECE_GAP = NS_PER_S // 200
 """Longest time between the pieces of a burst [ns]."""
 MAX_BURSTS = 16
 """Number of bursts by which the interval of lines is estimated."""
-MIN_CLOCK_LINES = 6
-"""Number of lines by which it is tested whether their first number is a time."""
 MIN_FRACTIONS = 100
 """Largest count from which fractions of counts may be rounded."""
+MIN_KEPT = 24
+"""Number of the latest lines that are kept for trying options, and those of the latest
+second."""
+MAX_KEPT_BYTES = 1 << 17
+"""Largest size of all lines that are kept."""
+MIN_ROWS = 4
+"""Number of rows from which it is tested whether they hold their numbers."""
 
 
 @final
@@ -62,38 +81,6 @@ class ParsedLine(NamedTuple):
     """Counts of the patch's taxels; 0 where missing."""
     received: Bool[np.ndarray, "taxel"]
     """Which are not missing."""
-
-
-@final
-class FirstNumberTest:
-    """Tests whether the first number of lines is a time, and in which unit.
-
-    Attributes:
-        unit: the unit; empty for none; None while it is not known.
-    """
-
-    def __init__(self) -> None:
-        """Start without lines."""
-        self.unit: str | None = None
-        self.numbers: list[float] = []
-        self.begun = 0
-
-    def push(self, number: float, arrived: int, is_time: bool) -> None:
-        """Add the first number of a line, of which is said whether it is a time."""
-        if self.numbers and number < self.numbers[-1]:
-            # A device that starts over; or a count.
-            self.unit = self.unit if is_time else ""
-            self.numbers.clear()
-        self.begun = self.begun if self.numbers else arrived
-        self.numbers.append(number)
-        if len(self.numbers) < MIN_CLOCK_LINES or arrived - self.begun < MAX_HELD:
-            return
-        rate = (number - self.numbers[0]) * NS_PER_S / (arrived - self.begun)
-        # Numbers of lines go on by one, at any rate.
-        rises = bool((np.diff(self.numbers) != 1).any())
-        near = [u for u, us in UNITS.items() if 2 / 3 < 1e-6 * us * rate < 3 / 2]
-        self.unit = near[0] if near and rises else ""
-        self.numbers.clear()
 
 
 @final
@@ -137,21 +124,24 @@ class MatrixLine:
         deframer: finds the lines in the bytes of the port.
         empty_at: latest time at which the port was known to be empty [ns].
         refused: number of lines that were refused and not yet reported.
-        why: why the last of them was.
+        unread: the last line that was not read and not yet reported, and why.
     """
 
     def __init__(self, form: LineForm, skin: Skin, patch: int) -> None:
         """Start without lines."""
-        self.form, self.deframer = form, LineDeframer()
+        self.form, self.skin, self.patch = form, skin, patch
+        self.deframer = LineDeframer()
         self.unit = "us" if form.time in ("", "none") else form.time
         self.scale, self.offset = float(form.scale or 1), float(form.offset or 0)
-        self.patch, self.place = patch, skin.patches[patch]
+        self.missing = float(form.missing or "nan")
+        self.place = skin.patches[patch]
         taxels = skin.find_taxels(self.place.id)
         self.taxels = len(taxels)
         self.cells = self.place.rows * self.place.columns
         self.places = skin.rows[taxels] * self.place.columns + skin.columns[taxels]
         self.counts: Counter[str] = Counter()
-        self.refused, self.why = 0, ""
+        self.refused = 0
+        self.unread: tuple[bytes, LineError] | None = None
         self.bytes = 0
         self.has_checksum = False
         self.begin(0)
@@ -159,36 +149,58 @@ class MatrixLine:
     def begin(self, now: int) -> None:
         """Start over, as after the port was opened at a time [ns]."""
         self.device_clock = DeviceClock()
-        self.first_number = FirstNumberTest()
+        self.first_number = NumberTest()
+        self.end_test = EndTest()
+        self.rising: Rising | None = None
+        self.base_test = BaseTest()
         self.number = self.unknown = 0
         self.empty_at = now
+        self.late_at: int | None = None
         self.burst = LineBurst(now)
         self.size = self.last_size = 0
         self.rows: list[float] = []
+        self.is_first_scan = True
+        self.left_out = 0
+        self.kept: deque[tuple[int, bytes]] = deque()
+        self.kept_bytes = 0
+        self.searched_at: int | None = None
+        self.advice: tuple[str, str] = "", ""
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of counts that a scan may have: taxels, or cells."""
+        return self.taxels, self.cells
 
     def push(self, lines: Sequence[bytes], now: int) -> list[PatchSample]:
-        """Return the samples of the lines that were read at a time [ns]."""
+        """Return the samples of the lines that were read at a time [ns].
+
+        Where the age of a line is not known, since this computer was busy, its sample
+        has the stamp of the latest time at which the port was known to be empty.
+        """
         empty_at, before = self.empty_at, self.bytes
         self.bytes = self.deframer.bytes
         if self.bytes - before < MAX_READ_BYTES:
             self.empty_at = now
+        is_old = now - empty_at > MAX_HELD
+        refused = self.refused
         found = [(line, self.parse(line, now)) for line in lines]
         parsed = [(line, one) for line, one in found if one is not None]
-        is_old = now - empty_at > MAX_HELD
         samples = []
         stamps = self.burst.push(len(parsed), now)
         for stamp, (line, (time, counts, received)) in zip(stamps, parsed, strict=True):
             if time is not None:
                 stamp = self.time_line(line, time, counts, now)
             elif is_old:
-                self.counts["late"] += 1
-                self.refuse(line, "it lay unread for a time that is not known", "")
-                continue
+                stamp = empty_at
             if stamp is not None:
                 self.counts["samples"] += 1
                 samples.append(PatchSample(self.patch, stamp, counts, None, received))
         if is_old:
             self.deframer.reset()
+            self.late_at = now
+        if self.late_at is not None and now - self.late_at < MAX_HELD:
+            # What no longer fitted into the buffer of the port has cut some lines.
+            self.refused = refused
         return samples
 
     def time_line(
@@ -204,113 +216,247 @@ class MatrixLine:
         self.counts["late"] += 1
         self.unknown += 1
         # The first lines of every clock are not believed.
-        if self.unknown >= MIN_CLOCK_LINES:
+        if self.unknown > MIN_CLOCK_LINES:
             why = "its time does not go on as the clock of this computer does"
-            self.refuse(line, why, f"give {self.form.format(time='ignore')}")
+            self.refuse(line, LineError(why, [OptionChange({"time": "ignore"}, "")]))
         return None
 
     def parse(self, line: bytes, now: int = 0) -> ParsedLine | None:
         """Return what a line says; None if it is damaged, or not the end of a scan."""
+        self.keep(line, now)
         try:
             return self.parse_body(line, now)
-        except ValueError:
-            why, remedy = "not all of it is numbers", self.form.find_label(line)
         except LineError as error:
-            why, remedy = error.why, error.remedy
-        self.counts["damaged"] += 1
-        self.rows.clear()
-        self.refuse(line, why, remedy)
+            self.counts["damaged"] += 1
+            self.rows.clear()
+            self.refuse(line, error)
         return None
+
+    def keep(self, line: bytes, now: int) -> None:
+        """Keep a line, by which options are tried."""
+        self.kept.append((now, line))
+        self.kept_bytes += len(line)
+        while self.kept_bytes > MAX_KEPT_BYTES or (
+            len(self.kept) > MIN_KEPT and now - self.kept[0][0] > NS_PER_S
+        ):
+            self.kept_bytes -= len(self.kept.popleft()[1])
 
     def parse_body(self, line: bytes, now: int) -> ParsedLine | None:
         """Return what a line says; None if it is not the end of a scan.
 
         Raises:
             LineError: it cannot be read.
-            ValueError: something in it is not a number.
         """
-        body = line.strip(b"\xef\xbb\xbf \t")
-        label = self.form.label.encode()
-        if not body.startswith(label):
-            return None
-        body, star, digits = body[len(label) :].partition(b"*")
-        if star:
-            whole = line[: line.index(b"*")]
-            if f"{reduce(xor, whole, 0):02X}".encode() != digits.upper():
-                raise LineError(
-                    "its checksum is wrong", "send the exclusive or of all bytes before"
-                )
-            self.has_checksum = True
-        elif self.has_checksum and body:
-            raise LineError("it has no checksum, as others had", "send it with all")
-        ends_rows = not body or body.endswith(b"]]")
-        body = body.translate(None, b"[](){}").strip()
-        is_timed = body.startswith(b"@") or self.form.time not in ("", "none")
-        numbers = self.form.split(body.removeprefix(b"@")) if body else []
-        if not is_timed and len(numbers) not in (self.taxels, self.cells):
+        body = clean_line(line)
+        is_object = is_timed = False
+        numbers: list[float] = []
+        ends_rows = True
+        if ANY_NUMBER.search(body) is not None:
+            label_end = self.form.find_label_end(body)
+            if label_end is None:
+                self.leave_out(line)
+                return None
+            body = self.take_checksum(line, body[label_end:].strip())
+            if label_end:
+                body = body.removeprefix(b",").removeprefix(b";")
+            is_object = body.startswith(b"{")
+            ends_rows = body.endswith(b"]]")
+            numbers, is_timed = self.read_numbers(body)
+        if numbers and (is_timed or not is_object):
+            self.test_ends(numbers, is_timed, now)
+        if self.form.last and numbers:
+            numbers.pop()
+        if self.form.time == "ignore" and is_timed and numbers:
+            numbers.pop(0)
+            is_timed = False
+        if not is_timed and len(numbers) not in self.sizes:
             numbers = self.join_rows(numbers, ends_rows)
         if not numbers:
             return None
-        test = self.first_number
-        if test.unit is None or (is_timed and test.unit != self.unit):
-            test.push(numbers[0], now, is_timed)
         time = self.take_time(numbers) if is_timed else None
-        self.check_size(len(numbers), is_timed)
+        self.check_size(len(numbers), is_timed, is_object)
         counts, received = self.count(numbers)
+        self.left_out = 0
         return ParsedLine(time, counts, received)
 
+    def leave_out(self, line: bytes) -> None:
+        """Leave out a line that does not begin with the label.
+
+        It is of another device, unless no line begins with the label any more.
+        """
+        self.left_out += 1
+        error = LineError(
+            f"it does not begin with '{self.form.label}'",
+            [OptionChange({"label": ""}, "")],
+        )
+        if self.left_out > MIN_KEPT:
+            self.refuse(line, error)
+        elif not self.counts["samples"]:
+            self.unread = line, error
+
+    def take_checksum(self, line: bytes, body: bytes) -> bytes:
+        """Return what is before the checksum in the part of a line after its label.
+
+        The checksum is that of all bytes before the star, or of those after the label.
+
+        Raises:
+            LineError: it is wrong, or missing where others had one.
+        """
+        content, star, digits = body.rpartition(b"*")
+        # A star in a JSON object is part of a text.
+        if not star or b"}" in digits:
+            if self.has_checksum:
+                why = "it has no checksum, as others had"
+                raise LineError(why, remedy="send it with all")
+            return body
+        whole = line[: line.rindex(b"*")]
+        sums = {f"{reduce(xor, text, 0):02X}".encode() for text in (whole, content)}
+        if digits.upper() not in sums:
+            why = "its checksum is wrong"
+            raise LineError(why, remedy="send the exclusive or of all bytes before")
+        self.has_checksum = True
+        return content
+
+    def read_numbers(self, body: bytes) -> tuple[list[float], bool]:
+        """Return the numbers of a line, and whether the first is a time.
+
+        Raises:
+            LineError: something in it is no number.
+        """
+        takes_time = self.form.time not in ("", "none")
+        if body.startswith(b"{"):
+            takes_time = takes_time and self.form.time != "ignore"
+            return read_json(body, takes_time), takes_time
+        body = body.replace(b"null", b"nan").translate(None, BRACKETS).strip()
+        is_timed = body.startswith(b"@") or takes_time
+        sizes = (*self.sizes, self.place.columns)
+        try:
+            words = self.form.split(body.removeprefix(b"@"))
+        except LineError:
+            self.base_test.note_unread(body, sizes)
+            raise
+        if not self.form.base:
+            self.base_test.push(words[is_timed:])
+        return self.form.convert(words), is_timed
+
+    def test_ends(self, numbers: Sequence[float], is_timed: bool, now: int) -> None:
+        """Test whether the first and the last number of a whole scan are counts.
+
+        Raises:
+            LineError: the options leave out one of them, and the other is no count.
+        """
+        if len(numbers) < max(min(self.sizes), 2):
+            return
+        first = self.first_number
+        if first.unit is None or (is_timed and first.unit != self.unit):
+            first.push(numbers[0], now, is_timed)
+        if self.rising is None:
+            self.rising = self.end_test.push(numbers, now)
+        if self.rising == "last" and self.form.time == "ignore" and not self.form.last:
+            raise LineError(
+                "its last number rises from line to line, its first does not",
+                [OptionChange({"time": "", "last": "ignore"}, "")],
+            )
+        if self.rising == "first" and self.form.last and not is_timed:
+            raise LineError(
+                "its first number rises from line to line, its last does not",
+                [OptionChange({**one.options, "last": ""}, "") for one in TIME_CHANGES],
+            )
+
     def join_rows(self, numbers: list[float], ends: bool) -> list[float]:
-        """Add a row of the matrix; return the numbers of all rows when they end."""
-        if len(numbers) in (0, self.place.columns):
-            self.rows += numbers
-            if not ends and len(self.rows) <= self.cells:
-                return []
-            numbers, self.rows = self.rows, []
-            if numbers and (not ends or len(numbers) != self.cells):
-                rows = self.place.rows
-                raise LineError(
-                    "it is one of rows, without an empty line after each "
-                    f"{rows} of them",
-                    "send one",
-                )
+        """Add a row of the matrix; return the numbers of all rows when they end.
+
+        Raises:
+            LineError: there are too few rows, too many, or they have numbers.
+        """
+        rows = self.place.rows
+        if len(numbers) not in (0, self.place.columns):
+            return numbers
+        self.rows += numbers
+        if not ends and len(self.rows) <= self.cells:
+            return []
+        numbers, self.rows = self.rows, []
+        is_first, self.is_first_scan = self.is_first_scan, False
+        if is_first and len(numbers) < self.cells:
+            return []
+        if numbers and (not ends or len(numbers) != self.cells):
+            raise LineError(
+                f"it is one of rows, without a line without numbers after each {rows} "
+                "of them",
+                remedy="send an empty line, or a word, after all rows",
+            )
+        if self.form.last and self.form.time != "ignore":
+            self.check_row_numbers(numbers, 0, {"time": "ignore", "last": ""})
+        elif self.form.time == "ignore" and not self.form.last:
+            self.check_row_numbers(numbers, -1, {"time": "", "last": "ignore"})
         return numbers
+
+    def check_row_numbers(
+        self, numbers: list[float], end: int, options: dict[str, str]
+    ) -> None:
+        """Refuse rows that hold their own numbers at the other end than is left out.
+
+        Args:
+            numbers: numbers of all rows.
+            end: column at that end, 0 or -1.
+            options: options that leave it out.
+
+        Raises:
+            LineError: they do.
+        """
+        column = numbers[end % self.place.columns :: self.place.columns]
+        counted = [[*range(n, n + self.place.rows)] for n in (0, 1)]
+        if self.place.rows >= MIN_ROWS and column in counted:
+            raise LineError("its rows hold their numbers", [OptionChange(options, "")])
 
     def take_time(self, numbers: list[float]) -> int | None:
         """Take the time from the numbers of a line; return it [us], modulo 2**32."""
-        time, found = numbers.pop(0), self.first_number.unit
-        if self.unit == "ignore":
-            return None
+        time = numbers.pop(0)
+        found = self.first_number.unit
         if not np.isfinite(time):
-            raise LineError("its time is missing", "send it with all lines")
+            raise LineError("its time is missing", remedy="send it with all lines")
         if found not in (None, self.unit):
             why = f"is in {found}, not" if found else "does not go on in"
-            other = self.form.format(time=found or "ignore")
-            raise LineError(f"its time {why} {self.unit}", f"give {other}")
+            changes = [OptionChange({"time": found}, "")]
+            if not found:
+                changes = [TIME_CHANGES[-1], OptionChange({"time": ""}, "")]
+            raise LineError(f"its time {why} {self.unit}", changes)
         return round(time * UNITS[self.unit]) % DEVICE_TIME_SPAN
 
-    def check_size(self, size: int, is_timed: bool) -> None:
+    def check_size(self, size: int, is_timed: bool, is_object: bool) -> None:
         """Raise a LineError unless a line of so many counts has one meaning."""
         found = self.first_number.unit
-        unit = "ms" if found is None else found or "ignore"
-        time, none = (self.form.format(time=word) for word in (unit, "none"))
-        if size not in (self.taxels, self.cells):
-            is_more = not is_timed and size - 1 in (self.taxels, self.cells)
-            remedy = f"give {time} if the first is a time"
-            if not is_more:
-                remedy = "send a line a scan, or an empty line after all rows"
-            raise LineError(f"it has {size} numbers", remedy)
-        is_either = size == self.cells == self.taxels + 1
-        if not (is_timed or self.form.time) and (is_either or found):
+        if size not in self.sizes:
+            counts = (*self.sizes, self.place.columns)
+            is_more = size - 1 in counts or size - 2 in counts
             raise LineError(
-                f"its first number may be a time{f' in {found}' if found else ''}",
-                f"give {time} if it is one, or {none} if it is the count of a cell",
+                f"it has {size} numbers",
+                self.list_ends(is_timed) if is_more else (),
+                "send a line a scan, or a line without numbers after all rows",
             )
+        is_either = size == self.cells == self.taxels + 1
+        is_known = is_timed or is_object or self.form.time or self.form.last
+        if not is_known and (is_either or found):
+            why = f"its first number may be a time{f' in {found}' if found else ''}"
+            if size - 1 not in self.sizes:
+                why += f", which leaves {size - 1} counts"
+            none = OptionChange({"time": "none"}, "if all are counts of cells")
+            raise LineError(why, [*self.list_ends(is_timed), none])
         # A line that has lost a separator may have the number of the other form.
         known = self.size == self.last_size == 0 or size in (self.size, self.last_size)
         self.last_size = size
         if not known:
-            raise LineError(f"it has {size} numbers, others had {self.size}", "")
+            raise LineError(f"it has {size} numbers, others had {self.size}")
         self.size = size
+
+    def list_ends(self, is_timed: bool) -> list[OptionChange]:
+        """Return the changes by which a number at an end of a line is no count."""
+        changes: list[OptionChange] = []
+        if not is_timed and not self.form.time and self.rising != "last":
+            changes += TIME_CHANGES
+        if not self.form.last and self.rising != "first":
+            changes.append(OptionChange({"last": "ignore"}, "if the last is no count"))
+        return changes
 
     def count(
         self, numbers: list[float]
@@ -318,42 +464,108 @@ class MatrixLine:
         """Return the counts of numbers, and which are not missing."""
         values = np.array(numbers)
         if np.isinf(values).any():
-            raise ValueError
+            raise LineError("not all of it is numbers")
         if len(values) > 2 and (values == values[0] + np.arange(len(values))).all():
             if values[0] in (0, 1):
-                raise LineError("its numbers are those of the cells", "send counts")
-        received = ~np.isnan(values)
+                why = "its numbers are those of the cells"
+                raise LineError(why, remedy="send counts")
+        received = ~(np.isnan(values) | (values == self.missing))
         values = np.where(received, values, 0)
         if not self.form.scale and values.max() < MIN_FRACTIONS:
             if (values % 1).any():
-                large, one = (self.form.format(scale=s) for s in ("1000", "1"))
                 raise LineError(
                     f"its numbers are fractions below {MIN_FRACTIONS}",
-                    f"give {large}, or {one} to round them",
+                    [
+                        OptionChange({"scale": "1000"}, "to keep three decimals"),
+                        OptionChange({"scale": "1"}, "to round them"),
+                    ],
                 )
-        values = np.where(received, np.rint(values * self.scale + self.offset), 0)
-        if values.min() < 0 or values.max() > MAX_COUNT:
-            worst = values.min() if values.min() < 0 else values.max()
-            way = {"offset": "1000"} if worst < 0 else {"scale": "0.01"}
-            raise LineError(
-                f"count {worst:g} is out of range",
-                f"give {self.form.format(**way)} or another",
-            )
+        scaled = np.where(received, np.rint(values * self.scale + self.offset), 0)
+        if scaled.min() < 0 or scaled.max() > MAX_COUNT:
+            worst = scaled.min() if scaled.min() < 0 else scaled.max()
+            changes: list[OptionChange] = []
+            if worst < 0:
+                changes = list_negative(values)
+            elif (scaled > MAX_COUNT).sum() > 1:
+                changes = [OptionChange({"scale": "0.01"}, "or with another scale")]
+            raise LineError(f"count {worst:g} is out of range", changes)
         if len(values) != self.taxels:
-            values, received = values[self.places], received[self.places]
-        return values.astype(np.int32), received
+            scaled, received = scaled[self.places], received[self.places]
+        return scaled.astype(np.int32), received
 
-    def refuse(self, line: bytes, why: str, remedy: str) -> None:
+    def refuse(self, line: bytes, error: LineError) -> None:
         """Note why a line is refused."""
-        text = line[:48].decode("ascii", "replace")
-        sizes = " or ".join(map(str, sorted({self.taxels, self.cells})))
         self.refused += 1
-        self.why = (
+        self.unread = line, error
+
+    @property
+    def why(self) -> str:
+        """Why the last line was not read, what is allowed, and the remedy."""
+        if self.unread is None:
+            return ""
+        line, error = self.unread
+        text = line[:48].decode("ascii", "replace")
+        sizes = " or ".join(map(str, sorted(set(self.sizes))))
+        return (
             f"'{text if text.isprintable() else ascii(text)[1:-1]}"
-            f"{'...' if len(line) > 48 else ''}' at {self.form.path}: {why}; "
-            f"allowed are {sizes} counts a line of patch '{self.place.id}' from 0 "
-            f"to {MAX_COUNT}; {remedy or 'check cable, baud rate and what is sent'}"
+            f"{'...' if len(line) > 48 else ''}' at {self.form.path}: {error.why}; "
+            f"allowed are {sizes} counts a line of patch '{self.place.id}' from 0 to "
+            f"{MAX_COUNT}; {self.find_remedy(error)}"
         )
+
+    def find_remedy(self, error: LineError) -> str:
+        """Return what to do about a line that is refused.
+
+        It is options that read all lines that have come, if there are some.
+        """
+        now = self.kept[-1][0] if self.kept else 0
+        if self.searched_at is None or now - self.searched_at >= REPORT_INTERVAL:
+            self.searched_at = now
+            lines = [line for _, line in self.kept]
+            labels = list_labels(lines, self.place.columns, min(self.sizes))
+            found = find_readable(self.form, self.try_form, labels)
+            self.advice = error.why, describe_forms(found)
+        why, advice = self.advice
+        if advice and why == error.why:
+            return advice
+        return error.remedy or "check cable, baud rate and what is sent"
+
+    def try_form(self, form: LineForm) -> list[LineError]:
+        """Read the lines that have come by another form; return why some are refused.
+
+        The first lines with times are not used, as the clock of the device is learned.
+        """
+        trial = MatrixLine(form, self.skin, self.patch)
+        errors: list[LineError] = []
+        for now, line in self.kept:
+            trial.empty_at = now
+            trial.push([line], now)
+            if trial.refused and trial.unread is not None:
+                errors.append(trial.unread[1])
+            trial.refused = 0
+        if not errors and not trial.counts["samples"]:
+            _, error = trial.unread or (b"", LineError("it is no scan"))
+            errors.append(error)
+        return errors
+
+
+TIME_CHANGES = (
+    *(OptionChange({"time": unit}, "if the first number is a time") for unit in UNITS),
+    OptionChange({"time": "ignore"}, "if the first number is no count"),
+)
+
+
+def list_negative(values: Float[np.ndarray, "number"]) -> list[OptionChange]:
+    """Return the changes by which numbers are read of which some are below zero."""
+    found = np.unique(values[values < 0])
+    changes = [OptionChange({"offset": "1000"}, "if numbers may be below 0")]
+    if len(found) == 1:
+        word = f"{found[0]:g}"
+        missing = OptionChange(
+            {"missing": word}, f"if {word} stands for a missing cell"
+        )
+        changes.insert(0, missing)
+    return changes
 
 
 @final
@@ -422,9 +634,10 @@ class CsvMatrix(SampleDevice):
     def take_refused(self) -> tuple[int, str]:
         """Return how many lines were refused since the last call, and why the last."""
         count = sum(line.refused for line in self.lines)
-        why = next((line.why for line in self.lines if line.refused), "")
+        why = next((line.why for line in self.lines if line.unread is not None), "")
         for line in self.lines:
             line.refused = 0
+            line.unread = None
         return count, why
 
     def disconnect(self) -> None:

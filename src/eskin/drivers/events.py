@@ -6,7 +6,7 @@ from typing import Literal, final
 
 from eskin.recording import EventRecord
 
-REPORT_INTERVAL = 10_000_000_000
+REPORT_INTERVAL = 60_000_000_000
 """Shortest time between two events about the same repeated problem [ns]."""
 MAX_EVENTS = 1000
 """Largest number of events that are kept until they are taken."""
@@ -80,7 +80,7 @@ class RepeatedEvent:
     reported: int | None = None
     """Time of the last report [ns]; None before the first."""
     detail: str = ""
-    """What the report adds of the last time."""
+    """What the first report adds: what was seen, and the remedy."""
 
 
 @final
@@ -106,9 +106,9 @@ class EventLog:
         patch: str | None = None,
         detail: str = "",
     ) -> None:
-        """Count an event that may happen often; it is reported at most every 10 s.
+        """Count an event that may happen often; it is reported once a minute at most.
 
-        The report is the number of times, then `text`, then the latest `detail`.
+        The report is the number of times and `text`, the first with `detail`.
         """
         key = (kind, text, patch)
         if key not in self.repeated and len(self.repeated) >= MAX_REPEATED:
@@ -121,7 +121,8 @@ class EventLog:
         for (kind, text, patch), event in self.repeated.items():
             due = event.reported is None or now - event.reported >= REPORT_INTERVAL
             if event.count and due:
-                self.add(now, kind, f"{event.count} {text}{event.detail}", patch)
+                detail = event.detail if event.reported is None else ""
+                self.add(now, kind, f"{event.count} {text}{detail}", patch)
                 event.count, event.reported = 0, now
 
     def take(self) -> list[Event]:

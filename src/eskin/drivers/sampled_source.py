@@ -123,6 +123,8 @@ class SampledSource(Source):
 
     Attributes:
         late: number of samples that were too old to be used.
+        lag: time for which the device was last not read, as the computer was busy [ns].
+        lag_end: end of that time [ns]; 0 before the first.
     """
 
     def __init__(
@@ -171,6 +173,9 @@ class SampledSource(Source):
         self.last_received: dict[int, int] = {}
         self.sending: set[int] = set()
         self.is_open, self.closed = True, False
+        self.received_at: int | None = None
+        self.lag = 0
+        self.lag_end = 0
         self.tried = self.last = 0
         self.readings = self.late = 0
         try:
@@ -210,9 +215,11 @@ class SampledSource(Source):
             left = limit - (now - since) / NS_PER_S
             if left <= 0:
                 break
-            for sample in self.receive(min(left, MAX_WAIT)):
-                stamps.setdefault(sample.patch, []).append(sample.stamp)
+            samples = self.receive(min(left, MAX_WAIT))
             now = self.clock.now()
+            for sample in samples:
+                if now - sample.stamp <= MAX_HELD:
+                    stamps.setdefault(sample.patch, []).append(sample.stamp)
         refused, why = self.device.take_refused()
         if refused > sum(map(len, stamps.values())) or (sends and not stamps):
             why = why or "it is not data of this skin; allowed is such a device"
@@ -249,10 +256,17 @@ class SampledSource(Source):
             self.is_open = True
             self.log.add(now, "returned", f"{self.uri} is back")
         try:
-            return self.device.receive(timeout)
+            samples = self.device.receive(timeout)
+            now = self.clock.now()
+            last, self.received_at = self.received_at, now
+            if last is not None and now - last > MAX_HELD:
+                self.lag = now - last
+                self.lag_end = now
+            return samples
         except OSError as error:
             self.device.disconnect()
             self.is_open = False
+            self.received_at = None
             self.due = self.clock.now()
             text = f"{self.uri} is gone ({error}); plug it in again"
             self.log.add(self.clock.now(), "silent", text)
@@ -265,7 +279,14 @@ class SampledSource(Source):
             self.late += 1
             name = self.skin.patches[patch].id
             text = f"samples of patch '{name}' arrived too late to be used"
-            self.log.count("late", text, patch=name)
+            detail = ""
+            if sample.stamp <= self.lag_end:
+                text = (
+                    f"samples of patch '{name}' lay unread, as this computer was busy"
+                )
+                detail = f" for {self.lag / NS_PER_S:.1f} s; stop other programs"
+            self.log.count("late", text, patch=name, detail=detail)
+            self.note_patch(patch, now)
             return
         oldest = min((one.stamp for one in self.pending.values()), default=sample.stamp)
         if patch in self.pending or sample.stamp - oldest > MAX_SPREAD * self.period:
@@ -300,9 +321,8 @@ class SampledSource(Source):
             self.emit(now)
         refused, why = self.device.take_refused()
         if refused:
-            self.log.count(
-                "damaged", "lines are not read; the last: ", refused, detail=why
-            )
+            text = "lines or messages are not read"
+            self.log.count("damaged", text, refused, detail=f"; the last: {why}")
         self.log.flush_counts(now)
 
     def emit(self, now: int) -> None:

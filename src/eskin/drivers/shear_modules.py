@@ -6,8 +6,9 @@ The messages are those of the server of XELA Robotics' modules:
      "1": {"sensor": "1", "taxels": 16, "data": "7F3C,7B6C,8C3D,..."}}
 
 `message` counts up, `time` is the server's [s since the epoch], and `data` holds the
-counts along x, y and z of each taxel in turn, in hexadecimal. A message whose number is
-a text, such as the first one, is a greeting.
+counts along x, y and z of each taxel in turn, as a text of hexadecimal numbers or a
+list of numbers. A message whose number is a text without digits, such as the first one,
+is a greeting.
 """
 
 import json
@@ -31,6 +32,11 @@ CONNECT_SECONDS = 1.0
 """Longest time to wait for the server [s]."""
 MAX_MESSAGE_BYTES = 1 << 20
 """Longest message."""
+MAX_DIGITS = 4
+"""Largest number of hexadecimal digits of a count; those of a text that have more are
+decimal."""
+MAX_SHOWN = 48
+"""Number of characters of a message that is not read which are shown."""
 SHEAR_REST = 1 << 15
 """Count of an axis without shear, which becomes 0."""
 US_PER_S = 1_000_000
@@ -53,6 +59,8 @@ class ShearModules(SampleDevice):
         self.taxels = [len(skin.find_taxels(patch.id)) for patch in skin.patches]
         self.socket: ClientConnection | None = None
         self.counts: Counter[str] = Counter()
+        self.refused = 0
+        self.why = ""
         self.begin()
 
     def begin(self) -> None:
@@ -95,15 +103,17 @@ class ShearModules(SampleDevice):
         """Return the samples of a message that arrived now [ns]."""
         try:
             message = json.loads(text)
-            number, time = message["message"], message["time"]
-            if isinstance(number, str):
+            number = message["message"]
+            if isinstance(number, str) and not number.strip().isdecimal():
                 return []
+            number = int(number) if isinstance(number, str) else number
+            time = float(message["time"])
             if not isinstance(number, int) or not 0 <= time < 1e10:
-                raise ValueError
+                raise ValueError("its number or its time is none")
             modules = [message[str(n)] for n in self.patches if str(n) in message]
             found = [self.parse_module(module, time) for module in modules]
-        except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-            self.counts["damaged"] += 1
+        except PARSE_ERRORS as error:
+            self.refuse(text, error)
             return []
         self.counts["messages"] += 1
         scan = self.server_clock.push(
@@ -127,6 +137,26 @@ class ShearModules(SampleDevice):
             samples.append(PatchSample(patch, scan.stamp, counts, shear))
         return samples
 
+    def refuse(self, text: str | bytes, error: Exception) -> None:
+        """Note why a message is not read."""
+        self.counts["damaged"] += 1
+        self.refused += 1
+        words = text if isinstance(text, str) else text.decode("utf-8", "replace")
+        reason = " ".join(str(error).split())
+        if isinstance(error, KeyError):
+            reason = f"it has no {error}"
+        self.why = (
+            f"{ascii(words[:MAX_SHOWN])} of {self.uri}: {reason:.200}; allowed are "
+            "messages of the server of XELA Robotics, with three numbers of "
+            f"{MAX_DIGITS} hexadecimal digits for each taxel of a module; check the "
+            "server, and the taxels of the skin"
+        )
+
+    def take_refused(self) -> tuple[int, str]:
+        """Return how many messages were not read since the last call, and why."""
+        count, self.refused = self.refused, 0
+        return count, self.why if count else ""
+
     def parse_module(
         self,
         module: Any,  # noqa: ANN401
@@ -139,11 +169,14 @@ class ShearModules(SampleDevice):
             KeyError: it lacks what is needed.
         """
         patch = self.patches[int(module["sensor"])]
-        values = [int(word, 16) for word in module["data"].split(",")]
-        if len(values) != 3 * self.taxels[patch] or not all(
-            0 <= value < 1 << 16 for value in values
-        ):
-            raise ValueError
+        data = module["data"]
+        words = data.split(",") if isinstance(data, str) else data
+        values = [parse_count(word) for word in words]
+        if len(values) != 3 * self.taxels[patch]:
+            raise ValueError(
+                f"module {module['sensor']} has {len(values)} numbers, its patch "
+                f"{self.taxels[patch]} taxels"
+            )
         taken = float(module.get("time", time))
         return patch, taken, np.array(values, np.int32).reshape(-1, 3)
 
@@ -156,3 +189,29 @@ class ShearModules(SampleDevice):
     def counters(self) -> dict[str, int]:
         """Return bytes, messages, and samples by what became of them."""
         return {"bytes": 0, **self.counts}
+
+
+PARSE_ERRORS = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RecursionError,
+    OverflowError,
+)
+"""Errors of a message that is not as those of the server."""
+
+
+def parse_count(word: Any) -> int:  # noqa: ANN401
+    """Return the count of a number, or of a text of hexadecimal digits.
+
+    Raises:
+        ValueError: it is none of 16 bits, or a text with more digits: a decimal number,
+            of which shorter ones would be read wrongly.
+    """
+    if isinstance(word, str) and len(word.strip()) > MAX_DIGITS:
+        raise ValueError(f"'{word.strip():.20}' may be a decimal number")
+    value = int(word, 16) if isinstance(word, str) else word
+    if not isinstance(value, int) or not 0 <= value < 1 << 16:
+        raise ValueError(f"{word!r:.20} is no count of 16 bits")
+    return value
