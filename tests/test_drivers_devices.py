@@ -388,47 +388,73 @@ def test_matrix_has_sent_once_any_byte_has_come(tmp_path, data):
             open_source(pad.uri, config=config)
 
 
+class Wire:
+    """Stands for a serial port whose buffer holds what was not read yet."""
+
+    def __init__(self, path, baud, deframer):
+        self.deframer, self.data = deframer, b"\n"
+        self.line = self
+
+    def fileno(self):
+        return 7
+
+    def retry(self, now):
+        return False
+
+    def read(self):
+        data, self.data = self.data, b""
+        return self.deframer.push(data)
+
+    def close(self):
+        self.line = None
+
+
 @pytest.mark.parametrize("timed", [False, True], ids=["bare", "timed"])
 @pytest.mark.parametrize("overflows", [False, True])
 def test_lines_that_lay_unread_are_told_as_the_lag_of_the_computer(
-    tmp_path, timed, overflows
+    monkeypatch, timed, overflows
 ):
     """The cable is not blamed, even where the buffer of the port has cut lines."""
-    pad = Pad(tmp_path, timed)
-    skin = matrix_skin()
+    monkeypatch.setattr("eskin.drivers.csv_matrix.SerialPort", Wire)
+    monkeypatch.setattr(
+        "eskin.drivers.csv_matrix.select.select",
+        lambda files, *_: (files if wire.data else [], [], []),
+    )
     clock = ManualClock(SECOND)
-    device = CsvMatrix(clock, [pad.uri.removeprefix("csv:")], skin, 115_200)
+    skin = matrix_skin()
+    path = f"port,time={'us' if timed else 'none'}"
+    device = CsvMatrix(clock, [path], skin, 115_200)
     source = SampledSource(
         device,
         MountedSkin(skin, load_robot("table")),
         calibration_of(skin),
         FixedJoints(np.zeros(0)),
         clock,
-        pad.uri,
+        f"csv:{path}",
         50.0,
     )
+    [wire] = device.ports
 
-    def send(first, count):
-        for number in range(first, first + count):
+    def send(numbers, is_read):
+        for number in numbers:
             clock.sleep(0.02)
-            pad.send(clock.now(), number)
-            if number not in unread:
+            time = clock.now() // 1000 if timed else None
+            wire.data += format_line(encode_time(clock.now(), number), time, timed)
+            if is_read:
                 source.read(0.0)
 
-    unread = range(60, 160)
-    with contextlib.closing(pad), contextlib.closing(source):
-        send(0, 60)
-        assert [event.kind for event in source.take_events()] == ["appeared"]
-        used = device.counters()["samples"]
-        send(60, 100)
-        if overflows:
-            pad.write(b"5,7\n,,8x;2\n")
-        send(160, 60)
-        events = source.take_events()
-    [event] = events
+    send(range(60), True)
+    assert [event.kind for event in source.take_events()] == ["appeared"]
+    used = device.counters()["samples"]
+    send(range(60, 160), False)
+    if overflows:
+        wire.data += b"5,7\n,,8x;2\n"
+    send(range(160, 220), True)
+    [event] = source.take_events()
     assert event.kind == "late"
     assert "lay unread, as this computer was busy for 2.0 s; stop" in event.text
     assert device.counters()["samples"] > used + 50
+    source.close()
 
 
 def test_module_that_the_server_repeats_is_not_received_again():
