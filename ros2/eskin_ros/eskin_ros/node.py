@@ -21,9 +21,9 @@ from eskin.bus import LEFT_TO_ROS, SENSOR_TOPICS, Bus, Publisher
 from eskin.drivers import HostClock
 from eskin.drivers.joints import ReceivedJoints, check_positions
 from eskin.errors import EskinError
-from eskin.live import Recognizer, load_model, mount_skin, warm_up
+from eskin.live import Recognizer, load_model, warm_up
 from eskin.recording.cdr import Topic
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, mount_skin
 from eskin.stream import Recognition, Stream
 
 SENSOR_DEPTH, DEPTH = 5, 10
@@ -44,7 +44,7 @@ class Parameters:
     """Skin of a device: a preset's name or a folder."""
 
     robot_urdf: str = ""
-    """Robot of the skin: a URDF file or a preset's name."""
+    """Robot of the skin: a URDF file or a preset's name; by default the skin's own."""
 
     calibration: str = ""
     """Calibration file of the electronics."""

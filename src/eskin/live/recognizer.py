@@ -116,7 +116,7 @@ class Recognizer:
             name_or_path: a model that comes with eskin, or the path of a model file.
             skin: a preset's name, a skin's folder, or a skin; None for the one that a
                 model which comes with eskin was trained on.
-            robot: a preset's name, a URDF, or a robot; None for that of a preset skin.
+            robot: a preset's name, a URDF, or a robot; None for the skin's own.
             calibration: calibration of the skin; None accepts only readings, no scans.
             decision: thresholds and times; None takes those of the model.
 

@@ -29,8 +29,8 @@ class DemoConfig:
     skin: str = "ur5"
     """Name of a preset skin, or folder of a skin."""
     robot: str | None = None
-    """Robot that wears the skin: its name, or the path of its URDF; None for that of a
-    preset skin. A robot other than the UR5 stands still, and is not commanded."""
+    """Robot that wears the skin: its name, or the path of its URDF; None for the skin's
+    own. A robot other than the UR5 stands still, and is not commanded."""
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
     commands: Path | None = None
