@@ -16,27 +16,21 @@ import numpy as np
 import tyro
 
 import eskin
-from eskin.learn.checkpoint import to_model
-from eskin.learn.dataset import prepare
-from eskin.learn.training import TrainConfig, Trainer
-from eskin.live import ModelCard
+from eskin.learn.config import TrainConfig
 from eskin.recording import Label, Metadata, write_all
 from eskin.skin import build_grid_skin
 
 RATE, PERIOD = 50, 20_000_000  # scans a second; time from one to the next [ns]
 SKIN = build_grid_skin(12, 16, calibrated=True)
 CALIBRATION = eskin.Calibration.uniform(SKIN.count, 4095, 100.0)
-START = eskin.load_model("ur5")
 
 
 @dataclass(frozen=True)
 class Example:
     """Teach gestures of your own."""
 
-    train: TrainConfig = TrainConfig(
-        epochs=3, encoded=8, readings=12, validation=0.0, network=START.card.network
-    )
-    """Encodes few graphs, which is quick; the network has the sizes of the start."""
+    train: TrainConfig = TrainConfig(epochs=3, encoded=8, readings=12, validation=0.0)
+    """Encodes few graphs, which is quick."""
 
 
 def press(name: str, part: float) -> np.ndarray:
@@ -75,10 +69,7 @@ def main(example: Example) -> None:
             path, "table", SKIN, CALIBRATION, Metadata("mine", "me")
         ) as writer:
             write_all(writer, *perform(["knock", "circle", "none"] * 5, seed=0))
-        dataset = prepare([path])
-    names = dataset.vocabulary
-    network = Trainer(dataset, names, example.train, start=START).run()
-    model = to_model(network, ModelCard(names, network=example.train.network))
+        model = eskin.train(path, "ur5", config=example.train)
 
     skin = eskin.MountedSkin(SKIN, eskin.load_robot("table"))
     recognizer = eskin.Recognizer(model, skin, CALIBRATION)

@@ -20,7 +20,7 @@ import tyro
 from eskin.learn.checkpoint import to_network
 from eskin.learn.commands.evaluate import describe_near_words
 from eskin.learn.dataset import prepare
-from eskin.learn.evaluation import Evaluation, evaluate
+from eskin.learn.evaluation import Evaluation, score_dataset
 from eskin.learn.events import (
     EventScore,
     ScoredStream,
@@ -171,7 +171,7 @@ def evaluate_clips(command: Command, folder: Path) -> Evaluation:
         command.sets / "pack",
         command.workers,
     )
-    return evaluate(to_network(model), model.card, dataset)
+    return score_dataset(to_network(model), model.card, dataset)
 
 
 def replay_streams(command: Command, folder: Path) -> dict[str, list[ScoredStream]]:

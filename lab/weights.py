@@ -23,7 +23,7 @@ from pathlib import Path
 
 import tyro
 
-from eskin.live import load_model, save_model
+from eskin.live import load_model
 
 SIMULATED = {
     "train": "--set train --clips 5000",
@@ -214,7 +214,7 @@ def set_decision(path: Path) -> None:
     """Write the decision of weights for all sensors into their file."""
     model = load_model(path)
     decision = replace(model.card.decision, **DECISION)
-    save_model(path, replace(model, card=replace(model.card, decision=decision)))
+    replace(model, card=replace(model.card, decision=decision)).save(path)
 
 
 def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:

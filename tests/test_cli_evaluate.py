@@ -12,7 +12,6 @@ from eskin.learn.commands.evaluate import (
     describe_interval,
     summarise_people,
 )
-from eskin.live import save_model
 from eskin.recording import RecordingWriter, read_recording, write_all
 from helpers.cli import assert_refused, call_json
 from helpers.learning import SECOND, START, record, record_people
@@ -44,7 +43,7 @@ def ann(data):
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "m.safetensors"
-    save_model(path, make_model())
+    make_model().save(path)
     return path
 
 
@@ -184,10 +183,10 @@ def test_invalid_input_is_refused_and_nothing_is_written(
     damaged.write_bytes(model.read_bytes()[:200])
     start.write_bytes(ann.read_bytes()[:200])
     shear, other, wrong = (tmp_path / name for name in ("shear", "other", "wrong"))
-    save_model(shear, make_model(kind="shear"))
-    save_model(other, make_model(("none", "hold", "grab")))
+    make_model(kind="shear").save(shear)
+    make_model(("none", "hold", "grab")).save(other)
     card = replace(make_model().card, vocabulary=(*VOCABULARY, "wave"))
-    save_model(wrong, replace(make_model(), card=card))
+    replace(make_model(), card=card).save(wrong)
     silent = record(tmp_path / "silent.mcap", labels=[])
     gone, picture = tmp_path / "gone", tmp_path / "new" / "a.png"
     no_events = ("--events", "none", "--event-picture", picture)

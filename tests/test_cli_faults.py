@@ -12,7 +12,6 @@ from eskin.cli.guided import guide_person
 from eskin.cli.record import record_attempts
 from eskin.cli.terminal import SkinPrinter, TerminalPrinter
 from eskin.drivers import Event, ManualClock, SourceInfo
-from eskin.live import save_model
 from eskin.recording.guided import RecordingGuide
 from eskin.stream import Context, FaultReporter
 from eskin.touch import Fault
@@ -58,7 +57,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(folder):
-    save_model(folder / "m.safetensors", model_of(network()))
+    model_of(network()).save(folder / "m.safetensors")
     return folder / "m.safetensors"
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.live import save_model
 from eskin.recording import read_recording
 from helpers.cli import call, call_json
 from helpers.live import (
@@ -31,7 +30,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(folder):
-    save_model(folder / "m.safetensors", model_of(network()))
+    model_of(network()).save(folder / "m.safetensors")
     return folder / "m.safetensors"
 
 
@@ -89,7 +88,7 @@ def test_label_beside_detection(
 def test_touch_open_at_end_is_detected(tmp_path, capsys):
     stream = scans(mounted(), two_hands(mounted()), 25, 4.4)
     path = record(tmp_path / "open.mcap", mounted(), stream)
-    save_model(tmp_path / "none.safetensors", say_always("none"))
+    say_always("none").save(tmp_path / "none.safetensors")
     rows, _ = replay(capsys, path, "--model", tmp_path / "none.safetensors")
     assert [(row["touch"], row["gesture"]) for row in rows] == [
         (touch, "none") for touch in (1, 2, 3)
@@ -122,9 +121,9 @@ def paths(folder, model, recording):
     """Paths of valid and invalid files by their names in the words of a test."""
     paths = {name: folder / f"{name}.safetensors" for name in ("cut", "shear", "words")}
     paths["cut"].write_bytes(model.read_bytes()[:200])
-    save_model(paths["shear"], model_of(network("shear")))
+    model_of(network("shear")).save(paths["shear"])
     five = ("none", "poke", "stroke", "grab", "wave")
-    save_model(paths["words"], model_of(network(), five))
+    model_of(network(), five).save(paths["words"])
     paths["start"] = folder / "start.mcap"
     paths["start"].write_bytes(recording.read_bytes()[:200])
     return paths | {"model": model, "rec": recording, "folder": folder}

@@ -9,10 +9,11 @@ import pytest
 import torch
 
 from eskin.learn import training
+from eskin.learn.checkpoint import Checkpoint, save_checkpoint
 from eskin.learn.dataset import hash_recordings
 from eskin.learn.recording_transforms import AgingConfig
 from eskin.learn.training import Trainer
-from eskin.live import load_model, save_model
+from eskin.live import Model, load_model
 from helpers.cli import assert_refused, call, call_json, fail_to_write
 from helpers.learning import FLAGS, label, record, record_people
 
@@ -142,6 +143,29 @@ def test_interrupted_training_continues_with_the_same_command_only(
     assert (tmp_path / "cut").read_bytes() == (tmp_path / "whole").read_bytes()
 
 
+def test_state_of_another_training_is_refused_before_anything_is_prepared(
+    eve, tmp_path, refuse, monkeypatch
+):
+    kept = tmp_path / "m.training"
+    save_checkpoint(kept, Checkpoint("another training", 1, {}, {}))
+    monkeypatch.setattr("eskin.learn.commands.models.prepare", pytest.fail)
+    refuse(eve, "--out", tmp_path / "m", part=f"{kept} is of a training with other")
+    assert kept.is_file()
+
+
+def test_stages_after_the_last_step_show_how_far_they_are(
+    data, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr("eskin.progress.PERIOD", 0.0)
+    monkeypatch.setattr("eskin.learn.evaluation.READING_BATCH", 8)
+    words = (*FLAGS, "--train.ridge", "0.1", data / "train", "--out", tmp_path / "m")
+    code, _, err = call(capsys, "train", *words)
+    assert code == 0
+    after = err.split("steps of training: 1 of 2")[1]
+    for stage in ("batches for the open layer", "batches of readings embedded"):
+        assert f"{stage}: " in after
+
+
 def test_stopped_training_keeps_the_best_weights_and_can_be_continued(
     eve, tmp_path, monkeypatch, capsys
 ):
@@ -185,13 +209,15 @@ def test_model_is_kept_elsewhere_and_readable_if_its_disk_is_full(
 ):
     written = []
 
-    def save(path, model):
+    save_whole = Model.save
+
+    def save(model, path):
         written.append(path)
         if len(written) == 1:
             raise OSError(errno.ENOSPC, "No space left on device", str(path))
-        save_model(path, model)
+        save_whole(model, path)
 
-    monkeypatch.setattr("eskin.learn.commands.train.save_model", save)
+    monkeypatch.setattr(Model, "save", save)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     _, out = train(eve, "--out", tmp_path / "full" / "m", "--train.validation", "0")
     text = " ".join(out.split())

@@ -21,7 +21,7 @@ from eskin.cli.main import main
 from eskin.files import atomic_path
 from eskin.learn.checkpoint import Checkpoint, save_checkpoint
 from eskin.learn.prepared_recording import PreparedRecording, save_prepared
-from eskin.live import create_empty_batch, save_model
+from eskin.live import create_empty_batch
 from eskin.skin import load_skin, save_skin
 from eskin.skin.gentact import write_gentact
 from eskin.skin.icub import write_icub_positions
@@ -190,7 +190,7 @@ def test_file_takes_its_place_at_the_end_of_the_block(tmp_path, durable):
 
 
 WRITERS = {
-    "m.safetensors": lambda path: save_model(path, model_of(network())),
+    "m.safetensors": lambda path: model_of(network()).save(path),
     "m.training": lambda path: save_checkpoint(path, Checkpoint("facts", 1, {}, {})),
     "a.npz": lambda path: save_prepared(path, PreparedRecording(*NO_ROWS, None)),
     "skin": lambda path: save_skin(load_skin("bent"), path),

@@ -14,9 +14,9 @@ from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import (
     compute_log_probabilities,
-    evaluate,
     find_last_rows,
     predict_clips,
+    score_dataset,
     score_instants,
     score_segments,
 )
@@ -49,7 +49,7 @@ def net():
 
 @pytest.fixture(scope="module")
 def result(net, dataset):
-    return evaluate(net, CARD, dataset)
+    return score_dataset(net, CARD, dataset)
 
 
 @pytest.fixture(scope="module")
@@ -131,21 +131,21 @@ def test_none_is_an_answer_only_where_it_is_labelled(net, result, dataset):
             for r in dataset.recordings
         ),
     )
-    labelled = evaluate(net, CARD, changed)
+    labelled = score_dataset(net, CARD, changed)
     assert labelled.segments.confusion.sum(axis=1).tolist() == [len(silence), 2, 2]
     assert set(labelled.per_subject) == {"day-0", "day-1"}
 
 
 def test_missed_gesture_counts_as_certain_none_for_its_person(net, result, dataset):
     missed = (MissedGesture("tap", 1), MissedGesture("tap", 1))
-    found = evaluate(net, CARD, replace(dataset, missed=missed))
+    found = score_dataset(net, CARD, replace(dataset, missed=missed))
     change = found.segments.confusion - result.segments.confusion
     assert change.tolist() == [[0, 0, 0], [0, 0, 0], [2, 0, 0]]
     assert found.ece == pytest.approx((4 * result.ece + 2) / 6)
     assert found.per_subject["ann"] == result.per_subject["ann"]
     assert found.per_subject["bob"] == pytest.approx(result.per_subject["bob"] / 2)
     silent = tuple(s for s in dataset.segments if not s.labelled)
-    only = evaluate(net, CARD, replace(dataset, segments=silent, missed=missed))
+    only = score_dataset(net, CARD, replace(dataset, segments=silent, missed=missed))
     assert (only.segments.accuracy, only.ece) == (0.0, 1.0)
 
 
@@ -160,9 +160,9 @@ def test_recordings_that_do_not_fit_the_model_are_refused(net, dataset, clips):
         (replace(CARD, kind="shear"), dataset, "shear.*--train.no-shear"),
     ):
         with pytest.raises(SkinMismatchError, match=parts):
-            evaluate(net, card, data)
+            score_dataset(net, card, data)
     with pytest.raises(RecordingError, match="no labels.*eskin label"):
-        evaluate(net, CARD, replace(dataset, segments=silent))
+        score_dataset(net, CARD, replace(dataset, segments=silent))
 
 
 def test_clip_is_answered_at_the_last_reading_of_its_touch(clips):
@@ -178,7 +178,7 @@ def test_clip_is_answered_at_the_last_reading_of_its_touch(clips):
     firsts = dataset.starts[rows]
     expected = compute_log_probabilities(net, dataset, rows, firsts, 1.7)
     np.testing.assert_allclose(found.log_probabilities, expected, atol=1e-6)
-    scored = evaluate(net, card, dataset)
+    scored = score_dataset(net, card, dataset)
     accuracy = np.mean(found.predicted == found.truth)
     assert scored.segments.confusion.sum() == len(made)
     assert scored.segments.accuracy == pytest.approx(accuracy)

@@ -8,7 +8,7 @@ import pytest
 import eskin
 from eskin.errors import ModelError, ReadingError, SkinMismatchError
 from eskin.learn.prepared_recording import prepare_recording
-from eskin.live import DecisionConfig, GraphConfig, Recognizer, load_model, save_model
+from eskin.live import DecisionConfig, GraphConfig, Recognizer, load_model
 from eskin.live.first_use import compile_network
 from eskin.live.step_kernels import step
 from eskin.recording import read_recording
@@ -257,7 +257,7 @@ def test_finish_closes_open_touches_once():
 
 def test_recogniser_is_loaded_from_files_and_names(tmp_path):
     path, on = tmp_path / "m.safetensors", mounted()
-    save_model(path, model_of(network()))
+    model_of(network()).save(path)
     recognizer = eskin.Recognizer.load(path, "ur5")
     assert recognizer.mounted.skin.count == 2112
     assert recognizer.model.card.vocabulary == VOCABULARY

@@ -23,7 +23,6 @@ from eskin.live import (
     NetworkConfig,
     check_limits,
     load_model,
-    save_model,
 )
 from eskin.live.model_config import MIN_SLOTS, read_limits
 from eskin.touch import ContactConfig, PipelineConfig
@@ -65,14 +64,14 @@ def path(tmp_path):
 
 @pytest.fixture
 def saved(path):
-    save_model(path, MODEL)
+    MODEL.save(path)
     return path
 
 
 def test_model_is_read_as_it_was_written(tmp_path):
     """Bit for bit, in a folder that is made, and in the same bytes each time."""
     path = tmp_path / "a" / "b" / "m.safetensors"
-    save_model(path, MODEL)
+    MODEL.save(path)
     found, content = load_model(path), path.read_bytes()
     assert found.card == MODEL.card
     assert found.weights.keys() == MODEL.weights.keys()
@@ -80,13 +79,13 @@ def test_model_is_read_as_it_was_written(tmp_path):
         other = found.weights[name]
         assert (other.dtype, other.shape) == (weight.dtype, weight.shape), name
         assert other.tobytes() == weight.tobytes(), name
-    save_model(path, found)
+    found.save(path)
     assert path.read_bytes() == content
     assert list(path.parent.iterdir()) == [path]
 
 
 def test_metric_may_be_nan(path):
-    save_model(path, replace(MODEL, card=replace(CARD, metrics={"f1": np.nan})))
+    replace(MODEL, card=replace(CARD, metrics={"f1": np.nan})).save(path)
     assert np.isnan(load_model(path).card.metrics["f1"])
     with safe_open(path, framework="numpy") as file:
         card = file.metadata()["eskin"]
@@ -97,9 +96,7 @@ def test_metric_may_be_nan(path):
 @pytest.mark.parametrize("width", [8, 0])
 def test_network_read_from_a_file_gives_the_same_logits(path, kind, width):
     net = network(kind, width=width, channels=8)
-    save_model(
-        path, to_model(net, ModelCard(VOCABULARY, kind=kind, network=net.config))
-    )
+    to_model(net, ModelCard(VOCABULARY, kind=kind, network=net.config)).save(path)
     batch = press_on_seam(shear=True).graphs()
     found = logits(to_network(load_model(path)), batch)
     assert np.array_equal(found, logits(net, batch))

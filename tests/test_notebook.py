@@ -6,6 +6,8 @@ Ten tasks of a notebook import nothing of eskin but what the reference documents
 import ast
 import inspect
 import math
+import subprocess
+import sys
 import textwrap
 from itertools import islice
 from pathlib import Path
@@ -14,7 +16,10 @@ import numpy as np
 import pytest
 
 import eskin
+from eskin import registry
 from eskin.skin import load_skin
+from helpers.cli import call_json
+from helpers.learning import FLAGS, TINY, record_people
 from helpers.live import Press, mounted, record, scans
 
 pytestmark = pytest.mark.slow
@@ -75,7 +80,6 @@ def do_ten_tasks(folder):
     from eskin.app import nominal_calibration
     from eskin.calibration import CalibrationGuide
     from eskin.exports.tables import write_tables
-    from eskin.live import save_model
     from eskin.recording import Label, Metadata, write_calibration
     from eskin.skin import Patch, Plane, TaxelGrid, build_skin, check_skin, save_skin
 
@@ -144,7 +148,7 @@ def do_ten_tasks(folder):
     write_calibration(folder / "panel" / "calibration.json", guide.finish().calibration)
 
     # 9. A model as a file.
-    save_model(folder / "mine.safetensors", model)
+    model.save(folder / "mine.safetensors")
     assert eskin.load_model(folder / "mine.safetensors").digest == model.digest
 
     # 10. A recording for other programs.
@@ -157,3 +161,59 @@ def test_ten_tasks_are_done_with_documented_modules_alone(tmp_path):
     used = {n.module for n in ast.walk(source) if isinstance(n, ast.ImportFrom)}
     pages = "".join(page.read_text() for page in API.glob("*.md"))
     assert used <= {line.removeprefix("::: ") for line in pages.splitlines()}
+
+
+@pytest.fixture(scope="module")
+def people(tmp_path_factory):
+    """Return the folder of a recording of each of three people."""
+    folder = tmp_path_factory.mktemp("people")
+    record_people(folder, calibrated=True)
+    return folder
+
+
+def test_model_that_python_trains_is_that_of_the_command(people, tmp_path, capsys):
+    """The command gives the same scores, too."""
+    model = eskin.train(people, seed=3, config=TINY)
+    model.save(tmp_path / "python.safetensors")
+    path = tmp_path / "command.safetensors"
+    options = ("--train.network.dropout", "0", "--seed", "3", "--out", path)
+    call_json(capsys, "train", *FLAGS, *options, people)
+    same = eskin.load_model(path)
+    assert same.card == model.card and same.digest == model.digest
+    assert eskin.load_model(tmp_path / "python.safetensors").card == model.card
+    scores = eskin.evaluate(model, people / "ann.mcap")
+    told, _ = call_json(capsys, "evaluate", path, people / "ann.mcap")
+    assert round(scores.segments.accuracy, 4) == told["accuracy"]
+
+
+def test_each_person_is_scored_by_a_model_of_all_others(people):
+    found = eskin.cross_validate(people, config=TINY)
+    assert sorted(found.evaluations) == ["ann", "bob", "cleo"]
+    assert found.confusion.sum() == 6
+    assert found.accuracy == pytest.approx(np.mean(list(found.per_subject.values())))
+    others = eskin.train([people / "ann.mcap", people / "cleo.mcap"], config=TINY)
+    alone = eskin.evaluate(others, eskin.read_recording(people / "bob.mcap"))
+    assert alone.segments.accuracy == found.per_subject["bob"]
+    with pytest.raises(eskin.EskinError, match="subject 'ann'; allowed are two"):
+        eskin.cross_validate(people / "ann.mcap")
+
+
+def test_force_of_a_touch_is_told_over_time(recording):
+    for row in eskin.find_touches(recording, "ur5"):
+        times, forces = row["times"], row["forces"]
+        assert 0.0 <= times[0] < 0.1 and (np.diff(times) > 0).all()
+        assert times[-1] == pytest.approx(row["duration"])
+        assert forces.shape == times.shape and (forces >= 0).all()
+        assert forces.max() == pytest.approx(row["peak_force"])
+
+
+def test_training_without_torch_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, registry.LEARNING, None)
+    with pytest.raises(eskin.EskinError, match=r"eskin\.train needs torch.*\[train\]"):
+        eskin.train("recordings")
+
+
+def test_importing_eskin_imports_nothing_of_training():
+    code = "import eskin, sys; print({'torch', 'eskin.learn'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.strip() == "set()"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.errors import ModelError
-from eskin.live import Model, Recognizer, check_weights, load_model, save_model
+from eskin.live import Model, Recognizer, check_weights, load_model
 from eskin.notebook import find_touches
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline
@@ -191,7 +191,7 @@ def test_file_that_does_not_fit_is_refused_in_one_line(
     path, change, part, tmp_path, capsys
 ):
     model, changed = change(load_model(path)), tmp_path / "changed.safetensors"
-    save_model(changed, model)
+    model.save(changed)
     with pytest.raises(ModelError, match=part) as told:
         Recognizer(load_model(changed), mounted("ur5"), None)
     assert "\n" not in str(told.value)

@@ -12,7 +12,7 @@ from eskin.cli import doctor
 from eskin.cli.run import RunCommand, check_options
 from eskin.drivers import ManualClock, Source, SourceInfo, check_source
 from eskin.errors import ArmError, DeviceError, EskinError, ModelError
-from eskin.live import Model, Recognizer, load_model, save_model
+from eskin.live import Model, Recognizer, load_model
 from eskin.live.classifier import GraphClassifier
 from eskin.registry import (
     ARMS,
@@ -181,7 +181,7 @@ def poked(tmp_path):
     """The path of a model of a recogniser that takes every touch for a poke."""
     path = tmp_path / "poked.safetensors"
     card = replace(model_of(network()).card, recogniser="poked")
-    save_model(path, Model({"weight": np.zeros(1, np.float32)}, card))
+    Model({"weight": np.zeros(1, np.float32)}, card).save(path)
     return path
 
 

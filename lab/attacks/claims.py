@@ -27,7 +27,7 @@ from eskin.drivers import ManualClock, SourceInfo
 from eskin.errors import EskinError
 from eskin.live import Model, Recognizer, load_model
 from eskin.live.model_config import read_limits
-from eskin.live.model_file import CARD_ADAPTER, save_model
+from eskin.live.model_file import CARD_ADAPTER
 from eskin.recording.records import NONE
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
@@ -234,7 +234,7 @@ def read_model_claim(
     """Write a model with a changed card, and read it."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "claim.safetensors"
-        save_model(path, model)
+        model.save(path)
         data = path.read_bytes()
         length = int.from_bytes(data[:8], "little")
         header = json.loads(data[8 : 8 + length])
@@ -257,7 +257,7 @@ def read_weights(
         }
     with TemporaryDirectory() as folder:
         path = Path(folder) / "claim.safetensors"
-        save_model(path, replace(model, weights=weights))
+        replace(model, weights=weights).save(path)
         return calibration, load_model(path)
 
 

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from eskin.app import SourceConfig, open_source
     from eskin.drivers import Source
     from eskin.errors import EskinError
+    from eskin.learn.commands.models import cross_validate, evaluate, train
     from eskin.live import (
         DecisionConfig,
         Detection,
@@ -37,6 +38,8 @@ EXPORTS = {
     "stream": "Stream",
     "touch": "Calibration Reading Scan",
 }
+LEARNING = ("cross_validate", "evaluate", "train")
+"""Names that need the packages of training."""
 PACKAGES = {
     name: package for package, names in EXPORTS.items() for name in names.split()
 }
@@ -59,6 +62,8 @@ __all__ = [
     "Source",
     "SourceConfig",
     "Stream",
+    "cross_validate",
+    "evaluate",
     "find_touches",
     "load_model",
     "load_robot",
@@ -67,6 +72,7 @@ __all__ = [
     "plot_skin",
     "read_recording",
     "show_skin",
+    "train",
 ]
 
 
@@ -74,6 +80,8 @@ def __getattr__(name: str) -> object:
     """Import a name from its package when it is first used."""
     if name == "__version__":
         return importlib.import_module("importlib.metadata").version("eskin")
+    if name in LEARNING:
+        return importlib.import_module("eskin.registry").load_learning(name)
     if name not in PACKAGES:
         raise AttributeError(f"module 'eskin' has no attribute '{name}'")
     value = getattr(importlib.import_module(f"eskin.{PACKAGES[name]}"), name)

@@ -17,6 +17,7 @@ from eskin.recording.records import select_labels
 from eskin.recording.tables import describe_touch
 from eskin.skin import MountedSkin, Skin, load_skin, mount_skin
 from eskin.skin.picture import draw_values
+from eskin.units import NS_PER_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +35,9 @@ def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") 
         dictionaries. Columns are those of the table of touches (stamps in ns since the
         epoch, forces in N, pressures in kPa), with the person and session of the
         recording and the gesture of its label; `detected` and `confidence` are of the
-        model, `probabilities` those of its classes at the end. `embedding` is the mean
+        model, `probabilities` those of its classes at the end. `times` and `forces` are
+        arrays of the seconds since the onset and of the force [N] at each reading in
+        contact, from the first at which the touch was found. `embedding` is the mean
         of the network's features over the readings at which no other touch was open;
         None without one.
 
@@ -59,6 +62,7 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
     recognizer = Recognizer(model, mounted, recording.calibration)
     labels, features = select_labels(recording.labels), {}
     detected, probabilities, closed = {}, {}, []
+    forces: dict[int, list[tuple[int, float]]] = {}
     for scan in recording.scans():
         found = recognizer.push(scan)
         detected |= {each.touch: each for each in found}
@@ -67,19 +71,27 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
             (touch,) = recognizer.probabilities
             values = recognizer.classifier.features
             features.setdefault(touch, []).append(values.copy())
-        closed += () if recognizer.state is None else recognizer.state.closed_touches
+        if recognizer.state is not None:
+            closed += recognizer.state.closed_touches
+            for each in recognizer.state.touches:
+                if each.last == scan.stamp:
+                    pair = scan.stamp, each.contact.force
+                    forces.setdefault(each.id, []).append(pair)
     detected |= {each.touch: each for each in recognizer.finish()}
     state = recognizer.state
     closed += () if state is None else state.touches
     for touch in {each.id: each for each in closed}.values():
         if touch.merged_into is None:
             one, shares = detected.get(touch.id), probabilities.get(touch.id)
+            stamps, newtons = map(np.array, zip(*forces[touch.id], strict=True))
             yield describe_touch(recording, touch, labels) | {
                 "detected": None if one is None else one.gesture,
                 "confidence": None if one is None else one.confidence,
                 "probabilities": None
                 if shares is None
                 else dict(zip(model.card.vocabulary, shares.tolist(), strict=True)),
+                "times": (stamps - touch.onset) / NS_PER_S,
+                "forces": newtons,
                 "embedding": np.mean(features[touch.id], axis=0)
                 if touch.id in features
                 else None,

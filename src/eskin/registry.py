@@ -167,6 +167,8 @@ COMMANDS = {
 }
 """Entries of the commands, by name."""
 
+LEARNING = "eskin.learn.commands.models"
+"""Module of the functions that train and score models from Python."""
 MOVED = {
     "compare": "python -m lab.compare",
     "demo --same-touch": "python -m lab.same_touch",
@@ -183,6 +185,16 @@ def load_function(target: str) -> Callable[..., Any]:
     """
     module, function = target.split(":")
     return getattr(import_module(f"eskin.{module}"), function)
+
+
+def load_learning(name: str) -> Callable[..., Any]:
+    """Import a function of eskin that trains or scores models.
+
+    Raises:
+        ExtraError: torch is not installed.
+    """
+    module = find_package(LEARNING, "torch", "train", f"eskin.{name}")
+    return getattr(module, name)
 
 
 def find_plugins(group: str) -> dict[str, EntryPoint]:

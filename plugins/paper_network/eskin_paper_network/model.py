@@ -9,7 +9,7 @@ from annotated_types import Interval
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from eskin.errors import ModelError
-from eskin.live import Model, ModelCard, check_parameters, save_model
+from eskin.live import Model, ModelCard, check_parameters
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
 from eskin_paper_network.neighbours import Distance
@@ -67,7 +67,7 @@ def save_paper_model(
     parameters = network.named_parameters()
     weights = {name: weight.detach().numpy() for name, weight in parameters}
     model = Model(weights, card)
-    save_model(path, model)
+    model.save(path)
     return model
 
 

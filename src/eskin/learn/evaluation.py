@@ -30,6 +30,7 @@ from eskin.learn.nn import (
 )
 from eskin.live import ModelCard
 from eskin.live.summary_kernels import N_PER_KPA_CM2
+from eskin.progress import track_progress
 from eskin.recording import NONE
 
 WINDOW_BATCH = 256
@@ -108,7 +109,8 @@ def embed_rows(
 ) -> Float[Tensor, "row feature"]:
     """Return the features of each row, summary and embedding."""
     parts = []
-    for low in range(0, len(rows), READING_BATCH):
+    lows = range(0, len(rows), READING_BATCH)
+    for low in track_progress(lows, "batches of readings embedded", len(lows)):
         graphs = dataset.graphs.select(rows[low : low + READING_BATCH])
         parts.append(network.embed(build_graph_tensors(graphs, network.shear)))
     return torch.cat(parts)
@@ -275,7 +277,7 @@ class Predictions(NamedTuple):
     recording: Int[np.ndarray, "example"]
 
 
-def evaluate(
+def score_dataset(
     network: RecogniserNetwork | LiveAnswers, card: ModelCard, dataset: Dataset
 ) -> Evaluation:
     """Score a network on prepared recordings.

@@ -20,6 +20,7 @@ from eskin.learn.batches import BatchBuilder, Sampler
 from eskin.learn.evaluation import compute_statistics
 from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.nn.network import scatter_to_slots
+from eskin.progress import track_progress
 
 WINDOWS, BATCH = 2048, 64
 """Windows that the open layer is fitted on, and those computed at once."""
@@ -132,7 +133,8 @@ def draw_statistics(
     As in training, the summary is of all readings of a window, the graphs of some.
     """
     statistics, labels = [], []
-    for _ in range(WINDOWS // BATCH):
+    count = WINDOWS // BATCH
+    for _ in track_progress(range(count), "batches for the open layer", count):
         batch = batches.build(BATCH, BATCH, readings, rng)
         inputs = [(network.standardise(batch.summary), batch.slot_index)]
         if network.config.width:

@@ -4,6 +4,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -320,13 +321,18 @@ class Trainer:
         self,
     ) -> tuple[Float[Tensor, "window class"], Int[Tensor, "window"]]:
         """Return logits and classes of windows of the held-out recordings."""
-        assert self.held_out is not None
         self.network.eval()
-        count, readings = VALIDATION_WINDOWS, self.config.network.slots
-        rng = np.random.default_rng(0)
-        batch = self.held_out.build(count, count, readings, rng)
         with torch.no_grad():
-            return self.network(batch.encoded), batch.labels
+            logits = self.network(self.validation_batch.encoded)
+        return logits, self.validation_batch.labels
+
+    @cached_property
+    def validation_batch(self) -> Batch:
+        """Windows of the held-out recordings, which are always the same."""
+        assert self.held_out is not None
+        count = VALIDATION_WINDOWS
+        readings = self.config.network.slots
+        return self.held_out.build(count, count, readings, np.random.default_rng(0))
 
 
 def find_temperature(

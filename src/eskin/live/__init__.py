@@ -54,7 +54,6 @@ from eskin.live.model_file import (
     check_parameters,
     check_weights,
     load_model,
-    save_model,
 )
 from eskin.live.network import Network, compute_probabilities
 from eskin.live.recognizer import Recognizer
@@ -105,6 +104,5 @@ __all__ = [
     "find_live_neighbours",
     "join_graphs",
     "load_model",
-    "save_model",
     "warm_up",
 ]

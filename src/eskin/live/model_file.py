@@ -61,13 +61,16 @@ class Model:
             digest.update(name.encode() + self.weights[name].tobytes())
         return digest.hexdigest()
 
+    def save(self, path: Path | str) -> None:
+        """Write the model file, whole or not at all.
 
-def save_model(path: Path, model: Model) -> None:
-    """Write a model file atomically."""
-    card = CARD_ADAPTER.dump_json(model.card, by_alias=True).decode()
-    weights = {name: np.asarray(w, order="C") for name, w in model.weights.items()}
-    with atomic_path(path) as part:
-        save_file(weights, part, metadata={CARD: card})
+        Args:
+            path: path of the file (.safetensors).
+        """
+        card = CARD_ADAPTER.dump_json(self.card, by_alias=True).decode()
+        weights = {name: np.asarray(w, order="C") for name, w in self.weights.items()}
+        with atomic_path(Path(path)) as part:
+            save_file(weights, part, metadata={CARD: card})
 
 
 def load_model(name_or_path: str | Path) -> Model:

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from eskin.cli.checks import Range, check_picture, load_overrides
 from eskin.errors import RecordingError
-from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.dataset import prepare
 from eskin.learn.events import (
     RATES,
     CurvePoint,
@@ -31,7 +31,7 @@ from eskin.learn.events import (
     trace_recordings,
 )
 from eskin.learn.events.event_scoring import Delays
-from eskin.live import ESKIN, Model, load_model
+from eskin.live import Model, load_model
 from eskin.progress import track_progress
 from eskin.recording import find_recordings, read_recording
 from eskin.units import format_count
@@ -334,20 +334,14 @@ def score_clips(
     command: EvaluateCommand, model: Model, paths: Sequence[Path]
 ) -> dict[str, object]:
     """Score recordings gesture by gesture."""
-    from eskin.learn.checkpoint import to_network
-    from eskin.learn.evaluation import evaluate
-    from eskin.learn.live_answers import gather_answers
+    from eskin.learn.commands.models import evaluate_model, report_truncated
     from eskin.learn.plots import draw_confusion, draw_reliability
 
     card = model.card
     overrides = load_overrides(command.calibration, command.robot_urdf)
     dataset = prepare(paths, card.pipeline, card.graph_used, overrides=overrides)
-    report_truncated(dataset)
-    if card.recogniser == ESKIN:
-        network = to_network(model)
-    else:
-        network = gather_answers(model, dataset)
-    result = evaluate(network, card, dataset)
+    report_truncated(print, dataset)
+    result = evaluate_model(model, dataset)
     print_clip_score(result)
     if command.picture is not None:
         draw_confusion(
@@ -501,13 +495,3 @@ def print_clip_score(result: "Evaluation") -> None:
     for name, value in summarise_people(result.per_subject).items():
         people.add_row(name, f"{value:.3f}")
     console.print(people)
-
-
-def report_truncated(*datasets: Dataset | None) -> None:
-    """Print the paths of the recordings whose end is missing."""
-    for dataset in datasets:
-        for recording in (
-            dataset.recordings[: dataset.original_count] if dataset else ()
-        ):
-            if recording.truncated:
-                print(f"{recording.path} is cut or damaged: used up to there")

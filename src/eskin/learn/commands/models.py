@@ -1,0 +1,467 @@
+"""This module trains and scores models on recordings, each in one call.
+
+Commands, examples and notebooks call these functions, so that there is one way.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Int
+
+from eskin.errors import ModelError, RecordingError
+from eskin.learn.checkpoint import load_checkpoint, to_model, to_network
+from eskin.learn.config import TrainConfig
+from eskin.learn.dataset import (
+    Dataset,
+    hash_recordings,
+    hold_out_takes,
+    prepare,
+)
+from eskin.learn.evaluation import Evaluation, check_fits, score_dataset
+from eskin.learn.events import choose_decision, trace_recordings
+from eskin.learn.live_answers import gather_answers
+from eskin.learn.processes import ALONE, Processes
+from eskin.learn.recording_transforms import Aging, AgingConfig
+from eskin.learn.training import Trainer
+from eskin.live import ESKIN, GraphConfig, Model, ModelCard, NetworkConfig, load_model
+from eskin.recording import (
+    NO_OVERRIDES,
+    NONE,
+    Overrides,
+    Recording,
+    find_recordings,
+    read_recording,
+)
+from eskin.units import format_count
+
+logger = logging.getLogger(__name__)
+
+Places = str | Path | Recording | Iterable[str | Path | Recording]
+"""Recordings, their paths, or folders of them; one or several."""
+
+SIZES = ("width", "layers", "channels")
+"""Sizes of a network that must be equal for weights to fit another one."""
+
+
+def train(
+    recordings: Places,
+    start: Model | str | Path | None = None,
+    *,
+    validation: Places = (),
+    streams: Places = (),
+    classes: Sequence[str] = (),
+    seed: int = 0,
+    config: TrainConfig | None = None,
+) -> Model:
+    """Train a recogniser on labelled recordings.
+
+    Args:
+        recordings: recordings, their paths, or folders of them.
+        start: model to start from, its name or its path, whose weights and sizes are
+            taken.
+        validation: recordings to validate on; by default some of the others are held
+            out, in whole sessions.
+        streams: recordings to choose the decision thresholds on; without any, the
+            defaults are kept.
+        classes: gestures to learn; by default all that are labelled.
+        seed: random seed.
+        config: settings of the training.
+
+    Returns:
+        The model, to be used by `eskin.Recognizer` or saved by `Model.save`. Its
+        `card.metrics` hold `val_accuracy`, where recordings were held out.
+
+    Raises:
+        RecordingError: recordings cannot be learned from, or their labels cannot be
+            right.
+        ModelError: there is no such model to start from, or training diverged.
+    """
+    plan = TrainingPlan(
+        list_paths(recordings),
+        start,
+        validation=list_paths(validation),
+        streams=list_paths(streams),
+        classes=tuple(classes),
+        seed=seed,
+        config=config or TrainConfig(),
+    )
+    return run_training(plan).model
+
+
+def evaluate(model: Model | str | Path, recordings: Places) -> Evaluation:
+    """Score a model on labelled recordings, gesture by gesture.
+
+    Args:
+        model: model, its name, or the path of its file.
+        recordings: recordings, their paths, or folders of them.
+
+    Returns:
+        The scores, such as `segments.accuracy` with its `interval`, `per_subject` and
+        `segments.confusion`.
+
+    Raises:
+        RecordingError: the recordings have no labels, or some that cannot be right.
+        SkinMismatchError: the recordings lack what the model needs, or hold gestures
+            that it does not know.
+    """
+    model = model if isinstance(model, Model) else load_model(model)
+    card = model.card
+    dataset = prepare(list_paths(recordings), card.pipeline, card.graph_used)
+    return evaluate_model(model, dataset)
+
+
+def cross_validate(
+    recordings: Places,
+    start: Model | str | Path | None = None,
+    *,
+    by: Literal["subject", "session"] = "subject",
+    classes: Sequence[str] = (),
+    seed: int = 0,
+    config: TrainConfig | None = None,
+) -> "CrossValidation":
+    """Hold out each person in turn: train on all others, and score on that one.
+
+    Args:
+        recordings: labelled recordings, their paths, or folders of them.
+        start: model to start from, as for `train`.
+        by: what is held out at a time, of `Metadata`.
+        classes: gestures to learn; by default all that are labelled.
+        seed: random seed.
+        config: settings of each training.
+
+    Raises:
+        RecordingError: all recordings are of one person, or as for `train`.
+    """
+    groups: dict[str, list[Path]] = {}
+    for path in list_paths(recordings):
+        groups.setdefault(getattr(read_recording(path).metadata, by), []).append(path)
+    if len(groups) < 2:
+        raise RecordingError(
+            f"all recordings have {by} '{next(iter(groups), '')}'; allowed are two and "
+            f"more to hold one out; give recordings of more than one {by}"
+        )
+    found = {}
+    with TemporaryDirectory(prefix="eskin-") as pack:
+        for held in sorted(groups):
+            others = [path for name in groups if name != held for path in groups[name]]
+            plan = TrainingPlan(
+                tuple(others),
+                start,
+                classes=tuple(classes),
+                seed=seed,
+                config=config or TrainConfig(),
+                pack=Path(pack),
+                test=tuple(groups[held]),
+            )
+            test = run_training(plan).test
+            assert test is not None
+            found[held] = test
+            logger.info("%s: accuracy %.3f", held, test.segments.accuracy)
+    return CrossValidation(found)
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """A cross-validation holds the scores of each person by a model of all others."""
+
+    evaluations: Mapping[str, Evaluation]
+    """Evaluations by the name of the person, or session."""
+
+    @property
+    def per_subject(self) -> dict[str, float]:
+        """Return the accuracy on each person's gestures."""
+        pairs = self.evaluations.items()
+        return {name: each.segments.accuracy for name, each in pairs}
+
+    @property
+    def accuracy(self) -> float:
+        """Return the accuracy on the gestures of all."""
+        confusion = self.confusion
+        return float(np.trace(confusion) / confusion.sum())
+
+    @property
+    def confusion(self) -> Int[np.ndarray, "class class"]:
+        """Return the counts of all gestures by true and predicted class."""
+        return np.sum([e.segments.confusion for e in self.evaluations.values()], axis=0)
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """A training plan holds all that determines a model."""
+
+    recordings: tuple[Path, ...]
+    """Recordings to train on."""
+    start: Model | str | Path | None = None
+    """Model to start from, its name or its path."""
+    validation: tuple[Path, ...] = ()
+    """Recordings to validate on; where there are none, some of the others."""
+    streams: tuple[Path, ...] = ()
+    """Recordings to choose the decision thresholds on."""
+    test: tuple[Path, ...] = ()
+    """Recordings to score the trained model on."""
+    classes: tuple[str, ...] = ()
+    """Gestures to learn; all that are labelled where none is named."""
+    seed: int = 0
+    """Random seed."""
+    config: TrainConfig = field(default_factory=TrainConfig)
+    """Settings of the training."""
+    overrides: Overrides = NO_OVERRIDES
+    """What is used in place of what the recordings hold."""
+    pack: Path | None = None
+    """Folder that keeps prepared recordings."""
+    skins: int = 0
+    """Number of other skins on which each recording is learned too."""
+    wear: AgingConfig = field(default_factory=AgingConfig)
+    """Limits of the differences between those skins and the recorded one."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """A training holds the model that it gave."""
+
+    model: Model
+    """The model."""
+    epochs: int
+    """Number of epochs that were trained."""
+    stopped: bool
+    """Whether it was interrupted, so that it can be continued."""
+    test: Evaluation | None
+    """Scores on the recordings to test on."""
+
+
+def list_paths(places: Places) -> tuple[Path, ...]:
+    """Return the paths of recordings, and of all below folders."""
+    several = [places] if isinstance(places, str | Path | Recording) else places
+    return find_recordings(
+        place.path if isinstance(place, Recording) else place for place in several
+    )
+
+
+def run_training(
+    plan: TrainingPlan,
+    checkpoint: Path | None = None,
+    processes: Processes = ALONE,
+    tell: Callable[[str], object] = logger.info,
+) -> Training:
+    """Train a model, as one of some processes.
+
+    Args:
+        plan: what to train.
+        checkpoint: file from which an interrupted training continues; the caller
+            removes it.
+        processes: processes that train together; the first one prepares recordings.
+        tell: takes lines about what is held out, and what was left out.
+
+    Raises:
+        RecordingError: recordings cannot be learned from.
+        ModelError: the model to start from cannot be used, the checkpoint is of
+            another training, or training diverged.
+    """
+    start = plan.start
+    if start is not None and not isinstance(start, Model):
+        start = load_model(start)
+    plan = take_sizes(plan, start)
+    content = hash_recordings(plan.recordings)
+    facts = describe_plan(plan, content, start)
+    if checkpoint is not None and processes.is_first:
+        # Refused before recordings are prepared, which takes minutes.
+        load_checkpoint(checkpoint, f"{facts} {processes.count}")
+    skins = tuple(Aging(plan.wear, number) for number in range(plan.skins))
+    with processes.first_alone():
+        dataset = prepare_recordings(
+            plan, plan.recordings, plan.config.select_graph(), skins
+        )
+        graph = plan.config.select_graph(dataset.has_shear)
+        validation, test = (
+            prepare_recordings(plan, paths, graph) if paths else None
+            for paths in (plan.validation, plan.test)
+        )
+    report_truncated(tell, dataset, validation, test)
+    vocabulary = select_classes(dataset, plan.classes)
+    share = plan.config.validation
+    takes = ()
+    if validation is None and share and round(share * dataset.original_count) == 0:
+        part, held = hold_out_takes(dataset)
+        if takes := held.labelled:
+            dataset, validation = part, held
+    trainer = Trainer(
+        dataset,
+        vocabulary,
+        plan.config,
+        seed=plan.seed,
+        validation=validation,
+        start=start,
+        processes=processes,
+    )
+    if validation is None:
+        tell(str(trainer.holdout))
+    if takes:
+        tell(
+            f"{format_count(len(takes), 'take')} held out for validation, of the "
+            "recordings that are trained on: other people and days may do worse"
+        )
+    card = ModelCard(
+        vocabulary=trainer.vocabulary,
+        kind="shear" if trainer.shear else "pressure",
+        network=plan.config.network,
+        graph=trainer.graph,
+        training=flatten(asdict(plan.config)) | describe_options(plan, start),
+        data_digest=content,
+    )
+    if test is not None:
+        check_fits(card, test)
+    network = trainer.run(checkpoint=checkpoint, facts=facts)
+    if not processes.is_first:
+        return Training(Model({}, card), trainer.epochs, trainer.stopped, None)
+    accuracy = trainer.validation_accuracy()
+    card = replace(
+        card,
+        temperature=trainer.fit_temperature(),
+        metrics={"val_accuracy": accuracy} if trainer.held_out else {},
+    )
+    model = set_decision(to_model(network, card), plan, tell)
+    scores = None if test is None else score_dataset(network, card, test)
+    return Training(model, trainer.epochs, trainer.stopped, scores)
+
+
+def evaluate_model(model: Model, dataset: Dataset) -> Evaluation:
+    """Score a model, of eskin's own or of another package, on prepared recordings.
+
+    Raises:
+        RecordingError: if the recordings have no labels.
+        SkinMismatchError: if the recordings lack what the model needs, or hold
+            gestures that it does not know.
+    """
+    if model.card.recogniser == ESKIN:
+        network = to_network(model)
+    else:
+        network = gather_answers(model, dataset)
+    return score_dataset(network, model.card, dataset)
+
+
+def report_truncated(tell: Callable[[str], object], *datasets: Dataset | None) -> None:
+    """Tell the paths of the recordings whose end is missing."""
+    for dataset in datasets:
+        if dataset is not None:
+            for recording in dataset.recordings[: dataset.original_count]:
+                if recording.truncated:
+                    tell(f"{recording.path} is cut or damaged: used up to there")
+
+
+def take_sizes(plan: TrainingPlan, start: Model | None) -> TrainingPlan:
+    """Return the plan with a network of the sizes of the model to start from.
+
+    Raises:
+        ModelError: when other sizes are asked for.
+    """
+    if start is None:
+        return plan
+    asked, usual = plan.config.network, NetworkConfig()
+    theirs = {size: getattr(start.card.network, size) for size in SIZES}
+    ours = {size: getattr(asked, size) for size in SIZES}
+    if any(ours[size] not in (theirs[size], getattr(usual, size)) for size in SIZES):
+        raise ModelError(
+            f"--start {name_start(plan)} has a network of {format_sizes(theirs)}, the "
+            f"one asked for {format_sizes(ours)}; allowed are the same sizes; leave "
+            "out " + " ".join(f"--train.network.{size}" for size in SIZES)
+        )
+    network = replace(asked, **theirs)
+    return replace(plan, config=replace(plan.config, network=network))
+
+
+def name_start(plan: TrainingPlan) -> str:
+    """Return the name of the model to start from; empty for one without a file."""
+    return "" if isinstance(plan.start, Model | None) else str(plan.start)
+
+
+def format_sizes(sizes: Mapping[str, int]) -> str:
+    """Format the sizes of a network for an error message."""
+    return ", ".join(f"{size} {number}" for size, number in sizes.items())
+
+
+def describe_plan(plan: TrainingPlan, content: str, start: Model | None) -> str:
+    """Describe data and settings, which a checkpoint must share.
+
+    Args:
+        plan: what to train.
+        content: digest of the recordings to train on.
+        start: model to start from.
+    """
+    facts = f"{content} {plan.classes} {plan.config} {plan.seed} {plan.skins}"
+    facts += f" {plan.wear}" if plan.skins else ""
+    facts += f" {hash_recordings(plan.validation)}" if plan.validation else ""
+    facts += f" {start.digest}" if start else ""
+    return f"{facts} {plan.overrides.digest}"
+
+
+def describe_options(plan: TrainingPlan, start: Model | None) -> dict[str, str]:
+    """Return the options of a plan that the card stores besides the training."""
+    facts = {"seed": str(plan.seed), "skins": str(plan.skins)}
+    if start is not None:
+        facts |= {"start": Path(name_start(plan)).stem, "start_digest": start.digest}
+    if plan.overrides.digest:
+        facts["overrides"] = plan.overrides.digest
+    return facts | (flatten(asdict(plan.wear), "wear.") if plan.skins else {})
+
+
+def set_decision(
+    model: Model, plan: TrainingPlan, tell: Callable[[str], object]
+) -> Model:
+    """Return the model with the decision that scores best on the streams given."""
+    if not plan.streams:
+        return model
+    workers = plan.config.workers
+    traces = list(trace_recordings(plan.streams, model, workers, plan.overrides))
+    decision, score = choose_decision(traces)
+    tell(f"{decision}: F1 {score.total.f1:.3f} on {score.hours:.2f} h of streams")
+    metrics = model.card.metrics | {"streams_f1": score.total.f1}
+    return replace(model, card=replace(model.card, decision=decision, metrics=metrics))
+
+
+def prepare_recordings(
+    plan: TrainingPlan,
+    paths: tuple[Path, ...],
+    graph: GraphConfig,
+    skins: tuple[Aging, ...] = (),
+) -> Dataset:
+    """Prepare recordings of a plan."""
+    return prepare(
+        paths,
+        graph=graph,
+        pack=plan.pack,
+        workers=plan.config.workers,
+        transforms=(None, *skins),
+        overrides=plan.overrides,
+    )
+
+
+def select_classes(dataset: Dataset, asked: tuple[str, ...]) -> tuple[str, ...]:
+    """Return `none` and the gestures to learn.
+
+    Raises:
+        RecordingError: if one of them has no label in the recordings.
+    """
+    known = dataset.vocabulary
+    missing = sorted(set(asked) - set(known))
+    if missing:
+        raise RecordingError(
+            f"no recording is labelled {', '.join(missing)}; labelled are "
+            f"{', '.join(known)}; name some of these with --classes"
+        )
+    return (NONE, *(g for g in known[1:] if not asked or g in asked))
+
+
+def flatten(config: dict[str, object], prefix: str = "") -> dict[str, str]:
+    """Flatten a nested configuration to one level of text."""
+    entries: dict[str, str] = {}
+    for name, value in config.items():
+        if isinstance(value, dict):
+            entries |= flatten(value, f"{prefix}{name}.")
+        else:
+            entries[prefix + name] = str(value)
+    return entries
