@@ -183,7 +183,8 @@ def describe_result(result: "CalibrationResult", skin: "Skin") -> list[str]:
 
 def describe_presses(result: "CalibrationResult") -> str:
     """Describe how many of the presses that were felt are used, and why others not."""
-    used, refused = len(result.presses), len(result.refusals)
+    used = len(result.presses)
+    refused = len(result.refusals)
     felt = format_count(used + refused, "press")
     if not refused:
         return f"{felt} felt, and all of them used"

@@ -33,18 +33,21 @@ RUNTIME_PACKAGES = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
 TRAINING_PACKAGES = ("torch", "scikit-learn")
 
 
-LISTEN_SECONDS, LISTEN_PERIODS = 3.0, 10
-"""Time for which patches are observed [s], and at least so many periods of a source."""
-MAX_AGE_S, MAX_AGE_PERIODS = 0.5, 3
-"""Age of the last scan from which a patch is silent [s], and at least so many periods.
-"""
+LISTEN_SECONDS = 3.0
+"""Shortest time for which patches are observed [s]."""
+LISTEN_PERIODS = 10
+"""Smallest number of periods of a source for which its patches are observed."""
+MAX_AGE_S = 0.5
+"""Age of the last scan up to which no patch is silent [s]."""
+MAX_AGE_PERIODS = 3
+"""Age of the last scan, in periods of a source, up to which no patch is silent."""
 MIN_RATE_SHARE = 0.8
 """Share of its nominal rate below which a patch is slow."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DoctorCommand(SourceCommand):
-    """Check the installation, and compile all code that the recogniser needs.
+    """Check the installation, and compile all code that live commands need.
 
     Compiled code is kept on disk, so that later no program waits for the compiler. With
     --source, the command also observes patches for three seconds, or ten scans where

@@ -15,9 +15,12 @@ from eskin.touch.reading import Scan
 
 PERIOD = 20_000_000
 """Time between the scans of a poke [ns]."""
-UNTOUCHED, TOUCHED, AFTER = 40, 15, 25
-"""Number of scans before a poke, from which it is felt, during it, and after it,
-until the touch is over."""
+UNTOUCHED = 40
+"""Number of scans before a poke, enough for it to be felt."""
+TOUCHED = 15
+"""Number of scans during a poke."""
+AFTER = 25
+"""Number of scans after a poke, until its touch is over."""
 PRESSED = 4
 """Number of taxels that a poke presses."""
 
@@ -43,11 +46,11 @@ def build_matrix_calibration(mounted: MountedSkin) -> Calibration:
 
 def make_poke(mounted: MountedSkin) -> Iterator[Scan]:
     """Yield scans in which some taxels of the skin are pressed for a moment."""
-    count, has_shear = mounted.skin.count, mounted.skin.has_shear
+    count = mounted.skin.count
     pressed = np.arange(count) < PRESSED
     received = np.ones(count, bool)
     q = np.zeros(len(mounted.robot.joint_names))
-    shear = np.zeros((count, 2), np.int32) if has_shear else None
+    shear = np.zeros((count, 2), np.int32) if mounted.skin.has_shear else None
     for number in range(UNTOUCHED + TOUCHED + AFTER):
         is_touched = UNTOUCHED <= number < UNTOUCHED + TOUCHED
         counts = np.where(pressed & is_touched, 300, 20).astype(np.int32)
