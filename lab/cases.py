@@ -227,7 +227,7 @@ LIST = (
     Case("urdf_misc", URDF.format("declaration_not_first"), ()),
     Case("urdf_misc", URDF.format("quaternion_origin"), ()),
     change("<axis", '<origin rpy="0 0 90"/><axis', r"degrees.*radians"),
-    change("<geometry>", "<origin/><origin/><geometry>", r"two <origin>.*one"),
+    change("<geometry>", "<origin/><origin/><geometry>", r"2 <origin>.*one"),
     change('<link name="d">', '<link name="d"><link name="e"/>', r"in robot; move"),
     change('lower="-1"', 'lower="-0_1"', r"'-0_1'; wanted: 1 finite number"),
     change('lower="-1"', 'lower="-90"', r"degrees.*radians"),

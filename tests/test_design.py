@@ -743,6 +743,20 @@ def test_pitch_that_is_advised_is_accepted_and_the_next_is_not(
     assert call(capsys, *words, 1.1 * pitch)[0] == 2
 
 
+def test_link_that_is_no_obstacle_for_a_matrix_is_told(tmp_path, capsys, caplog):
+    urdf, out = write_urdf(tmp_path, SHAPES["box"]), tmp_path / "skin"
+    more = (
+        '<link name="lid"><collision><geometry><mesh filename="gone.stl"/></geometry>'
+    )
+    joint = '<joint name="j" type="fixed"><parent link="body"/><child link="lid"/>'
+    text = urdf.read_text().replace("</robot>", f"{more}</collision></link>{joint}")
+    urdf.write_text(f"{text}</joint></robot>")
+    words = ("skin", "place", urdf, "--link", "body", "--rows", 3, "--columns", 4)
+    assert call(capsys, *words, "--pitch-mm", 5, "--out", out)[0] == 0
+    [line] = caplog.messages
+    assert "gone.stl" in line and "'lid'" in line and "no obstacle" in line
+
+
 def test_place_without_room_for_any_pitch_is_told(tmp_path, capsys):
     urdf, out = write_urdf(tmp_path, SHAPES["box"]), tmp_path / "skin"
     words = ("skin", "place", urdf, "--link", "body", "--rows", 9, "--columns", 7)

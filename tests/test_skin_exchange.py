@@ -340,6 +340,8 @@ WRONG = {
         ('xyz="-0.004 0 0.002"', 'xyz="nan 0 0"', ["xyz is 'nan 0 0'"]),
         ("<array", "<grid", ["0 <array>"]),
         ('name="flipped"', 'name="palm_pad"', ["'palm_pad' twice"]),
+        ("</tactile>", "</tactile><tactile/>", ["2 <tactile>", "one"]),
+        ('<parent link="palm"/>', '<parent link="palm"/>' * 2, ["2 <parent>", "one"]),
         ("tactile", "haptic", ["no <sensor> with <tactile>"]),
     ],
     "leg.txt": [

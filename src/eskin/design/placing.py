@@ -1,5 +1,6 @@
 """This module lays a ready-made matrix of taxels on a link, wrapped on its surface."""
 
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -51,6 +52,7 @@ ITERATIONS = 10
 NEAR = 1.03
 """Ratio below which two pitches are not told apart while the largest is looked for."""
 MM = 1e-3
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -141,13 +143,18 @@ def place_matrix(robot: Robot, spec: MatrixSpec) -> tuple[Skin, float]:
 
 
 def build_site(robot: Robot, spec: MatrixSpec) -> Site:
-    """Build the surface of a link, and find where skin may lie on it."""
+    """Build the surface of a link, and find where skin may lie on it.
+
+    What was repaired on any link, or is no obstacle, is told.
+    """
     link = robot.links[robot.link_index(spec.link)]
     edge = choose_edge(link)
     limits = DesignLimits(min_spacing=0.0, clearance=spec.clearance)
     region = RegionSpec(LinkZone(spec.link), (EDGE / edge) ** 2)
     whole = DesignSpec(spec.name, (region,), limits=limits)
-    fine, coarse, _ = build_surfaces(robot, whole)
+    fine, coarse, warnings = build_surfaces(robot, whole)
+    for warning in warnings:
+        logger.warning("%s", warning)
     surface = fine[spec.link]
     allowed = find_allowed_vertices(robot, whole, fine, coarse)[spec.link]
     usable = np.asarray(allowed[surface.faces].all(axis=1))

@@ -72,8 +72,6 @@ PARENTS = {
     "mimic": ("joint",),
 }
 """Elements in which others may stand. What other programs add is not looked into."""
-SEVERAL = {"link", "joint", "visual", "collision", "inertial"}
-"""Elements of which there may be several in one."""
 RUN_XACRO = "run xacro first, as in 'xacro FILE > out.urdf'"
 logger = logging.getLogger(__name__)
 
@@ -257,23 +255,19 @@ def check_counts(root: Element) -> None:
 
 
 def check_places(root: Element, path: Path) -> None:
-    """Raise where an element stands twice, or where it would be lost with its content.
-
-    One that counts for nothing where it stands is told.
-    """
+    """Raise where a link, joint or shape would be lost; tell of the rest."""
     waiting = [root]
     while waiting:
         element = waiting.pop()
         name = f" '{element.get('name')}'" if element.get("name") else ""
         place = f"<{element.tag}>{name}"
-        found = set()
         for child in element:
             if child.tag not in PARENTS:
                 continue
             allowed = f"allowed: in {', '.join(PARENTS[child.tag])}"
             if element.tag in PARENTS[child.tag]:
                 waiting.append(child)
-            elif child.tag in SEVERAL:
+            elif child.tag in ("link", "joint", "collision"):
                 raise ElementError(
                     f"{place} holds a <{child.tag}>; {allowed}; move it there", child
                 )
@@ -282,11 +276,6 @@ def check_places(root: Element, path: Path) -> None:
                     f"{path}: {place} holds <{child.tag}>, which counts for nothing "
                     f"there; {allowed}"
                 )
-            if child.tag in found - SEVERAL:
-                raise ElementError(
-                    f"{place} has two <{child.tag}>; allowed: one; take one out", child
-                )
-            found.add(child.tag)
 
 
 def read_link(element: Element, reader: MeshReader | None, path: Path) -> Link:
@@ -399,7 +388,7 @@ def warn_once(text: str) -> None:
 
 def read_axis(element: Element, place: str) -> np.ndarray:
     """Read the unit axis of a joint, which is x where none is given."""
-    found = element.find("axis")
+    found = find_optional(element, "axis", place)
     if found is None or element.get("type") == "fixed":
         return np.array([1.0, 0.0, 0.0])
     axis = np.array(read_numbers(found, "xyz", place, 3, (1.0, 0.0, 0.0)))
@@ -413,7 +402,7 @@ def read_limits(
     element: Element, kind: JointKind, place: str
 ) -> tuple[float, float, float]:
     """Read the smallest and largest value of a joint, and its largest speed."""
-    limit = element.find("limit")
+    limit = find_optional(element, "limit", place)
     if kind == "fixed" or (kind == "continuous" and limit is None):
         return -np.inf, np.inf, np.inf
     if limit is None:
@@ -446,7 +435,7 @@ def read_limits(
 
 def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
     """Read the rule by which a joint follows another, if there is one."""
-    found = element.find("mimic")
+    found = find_optional(element, "mimic", place)
     if found is None or kind == "fixed":
         return None
     if not found.get("joint", "").strip():
@@ -459,11 +448,22 @@ def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
 
 
 def find_child(element: Element, tag: str, place: str) -> Element:
-    """Return the first child with a tag; raise where there is none."""
-    found = element.find(tag)
+    """Return the one child with a tag; raise where there is none, or more."""
+    found = find_optional(element, tag, place)
     if found is None:
         raise RobotError(f"{place} has no <{tag}>; add one")
     return found
+
+
+def find_optional(element: Element, tag: str, place: str) -> Element | None:
+    """Return the one child with a tag, None where there is none; raise where more."""
+    found = element.findall(tag)
+    if len(found) > 1:
+        raise ElementError(
+            f"{place} has {len(found)} <{tag}>; allowed: one; take out what is wrong",
+            found[1],
+        )
+    return found[0] if found else None
 
 
 def read_text(element: Element, attribute: str, place: str) -> str:
@@ -538,7 +538,7 @@ def read_rotation(element: Element, place: str) -> Float[np.ndarray, "3 3"]:
 
 def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
     """Read the pose of an element's <origin> [m]; without one it is the identity."""
-    found = element.find("origin")
+    found = find_optional(element, "origin", place)
     if found is None:
         return np.eye(4)
     given = {name for name in found.attrib if ":" not in name}

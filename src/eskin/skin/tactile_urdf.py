@@ -19,6 +19,7 @@ from eskin.robot import Robot
 from eskin.robot.urdf import (
     MAX_URDF_BYTES,
     find_child,
+    find_optional,
     parse_xml,
     read_numbers,
     read_origin,
@@ -56,7 +57,7 @@ def read_tactile_urdf(path: Path, name: str) -> Skin:
         parts = [
             read_tactile_sensor(sensor, tactile)
             for sensor in root.findall("sensor")
-            if (tactile := sensor.find("tactile")) is not None
+            if (tactile := find_optional(sensor, "tactile", "a <sensor>")) is not None
         ]
     except RobotError as error:
         text = str(error)
