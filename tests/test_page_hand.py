@@ -384,7 +384,14 @@ def test_labels_of_forces_overlap_no_other_label():
         found = contacts[0]
         place = tuple(map(float, found.p_link))
         entry = LogEntry(
-            3.0 * number, "detection", "poke 98%, 9 N", "poke", found.link, place
+            3.0 * number,
+            "detection",
+            "poke 98%, 9 N",
+            "poke",
+            found.link,
+            place,
+            1,
+            "poke 98%",
         )
         entries = (entry,) if number % 2 else ()
         update = make_update(3.0 * number, log_entries=entries)

@@ -29,6 +29,7 @@ from eskin.page import (
     PageOrder,
     PaintOrder,
     QuestionBoard,
+    RecordingState,
     TouchOrder,
     TouchRule,
 )
@@ -38,6 +39,7 @@ from eskin.page.html import (
     render_arm,
     render_log,
     render_purpose,
+    render_status,
 )
 from eskin.page.messages import ArmCondition, LogEntry
 from eskin.page.process import (
@@ -265,6 +267,7 @@ def test_detection_is_logged_at_its_place_on_link():
     assert entry.link == link and np.allclose(entry.p_link, place)
     assert entry.seconds == 2.5
     assert entry.touch == 4
+    assert entry.label == "double pat 97%" and entry.text.startswith(entry.label)
     for part in ("double pat", "97%", "8 N", "forearm back"):
         assert part in entry.text
 
@@ -384,10 +387,23 @@ def test_viewer_shows_what_the_arm_asks_now(monkeypatch, asks):
     assert all(abs(now - START) < NS_PER_S for now in times)
 
 
+MADE = RecordingState("a_b.mcap", True)
+SAVED = RecordingState("a_b.mcap", False)
+
+
+@pytest.mark.parametrize(
+    ("recording", "text"),
+    [(None, ""), (MADE, "recording to a_b.mcap"), (SAVED, "saved to a_b.mcap")],
+)
+def test_page_tells_where_it_records(recording, text):
+    shown = render_status(replace(make_update(), recording=recording))
+    assert text in shown and shown.count("a_b.mcap") == bool(text)
+
+
 def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
     page = SimpleNamespace(give=len, wants=lambda: False, close=lambda: None)
     monkeypatch.setattr("eskin.page.viewer.PageProcess", lambda *_: page)
-    recognition, kept, states = make_recognition(drop="never"), [], [""]
+    recognition, kept, states = make_recognition(drop="never"), [], [None]
     viewer = Viewer(recognition, ViewerConfig(0), recording=lambda: states[0])
     source = make_source(scans(mounted(), two_hands(mounted()), 50, 3.0))
     with Stream(source, [recognition, viewer]) as stream:
@@ -395,12 +411,12 @@ def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
     viewer.context = SimpleNamespace(clock=ManualClock(START), publish=kept.append)
     [touch, *_] = viewer.touches
     for states[0], number, name, said in (
-        ("", touch, "stroke", "not kept: nothing is recorded; press record"),
-        ("saved to a.mcap", touch, "stroke", "not kept: nothing is recorded"),
-        ("recording to a.mcap", touch, " ", "not kept: gesture ' ' is empty"),
-        ("recording to a.mcap", touch, "unknown", "not kept: gesture 'unknown'"),
-        ("recording to a.mcap", 999, "stroke", "not kept: the touch"),
-        ("recording to a.mcap", touch, "Мой взмах+", "kept: that was a Мой взмах+"),
+        (None, touch, "stroke", "not kept: nothing is recorded; press record"),
+        (SAVED, touch, "stroke", "not kept: nothing is recorded"),
+        (MADE, touch, " ", "not kept: gesture ' ' is empty"),
+        (MADE, touch, "unknown", "not kept: gesture 'unknown'"),
+        (MADE, 999, "stroke", "not kept: the touch"),
+        (MADE, touch, "Мой взмах+", "kept: that was a Мой взмах+"),
     ):
         viewer.take_order(CorrectionOrder(number, name))
         assert said in viewer.encoder.log_entries[-1].text

@@ -400,9 +400,9 @@ def build_listeners(
     if command.view or command.foxglove:
         say(robot.describe_lacking_meshes("drawn"))
     if command.view:
+        from eskin.page import RecordingState
         from eskin.page.process import DEFAULT_PORT, describe_link, free_port
         from eskin.page.viewer import (
-            RECORDING,
             Viewer,
             ViewerConfig,
             describe_question,
@@ -413,8 +413,9 @@ def build_listeners(
         rules = [describe_rules(policy.commands) for policy in policies]
         commands = tuple(chain.from_iterable(rules))
         page = ViewerConfig(port, warning="; ".join(doubts), commands=commands)
-        path = None if command.record is None else f"{RECORDING}{command.record}"
-        describe = None if path is None else lambda: path
+        describe = None
+        if command.record is not None:
+            describe = partial(RecordingState, str(command.record), True)
         asked = [partial(describe_question, policy) for policy in policies]
         question = asked[0] if asked else None
         listeners.append(

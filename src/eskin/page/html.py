@@ -15,6 +15,7 @@ from eskin.page.messages import (
     LogEntry,
     OpenTouch,
     QuestionBoard,
+    RecordingState,
     SceneDescription,
     TouchRule,
     ViewUpdate,
@@ -166,9 +167,15 @@ def render_status(update: ViewUpdate) -> str:
     )
     if update.arm is not None:
         parts += render_block(render_arm(update.arm))
-    if update.recording:
-        parts += render_block(render_dot(RED), escape(update.recording))
+    if update.recording is not None:
+        parts += render_recording(update.recording)
     return parts
+
+
+def render_recording(recording: RecordingState) -> str:
+    """Return where it is recorded, or was saved, as HTML."""
+    done, colour = ("recording to", RED) if recording.is_on else ("saved to", TEAL)
+    return render_block(render_dot(colour), escape(f"{done} {recording.path}"))
 
 
 def render_arm(summary: ArmSummary) -> str:

@@ -237,7 +237,7 @@ class Marks(PagePart):
             self.labels.remove(previous)
         label = self.server.scene.add_label(
             f"/robot/{link}/detection_{self.count}",
-            entry.text.partition(",")[0],
+            entry.label,
             position=entry.p_link,
             font_screen_scale=DETECTION_SCALE,
             anchor="bottom-center",

@@ -65,6 +65,8 @@ class LogEntry:
     """Position of a detection in the frame of its link [m]."""
     touch: int = -1
     """Number of the touch of a detection; -1 for other entries."""
+    label: str = ""
+    """What is written at the place of a detection; empty for other entries."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,16 @@ class QuestionBoard:
     """Share of the time that is left for the answer to begin, from 1 to 0."""
     is_answering: bool = False
     """Whether a touch that may be the answer has begun."""
+
+
+@dataclass(frozen=True)
+class RecordingState:
+    """Tells where a recording is, and whether it is still made."""
+
+    path: str
+    """Path of its file."""
+    is_on: bool
+    """Whether it is made now; if not, it is saved."""
 
 
 @dataclass(frozen=True)
@@ -188,8 +200,8 @@ class ViewUpdate:
     """What the arm asks; None without an arm."""
     guide: GuideBoard | None = None
     """Guide through a calibration, or what is painted; None without either."""
-    recording: str = ""
-    """State and path of the recording; empty before the first."""
+    recording: RecordingState | None = None
+    """State of the recording; None before the first."""
 
 
 @dataclass(frozen=True, eq=False)

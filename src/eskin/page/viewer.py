@@ -28,6 +28,7 @@ from eskin.page.messages import (
     Order,
     PageOrder,
     QuestionBoard,
+    RecordingState,
     SceneDescription,
     TouchRule,
     ViewUpdate,
@@ -103,15 +104,17 @@ class FrameEncoder:
         name = detection.gesture
         if name == UNKNOWN and detection.likeliest:
             name = f"probably {detection.likeliest}"
+        label = f"{to_words(name)} {detection.confidence:.0%}"
+        where = f"{detection.peak_force:.0f} N, {to_words(detection.patch)}"
         return LogEntry(
             self.seconds(detection.stamp),
             "detection",
-            f"{to_words(name)} {detection.confidence:.0%}, "
-            f"{detection.peak_force:.0f} N, {to_words(detection.patch)}",
+            f"{label}, {where}",
             detection.gesture,
             link,
             (x, y, z),
             detection.touch,
+            label,
         )
 
     def build_update(self, recognised: RecognitionState, rate: float) -> ViewUpdate:
@@ -349,8 +352,6 @@ MAX_TOUCHES = 100
 """Greatest number of touches that can still be corrected."""
 LAST_CONTACT = NS_PER_S // 50
 """Time from the last reading in contact until a touch is over [ns]."""
-RECORDING = "recording to "
-"""How a description of a recording begins while it is made; its path follows."""
 
 
 @dataclass(frozen=True)
@@ -404,7 +405,7 @@ class Viewer(Listener):
         config: ViewerConfig | None = None,
         on_order: Callable[[Order], None] | None = None,
         arm: Arm | None = None,
-        recording: Callable[[], str] | None = None,
+        recording: Callable[[], RecordingState | None] | None = None,
         question: Callable[[int], QuestionBoard] | None = None,
     ) -> None:
         """Prepare the viewer; the page starts with the stream.
@@ -414,9 +415,8 @@ class Viewer(Listener):
             config: configuration of the page.
             on_order: function called with each order, on a thread of its own.
             arm: arm to show the state of.
-            recording: function that describes the recording that is made, for example
-                by its path, empty while there is none. With one, detections can be
-                corrected in the page.
+            recording: function that returns the state of the recording, None before
+                the first. With it, detections can be corrected in the page.
             question: function that describes what the arm asks at a time [ns since the
                 epoch]; None for an arm that never asks.
         """
@@ -460,7 +460,7 @@ class Viewer(Listener):
         text = "not kept: nothing is recorded; press record first"
         if known is None:
             text = "not kept: the touch is not known"
-        elif self.describe_recording().startswith(RECORDING):
+        elif self.is_recording:
             try:
                 check_gesture_names([gesture])
                 self.corrected[order.touch] = gesture
@@ -479,9 +479,11 @@ class Viewer(Listener):
             now, gesture = self.context.clock.now(), self.corrected.pop(touch)
             self.context.publish(Correction(now, start, last + LAST_CONTACT, gesture))
 
-    def describe_recording(self) -> str:
-        """Return state and path of the recording; empty before the first."""
-        return "" if self.recording is None else self.recording()
+    @property
+    def is_recording(self) -> bool:
+        """Whether a recording is made now."""
+        state = None if self.recording is None else self.recording()
+        return state is not None and state.is_on
 
     def note_touches(self, state: TouchState) -> None:
         """Note first and latest contact of the touches of a reading [ns]."""
@@ -522,7 +524,7 @@ class Viewer(Listener):
             self.encoder.build_update(item, self.rate),
             step=self.recognition.step.quantile(0.5),
             age=self.context.age(item.state.reading.stamp),
-            recording=self.describe_recording(),
+            recording=None if self.recording is None else self.recording(),
         )
         if self.arm is not None:
             board = NEVER_ASKS

@@ -18,10 +18,9 @@ from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, Task, load_co
 from eskin.drivers import Clock, Event, FixedJoints, HostClock
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
-from eskin.page import Order, PageOrder, TouchOrder
+from eskin.page import Order, PageOrder, RecordingState, TouchOrder
 from eskin.page.process import free_port, make_token
 from eskin.page.viewer import (
-    RECORDING,
     Viewer,
     ViewerConfig,
     describe_question,
@@ -62,7 +61,7 @@ class RecordButton(Listener):
         self.folder = folder
         self.metadata = metadata
         self.recorder: Recorder | None = None
-        self.saved = ""
+        self.saved: RecordingState | None = None
         self.lock = Lock()
 
     def start(self, context: Context) -> None:
@@ -88,12 +87,14 @@ class RecordButton(Listener):
             recorder, self.recorder = self.recorder, None
             if recorder is not None:
                 recorder.close()
-                self.saved = f"saved to {recorder.path}"
+                self.saved = RecordingState(str(recorder.path), False)
 
-    def describe(self) -> str:
-        """Return state and path of the recording; empty before the first."""
+    def describe(self) -> RecordingState | None:
+        """Return the state of the recording; None before the first."""
         recorder = self.recorder
-        return self.saved if recorder is None else f"{RECORDING}{recorder.path}"
+        if recorder is None:
+            return self.saved
+        return RecordingState(str(recorder.path), True)
 
     def on_message(self, item: Message) -> None:
         """Record a message while recording."""
