@@ -163,8 +163,10 @@ class LineForm:
         if self.decimal == "comma":
             body = body.replace(b",", b".")
         elif not self.decimal and b"," in body and any(c in body for c in b"; \t"):
+            others = SEPARATOR.sub(b" ", body.replace(b",", b".")).split()
             raise LineError(
-                "commas may separate or be decimal",
+                "commas may separate or be decimal (with decimal=comma, it has "
+                f"{len(others)} numbers)",
                 [
                     OptionChange({"decimal": "comma"}, "if commas are decimal"),
                     OptionChange({"decimal": "point"}, "if commas separate"),

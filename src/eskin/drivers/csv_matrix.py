@@ -36,7 +36,6 @@ from eskin.drivers.csv_lines import (
     read_json,
 )
 from eskin.drivers.csv_meaning import (
-    MIN_CLOCK_LINES,
     BaseTest,
     EndTest,
     NumberTest,
@@ -153,7 +152,8 @@ class MatrixLine:
         self.end_test = EndTest()
         self.rising: Rising | None = None
         self.base_test = BaseTest()
-        self.number = self.unknown = 0
+        self.number = 0
+        self.unbelieved_at: int | None = None
         self.empty_at = now
         self.late_at: int | None = None
         self.burst = LineBurst(now)
@@ -211,12 +211,13 @@ class MatrixLine:
         content = zlib.crc32(counts.tobytes())
         found = self.device_clock.push(time, self.number, now, content)
         if found is not None and self.device_clock.doubt is None:
-            self.unknown = 0
+            self.unbelieved_at = None
             return found.stamp
         self.counts["late"] += 1
-        self.unknown += 1
+        if self.unbelieved_at is None:
+            self.unbelieved_at = now
         # The first lines of every clock are not believed.
-        if self.unknown > MIN_CLOCK_LINES:
+        if now - self.unbelieved_at > MAX_HELD:
             why = "its time does not go on as the clock of this computer does"
             self.refuse(line, LineError(why, [OptionChange({"time": "ignore"}, "")]))
         return None
@@ -434,8 +435,8 @@ class MatrixLine:
                 self.list_ends(is_timed) if is_more else (),
                 "send a line a scan, or a line without numbers after all rows",
             )
-        is_either = size == self.cells == self.taxels + 1
-        is_known = is_timed or is_object or self.form.time or self.form.last
+        is_either = size == self.cells == self.taxels + 1 and not self.form.last
+        is_known = is_timed or is_object or self.form.time
         if not is_known and (is_either or found):
             why = f"its first number may be a time{f' in {found}' if found else ''}"
             if size - 1 not in self.sizes:

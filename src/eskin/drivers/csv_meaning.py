@@ -9,12 +9,16 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal, final
 
+import numpy as np
+
 from eskin.drivers.csv_lines import HEXADECIMAL, UNITS, LineError, OptionChange
 from eskin.drivers.sampled_source import MAX_HELD
 from eskin.units import NS_PER_S
 
 MIN_CLOCK_LINES = 6
 """Number of lines by which it is tested whether a number of them is a time."""
+MAX_SLOPE_LINES = 60
+"""Largest number of lines by which it is estimated how much a number rises."""
 MIN_WIDTH = 3
 """Number of digits from which numbers of one width may be hexadecimal."""
 POWER = re.compile(rb"(?<!\S)\d+[eE]\d+(?!\S)")
@@ -40,7 +44,7 @@ class NumberTest:
         self.unit: str | None = None
         self.rises: bool | None = None
         self.numbers: list[float] = []
-        self.begun = 0
+        self.arrivals: list[int] = []
 
     def push(self, number: float, arrived: int, is_time: bool = False) -> None:
         """Add the number of a line, of which is said whether it is a time."""
@@ -48,18 +52,40 @@ class NumberTest:
             # A device that starts over; or a count.
             self.unit = self.unit if is_time else ""
             self.rises = False
-            self.numbers.clear()
-        self.begun = self.begun if self.numbers else arrived
+            self.clear()
         self.numbers.append(number)
-        if len(self.numbers) < MIN_CLOCK_LINES or arrived - self.begun < MAX_HELD:
+        self.arrivals.append(arrived)
+        span = arrived - self.arrivals[0]
+        if len(self.numbers) < MIN_CLOCK_LINES or span < MAX_HELD:
             return
-        rate = (number - self.numbers[0]) * NS_PER_S / (arrived - self.begun)
+        rate = estimate_slope(self.arrivals, self.numbers)
         steps = [after - before for before, after in pairwise(self.numbers)]
         # Numbers of lines go on by one, at any rate.
         near = [u for u, us in UNITS.items() if 2 / 3 < 1e-6 * us * rate < 3 / 2]
         self.unit = near[0] if near and any(step != 1 for step in steps) else ""
         self.rises = all(step > 0 for step in steps)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the lines so far."""
         self.numbers.clear()
+        self.arrivals.clear()
+
+
+def estimate_slope(arrivals: Sequence[int], numbers: Sequence[float]) -> float:
+    """Estimate how much numbers rise a second, by the arrivals of their lines [ns].
+
+    It is the median over all pairs of lines (Theil, 1950; Sen, 1968), on which lines
+    that a busy computer has read late have little effect.
+    """
+    stride = len(numbers) // MAX_SLOPE_LINES + 1
+    times = np.array(arrivals[::stride]) / NS_PER_S
+    values = np.array(numbers[::stride])
+    i, j = np.triu_indices(len(times), 1)
+    apart = times[j] > times[i]
+    with np.errstate(over="ignore", invalid="ignore"):
+        slopes = (values[j] - values[i])[apart] / (times[j] - times[i])[apart]
+        return float(np.median(slopes))
 
 
 Rising = Literal["first", "last", "neither"]
