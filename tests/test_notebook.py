@@ -5,6 +5,7 @@ Ten tasks of a notebook import nothing of eskin but what the reference documents
 
 import ast
 import inspect
+import itertools
 import math
 import subprocess
 import sys
@@ -17,7 +18,14 @@ import pytest
 
 import eskin
 from eskin import registry
-from eskin.skin import load_skin
+from eskin.skin import (
+    Patch,
+    Plane,
+    TaxelGrid,
+    build_grid_skin,
+    build_skin,
+    load_skin,
+)
 from helpers.cli import call_json
 from helpers.learning import FLAGS, TINY, record_people
 from helpers.live import Press, mounted, record, scans
@@ -59,6 +67,51 @@ def test_values_are_drawn_one_a_taxel_only():
     assert drawn == skin.count
     with pytest.raises(ValueError, match="allowed is a value a taxel"):
         eskin.plot_skin(np.zeros(3), "bent")
+
+
+@pytest.mark.parametrize("name", ["ur5", "bent", "sleeve", "small", "many", "tall"])
+def test_picture_is_filled_and_no_captions_collide(name):
+    built = {
+        "small": lambda: build_grid_skin(2, 3),
+        "many": lambda: build_pads(12, rows=3),
+        "tall": lambda: build_grid_skin(40, 4),
+    }
+    skin = built[name]() if name in built else load_skin(name)
+    figure = eskin.plot_skin(np.arange(skin.count), skin)
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    pairs = itertools.combinations(boxes, 2)
+    assert not any(one.overlaps(other) for one, other in pairs)
+    whole = figure.bbox
+    for box in boxes:
+        assert whole.x0 <= box.x0 and box.x1 <= whole.x1 and box.y1 <= whole.y1
+    drawn = [each.get_tightbbox() for each in [*figure.axes]]
+    assert max(box.x1 for box in drawn) > 0.9 * whole.x1
+    assert max(box.y1 for box in drawn) > 0.9 * whole.y1
+    panel = figure.axes[0].get_window_extent()
+    assert panel.width * panel.height > 0.55 * whole.width * whole.height
+
+
+def shift_along_x(distance):
+    T = np.eye(4)
+    T[0, 3] = distance
+    return T
+
+
+def build_pads(count, rows):
+    """Build a skin of small pads whose names are wider than they are."""
+    grid = TaxelGrid(rows=rows, columns=2, row_pitch=0.004, column_pitch=0.004)
+    return build_skin(
+        "pads",
+        [
+            (
+                Patch(f"finger_{n}_distal", "table", n + 1, rows=rows, columns=2),
+                grid,
+                Plane(shift_along_x(0.05 * n)),
+            )
+            for n in range(count)
+        ],
+    )
 
 
 def test_skin_is_shown_in_a_cell_without_a_server():

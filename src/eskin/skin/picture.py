@@ -22,14 +22,24 @@ COLOURS = (
 ).split()
 VIEWS = ((-60.0, 18.0), (120.0, 18.0))
 """Azimuth and elevation of the camera in each view of the robot [deg]."""
-SPACE = 0.02
-"""Distance between unrolled patches [m]."""
-LABEL_WIDTH = 0.075
-"""Space for the label of an unrolled patch [m]."""
+SPACE = 0.12
+"""Distance between unrolled patches in a picture [in]."""
+FONT_SIZE = 8
+"""Size of the letters of captions [pt]."""
+LETTER = 0.6 * FONT_SIZE / 72
+"""Mean width of a letter of a caption, with some room [in]."""
+CAPTION = 3.0 * FONT_SIZE / 72
+"""Height of a caption of two lines, with some room [in]."""
+UNROLLED_WIDTH = 6.0
+"""Usual width of the unrolled patches in a picture [in]."""
+MAX_HEIGHT = 8.0
+"""Greatest height of a picture of values [in]."""
+SCALE_WIDTH = 1.0
+"""Width of the scale of values beside them [in]."""
 MAX_LABELS = 24
 """Number of patches up to which they have labels."""
-BAR = 0.05
-"""Length of the scale bar [m]."""
+BARS = (0.05, 0.01)
+"""Length of the scale bar, and that of a skin too small for it [m]."""
 ROBOT_COLOUR = "#d8dade"
 SKIN_LIFT = 0.9
 """Distance by which taxels are drawn in front of the robot's surface, in taxels."""
@@ -119,57 +129,92 @@ def draw_values(skin: Skin, values: Float[np.ndarray, "taxel"], unit: str) -> "F
             f"values have shape {values.shape}, skin '{skin.name}' has {skin.count} "
             "taxels; allowed is a value a taxel; give those of one reading"
         )
-    figure = Figure(figsize=(7.0, 6.0), layout="constrained")
+    figure = Figure(layout="constrained")
     scale = Normalize(min(np.nanmin(values), 0.0), max(np.nanmax(values), 1e-9))
     shown = ScalarMappable(scale, colormaps["viridis"])
     panel = figure.subplots()
-    draw_unrolled(panel, skin, shown.to_rgba(values))
-    figure.colorbar(shown, ax=panel, label=unit, shrink=0.6)
+    width, height = draw_unrolled(panel, skin, shown.to_rgba(values))
+    drawn = min(UNROLLED_WIDTH / width, MAX_HEIGHT / height)
+    figure.set_size_inches(width * drawn + SCALE_WIDTH, height * drawn)
+    figure.colorbar(shown, ax=panel, label=unit, shrink=0.8)
     return figure
 
 
 def draw_unrolled(
     panel: "Axes", skin: Skin, colours: "list[str] | Float[np.ndarray, 'taxel 4']"
-) -> None:
+) -> tuple[float, float]:
     """Draw all unrolled patches to one scale, in rows from the top.
+
+    Captions keep their size in inches, so that those of small patches take room too.
 
     Args:
         panel: where they are drawn.
         skin: the skin.
         colours: a colour of each patch, or of each taxel.
+
+    Returns:
+        Width and height of the drawing [m].
     """
     from matplotlib.collections import PolyCollection
 
     # With rows of this width the drawing is about square.
     labelled = len(skin.patches) <= MAX_LABELS
-    row_width = max((1.45 if labelled else 1.2) * np.sqrt(skin.areas.sum()), 0.1)
-    space = SPACE if labelled else 0.3 * SPACE
-    left, top, low = 0.0, 0.0, 0.0
+    row_width = (1.45 if labelled else 1.2) * np.sqrt(skin.areas.sum())
+    inch = max(row_width, *measure_patches(skin)) / UNROLLED_WIDTH
+    space = SPACE * inch
+    caption = CAPTION * inch if labelled else 0.0
+    length = BARS[0] if row_width > 2 * BARS[0] else BARS[1]
+    left, top, low, right = 0.0, 0.0, 0.0, length + 10 * LETTER * inch
     for number, patch in enumerate(skin.patches):
         taxels = np.flatnonzero(skin.patch_index == number)
         if len(taxels) == 0:
             continue
         squares = build_unrolled_squares(skin, taxels)
-        size = np.ptp(squares.reshape(-1, 2), axis=0)
-        if left > 0 and left + size[0] > row_width:
-            left, top = 0.0, low - (3 * SPACE if labelled else space)
         corner = squares.reshape(-1, 2).min(axis=0)
+        size = np.ptp(squares.reshape(-1, 2), axis=0)
+        density = len(taxels) / (1e4 * skin.areas[taxels].sum())
+        lines = (patch.id, f"{len(taxels)}, {density:.2f}/cm²")
+        width = float(size[0])
+        if labelled:
+            width = max(width, max(map(len, lines)) * LETTER * inch)
+        if left > 0 and left + width > row_width:
+            left = 0.0
+            top = low - space - caption
         squares = squares - corner + [left, top - size[1]]
         own = colours[number] if isinstance(colours, list) else colours[taxels]
         panel.add_collection(
             PolyCollection(list(squares), facecolors=own, linewidths=0, snap=False)
         )
         if labelled:
-            density = len(taxels) / (1e4 * skin.areas[taxels].sum())
-            label = f"{patch.id}\n{len(taxels)}, {density:.2f}/cm²"
-            panel.text(left, top + 0.2 * SPACE, label, fontsize=8, va="bottom")
-        width = max(size[0], LABEL_WIDTH if labelled else 0.0)
-        left, low = left + width + space, min(low, top - size[1])
-    panel.plot([0, BAR], [low - SPACE] * 2, color="black", linewidth=2)
-    panel.text(BAR + 0.005, low - SPACE, f"{1e3 * BAR:.0f} mm", va="center", fontsize=8)
+            text = "\n".join(lines)
+            panel.text(left, top + 0.3 * space, text, fontsize=FONT_SIZE, va="bottom")
+        right = max(right, left + width)
+        low = min(low, top - size[1])
+        left += width + space
+    bar = low - 2 * space
+    panel.plot([0, length], [bar, bar], color="black", linewidth=2)
+    panel.text(
+        length + 0.3 * space,
+        bar,
+        f"{1e3 * length:.0f} mm",
+        va="center",
+        fontsize=FONT_SIZE,
+    )
     panel.set_aspect("equal")
-    panel.margins(0.02)
+    panel.set_xlim(-space, right + space)
+    panel.set_ylim(bar - space, caption + space)
     panel.axis("off")
+    return right + 2 * space, caption - bar + 2 * space
+
+
+def measure_patches(skin: Skin) -> list[float]:
+    """Return the width of each unrolled patch that has taxels [m]."""
+    taxels = (np.flatnonzero(skin.patch_index == n) for n in range(len(skin.patches)))
+    return [
+        float(np.ptp(build_unrolled_squares(skin, own)[..., 0]))
+        for own in taxels
+        if len(own)
+    ]
 
 
 def build_unrolled_squares(
