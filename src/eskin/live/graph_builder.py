@@ -9,13 +9,11 @@ changes the neighbours.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import Annotated, NamedTuple, final
 
 import numpy as np
 from annotated_types import Interval
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from eskin.files import Distance, NotNegative
 from eskin.live.graph import NO_HISTORY, GraphBatch, allocate_graphs
@@ -33,6 +31,7 @@ from eskin.live.graph_kernels import (
     update_taxel_history,
     write_live_neighbours,
 )
+from eskin.near import find_nearest
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import LinkPoseCache, Reading, TouchRecord, TouchState
 from eskin.touch.tracking import measure_distance
@@ -396,9 +395,7 @@ def find_nearest_in_patch(
     Squared distances are whole numbers of square micrometres, so equal ones are equal
     to the last bit, however the patch lies.
     """
-    points = np.rint(positions * MICROMETRES).astype(np.int64)
-    one, other = find_close_pairs(points, k)
-    squared = ((points[one] - points[other]) ** 2).sum(axis=1)
+    one, other, squared = find_nearest(np.rint(positions * MICROMETRES), k)
     order = np.lexsort((rank[taxels[other]], squared, one))
     one, other = one[order], other[order]
     place = np.arange(len(one)) - np.searchsorted(one, one)
@@ -406,24 +403,6 @@ def find_nearest_in_patch(
     kept = place < k
     nearest[one[kept], place[kept]] = taxels[other[kept]]
     return nearest
-
-
-def find_close_pairs(
-    points: Int[np.ndarray, "part 3"], k: int
-) -> tuple[Int[np.ndarray, "pair"], Int[np.ndarray, "pair"]]:
-    """Return pairs of each point with all others no farther than its `k`-th nearest.
-
-    All that tie with the `k`-th nearest are included, so that ranks can break ties.
-    """
-    tree = KDTree(points)
-    distances = np.asarray(tree.query(points, k=min(k + 1, len(points)))[0])
-    radius = distances.reshape(len(points), -1)[:, -1]
-    # Half a micrometre more, against rounding errors; surplus points are dropped later.
-    near = tree.query_ball_point(points, radius + 0.5)
-    one = np.repeat(np.arange(len(points)), [len(others) for others in near])
-    other = np.fromiter(chain.from_iterable(near), np.int64, len(one))
-    different = one != other
-    return one[different], other[different]
 
 
 def find_live_neighbours(

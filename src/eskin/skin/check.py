@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
 
 from eskin.errors import SkinError
+from eskin.near import iterate_near_pairs
 from eskin.robot import Robot, compute_surface_distance
 from eskin.robot.urdf import LARGE
 from eskin.skin.skin import Skin
@@ -126,9 +126,9 @@ def check_crowding(skin: Skin, file: str) -> None:
     _, counts = np.unique(np.column_stack([links, points]), axis=0, return_counts=True)
     close, most = 0, MAX_CLOSE * skin.count + FREE_CLOSE
     if counts.max() <= MAX_COINCIDENT:
-        trees = [KDTree(points[links == number]) for number in np.unique(links)]
-        distance = CheckConfig.min_taxel_distance
-        close = sum(int(tree.count_neighbors(tree, distance)) for tree in trees)
+        for number in np.unique(links):
+            on_link = points[links == number]
+            close += count_close(on_link, CheckConfig.min_taxel_distance, most)
     if counts.max() > MAX_COINCIDENT or close > most:
         raise SkinError(
             f"{file}: got {max(counts.max(), close // skin.count)} taxels in one "
@@ -136,6 +136,18 @@ def check_crowding(skin: Skin, file: str) -> None:
             f"within {1e3 * CheckConfig.min_taxel_distance:g} mm of one; correct the "
             "positions"
         )
+
+
+def count_close(
+    points: Float[np.ndarray, "point 3"], distance: float, most: int
+) -> int:
+    """Count the neighbours of points within a distance, until there are too many."""
+    count = 0
+    for one, _, _ in iterate_near_pairs(points, distance):
+        count += len(one)
+        if count > most:
+            break
+    return count
 
 
 def find_patch_problems(skin: Skin) -> Iterator[SkinProblem]:
@@ -194,11 +206,13 @@ def find_coincident_problems(skin: Skin, config: CheckConfig) -> Iterator[SkinPr
     """Find taxels of one link that coincide."""
     links = np.array(skin.link_names)[skin.patch_index]
     finite = np.flatnonzero(are_near(skin))
-    near = KDTree(skin.positions[finite]).query_pairs(
-        config.min_taxel_distance, output_type="ndarray"
-    )
-    for first, second in sorted(finite[near].tolist()):
-        if links[first] == links[second]:
+    near = []
+    for one, other, _ in iterate_near_pairs(
+        skin.positions[finite], config.min_taxel_distance
+    ):
+        near += zip(finite[one].tolist(), finite[other].tolist(), strict=True)
+    for first, second in sorted(near):
+        if first < second and links[first] == links[second]:
             gap = np.linalg.norm(skin.positions[first] - skin.positions[second])
             text = (
                 f"lies {1e3 * gap:.3g} mm from taxel {first} of patch "

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from eskin.errors import SkinError
 from eskin.files import read_file
+from eskin.near import measure_nearest
 from eskin.skin.check import check_crowding, find_fatal_problems
 from eskin.skin.skin import Patch, Skin
 from eskin.skin.taxel_table import MAX_TAXELS
@@ -136,7 +136,7 @@ def estimate_areas(positions: Vectors, place: str) -> Float[np.ndarray, "taxel"]
             f"{place}: a patch of one taxel has no spacing to tell its area by; "
             "allowed are two taxels or more; leave it out"
         )
-    nearest = KDTree(positions).query(positions, k=2)[0][:, 1]
+    nearest = measure_nearest(positions, 1)
     if not np.median(nearest) > 0:
         raise SkinError(
             f"{place}: {np.count_nonzero(nearest == 0)} of {len(positions)} taxels lie "

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
 
 from eskin.errors import SkinError
+from eskin.near import iterate_near_pairs, measure_nearest
 from eskin.skin import Skin
 
 MICROMETRE = 1e-6
@@ -63,10 +63,8 @@ def compute_spacing(skin: Skin) -> Float[np.ndarray, "taxel"]:
     result = np.sqrt(np.asarray(skin.areas, np.float64))
     for patch in range(len(skin.patches)):
         members = np.flatnonzero(np.asarray(skin.patch_index) == patch)
-        count = min(SPACING_RANK, len(members) - 1)
-        if count > 0:
-            distances, _ = KDTree(points[members]).query(points[members], count + 1)
-            result[members] = distances[:, count]
+        if len(members) > 1:
+            result[members] = measure_nearest(points[members], SPACING_RANK)
     return result
 
 
@@ -77,19 +75,20 @@ def find_pairs(
 ) -> Int[np.ndarray, "2 pair"]:
     """Find the pairs of members within the larger reach of the two, in both orders."""
     members = np.flatnonzero(is_member)
-    tree = KDTree(points[members])
     largest = reach[members].max()
-    count = tree.count_neighbors(tree, largest)
-    if count > MAX_PAIRS:
-        raise SkinError(
-            f"{len(members)} taxels of one link have {count:,} neighbours within "
-            f"{1e3 * largest:.3g} mm; allowed are {MAX_PAIRS:,}; use a coarser skin"
-        )
-    pairs = tree.query_pairs(largest, output_type="ndarray")
-    a, b = members[pairs].T
-    distances = np.linalg.norm(points[a] - points[b], axis=1)
-    a, b = members[pairs[distances <= np.maximum(reach[a], reach[b])]].T
-    return np.stack([np.concatenate([a, b]), np.concatenate([b, a])])
+    found, count = [], 0
+    for one, other, squared in iterate_near_pairs(points[members], largest):
+        count += len(one)
+        if count > MAX_PAIRS:
+            raise SkinError(
+                f"{len(members)} taxels of one link have over {MAX_PAIRS:,} neighbours "
+                f"within {1e3 * largest:.3g} mm; allowed are {MAX_PAIRS:,}; use a "
+                "coarser skin"
+            )
+        a, b = members[one], members[other]
+        kept = np.sqrt(squared) <= np.maximum(reach[a], reach[b])
+        found.append(np.stack([a[kept], b[kept]]))
+    return np.concatenate(found, axis=1)
 
 
 class TaxelGroups(NamedTuple):
