@@ -159,6 +159,47 @@ LABELS = (
     'python -c "from eskin.recording import read_recording; '
     "print(*{each.gesture for each in read_recording('out/a-p0.mcap').labels})\""
 )
+
+
+def install_read_only(prepare: str, program: str, *wanted: str) -> Case:
+    """Build a case that runs a copy of eskin where nothing can be written.
+
+    Args:
+        prepare: command that is run on the copy in `ro` before.
+        program: program in Python, without double quotes.
+        wanted: patterns that the output has to contain.
+    """
+    command = (
+        f'rm -rf path home; python -c "{GAP}"; '
+        f"cp -r {Path(__file__).parents[1] / 'src' / 'eskin'} ro; {prepare}; mkdir "
+        "path home; mv ro path/eskin; chmod -R a-w path; chmod 555 home; ./nocap.sh "
+        f'env -i PATH=$PATH HOME=$PWD/home PYTHONPATH=$PWD/path python -c "{program}"'
+        "; ./nocap.sh env -i PATH=$PATH HOME=$PWD/home PYTHONPATH=$PWD/path eskin skin "
+        "show ur5"
+    )
+    return Case("t4_read_only_install", command, (*wanted, "2112"))
+
+
+def disable_jit(program: str, *wanted: str) -> Case:
+    """Build a case that runs a program with numba's switch for debugging."""
+    return Case("t4_numba_disable_jit", f"NUMBA_DISABLE_JIT=1 {program}", wanted)
+
+
+def run_on_windows(program: str, code: int = 0) -> Case:
+    """Build a case that runs a program where what Windows lacks is taken away."""
+    command = f'PYTHONPATH=.:$PYTHONPATH python -c "import win; {program}"'
+    right = r"\A[^\n]*eskin does not run on Windows[^\n]*\n\Z"
+    return Case("t4_windows_names", command, (right,), code=code)
+
+
+READY = (
+    "from eskin.compiled import is_kept; from eskin.touch.contact_kernels import "
+    "box_gap; print('ready', is_kept(box_gap))"
+)
+GAP = (
+    "import numpy as np; from eskin.touch.contact_kernels import box_gap; "
+    "print('gap', box_gap(np.zeros((2, 3)), np.ones((2, 3))))"
+)
 URDF = "python -c \"import eskin; print(eskin.load_robot('{}.urdf').joint_names)\""
 DESIGN = "eskin skin design r.urdf --out d --density 1"
 ALL_READ = r"wrong values 0.*used twice 0; steps back 0"
@@ -305,6 +346,21 @@ LIST = (
     sketch("hex", "base=10 if .*base=16 if", code=2),
     sketch("json", "readings"),
     sketch("json", "readings", options=",time=ms"),
+    install_read_only("true", READY, "ready True"),
+    install_read_only(
+        "find ro -name __pycache__ | xargs rm -r", GAP, "gap 1.0", "set NUMBA_CACHE_DIR"
+    ),
+    disable_jit("eskin doctor", "weights ur5: recognises"),
+    disable_jit("python -c \"import eskin; print(eskin.Recognizer.load('ur5'))\""),
+    run_on_windows(
+        "import eskin, eskin.errors\ntry: eskin.load_robot('x.urdf')\n"
+        "except eskin.errors.PlatformError as error: print(error)"
+    ),
+    run_on_windows(
+        "import sys; sys.argv = ['eskin', 'run', '--source', 'sim:ur5']; "
+        "from eskin.cli.main import main; main()",
+        code=2,
+    ),
     table("nan.csv", "line 51, column c63 is nan"),
     table("utf16.csv", "8 labels", code=0),
     table("semi_deccomma.csv", "line 2, column c0.*commas are decimal here"),

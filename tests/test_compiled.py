@@ -6,6 +6,9 @@ These are compiled functions, digests of code, and files that are written as a w
 import ast
 import importlib
 import logging
+import os
+import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -16,7 +19,7 @@ from numba.core.caching import NullCache
 from numba.core.compiler import Flags
 from numba.core.event import install_listener
 
-from eskin import compiled
+from eskin import compiled, entries, places
 from eskin.cli.main import main
 from eskin.files import atomic_path
 from eskin.learn.checkpoint import Checkpoint, save_checkpoint
@@ -89,9 +92,7 @@ def call_kernel(tmp_path, monkeypatch):
 
 def test_processes_that_compile_at_once_do_not_mix_their_code(tmp_path, monkeypatch):
     """Both have read the index while it was empty, and the first writes code last."""
-    file = box_gap._cache._cache_file
-    monkeypatch.setattr(file, "_cache_path", str(tmp_path))
-    monkeypatch.setattr(file, "_index_path", str(tmp_path / "index.nbi"))
+    file = entries.CodeFile(tmp_path, "kernel")
     delayed = []
     with monkeypatch.context() as empty:
         empty.setattr(file, "_load_index", dict)
@@ -110,6 +111,127 @@ def test_compiled_function_is_kept_until_a_callee_or_constant_changes(call_kerne
     assert call_kernel("2", constant=(1 + 4)) == (100, 0)
 
 
+@pytest.fixture
+def halve(tmp_path, caplog):
+    """Return a function that compiles a kernel which may be kept in some folders.
+
+    It returns the kernel's first result, and how often its code was compiled.
+    """
+    places.tell_unkept.cache_clear()
+    box = np.ones((2, 3))
+
+    def halve(*allowed):
+        kernel = entries.compile_entry(box_gap.py_func, "digest", {})
+        kernel._cache.places = allowed
+        value = kernel(box - 1.0, box)
+        return value, sum(kernel.stats.cache_misses.values())
+
+    return halve
+
+
+def list_code(*folders):
+    return [len(list(folder.rglob("*.nbc"))) for folder in folders]
+
+
+def test_code_is_read_where_it_is_and_kept_where_it_can_be(halve, tmp_path, caplog):
+    first, second = tmp_path / "first", tmp_path / "second"
+    closed = tmp_path / "file" / "folder"
+    closed.parent.touch()
+    assert halve(closed, second, first) == (1.0, 1)
+    assert list_code(first, second) == [0, 1]
+    for allowed in ((first, second), (closed, second), (second,)):
+        assert halve(*allowed) == (1.0, 0)
+    assert list_code(first, second) == [0, 1]
+    assert not caplog.records
+
+
+def test_code_that_cannot_be_kept_runs_and_that_is_told_once(halve, tmp_path, caplog):
+    (tmp_path / "file").touch()
+    for _ in range(2):
+        assert halve(tmp_path / "file" / "folder") == (1.0, 1)
+    [told] = caplog.messages
+    assert "NUMBA_CACHE_DIR" in told
+
+
+@pytest.mark.parametrize(
+    ("variables", "shared"),
+    [
+        ({"HOME": "/home/a"}, ["/home/a/.cache/eskin"]),
+        ({"HOME": "/home/a", "XDG_CACHE_HOME": "/b"}, ["/b/eskin"]),
+        ({"HOME": "~"}, []),
+    ],
+)
+@pytest.mark.parametrize("given", ["", "/given"])
+def test_places_of_code_are_the_one_given_the_source_and_the_users_own(
+    variables, shared, given, monkeypatch
+):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", given)
+    found = places.list_places.__wrapped__(Path("/source"))
+    first = ["/given/eskin"] if given else []
+    assert list(map(str, found)) == [*first, "/source/__pycache__", *shared]
+
+
+SUM_BOXES = """
+import numba, numpy as np
+from eskin import compiled
+from eskin.touch.contact_kernels import box_gap
+box = np.zeros((2, 3))
+print(box_gap(box, box + 1.0), len(box_gap.signatures), compiled.entries is None)
+print(sum(box_gap.stats.cache_hits.values()), box_gap.stats.cache_path)
+"""
+"""Program that calls a kernel and tells how it was compiled."""
+
+
+def run_kernel(folder, before="", **variables):
+    """Run `SUM_BOXES` in a process of its own; return its words and its errors."""
+    found = subprocess.run(
+        [sys.executable, "-c", before + SUM_BOXES],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(folder), **variables},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return found.stdout.split(), found.stderr
+
+
+def test_switch_for_debugging_functions_of_others_leaves_kernels_compiled(tmp_path):
+    before = "import numba; f = lambda: 0; assert numba.njit(f) is f"
+    told, errors = run_kernel(tmp_path, before, NUMBA_DISABLE_JIT="1")
+    assert told[:3] == ["1.0", "1", "False"] and not errors
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("missing", "reason"),
+    [
+        ("numba.__version__ = '0.99.0rc1'", r"numba 0\.99\.0rc1 .*were tried"),
+        ("from numba.core import codegen; del codegen.JITCodeLibrary", "JITCodeLib"),
+    ],
+)
+def test_numba_that_is_not_as_known_compiles_by_itself(missing, reason, tmp_path):
+    for hits in ("0", "1"):
+        told, errors = run_kernel(tmp_path, f"import numba; {missing}")
+        assert told[:4] == ["1.0", "1", "True", hits]
+        [line] = errors.splitlines()
+        assert re.search(reason, line) and "install one" in line
+    digest = compiled.digest_sources(Path(box_gap.py_func.__code__.co_filename))
+    assert digest[:16] in told[4]
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [(owner, name) for owner, names in entries.PARTS.items() for name in names],
+)
+def test_part_of_numba_that_is_missing_is_named(owner, name, monkeypatch):
+    hidden = type(owner.__name__, (), {})
+    monkeypatch.setattr(entries, "PARTS", {hidden: (name,)})
+    with pytest.raises(ImportError, match=f"no {owner.__name__}.{name}"):
+        entries.check_numba()
+
+
 def test_function_called_by_compiled_code_is_not_compiled_for_python(call_kernel):
     assert call_kernel("2") == (4, 0)
     double = sys.modules["eskin.callee_kernels"].double
@@ -118,7 +240,8 @@ def test_function_called_by_compiled_code_is_not_compiled_for_python(call_kernel
 
 
 def test_function_of_numba_that_an_entry_used_serves_other_functions():
-    entry, box = compiled.compiled(box_gap.py_func), np.zeros((2, 3))
+    box = np.zeros((2, 3))
+    entry = compiled.compiled(box_gap.py_func)
     entry._cache = NullCache()
     assert entry(box, box + 1.0) == 1.0
     assert numba.njit(lambda a, b, c: max(a, b, c))(0.0, 2.0, 1.0) == 2.0
@@ -127,7 +250,7 @@ def test_function_of_numba_that_an_entry_used_serves_other_functions():
 def test_flags_of_numba_are_those_that_it_lists_itself():
     flags = Flags()
     flags.nrt = True
-    assert compiled.list_flags(flags) == {n: getattr(flags, n) for n in flags.options}
+    assert entries.list_flags(flags) == {n: getattr(flags, n) for n in flags.options}
 
 
 def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():

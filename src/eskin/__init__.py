@@ -84,6 +84,7 @@ def __getattr__(name: str) -> object:
         return importlib.import_module("eskin.registry").load_learning(name)
     if name not in PACKAGES:
         raise AttributeError(f"module 'eskin' has no attribute '{name}'")
+    importlib.import_module("eskin.errors").check_platform()
     value = getattr(importlib.import_module(f"eskin.{PACKAGES[name]}"), name)
     globals()[name] = value
     return value

@@ -6,11 +6,9 @@ every kept function carries a digest of its module, of all modules of eskin that
 one imports, and of those that imported kernels import, at any depth. `digest_code` does
 so for any module, by which other kept results can be told stale.
 
-A function that is called from Python is an entry: it gets machine code, and a wrapper
-that takes Python's objects apart. One that compiled code calls gets neither, be it of
-numba itself: its code is linked into each entry that needs it, which is optimised as a
-whole, once. Numba would optimise, compile and keep every function that way, which takes
-twice as long.
+Entries, which Python calls, are compiled by `eskin.entries`. With a release of numba
+that this was not tried with, numba compiles by itself, which takes a minute instead of
+13 s.
 
 On a processor of the level x86-64-v3, as nearly all since 2015 are, code is compiled
 for that level, so that wheels can carry it (`lab.build`). What was compiled for another
@@ -26,27 +24,28 @@ import hashlib
 import logging
 import re
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, cast, final, no_type_check
-from uuid import uuid4
+from typing import Any, final, no_type_check
 
+import numba
 from llvmlite import binding
 from numba import config, njit, types
 from numba.core.cgutils import gep_inbounds
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.datamodel import models
 from numba.core.event import Event, Listener, register
 from numba.core.imputils import impl_ret_borrowed, lower_getattr, lower_getattr_generic
-from numba.core.registry import cpu_target
-from numba.core.targetconfig import TargetConfig
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.experimental import structref
 from numba.extending import register_model
 
+from eskin.places import find_writable, list_places, tell_unkept
+
 PACKAGE = Path(__file__).parent
+ENTRIES = PACKAGE / "entries.py"
 IMPORTS = re.compile(r"^from eskin\.([\w.]+) import", re.MULTILINE)
 """How a module of kernels imports others; never a package, whose file defines
 nothing."""
@@ -71,6 +70,17 @@ def choose_processor() -> None:
 
 
 choose_processor()
+
+try:
+    from eskin import entries
+except ImportError as error:
+    entries = None
+    logger.warning(
+        "numba %s is not as eskin knows it (%s): compiling takes a minute instead of "
+        "13 s; install one that was tried",
+        numba.__version__,
+        error,
+    )
 
 
 @final
@@ -114,64 +124,6 @@ class CompilationReporter(Listener):
 register("numba:compile", CompilationReporter())
 
 
-@cache
-def list_defaults(kind: type[TargetConfig]) -> dict[str, Any]:
-    """Return the default of each of numba's flags."""
-    return {name: option.default for name, option in kind.options.items()}
-
-
-def list_flags(flags: TargetConfig) -> dict[str, Any]:
-    """Return numba's flags, as `TargetConfig.values` does, but fast."""
-    return list_defaults(type(flags)) | flags._values
-
-
-# Numba compares them at each call of a function that it resolves, for a sixth of the
-# time that compiling takes.
-TargetConfig.values = list_flags  # type: ignore[method-assign]
-
-
-class PartLibrary(JITCodeLibrary):
-    """The code of a function that only compiled code calls, which is linked into that.
-
-    Numba's own library optimises it and makes machine code of it first.
-    """
-
-    def finalize(self) -> None:
-        """Link what the function calls."""
-        for library in self._linking_libraries:
-            module = library._get_module_for_linking()
-            self._final_module.link_in(module, preserve=True)
-        self._finalized = True
-
-
-@no_type_check
-class EntryCompiler(CompilerBase):
-    """Compiles a function that Python calls.
-
-    All that it calls, functions of numba as well, becomes a part of it.
-    """
-
-    def define_pipelines(self) -> list:
-        """Return numba's usual passes."""
-        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
-
-    def _compile_core(self) -> Any:  # noqa: ANN401
-        """Run the passes while numba makes parts of all other functions."""
-        state, context = self.state, cast(Any, cpu_target.target_context)
-        codegen = context.codegen()
-        state.library = codegen.create_library(state.func_id.func_qualname)
-        state.library.enable_object_caching()
-        codegen._library_class = PartLibrary
-        # Numba knows functions by what Python calls: any function of its own will do.
-        context.get_executable = lambda *_: [].append
-        context.create_cfunc_wrapper = lambda *_: None
-        try:
-            return super()._compile_core()
-        finally:
-            del codegen._library_class
-            del context.get_executable, context.create_cfunc_wrapper
-
-
 def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     """Compile a function, without holding the GIL while it runs.
 
@@ -180,43 +132,69 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     """
     if function is None:
         return partial(compiled, **options)
-    options |= {"nogil": True, "no_cfunc_wrapper": True}
-    dispatcher = njit(cache=True, pipeline_class=EntryCompiler, **options)(function)
-    options |= {"no_cpython_wrapper": True}
-    part = njit(**options)(function)
-
-    def get_call_template(args: Any, kws: Any) -> Any:  # noqa: ANN401
-        # Else a constant argument makes a function of its own.
-        return part.get_call_template(tuple(map(types.unliteral, args)), kws)
-
-    # By these, numba finds what a call in compiled code runs.
-    dispatcher.get_call_template = get_call_template
-    dispatcher.get_overload = part.get_overload
-    # Numba has no public way to say what else a cached function depends on. The digest
-    # is part of the names, so that no file of other sources is opened: it may refer to
-    # types whose modules have moved, which numba cannot read.
-    file = dispatcher._cache._cache_file  # type: ignore[attr-defined]
     digest = digest_sources(Path(function.__code__.co_filename))[:16]
-    index = Path(file._index_path)
-    file._index_path = str(index.with_name(f"{index.stem}.{digest}.nbi"))
-    # Numba counts its files of code from 1. Where two processes compile at once, each
-    # would write its own code to the same file, and calls of the one run that of the
-    # other: of other types, which ends in wrong results or a crash.
-    file._data_name = lambda number: f"{index.stem}.{digest}.{uuid4().hex}.nbc"
+    return compile_function(function, digest, options | {"nogil": True})
+
+
+def compile_function(function: Any, digest: str, options: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Return a function that is compiled when it is called first.
+
+    `NUMBA_DISABLE_JIT`, by which people debug functions of their own, does not count:
+    as Python, the functions of eskin would take a thousand times as long.
+    """
+    compile_it = compile_plainly if entries is None else entries.compile_entry
+    if not config.DISABLE_JIT:
+        return compile_it(function, digest, options)
+    with enabled_jit():
+        dispatcher = compile_it(function, digest, options)
+    dispatcher.compile = enabled_jit()(dispatcher.compile)
     return dispatcher
 
 
+@contextmanager
+def enabled_jit() -> Iterator[None]:
+    """Let numba compile, whatever `NUMBA_DISABLE_JIT` says."""
+    settings: Any = config
+    settings.DISABLE_JIT = 0
+    try:
+        yield
+    finally:
+        settings.DISABLE_JIT = 1
+
+
+def compile_plainly(function: Any, digest: str, options: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Let numba compile a function by itself, and keep it in a folder of its digest."""
+    source = Path(function.__code__.co_filename).parent
+    place = find_writable(list_places(source))
+    if place is None:
+        tell_unkept()
+        return njit(**options)(function)
+    settings: Any = config
+    given = settings.CACHE_DIR
+    settings.CACHE_DIR = str(place / digest)
+    try:
+        return njit(cache=True, **options)(function)
+    finally:
+        settings.CACHE_DIR = given
+
+
 def is_kept(function: Any) -> bool:  # noqa: ANN401
-    """Tell whether code of a compiled function for this processor is on disk."""
+    """Tell whether code of a compiled function for this processor is on disk.
+
+    Where numba compiles by itself it counts as kept, since two processes must not
+    compile at once then.
+    """
+    if entries is None:
+        return True
     target = function.targetctx.codegen().magic_tuple()
-    return any(target in key for key in function._cache._cache_file._load_index())
+    return any(target in key for key in function._cache.iterate_keys())
 
 
 @cache
 def digest_sources(path: Path) -> str:
     """Return a digest of a module of kernels and of the modules that it imports."""
     text = path.read_text(encoding="utf-8")
-    digest = hashlib.sha256(text.encode())
+    digest = hashlib.sha256(ENTRIES.read_bytes() + text.encode())
     if path == Path(__file__):  # `pack` takes tuples of all modules of kernels.
         for kernels in sorted(PACKAGE.rglob("*_kernels.py")):
             digest.update(digest_sources(kernels).encode())

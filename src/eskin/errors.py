@@ -12,6 +12,7 @@ EskinError
 ├── PacketError         bytes that are no packet of a device      (ValueError)
 ├── CommandError        a command map that cannot be used         (ValueError)
 ├── ExtraError          an optional package that is not installed (ImportError)
+├── PlatformError       a system that eskin does not run on       (ImportError)
 ├── DeviceError         a device or port that cannot be used      (OSError)
 │   └── JointsError     joint positions that are not known
 ├── ArmError            an arm that cannot be used                (OSError)
@@ -21,6 +22,9 @@ EskinError
 Every message says in one line what is wrong, what was got, what is allowed, and the
 remedy. The command line prints that line and exits with code 2.
 """
+
+import platform
+from importlib.util import find_spec
 
 import numpy as np
 from jaxtyping import Float
@@ -77,6 +81,25 @@ class PacketError(EskinError, ValueError):
 
 class ExtraError(EskinError, ImportError):
     """An optional package is needed and not installed."""
+
+
+class PlatformError(EskinError, ImportError):
+    """The operating system is one that eskin does not run on."""
+
+
+def check_platform() -> None:
+    """Raise unless the operating system has what serial ports and locks of files need.
+
+    Raises:
+        PlatformError: it has not, as Windows.
+    """
+    missing = [name for name in ("fcntl", "termios") if find_spec(name) is None]
+    if missing:
+        raise PlatformError(
+            f"eskin does not run on Windows: {platform.system()} has no "
+            f"{' and no '.join(missing)} here; allowed is Linux; run it there, in WSL "
+            "or in a container"
+        )
 
 
 class DeviceError(EskinError, OSError):

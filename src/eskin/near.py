@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float, Int
 
-BLOCK = 1 << 17
+BLOCK = 1 << 14
 """Number of pairs that are compared at once."""
 SAMPLE = 64
 """Number of points by whose neighbours the first size of cells is chosen."""

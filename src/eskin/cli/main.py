@@ -26,7 +26,7 @@ import tyro
 from eskin.cli.checks import check_files, check_options
 from eskin.cli.options import insert_description, list_options, registry
 from eskin.cli.parse_errors import rewrite_parse_error
-from eskin.errors import EskinError, StreamError
+from eskin.errors import EskinError, PlatformError, StreamError, check_platform
 from eskin.registry import COMMANDS, MOVED, advise_install, load_function
 
 CHECKED_FIRST = ("demo", "evaluate", "export", "run", "train")
@@ -89,6 +89,10 @@ def run(argv: list[str]) -> int:
             "stdout or stderr is closed; allowed are a terminal, a file, a pipe or "
             "/dev/null; redirect it"
         )
+    try:
+        check_platform()
+    except PlatformError as error:
+        return print_error(str(error))
     *group, last = argv or ["--help"]
     begun = [name for name in COMMANDS if name.split()[:-1] == group]
     extra = None

@@ -9,6 +9,7 @@ changes the neighbours.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Annotated, NamedTuple, final
 
 import numpy as np
@@ -204,7 +205,8 @@ def get_shear(reading: Reading) -> Float[np.ndarray, "taxel 2"]:
 
 def build_skin_geometry(mounted: MountedSkin, config: GraphConfig) -> SkinGeometry:
     """Find the fixed neighbours of a skin, and lay out its geometry for kernels."""
-    skin, fixed = mounted.skin, FixedNeighbours(mounted.skin, config.fixed)
+    skin = mounted.skin
+    fixed = find_fixed_neighbours(skin, config.fixed)
     tangents = np.stack([skin.tangents, np.cross(skin.normals, skin.tangents)])
     return SkinGeometry(
         positions=np.ascontiguousarray(skin.positions, np.float64),
@@ -372,6 +374,12 @@ class FixedNeighbours:
             self.table[taxels] = find_nearest_in_patch(
                 skin.positions[taxels], taxels, self.rank, k
             )
+
+
+@lru_cache(maxsize=4)
+def find_fixed_neighbours(skin: Skin, k: int) -> FixedNeighbours:
+    """Find the fixed neighbours of a skin once for all who use it and change none."""
+    return FixedNeighbours(skin, k)
 
 
 def allocate_search(nodes: int, k: int) -> NeighbourWorkspace:
