@@ -10,6 +10,7 @@ they say more than the times.
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -37,15 +38,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "poke.mcap"
         write_poke(path)
+        without = shutil.ignore_patterns("*.nbi", "*.nbc")
+        package = Path(eskin.__file__).parent
+        copy = shutil.copytree(package, Path(folder) / "eskin", ignore=without)
         for name in ("nothing compiled", *["compiled"] * 3):
-            found, usage = time_run(path, Path(folder) / "compiled")
+            found, usage = time_run(path, copy.parent)
             times = ", ".join(f"{event} {found[event]:.1f} s" for event in EVENTS)
             spent, peak = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
             print(
                 f"{name}: {times}; processor {spent:.1f} s, {peak:.0f} MB", flush=True
             )
         functions, kinds = (
-            len(list(Path(folder, "compiled").rglob(each)))
+            len(list(copy.rglob(each)))
             for each in ("*.nbi", "*.nbc")
         )
         print(f"kept on disk: {functions} functions, {kinds} specialisations")
@@ -69,21 +73,23 @@ def write_poke(path: Path) -> None:
             writer.write(eskin.Scan(stamp, counts, received, np.zeros(6)))
 
 
-def time_run(path: Path, cache: Path) -> tuple[dict[str, float], struct_rusage]:
+def time_run(path: Path, source: Path) -> tuple[dict[str, float], struct_rusage]:
     """Return the time of each event of `eskin run` since its start [s], and its usage.
 
     Args:
         path: recording that is replayed.
-        cache: folder that keeps compiled code.
+        source: folder of the copy of eskin that is run, which keeps its code.
     """
-    words = [sys.executable, "-m", "eskin.cli.main", "run", "--source"]
-    began, found = time.monotonic(), {}
+    words = [sys.executable, "-m", "eskin", "run", "--source"]
+    others = os.environ.get("PYTHONPATH", "")
+    found = {}
+    began = time.monotonic()
     with subprocess.Popen(
         [*words, f"replay:{path}"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        env=os.environ | {"PYTHONPATH": f"{source}{os.pathsep}{others}"},
     ) as process:
         assert process.stdout is not None
         for line in process.stdout:

@@ -143,7 +143,7 @@ def compile_function(function: Any, digest: str, options: dict[str, Any]) -> Any
     as Python, the functions of eskin would take a thousand times as long.
     """
     compile_it = compile_plainly if entries is None else entries.compile_entry
-    if not config.DISABLE_JIT:
+    if not getattr(config, "DISABLE_JIT", 0):
         return compile_it(function, digest, options)
     with enabled_jit():
         dispatcher = compile_it(function, digest, options)
