@@ -48,10 +48,7 @@ def main() -> None:
             print(
                 f"{name}: {times}; processor {spent:.1f} s, {peak:.0f} MB", flush=True
             )
-        functions, kinds = (
-            len(list(copy.rglob(each)))
-            for each in ("*.nbi", "*.nbc")
-        )
+        functions, kinds = (len(list(copy.rglob(each))) for each in ("*.nbi", "*.nbc"))
         print(f"kept on disk: {functions} functions, {kinds} specialisations")
 
 
