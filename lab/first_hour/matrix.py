@@ -1,8 +1,9 @@
 """A matrix on a serial line, and the hand of a person who touches it.
 
 Contact, film and sensor are those of the simulator. The electronics are those of a
-small board: 25 scans a second of 8 bits, one line of JSON each, a dead row, and 4 % of
-what each taxel reads on every other taxel of its row and column.
+small board: 25 scans a second of 8 bits, each a JSON object with its time, and a row
+that is dead. What a taxel reads adds 2 % of it to every other taxel of its row, and 2 %
+to every other one of its column: a crosstalk of 4 % in all.
 """
 
 import json
@@ -103,7 +104,8 @@ class Matrix(Closing):
         """Return the line of the next scan."""
         scan = self.simulated.scan(round(number * PERIOD * NS_PER_S), self.q)
         counts = np.where(self.dead, 0, scan.counts)
-        return json.dumps(counts.tolist()).encode() + b"\n"
+        line = {"t": round(number * PERIOD, 3), "v": counts.tolist()}
+        return json.dumps(line).encode() + b"\n"
 
     def close(self) -> None:
         """Stop to send, and close the terminal."""

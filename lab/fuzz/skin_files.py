@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import final
 
 from eskin.errors import SkinError
+from eskin.robot import load_robot
 from eskin.skin import Skin, build_grid_skin, load_skin, skin_from_bytes, skin_to_bytes
-from eskin.skin.files import format_manifest
+from eskin.skin.files import ROBOT_URDF, format_manifest, read_robot_urdf
 from eskin.skin.taxel_table import format_taxels
 from lab.fuzz.mutation import mutate
 from lab.fuzz.run import Target, check_refusal
@@ -21,6 +22,7 @@ YAML_WORDS = (
     *(b"2001-99-99", b"1:99", b"0x", b"1e999", b".inf", b".nan", b"9" * 5000, b"~"),
     *(b"\t", b"\r", b"\0", b"\xff", b"\xef\xbb\xbf", "\u2028".encode(), b"../"),
     *(b"%YAML 9.9\n", b'"\\U99999999"', b'"\\ud800"', b"/dev/"),
+    *(b"robot_sha256: ", b"a" * 64, b"0" * 64),
     *(b"taxels: ..\n", b"taxels: .\n", b"taxels: skin.yaml\n", b"taxels: a/b\n"),
 )
 TABLE_WORDS = (
@@ -43,7 +45,9 @@ class SkinTarget(Target):
         """Start from a small skin; the inputs are written into the folder."""
         self.folder = folder
         skin = small_skin()
-        self.manifest = format_manifest(skin).encode()
+        urdf = load_robot("table").urdf
+        (folder / ROBOT_URDF).write_bytes(urdf)
+        self.manifest = format_manifest(skin, urdf).encode()
         self.table = format_taxels(skin).encode()
 
     def make(self, rng: random.Random) -> bytes:
@@ -63,6 +67,7 @@ class SkinTarget(Target):
         (self.folder / "taxels.csv").write_bytes(table)
         try:
             skin = load_skin(self.folder)
+            read_robot_urdf(self.folder)
         except SkinError as error:
             check_refusal(error)
             return False
