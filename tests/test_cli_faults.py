@@ -9,7 +9,7 @@ import pytest
 from eskin.calibration import CalibrationGuide
 from eskin.cli.calibrate import CalibrationDialogue
 from eskin.cli.guided import guide_person
-from eskin.cli.record import record_attempts
+from eskin.cli.record import LabelWriter, record_attempts
 from eskin.cli.terminal import SkinPrinter, TerminalPrinter
 from eskin.drivers import Event, ManualClock, SourceInfo
 from eskin.recording.guided import RecordingGuide
@@ -167,7 +167,9 @@ def test_what_the_source_tells_is_printed_while_a_person_is_guided(command, caps
     source = ToldSource()
     if command == "record":
         guide = RecordingGuide(MOUNTED, CALIBRATION, ("knock", "none"), 1)
-        record_attempts(source, guide, NoWriter(), SkinPrinter(SKIN))
+        writer = NoWriter()
+        printer = SkinPrinter(SKIN)
+        record_attempts(source, guide, writer, printer, LabelWriter(writer))
     else:
         dialogue = CalibrationDialogue(CalibrationGuide(MOUNTED, CALIBRATION))
         guide_person(source, dialogue, 30.0, None, source.take_events)

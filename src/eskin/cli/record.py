@@ -3,6 +3,7 @@
 import queue
 import sys
 import threading
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,12 @@ if TYPE_CHECKING:
     from eskin.cli.terminal import SkinPrinter
     from eskin.drivers import Source
     from eskin.recording import RecordingWriter
-    from eskin.recording.guided import AttemptEvent, AttemptReview, RecordingGuide
+    from eskin.recording.guided import (
+        AttemptEvent,
+        AttemptReview,
+        RecordingAttempt,
+        RecordingGuide,
+    )
 
 MAX_GESTURES, MAX_TIMES = 50, 1000
 KEYS = "a: again, the last one was wrong; s: skip the gesture; q: finish (then Enter)"
@@ -83,10 +89,11 @@ def run(command: RecordCommand) -> dict[str, object]:
                 info.urdf,
             )
         )
+        labels = LabelWriter(writer)
         with suppress(KeyboardInterrupt):
-            record_attempts(source, guide, writer, printer)
+            record_attempts(source, guide, writer, printer, labels)
         printer.finish()
-        write_last_label(guide, writer)
+        labels.write(guide.attempts)
         if not guide.attempts:
             raise RecordingError(
                 f"{info.uri} had no gesture; allowed is one or more; touch the skin "
@@ -134,11 +141,12 @@ def record_attempts(
     guide: "RecordingGuide",
     writer: "RecordingWriter",
     printer: "SkinPrinter",
+    labels: "LabelWriter",
 ) -> None:
     """Write scans until every gesture has its attempts, and say what to do.
 
     The label of an attempt is written when the next one is complete, since it may be
-    repeated until then.
+    dropped or go on until then.
     """
     keys = listen_to_keys()
     needs = f"a touch has {guide.pipeline.contact:.2g} kPa or more"
@@ -152,14 +160,15 @@ def record_attempts(
             printer.push(scan.stamp, guide.state.faults, source.take_events())
             say(waiting.push(guide.state, find_awaited(guide)))
         if event is not None:
-            if event.attempt is not None and len(guide.attempts) > 1:
-                writer.write_label(guide.attempts[-2].label)
+            labels.write(guide.attempts[:-1])
             say(describe_event(event))
-            if event.kind not in ("began", "touched"):
+            # The next request was made when the attempt that went on was taken first.
+            is_asked = event.goes_on and event.attempt is not None
+            if event.kind not in ("began", "touched") and not is_asked:
                 say(describe_request(guide))
         while not keys.empty():
             obey_key(keys.get(), guide)
-        if guide.is_ready and guide.touch is None and guide.request is None:
+        if guide.is_over:
             return
 
 
@@ -170,10 +179,19 @@ def find_awaited(guide: "RecordingGuide") -> Awaited:
     return None if guide.touch is not None or guide.request is None else "touch"
 
 
-def write_last_label(guide: "RecordingGuide", writer: "RecordingWriter") -> None:
-    """Write the label of the last attempt, unless that was dropped."""
-    if guide.attempts and not guide.is_last_kept:
-        writer.write_label(guide.attempts[-1].label)
+class LabelWriter:
+    """Writes the label of each attempt once, in their order."""
+
+    def __init__(self, writer: "RecordingWriter") -> None:
+        """Start without a label in a recording."""
+        self.writer = writer
+        self.count = 0
+
+    def write(self, attempts: "Sequence[RecordingAttempt]") -> None:
+        """Write the labels of the attempts so far that are not written yet."""
+        for attempt in attempts[self.count :]:
+            self.writer.write_label(attempt.label)
+            self.count += 1
 
 
 def listen_to_keys() -> "queue.SimpleQueue[str]":
@@ -223,8 +241,9 @@ def describe_event(event: "AttemptEvent") -> str:
     attempt = event.attempt
     if attempt is None:
         return ""
+    went_on = "it went on: " if event.goes_on else ""
     text = (
-        f"  {attempt.seconds:.2f} s, {attempt.force:.1f} N, "
+        f"  {went_on}{attempt.seconds:.2f} s, {attempt.force:.1f} N, "
         f"{format_count(attempt.taxels, 'taxel')}"
     )
     if attempt.saturated:

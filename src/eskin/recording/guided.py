@@ -71,6 +71,9 @@ class AttemptEvent:
     """Reason for which rest begins again, or a touch is refused."""
     attempt: RecordingAttempt | None = None
     """What was labelled."""
+    goes_on: bool = False
+    """Whether it is the touch before, which went on after a pause: what was told of
+    that holds no more."""
 
 
 @final
@@ -78,15 +81,18 @@ class RecordingGuide:
     """A guide asks for gestures in turn, and labels each from its first contact on.
 
     It is pushed scan by scan, and knows neither device nor terminal. An attempt ends
-    when nothing has touched the skin for as long as a touch may pause. What began
-    before it was asked for, and what was not seen from its beginning to its end, is no
-    attempt.
+    when nothing has touched the skin for as long as a touch may pause. If it is touched
+    again before anybody can react to the next request, the attempt goes on. What was
+    not seen from its beginning to its end is no attempt.
 
     Attributes:
         attempts: attempts so far.
         skipped: gestures that are no longer asked for.
         state: contacts, touches and faults at the latest scan; None before the first.
         asked: stamp at which the current request was made [ns]; None before.
+        before: the touch before the current request; None where there is none, or the
+            person has chosen another request.
+        labelled: its attempt; None where it was refused.
         gap: longest time without a scan at the latest place where scans are missing
             [s].
         gap_end: stamp of the first scan after it [ns]; None where none are missing.
@@ -120,6 +126,10 @@ class RecordingGuide:
         self.touch: TouchSummary | None = None
         self.requested: str | None = None
         self.asked: int | None = None
+        self.before: TouchSummary | None = None
+        self.labelled: RecordingAttempt | None = None
+        self.is_early = False
+        self.goes_on = False
         self.elapsed = 0
         self.gap = 0.0
         self.gap_end: int | None = None
@@ -148,6 +158,7 @@ class RecordingGuide:
         if self.is_last_kept or not self.attempts:
             return None
         self.is_last_kept = True
+        self.before = None
         self.ask_now()
         return self.attempts.pop()
 
@@ -155,6 +166,7 @@ class RecordingGuide:
         """Ask no more for the gesture that is asked for."""
         if self.request is not None:
             self.skipped.add(self.request)
+            self.before = None
             self.ask_now()
 
     def ask_now(self) -> None:
@@ -189,30 +201,54 @@ class RecordingGuide:
         if self.touch is None:
             if not state.open:
                 return None
-            self.requested = self.request
-            self.touch = TouchSummary(min(touch.onset for touch in state.open))
+            self.touch = self.begin(min(touch.onset for touch in state.open))
             self.touch.add(scan, state, self.calibration.full_scale)
-            return AttemptEvent("began")
+            return AttemptEvent("began", goes_on=self.goes_on)
         if state.open or state.tracking.held:
             self.touch.add(scan, state, self.calibration.full_scale)
             return None
         ended = self.touch
         ended.end(state.reading.stamp)
         self.touch = None
+        self.before = ended
+        self.labelled = None
         gesture = self.requested
         text = self.describe_unseen(ended, state) or ended.describe_refusal()
         if gesture is None or gesture != self.request:
             text = "another gesture was asked for meanwhile"
         if gesture is None or text:
-            return AttemptEvent("refused", text)
+            return AttemptEvent("refused", text, goes_on=self.goes_on)
         attempt = ended.build_attempt(gesture)
+        self.labelled = attempt
         self.attempts.append(attempt)
         self.is_last_kept = False
-        return AttemptEvent("taken" if self.request else "done", attempt=attempt)
+        kind = "taken" if self.request else "done"
+        return AttemptEvent(kind, attempt=attempt, goes_on=self.goes_on)
+
+    def begin(self, onset: int) -> "TouchSummary":
+        """Begin a touch at its first contact [ns], or go on with the one before it."""
+        asked = onset if self.asked is None else self.asked
+        self.is_early = onset < asked + REACTION * NS_PER_S
+        self.goes_on = self.is_early and self.before is not None
+        if self.before is None or not self.is_early:
+            self.requested = self.request
+            return TouchSummary(onset)
+        if self.labelled is not None:
+            self.attempts.pop()
+            self.is_last_kept = True
+        return self.before
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no gesture is missing, and the last one can no longer go on."""
+        if self.state is None or self.touch is not None or self.request is not None:
+            return False
+        since = self.state.reading.stamp - (self.asked or 0)
+        return self.is_ready and since > REACTION * NS_PER_S
 
     def describe_unseen(self, touch: "TouchSummary", state: TouchState) -> str:
         """Describe why a touch was not seen as a whole; empty if it was."""
-        if self.asked is not None and touch.onset < self.asked + REACTION * NS_PER_S:
+        if self.is_early and not self.goes_on:
             return "it began before it was asked for; wait until it is"
         if self.gap_end is not None and touch.onset <= self.gap_end <= touch.after:
             return f"no scan came for {self.gap:.1f} s while it was made"
