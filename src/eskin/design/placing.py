@@ -329,7 +329,9 @@ def describe_misfit(best: Placement | None, site: Site, spec: MatrixSpec) -> str
         f"a matrix of {width:.0f} x {height:.0f} mm does not lie on link "
         f"'{spec.link}', which is {site.surface.describe_size()} large"
     )
-    why = "its taxels hang over, are hidden, or within the clearance of a link"
+    why = (
+        "taxels hang over, are hidden, bent too far, or within the clearance of a link"
+    )
     if best is not None:
         why = (
             f"distances are wrong by {100 * best.distortion:.0f} %, allowed are "
