@@ -110,15 +110,21 @@ publish: build
 clean:
 	rm -rf .venv site build dist
 
+# pip says what it fetches, and how large that is, so that nobody waits in silence.
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check \
+	--constraint constraints.txt
+
+# Most modules are never imported: each gets its bytecode when it is imported first.
 $(CORE): pyproject.toml constraints.txt
-	@echo "installing eskin into .venv, once"
+	@echo "installing eskin into .venv (0.6 GB), once: a minute or two"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv || python3 -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	$(INSTALL) --no-compile --editable .
 	touch $(CORE)
 
 # torch is asked for first and pinned: an unpinned one brings gigabytes of CUDA.
 $(READY): $(CORE) plugins/paper_network/pyproject.toml
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
-	$(BIN)/python -m pip install --quiet --no-deps --editable plugins/paper_network
+	@echo "installing what tests and training need into .venv (3 GB), once"
+	$(INSTALL) torch
+	$(INSTALL) --editable '.[dev]'
+	$(INSTALL) --no-deps --editable plugins/paper_network
 	touch $(READY)
