@@ -1,5 +1,6 @@
 """Tests of `eskin skin check --live`: presses asked for, and the answers to them."""
 
+from dataclasses import replace
 from importlib import resources
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 import eskin.app
 from eskin.cli.main import run
-from eskin.cli.skin import TARE_S, tare
+from eskin.cli.skin import TARE_S, tare, wait_for_press
+from eskin.cli.terminal import SkinPrinter
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.robot import load_robot
 from eskin.skin import save_skin
@@ -92,6 +94,17 @@ def test_wrong_wiring_is_named(check, answers, wrong):
     for pressed, responded in wrong:
         assert f"'{pressed}' was pressed, '{responded}' responded" in out
     assert err.count("\n") == 1
+
+
+def test_press_that_does_not_come_is_told_after_ten_seconds(capsys):
+    [rest, *_] = make_scans()
+    source = play(
+        [replace(rest, stamp=PERIOD * number) for number in range(1, round(15 * RATE))]
+    )
+    pipeline = TouchPipeline(mounted_small(), CALIBRATION)
+    assert wait_for_press(source, pipeline, 12.0, SkinPrinter(SKIN)) is None
+    out = capsys.readouterr().out
+    assert "nothing was felt for 10 s; " in out and "0.5 N for 0.15 s" in out
 
 
 def test_touch_does_not_end_taring():

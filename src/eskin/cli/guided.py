@@ -398,12 +398,10 @@ def guide_person(
     """
     from eskin.cli.terminal import SkinPrinter
     from eskin.stream import WAY_TEXTS
-    from eskin.touch.touches import MIN_PRESS_FORCE, MIN_PRESS_SECONDS
 
     guide = dialogue.guide
     printer = SkinPrinter(guide.skin)
-    needs = f"a press has {MIN_PRESS_FORCE:g} N for {MIN_PRESS_SECONDS:g} s"
-    waiting = WaitReporter(guide.skin, needs)
+    waiting = WaitReporter(guide.skin, describe_least_press())
     say(dialogue.describe_request())
     since: int | None = None
     for scan in scans:
@@ -446,6 +444,13 @@ def find_awaited(guide: "PressGuide[Any]") -> "Awaited":
     if guide.phase == "press" and not guide.is_pressed:
         return "touch"
     return "rest" if guide.phase == "rest" else None
+
+
+def describe_least_press() -> str:
+    """Describe what a press has at least."""
+    from eskin.touch.touches import MIN_PRESS_FORCE, MIN_PRESS_SECONDS
+
+    return f"a press has {MIN_PRESS_FORCE:g} N for {MIN_PRESS_SECONDS:g} s"
 
 
 Awaited = Literal["rest", "touch"] | None

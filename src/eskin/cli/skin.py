@@ -14,6 +14,8 @@ from rich.table import Table
 from eskin.cli.checks import NOT_NEGATIVE, check_folder, check_way, check_writable
 from eskin.cli.guided import (
     SourceCommand,
+    WaitReporter,
+    describe_least_press,
     describe_taxel,
     open_guided_source,
     say,
@@ -37,6 +39,7 @@ from eskin.skin.files import MANIFEST
 from eskin.units import NS_PER_S, format_count
 
 if TYPE_CHECKING:
+    from eskin.cli.terminal import SkinPrinter
     from eskin.drivers import Source
     from eskin.skin.wiring import PressResponse
     from eskin.touch import TouchPipeline
@@ -165,20 +168,23 @@ def collect_presses(
         robot: robot that the skin is mounted on.
         wait: longest time to wait for each press [s].
     """
+    from eskin.cli.terminal import SkinPrinter
     from eskin.skin.wiring import PressResponse, choose_press_targets
     from eskin.touch import TouchPipeline
 
     info = source.info
     pipeline = TouchPipeline(MountedSkin(info.skin, robot), info.calibration)
-    print(f"hands off for {TARE_S:g} s", flush=True)
+    printer = SkinPrinter(info.skin)
+    say(f"hands off for {TARE_S:g} s")
     tare(source, pipeline)
     answers = []
     for spot in choose_press_targets(info.skin):
-        print(f"press {describe_taxel(info.skin, spot.taxel)} ...", end=" ", flush=True)
-        taxel = wait_for_press(source, pipeline, wait)
+        say(f"press {describe_taxel(info.skin, spot.taxel)}")
+        taxel = wait_for_press(source, pipeline, wait, printer)
         answers.append(PressResponse(spot, taxel))
         place = "" if taxel is None else describe_taxel(info.skin, taxel)
-        print(f"felt on {place}" if place else "nothing felt", flush=True)
+        say(f"  felt on {place}" if place else "  nothing felt")
+    printer.finish()
     return answers
 
 
@@ -193,17 +199,24 @@ def tare(source: "Source", pipeline: "TouchPipeline") -> None:
 
 
 def wait_for_press(
-    source: "Source", pipeline: "TouchPipeline", wait: float
+    source: "Source", pipeline: "TouchPipeline", wait: float, printer: "SkinPrinter"
 ) -> int | None:
-    """Return the taxel of the next press; None if none comes in time [s]."""
+    """Return the taxel of the next press; None if none comes in time [s].
+
+    What happens to the skin meanwhile, and what was felt last, is printed.
+    """
     from eskin.touch import PressDetector
 
-    detector, start = PressDetector(), None
+    waiting = WaitReporter(source.info.skin, describe_least_press())
+    detector = PressDetector()
+    start = None
     for scan in source:
         start = scan.stamp if start is None else start
         state = pipeline.push(scan)
         taxel = detector.push(state)
         check_way(state.faults)
+        printer.push(scan.stamp, state.faults, source.take_events())
+        say(waiting.push(state, "touch" if detector.since is None else None))
         if taxel is not None or scan.stamp - start > wait * NS_PER_S:
             return taxel
     return None
