@@ -64,6 +64,17 @@ READABLE = {
     + b"".join(join(row) + b"\n" for row in ROWS_OF)
     + b"\n",
     "JSON object": b'{"t": 123, "v": [' + join(COUNTS) + b'], "ok": true}\n',
+    "JSON object with other lists": b'{"imu": [1, 2.5, null], "v": ['
+    + join(COUNTS)
+    + b"]}\n",
+    "JSON object of named rows": json.dumps(
+        {f"row{n}": row for n, row in enumerate(ROWS_OF)}
+    ).encode()
+    + b"\n",
+    "JSON object of cells": json.dumps(
+        {f"s{n}": v for n, v in enumerate(COUNTS)}
+    ).encode()
+    + b"\n",
     "JSON object of rows": b'{"v": ' + str(ROWS_OF).encode() + b', "n": 7}\n',
     "JSON list of rows": str(ROWS_OF).encode() + b"\n",
     "printed array": b"["
@@ -246,6 +257,26 @@ def test_option_that_leaves_out_the_wrong_end_is_refused(last):
     line = open_line(wrong)
     assert len(read_lines(line, lines, 40 * MS)) < 20 and right in line.why
     assert len(read_lines(open_line(right), lines, 40 * MS)) == 60
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from([b"x", b"S1: ", b"7,", b",", b"0x", b"1E", b'{"a":']),
+    st.integers(0, 60),
+    st.sampled_from([20 * MS, 200 * MS]),
+)
+def test_line_that_is_damaged_gives_no_hint(damage, at, period):
+    """An option that reads the damaged line alone is not one that reads the lines."""
+    line = open_line()
+    texts = [join(vary(n, False)) + b"\n" for n in range(30)]
+    texts[20] = texts[20][:at] + damage + texts[20][at:]
+    assert len(read_lines(line, texts, period)) >= 29
+    assert "; give " not in line.why
+
+
+def test_star_in_a_text_of_an_object_is_no_checksum():
+    text = json.dumps({"unit": "a*b", "v": COUNTS}).encode() + b"\n"
+    assert len(read_lines(open_line(), [text] * 3)) == 3
 
 
 def test_label_with_which_no_line_begins_any_more_is_told():

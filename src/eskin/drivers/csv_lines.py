@@ -158,7 +158,8 @@ class LineForm:
         """
         numbers = HEXADECIMAL if self.base == "16" else NUMBERS
         if numbers.fullmatch(body) is None:
-            raise LineError("not all of it is numbers", self.list_bases(body))
+            changes = HEXADECIMAL_CHANGES if find_hexadecimal(body) else ()
+            raise LineError("not all of it is numbers", changes)
         body = AROUND.sub(rb"\1", body.strip())
         if self.decimal == "comma":
             body = body.replace(b",", b".")
@@ -177,12 +178,6 @@ class LineForm:
             words.pop()
         return words
 
-    def list_bases(self, body: bytes) -> list[OptionChange]:
-        """Return the change by which a line is read, if it may be hexadecimal."""
-        if HEXADECIMAL.fullmatch(body) is None:
-            return []
-        return [OptionChange({"base": "16"}, "if numbers are hexadecimal")]
-
     def convert(self, words: Sequence[bytes]) -> list[float]:
         """Return the numbers of words; those that are missing are not a number.
 
@@ -195,6 +190,20 @@ class LineForm:
             return [float(word) if word else np.nan for word in words]
         except (ValueError, OverflowError):
             raise LineError("not all of it is numbers") from None
+
+
+HEXADECIMAL_CHANGES = (OptionChange({"base": "16"}, "if they are hexadecimal"),)
+
+
+def find_hexadecimal(body: bytes) -> list[bytes]:
+    """Return the words of a line of hexadecimal numbers; empty where it is none.
+
+    Two of them have letters at least: in one, a letter may be damage.
+    """
+    words = body.replace(b",", b" ").replace(b";", b" ").split()
+    lettered = sum(not word.isdigit() for word in words)
+    is_hexadecimal = HEXADECIMAL.fullmatch(body) is not None and lettered > 1
+    return words if is_hexadecimal else []
 
 
 def is_number(text: str) -> bool:
@@ -210,16 +219,17 @@ def clean_line(line: bytes) -> bytes:
     return COLOURS.sub(b"", line).strip(b"\xef\xbb\xbf \t")
 
 
-def read_json(body: bytes, takes_time: bool) -> list[float]:
+def read_json(body: bytes, takes_time: bool, sizes: Sequence[int]) -> list[float]:
     """Return the numbers of a line that is a JSON object.
 
-    They are those in its arrays, one after the other, or all of it where it has no
-    array. The time is the first number outside of the arrays whose name begins with a
-    t, or else the first.
+    They are those of the one array that has the numbers of a scan, else those of all
+    arrays in order, or all of it where it has no array. The time is the first number
+    outside of the arrays whose name begins with a t, or else the first.
 
     Args:
         body: the line.
         takes_time: whether the time comes before the counts.
+        sizes: numbers of counts that a scan may have.
 
     Raises:
         LineError: it is no such object.
@@ -228,20 +238,22 @@ def read_json(body: bytes, takes_time: bool) -> list[float]:
         content = json.loads(body)
         if not isinstance(content, dict):
             raise ValueError
-        inside: list[float] = []
+        arrays: list[list[float]] = []
         outside: dict[str, float] = {}
         for name, value in content.items():
             if isinstance(value, list):
-                inside += flatten(value)
+                arrays.append(flatten(value))
             elif isinstance(value, int | float) and not isinstance(value, bool):
                 outside[name] = float(value)
+        fitting = [array for array in arrays if len(array) in sizes]
+        counts = sum(arrays, []) if len(fitting) != 1 else fitting[0]
         names = sorted(outside, key=lambda name: not name.lower().startswith("t"))
         time = [outside.pop(name) for name in names[:takes_time]]
     except (ValueError, RecursionError, OverflowError, TypeError):
         raise LineError("it begins as a JSON object and is none with numbers") from None
     if takes_time and not time:
         raise LineError("its time is missing", remedy="send it with all lines")
-    return [*time, *(inside or outside.values())]
+    return [*time, *(counts or outside.values())]
 
 
 def flatten(values: list[Any]) -> list[float]:

@@ -11,7 +11,13 @@ from typing import Literal, final
 
 import numpy as np
 
-from eskin.drivers.csv_lines import HEXADECIMAL, UNITS, LineError, OptionChange
+from eskin.drivers.csv_lines import (
+    HEXADECIMAL_CHANGES,
+    UNITS,
+    LineError,
+    OptionChange,
+    find_hexadecimal,
+)
 from eskin.drivers.sampled_source import MAX_HELD
 from eskin.units import NS_PER_S
 
@@ -25,7 +31,7 @@ POWER = re.compile(rb"(?<!\S)\d+[eE]\d+(?!\S)")
 """A number that is a power of ten, or hexadecimal."""
 BASES = (
     OptionChange({"base": "10"}, "if they are decimal"),
-    OptionChange({"base": "16"}, "if they are hexadecimal"),
+    *HEXADECIMAL_CHANGES,
 )
 
 
@@ -134,10 +140,7 @@ class BaseTest:
 
     def note_unread(self, body: bytes, sizes: Sequence[int]) -> None:
         """Note whether a line of some size has digits of A to F in several numbers."""
-        if HEXADECIMAL.fullmatch(body) is not None:
-            words = body.translate(None, b"xX").replace(b",", b" ").split()
-            lettered = sum(not word.isdigit() for word in words)
-            self.is_hexadecimal |= len(words) in sizes and lettered > 1
+        self.is_hexadecimal |= len(find_hexadecimal(body)) in sizes
 
     def push(self, words: Sequence[bytes]) -> None:
         """Add the words of a line.
@@ -147,7 +150,7 @@ class BaseTest:
         """
         if self.is_hexadecimal:
             why = "its numbers are hexadecimal, as others had digits of A to F"
-            raise LineError(why, BASES[1:])
+            raise LineError(why, HEXADECIMAL_CHANGES)
         power = POWER.search(b" ".join(words))
         if power is not None:
             text = power.group().decode()
