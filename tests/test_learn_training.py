@@ -128,8 +128,8 @@ def test_validation_may_hold_one_gesture_only(dataset):
     )
     trainer = Trainer(only, VOCABULARY, replace(TINY, validation=0.25))
     trainer.run(quiet=True)
-    assert 0 <= trainer.validation_accuracy() <= 1
-    assert trainer.fit_temperature() > 0
+    assert 0 <= trainer.score_held_out()[0] <= 1
+    assert trainer.score_held_out()[1] > 0
 
 
 def test_a_network_can_fit_eight_segments(dataset):
@@ -215,7 +215,7 @@ def test_training_resumed_at_any_step_gives_the_same_weights(
     again = Trainer(dataset, VOCABULARY, config)
     assert torch.equal(weights(again.run(**options)), wanted)
     assert again.epochs == whole.epochs == 3
-    assert again.fit_temperature() == whole.fit_temperature()
+    assert again.score_held_out()[1] == whole.score_held_out()[1]
 
 
 def test_a_finished_training_is_not_resumed(dataset, tmp_path, monkeypatch):
@@ -258,7 +258,7 @@ def test_data_to_validate_on_leaves_all_others_to_train_on(dataset, tmp_path):
     one = Trainer(dataset, VOCABULARY, config, validation=other).validation_loss()
     assert one == trainer.validation_loss()
     trainer.run(quiet=True)
-    assert 0 <= trainer.validation_accuracy() <= 1
+    assert 0 <= trainer.score_held_out()[0] <= 1
 
 
 def test_a_network_without_shear_is_validated_without_it(dataset, tmp_path):
@@ -305,8 +305,8 @@ def test_accuracy_and_temperature_are_of_generated_clips(tmp_path, monkeypatch):
     )
     answers = predict_clips(trainer.network.eval(), clips, vocabulary)
     right = (answers.predicted == answers.truth).mean()
-    assert trainer.validation_accuracy() == pytest.approx(right)
-    wanted = trainer.fit_temperature()
+    assert trainer.score_held_out()[0] == pytest.approx(right)
+    wanted = trainer.score_held_out()[1]
     # Clips without contact do not enter the temperature.
     [mine] = clips.clips
     late = tuple(replace(clip, start=clip.end, end=clip.end + 1) for clip in mine)
@@ -314,9 +314,9 @@ def test_accuracy_and_temperature_are_of_generated_clips(tmp_path, monkeypatch):
     trainer = Trainer(
         clips, vocabulary, replace(TINY, validation=0.0), validation=unfelt
     )
-    assert trainer.fit_temperature() == wanted
+    assert trainer.score_held_out()[1] == wanted
     none = np.mean([clip.gesture == "none" for clip in mine])
-    assert trainer.validation_accuracy() == pytest.approx((right + none) / 2)
+    assert trainer.score_held_out()[0] == pytest.approx((right + none) / 2)
 
 
 def test_only_held_out_clips_are_predicted(tmp_path):
@@ -504,14 +504,14 @@ def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):
     trainer = Trainer(dataset, VOCABULARY, config)
     trainer.run(quiet=True)
     logits, labels = trainer.predict_validation_windows()
-    t = trainer.fit_temperature()
+    t = trainer.score_held_out()[1]
     assert t > 0
     loss = torch.nn.functional.cross_entropy
     losses = [float(loss(logits / other, labels)) for other in TEMPERATURES]
     assert float(loss(logits / t, labels)) == min(losses)
     unvalidated = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.0))
-    assert unvalidated.fit_temperature() == 1.0
-    assert np.isnan(unvalidated.validation_accuracy())
+    assert unvalidated.score_held_out()[1] == 1.0
+    assert np.isnan(unvalidated.score_held_out()[0])
 
 
 @pytest.mark.parametrize(

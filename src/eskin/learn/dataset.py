@@ -115,6 +115,15 @@ class Dataset:
         """Tell whether the skin of every recording measures shear."""
         return all(recording.skin.has_shear for recording in self.recordings)
 
+    def check_labelled(self) -> None:
+        """Raise a `RecordingError` if no recording says which gestures were made."""
+        if not (self.labelled or self.missed or any(self.clips)):
+            first = self.recordings[0].path if self.recordings else "REC"
+            raise RecordingError(
+                f"the recordings, such as {first}, have no labels; allowed are "
+                f"recordings with labels; make some with: eskin label {first}"
+            )
+
     @cached_property
     def starts(self) -> Int[np.ndarray, "row"]:
         """Return the first row of the sequence of each row."""

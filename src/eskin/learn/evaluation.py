@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import log_softmax
 
-from eskin.errors import RecordingError, SkinMismatchError
+from eskin.errors import SkinMismatchError
 from eskin.learn.batches import cut_windows
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
@@ -343,11 +343,7 @@ def classify_labelled(
 
 def check_fits(card: ModelCard, dataset: Dataset) -> None:
     """Reject recordings that the model cannot be scored on."""
-    if not (dataset.labelled or dataset.missed or any(dataset.clips)):
-        raise RecordingError(
-            "the recordings have no labels; scoring needs them; make some with: "
-            "eskin label REC"
-        )
+    dataset.check_labelled()
     if card.kind == "shear" and not dataset.has_shear:
         raise SkinMismatchError(
             "the model needs shear, which these recordings do not have; allowed are "

@@ -286,23 +286,21 @@ class Trainer:
             closed = self.network.classify_statistics(x.float(), closing=True)
         return find_temperature(opened, labels)[0], find_temperature(closed, labels)[0]
 
-    def validation_accuracy(self) -> float:
-        """Return the accuracy on held-out recordings; NaN if there are none."""
-        if self.held_out is None:
-            return float("nan")
-        logits, labels = self.predict_held_out()
-        return float((logits.argmax(dim=1) == labels).double().mean())
+    def score_held_out(self) -> tuple[float, float]:
+        """Return the accuracy on held-out recordings, and the best temperature.
 
-    def fit_temperature(self) -> float:
-        """Return the temperature that calibrates the logits (Guo et al. 2017)."""
+        The temperature calibrates the logits (Guo et al. 2017). Without such recordings
+        these are NaN and 1.
+        """
         if self.held_out is None:
-            return 1.0
+            return float("nan"), 1.0
         logits, labels = self.predict_held_out()
+        accuracy = float((logits.argmax(dim=1) == labels).double().mean())
         # Clips without a detected touch are `none` whatever the temperature.
         touched = (logits > MIN_LOG_PROBABILITY).sum(dim=1) > 1
         if not touched.any():
-            return 1.0
-        return find_temperature(logits[touched], labels[touched])[1]
+            return accuracy, 1.0
+        return accuracy, find_temperature(logits[touched], labels[touched])[1]
 
     def predict_held_out(
         self,

@@ -281,6 +281,7 @@ def run_training(
             prepare_recordings(plan, paths, graph) if paths else None
             for paths in (plan.validation, plan.test)
         )
+    dataset.check_labelled()
     report_truncated(tell, dataset, validation, test)
     vocabulary = select_classes(dataset, plan.classes)
     share = plan.config.validation
@@ -318,10 +319,10 @@ def run_training(
     network = trainer.run(checkpoint=checkpoint, facts=facts)
     if not processes.is_first:
         return Training(Model({}, card), trainer.epochs, trainer.stopped, None)
-    accuracy = trainer.validation_accuracy()
+    accuracy, temperature = trainer.score_held_out()
     card = replace(
         card,
-        temperature=trainer.fit_temperature(),
+        temperature=temperature,
         metrics={"val_accuracy": accuracy} if trainer.held_out else {},
     )
     model = set_decision(to_model(network, card), plan, tell)
