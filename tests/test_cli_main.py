@@ -18,9 +18,10 @@ import pytest
 
 import eskin.__main__
 import eskin.cli.main as main_module
-from eskin.cli.main import COMMANDS, STOPPED, load_command, main, run
+from eskin.cli.main import BAD_INPUT, COMMANDS, STOPPED, load_command, main, run
 from eskin.cli.options import list_options
 from eskin.cli.parse_errors import rewrite_parse_error
+from eskin.errors import PlatformError
 from eskin.registry import advise_install
 
 ARGUMENTS = {
@@ -154,6 +155,19 @@ def test_interrupted_command_says_so_in_one_line(error, monkeypatch, capsys):
 
     monkeypatch.setattr(main_module, "run_command", interrupt)
     assert call(capsys, "doctor") == (STOPPED, "", "error: stopped\n")
+
+
+@pytest.mark.parametrize("lacking", ["fcntl", "termios"])
+def test_system_that_lacks_what_linux_has_is_refused_in_one_line(
+    lacking, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, lacking, None)
+    code, out, err = call(capsys, "run --source sim:ur5")
+    assert (code, out) == (BAD_INPUT, "")
+    assert len(err.splitlines()) == 1 and "Windows" in err and lacking in err
+    monkeypatch.delitem(vars(eskin), "load_robot", raising=False)
+    with pytest.raises(PlatformError, match=lacking):
+        _ = eskin.load_robot
 
 
 def test_version_is_that_of_the_package(capsys):

@@ -175,12 +175,13 @@ def test_places_of_code_are_the_one_given_the_source_and_the_users_own(
 
 
 SUM_BOXES = """
-import numba, numpy as np
+import sys, numba, numpy as np
 from eskin import compiled
 from eskin.touch.contact_kernels import box_gap
 box = np.zeros((2, 3))
 print(box_gap(box, box + 1.0), len(box_gap.signatures), compiled.entries is None)
 print(sum(box_gap.stats.cache_hits.values()), box_gap.stats.cache_path)
+print("numba.np.arraymath" in sys.modules, "scipy.linalg" in sys.modules)
 """
 """Program that calls a kernel and tells how it was compiled."""
 
@@ -195,6 +196,13 @@ def run_kernel(folder, before="", **variables):
         check=True,
     )
     return found.stdout.split(), found.stderr
+
+
+def test_kept_code_is_loaded_without_what_compiling_needs(tmp_path):
+    for is_kept in (False, True):
+        told, _ = run_kernel(tmp_path)
+        assert told[3] == str(int(is_kept))
+        assert told[-2:] == [str(not is_kept), "False"]
 
 
 def test_switch_for_debugging_functions_of_others_leaves_kernels_compiled(tmp_path):
