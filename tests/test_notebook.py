@@ -224,8 +224,11 @@ def people(tmp_path_factory):
     return folder
 
 
-def test_model_that_python_trains_is_that_of_the_command(people, tmp_path, capsys):
+def test_model_that_python_trains_is_that_of_the_command(
+    people, tmp_path, capsys, monkeypatch
+):
     """The command gives the same scores, too."""
+    monkeypatch.setattr("eskin.progress.PERIOD", 3600.0)  # No line of progress.
     model = eskin.train(people, seed=3, config=TINY)
     model.save(tmp_path / "python.safetensors")
     path = tmp_path / "command.safetensors"
