@@ -338,7 +338,7 @@ LIST = (
         ),
         (r"wrong [1-9](?![^\n]*\n63 taxels)", "Traceback"),
     ),
-    sketch("start", r"1[0-4]\d readings"),
+    sketch("start", r"1[0-5]\d readings"),
     sketch("start", "does not begin with 'START'", options=",label=START", code=2),
     sketch("frameno", "last=ignore if the last is no count", code=2),
     sketch("ide", r"label=\* ->", code=2),

@@ -311,10 +311,12 @@ def test_no_object_raises(value):
 
 
 @pytest.mark.parametrize("unit", ["us", "ms", "s"])
-def test_time_of_an_object_is_used_in_its_unit(unit):
+@pytest.mark.parametrize("name", ["time", "unit"])
+def test_time_of_an_object_is_used_in_its_unit(unit, name):
+    name = {"us": "us", "ms": "ms", "s": "t"}[unit] if name == "unit" else name
     per_second = {"us": 10**6, "ms": 1000, "s": 1}[unit]
     texts = [
-        json.dumps({"seq": n, "time": n * per_second / 25, "v": ROWS_OF}).encode()
+        json.dumps({"seq": n, name: n * per_second / 25, "v": ROWS_OF}).encode()
         for n in range(1, 80)
     ]
     line = open_line(f",time={unit}")

@@ -219,16 +219,16 @@ def clean_line(line: bytes) -> bytes:
     return COLOURS.sub(b"", line).strip(b"\xef\xbb\xbf \t")
 
 
-def read_json(body: bytes, takes_time: bool, sizes: Sequence[int]) -> list[float]:
+def read_json(body: bytes, unit: str, sizes: Sequence[int]) -> list[float]:
     """Return the numbers of a line that is a JSON object.
 
     They are those of the one array that has the numbers of a scan, else those of all
     arrays in order, or all of it where it has no array. The time is the first number
-    outside of the arrays whose name begins with a t, or else the first.
+    outside of them whose name begins with a t, else with its unit, else the first.
 
     Args:
         body: the line.
-        takes_time: whether the time comes before the counts.
+        unit: unit of the time, which comes before the counts; empty for no time.
         sizes: numbers of counts that a scan may have.
 
     Raises:
@@ -247,11 +247,16 @@ def read_json(body: bytes, takes_time: bool, sizes: Sequence[int]) -> list[float
                 outside[name] = float(value)
         fitting = [array for array in arrays if len(array) in sizes]
         counts = sum(arrays, []) if len(fitting) != 1 else fitting[0]
-        names = sorted(outside, key=lambda name: not name.lower().startswith("t"))
-        time = [outside.pop(name) for name in names[:takes_time]]
+        ranked = [
+            name
+            for begin in ("t", unit, "")
+            for name in outside
+            if name.lower().startswith(begin)
+        ]
+        time = [outside.pop(name) for name in ranked[: bool(unit)]]
     except (ValueError, RecursionError, OverflowError, TypeError):
         raise LineError("it begins as a JSON object and is none with numbers") from None
-    if takes_time and not time:
+    if unit and not time:
         raise LineError("its time is missing", remedy="send it with all lines")
     return [*time, *(counts or outside.values())]
 

@@ -326,8 +326,8 @@ class MatrixLine:
         """
         takes_time = self.form.time not in ("", "none")
         if body.startswith(b"{"):
-            takes_time = takes_time and self.form.time != "ignore"
-            return read_json(body, takes_time, self.sizes), takes_time
+            unit = self.unit if takes_time and self.form.time != "ignore" else ""
+            return read_json(body, unit, self.sizes), bool(unit)
         body = body.replace(b"null", b"nan").translate(None, BRACKETS).strip()
         is_timed = body.startswith(b"@") or takes_time
         sizes = (*self.sizes, self.place.columns)
