@@ -11,6 +11,7 @@ from serial import Serial
 from eskin.cli.main import run
 from eskin.drivers import Data, decode_packet
 from eskin.recording import Metadata, RecordingWriter
+from eskin.robot import load_robot
 from eskin.sim.bench import throughput
 from eskin.sim.commands import device
 from eskin.skin import build_grid_skin, save_skin
@@ -33,8 +34,8 @@ SKIN = small_skin()
 
 @pytest.fixture
 def skin(tmp_path):
-    """Return the folder of a skin."""
-    save_skin(SKIN, tmp_path / "skin")
+    """Return the folder of a skin and its robot."""
+    save_skin(SKIN, tmp_path / "skin", load_robot("table"))
     return str(tmp_path / "skin")
 
 

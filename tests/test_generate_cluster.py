@@ -17,7 +17,7 @@ from helpers.simulation import Slow, StandIn, read_files
 
 pytestmark = pytest.mark.slow
 
-SETTINGS = GenerationSettings("train", "square", seed=3, clips=240, subjects=12)
+SETTINGS = GenerationSettings("train", "ur5", seed=3, clips=240, subjects=12)
 MEMORY = 100_000_000
 
 

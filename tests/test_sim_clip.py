@@ -24,8 +24,8 @@ from helpers.simulation import StandIn
 from helpers.worlds import world
 
 START = 1_750_000_000_000_000_000
-STAND_IN = StandIn("square")
-SETTINGS = GenerationSettings("train", "square", clips=10, subjects=1)
+STAND_IN = StandIn("ur5")
+SETTINGS = GenerationSettings("train", "ur5", clips=10, subjects=1)
 LEAD, FIRST, *_ = SETTINGS.plan_clips(SETTINGS.sessions[0])
 STILL = {"moving": False, "fold_share": 0.0, "concurrent": 0.0}
 PLAN = replace(FIRST, gesture="poke", kind=None, difficulty=1.5, **STILL)

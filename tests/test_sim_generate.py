@@ -30,7 +30,7 @@ from helpers.simulation import (
 
 pytestmark = pytest.mark.slow
 
-SMALL_SET = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
+SMALL_SET = GenerationSettings("train", "ur5", seed=3, clips=23, subjects=4)
 
 
 def make_set(folder, settings=SMALL_SET, factory=StandIn, **options):
@@ -72,7 +72,7 @@ def test_recording_is_a_lead_in_and_a_clip_every_six_seconds(small_set):
 
 
 def test_every_touch_has_a_true_and_an_automatic_label(small_set, tmp_path):
-    make_set(tmp_path, GenerationSettings("streams", "square", clips=1))
+    make_set(tmp_path, GenerationSettings("streams", "ur5", clips=1))
     for path in find_recordings([small_set, tmp_path]):
         recording = read_recording(path)
         true, auto = (select_labels(recording, name) for name in ("true", "auto"))
@@ -177,13 +177,13 @@ def test_killed_generation_continues_to_the_same_bytes(small_set, tmp_path):
     ("changes", "parts"),
     [
         ({"set_name": "val"}, "set_name train, not val"),
-        ({"skin": "other"}, "skin square, not other"),
+        ({"skin": "ur10"}, "skin ur5, not ur10"),
         ({"difficulty": 1.0}, "difficulty 1.5, not 1.0"),
     ],
 )
 def test_folder_of_other_settings_is_refused(copied_set, changes, parts):
     before = read_files(copied_set)
-    usual = {"set_name": "train", "skin": "square", "seed": 3, "clips": 23}
+    usual = {"set_name": "train", "skin": "ur5", "seed": 3, "clips": 23}
     settings = GenerationSettings(**(usual | {"subjects": 4} | changes))
     with pytest.raises(GenerationError, match=parts) as caught:
         make_set(copied_set, settings)
