@@ -61,6 +61,13 @@ def cut(t, counts, received):
     counts[counts < 4] = 0
 
 
+def round_quietly(t, counts, received):
+    """Give taxels rests between counts, and less noise than a converter rounds off."""
+    rests = 6.0 + np.random.default_rng(9).random(len(counts))
+    noise = np.random.default_rng(round(1e6 * t)).normal(0.0, 0.2, len(counts))
+    counts[:] = np.round(rests + noise)
+
+
 def lift_at_start(t, counts, received):
     """Let a converter that rests at zero begin above it."""
     if t < 0.3:
@@ -125,13 +132,14 @@ def first_time(found):
         (add_counts(PALM, pat), {"noise": 1.0, "rate": 12, "seconds": 30.0}),
         (add_counts(TAXEL, waver), {"noise": 0.2, "scale": 400.0}),
         (lift_at_start, {"noise": 0.0, "rest": 0}),
+        (round_quietly, {"seconds": 60.0, "rate": 25}),
     ],
     ids=[
         *("noise", "more noise than contact", "small counts cut", "quiet"),
         *("quiet near zero", "clipped at zero", "long saturation"),
         *("steady press", "shaking palm", "rubbing finger", "taps"),
         *("pats between slow scans", "counts of a coarse converter"),
-        "zero after its first scans",
+        *("zero after its first scans", "less noise than rounding"),
     ],
 )
 def test_sound_skin_has_no_faults(change, options):
@@ -188,6 +196,16 @@ def test_finger_that_presses_one_taxel_again_and_again_is_no_fault(rate, force):
 
     found = find_faults(add_counts(TAXEL, press), 30.0, rate)
     assert not any(faults for _, _, faults in found)
+
+
+def test_taxel_that_stays_away_from_its_rest_is_stuck_in_a_quiet_patch():
+    def change(t, counts, received):
+        round_quietly(t, counts, received)
+        if t >= 3.0:
+            counts[TAXEL] = 90
+
+    found = find_faults(change, seconds=40.0, rate=25)
+    assert describe(found) == [("stuck", *PLACE)]
 
 
 def test_quiet_taxel_that_ignores_presses_around_it_is_dead():

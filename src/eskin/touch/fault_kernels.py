@@ -86,6 +86,10 @@ class FaultConfig:
     noise."""
     stuck_factor: float = 20.0
     """Smallest ratio of that time to the third quartile of its patch."""
+    stuck_noise: float = 12.0**-0.5
+    """Noise that three quarters of a patch must show for a taxel that stays at its rest
+    to be stuck [counts], which is the deviation of rounding. Sound taxels of a quieter
+    patch may show the same count for minutes."""
     offset: float = 0.01
     """Part of full scale from which rest differs from zero. A taxel with such an offset
     must not read zero; one that rests about zero may."""
@@ -501,24 +505,33 @@ def has_offset(i: int, context: FrontEndContext) -> bool:
 
 
 @compiled
-def compute_stuck_seconds(context: FrontEndContext) -> Values:
-    """Return the seconds without a change that make a taxel of each patch stuck."""
+def compute_stuck_seconds(context: FrontEndContext) -> Float[np.ndarray, "2 patch"]:
+    """Return the seconds without a change that make a taxel of each patch stuck.
+
+    Returns:
+        Array of shape (2, number of patches) [s]: of a taxel away from its rest, and of
+        one at its rest.
+    """
     taxels = context.taxels
     patches = context.places.patches
-    limits = np.empty(len(patches.sizes))
+    parameters = context.faults
+    limits = np.full((2, len(patches.sizes)), np.inf)
     ages = np.empty(len(taxels))
-    for patch in range(len(limits)):
+    noises = np.empty(len(taxels))
+    for patch in range(len(patches.sizes)):
         count = 0
         for i in patches.order[patches.starts[patch] : patches.starts[patch + 1]]:
             taxel = taxels[i]
             if taxel.counts > 0 and taxel.last_received > NEVER:
                 ages[count] = taxel.last_received - taxel.last_changed
+                noises[count] = taxel.noise
                 count += 1
-        limits[patch] = np.inf
         if count > 0:
             usual = select(ages[:count], 3 * count // 4)
-            least = context.faults.stuck_seconds
-            limits[patch] = max(least, context.faults.stuck_factor * usual)
+            seconds = max(parameters.stuck_seconds, parameters.stuck_factor * usual)
+            limits[0, patch] = seconds
+            if select(noises[:count], count // 4) >= parameters.stuck_noise:
+                limits[1, patch] = seconds
     return limits
 
 
@@ -566,7 +579,8 @@ def update_codes(
             taxel.last_sound = now
         age = taxel.last_received - taxel.last_changed
         has_rest = offsets[patch] / patches.sizes[patch] >= parameters.offset_share
-        still = (count > 0 or has_rest) and age > stuck_seconds[patch]
+        rests = count > 0 and abs(count - taxel.rest) <= taxel.band
+        still = (count > 0 or has_rest) and age > stuck_seconds[int(rests), patch]
         still |= taxel.unanswered >= parameters.ignored_seconds
         still &= 0 <= count < context.full_scale
         row = rows.group_index[i]
