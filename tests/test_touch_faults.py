@@ -469,3 +469,11 @@ def test_dead_row_and_the_dead_column_that_it_crosses_are_two_faults():
         ("row", "p1", 2, None, None),
         ("column", "p1", None, 3, None),
     ]
+
+
+@pytest.mark.parametrize("start", [0.0, 3.0], ids=["from the start", "later"])
+def test_dead_row_of_a_patch_with_an_offset_is_found_within_two_seconds(start):
+    row = (SKIN.patch_index == 1) & (SKIN.rows == 2)
+    found = find_faults(set_counts(row, 0, start), rest=20, seconds=6.0)
+    assert describe(found) == [("row", "p1", 2, None, None)]
+    assert start < first_time(found) < start + 2.0

@@ -107,8 +107,8 @@ class FaultConfig:
     saturated_seconds: float = 60.0
     """Time at full scale, later on, that is no fault."""
     line_seconds: float = 0.5
-    """Time at zero from which a row or column with an offset is dead, and time without
-    data from which a patch is silent."""
+    """Time at zero from which a row or column is dead if it or its patch has an offset,
+    and time without data from which a patch is silent."""
     recover_seconds: float = 30.0
     """Time without evidence after which a taxel is valid again, or no longer
     doubtful."""
@@ -563,11 +563,15 @@ def update_codes(
     lost_rows = np.zeros(len(rows.sizes), np.int64)
     lost_columns = np.zeros(len(columns.sizes), np.int64)
     for i in range(len(taxels)):
-        taxel = taxels[i]
         if has_offset(i, context):
             offsets[patches.group_index[i]] += 1
-            seconds = taxel.last_received - taxel.last_nonzero
-            if taxel.counts == 0 and seconds >= parameters.line_seconds:
+    has_rest = offsets / patches.sizes >= parameters.offset_share
+    for i in range(len(taxels)):
+        taxel = taxels[i]
+        is_expected = has_rest[patches.group_index[i]] or has_offset(i, context)
+        if taxel.counts == 0 and is_expected:
+            since = max(taxel.last_nonzero, taxel.first_received)
+            if taxel.last_received - since >= parameters.line_seconds:
                 lost_rows[rows.group_index[i]] += 1
                 lost_columns[columns.group_index[i]] += 1
     for i in range(len(taxels)):
@@ -578,9 +582,10 @@ def update_codes(
         if not noisy[i]:
             taxel.last_sound = now
         age = taxel.last_received - taxel.last_changed
-        has_rest = offsets[patch] / patches.sizes[patch] >= parameters.offset_share
         rests = count > 0 and abs(count - taxel.rest) <= taxel.band
-        still = (count > 0 or has_rest) and age > stuck_seconds[int(rests), patch]
+        still = (count > 0 or has_rest[patch]) and age > stuck_seconds[
+            int(rests), patch
+        ]
         still |= taxel.unanswered >= parameters.ignored_seconds
         still &= 0 <= count < context.full_scale
         row = rows.group_index[i]
