@@ -10,7 +10,7 @@ from eskin.drivers.clock import Clock, HostClock
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.source import Source, SourceInfo
 from eskin.recording import NO_OVERRIDES, Overrides, read_recording
-from eskin.recording.records import find_gap_limit
+from eskin.recording.records import compute_skipped
 from eskin.touch import Scan
 from eskin.units import NS_PER_S, format_duration
 
@@ -71,8 +71,8 @@ class PlayedClock(Clock):
 class PlayedSource(Source):
     """Returns scans of a recording or simulation at a pace and ends after the last.
 
-    A gap, a time without scans, is skipped, which is an event: the scan after it is due
-    one period after the one before, and keeps its stamp unless stamps are shifted.
+    A gap, a time without scans, lasts 10 s at most. What is left out of a longer one is
+    told by an event; the scan after it keeps its stamp unless stamps are shifted.
     """
 
     def __init__(
@@ -135,14 +135,9 @@ class PlayedSource(Source):
         self.given += 1
         self.next_scan = next(self.scans, None)
         if self.next_scan is not None:
-            self.skipping = self.find_skipped(self.next_scan.stamp - scan.stamp)
+            silence = self.next_scan.stamp - scan.stamp
+            self.skipping = compute_skipped(silence, self.period)
         return replace(scan, stamp=stamp) if self.shift else scan
-
-    def find_skipped(self, silence: int) -> int:
-        """Return how much of the time between two scans is skipped [ns]."""
-        if silence <= find_gap_limit(self.period):
-            return 0
-        return silence - self.period
 
     def skip_gap(self, stamp: int) -> None:
         """Skip the gap before the scan of a stamp, if there is one, and tell it."""

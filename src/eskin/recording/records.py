@@ -139,6 +139,8 @@ MIN_GAP = 1.0
 """Shortest duration without a reading that is a gap [s]."""
 GAP_PERIODS = 10
 """Smallest number of periods without a reading that is a gap."""
+LONGEST_PLAYED = 10.0
+"""Longest gap that is played as it was recorded [s]."""
 MAX_RATE = 10_000.0
 """Number of scans a second above which stamps are no nanoseconds."""
 
@@ -165,6 +167,19 @@ def find_gap_limit(period: int) -> int:
         period: usual time between two readings [ns].
     """
     return max(round(MIN_GAP * NS_PER_S), GAP_PERIODS * period)
+
+
+def compute_skipped(silence: int, period: int) -> int:
+    """Return how much of the time between two readings is skipped when played [ns].
+
+    A gap that is longer lasts `LONGEST_PLAYED`, so that no touch goes on after it.
+
+    Args:
+        silence: time between the two readings [ns].
+        period: usual time between two readings [ns].
+    """
+    longest = max(round(LONGEST_PLAYED * NS_PER_S), find_gap_limit(period))
+    return max(silence - longest, 0)
 
 
 def describe_rate(period: int) -> str | None:

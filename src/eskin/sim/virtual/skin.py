@@ -16,7 +16,7 @@ from eskin.drivers.packet import (
 )
 from eskin.errors import DeviceError, PacketError
 from eskin.progress import Closing
-from eskin.recording.records import find_gap_limit
+from eskin.recording.records import compute_skipped
 from eskin.sim.virtual.fault import (
     FOREVER,
     DeviceFault,
@@ -264,7 +264,7 @@ def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
     """Yield the latest scan at every tick of another rate; the duration stays the same.
 
     A scan is repeated where the rate is higher, and may be left out where it is lower.
-    The first tick is at the first scan; `rate` is in [1/s]. A gap lasts one tick.
+    The first tick is at the first scan; `rate` is in [1/s]. A gap lasts 10 s at most.
     """
     period = round(NS_PER_S / rate)
     latest: Scan | None = None
@@ -273,9 +273,7 @@ def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
         if latest is None:
             start = scan.stamp
         else:
-            silence = scan.stamp - latest.stamp
-            if silence > find_gap_limit(period):
-                start += silence - period
+            start += compute_skipped(scan.stamp - latest.stamp, period)
             while start + round(ticks * NS_PER_S / rate) < scan.stamp:
                 yield latest
                 ticks += 1
