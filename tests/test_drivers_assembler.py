@@ -355,7 +355,7 @@ def test_status_of_a_patch_reports_the_scans_that_it_skipped():
         for n, skipped in enumerate([5, 5, 9, 0, 2])
     ]
     absent = START + SECOND, "a", Status(7, 0, 0, 0, 0, 0)
-    run, _ = assemble([*Module(0).stream(0, 14), *statuses, absent], 14.2)
+    run, _ = assemble([*Module(0).stream(0, 64), *statuses, absent], 64.2)
     assert (run.counts["status"], run.counts["foreign"]) == (5, 1)
     # What it skipped before its first status is not of this stream.
     lost = run.find_events("lost")

@@ -477,3 +477,15 @@ def test_dead_row_of_a_patch_with_an_offset_is_found_within_two_seconds(start):
     found = find_faults(set_counts(row, 0, start), rest=20, seconds=6.0)
     assert describe(found) == [("row", "p1", 2, None, None)]
     assert start < first_time(found) < start + 2.0
+
+
+def test_time_without_data_makes_no_taxel_stuck():
+    def change(t, counts, received):
+        """Let every fifth taxel change once a second, and the others at each scan."""
+        rng = np.random.default_rng(round(1e6 * t))
+        counts[:] = 40 + rng.integers(0, 6, len(counts))
+        counts[::5] = 40 + int(t) % 2
+        received[:] = not 3.2 <= t < 8.8
+
+    found = find_faults(change)
+    assert not any(faults for t, _, faults in found if t >= 8.8)

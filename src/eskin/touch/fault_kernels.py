@@ -142,6 +142,7 @@ def note_counts(scan: KernelScan, context: FrontEndContext) -> None:
     """Note when the counts of each taxel last did what tells of a fault."""
     taxels = context.taxels
     now = scan.now
+    longest = context.faults.line_seconds
     for i in range(len(taxels)):
         if not scan.received[i]:
             continue
@@ -150,6 +151,10 @@ def note_counts(scan: KernelScan, context: FrontEndContext) -> None:
         if taxel.first_received == np.inf:
             taxel.first_received = taxel.last_changed = now
             taxel.counts = count
+        # Time without data tells nothing of a taxel that shows the same count after it.
+        unheard = now - taxel.last_received - min(scan.elapsed, longest)
+        if taxel.last_received > NEVER and unheard > 0.0:
+            taxel.last_changed += unheard
         taxel.last_received = now
         if count != taxel.counts:
             taxel.counts = count
