@@ -54,8 +54,8 @@ class SourceCommand:
     calibration."""
 
     falling: bool = False
-    """Counts fall under pressure, as with a pull-up resistor. The calibration file of
-    eskin calibrate says so itself."""
+    """The sensor's counts become smaller when it is pressed, as with a pull-up
+    resistor. The calibration file of eskin calibrate says so itself."""
 
     bits: Annotated[int | None, Range(8, 16)] = None
     """Bits of the converter, as 10 of an Arduino Uno; 12 where nothing says so. The
@@ -81,7 +81,7 @@ class SourceCommand:
 
     key: Path | None = None
     """Key file of the patches: 64 hexadecimal digits that only you may read. Packets
-    without a valid seal are refused."""
+    that were not signed with this key are refused."""
 
     def build_config(self, pace: float) -> "SourceConfig":
         """Build the configuration of the source.

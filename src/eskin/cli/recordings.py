@@ -166,7 +166,8 @@ class ReplayCommand:
     one."""
 
     falling: bool = False
-    """Counts fall under pressure, whatever the calibration says."""
+    """The sensor's counts become smaller when it is pressed, whatever the calibration
+    says."""
 
     record: Path | None = None
     """Path of a copy of the recording that holds these detections in place of any

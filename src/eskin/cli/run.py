@@ -62,9 +62,10 @@ class RunCommand(SourceCommand):
     the default map a poke, a second later a grab, and a poke when it asks."""
 
     ask: Annotated[tuple[str, ...], Needs("robot")] = ()
-    """Ways in which people at the arm learn that it asks whether to do more, at least
-    one for a real arm: terminal, page (with --view), ros2, foxglove, or output:N, a
-    digital output of a UR that is on while it asks."""
+    """Where the arm shows its question before it resumes, moves on or speeds up, so
+    that people at it can answer; at least one for a real arm: terminal, page (with
+    --view), ros2, foxglove, or output:N, a digital output of a UR that is on while it
+    asks."""
 
     commands: Annotated[Path | None, Needs("robot")] = None
     """Command map, which tells what each touch commands: a file, or `paper` for that of
