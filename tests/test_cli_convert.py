@@ -37,6 +37,16 @@ def converted(source, tmp_path, capsys):
     return path
 
 
+def test_conversion_replaces_no_recording_and_makes_none_beside_it(
+    source, converted, tmp_path, capsys
+):
+    before = converted.read_bytes()
+    words = ("convert", "sleeve", source, tmp_path / "out")
+    assert_refused(capsys, *words, part=f"{converted.name} is there already")
+    assert list((tmp_path / "out").iterdir()) == [converted]
+    assert converted.read_bytes() == before
+
+
 def test_conversion_of_invalid_input_is_refused_and_leaves_nothing(
     source, tmp_path, capsys
 ):
@@ -111,7 +121,7 @@ def test_invalid_input_is_refused_and_no_recording_is_labelled(
         ((converted, "--min-window", "nan"), "--min-window is nan"),
         ((converted, "--window", "1"), "--window"),
         ((converted, cut), "z.mcap is cut short"),
-        ((converted, cut, "--out", out), "z.mcap: it is a folder"),
+        ((converted, cut, "--out", out), "z.mcap is there already"),
         ((converted, cut, "--out", cut), "cannot write to"),
     ):
         assert assert_refused(capsys, "label", *words, part=part) == ""

@@ -86,7 +86,7 @@ def build_words(command, recording, folder, model):
             "record",
             source,
             "--out",
-            folder / "own.mcap",
+            recording.with_suffix(".own.mcap"),
             "--gestures",
             "knock",
             "none",

@@ -23,6 +23,7 @@ from eskin.cli.options import list_options
 from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import PlatformError
 from eskin.registry import advise_install
+from helpers.guided import make_scans, record, rest
 
 ARGUMENTS = {
     "convert": "sleeve in out",
@@ -393,3 +394,58 @@ def test_closed_output_ends_a_command_quietly():
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == STOPPED
+
+
+KEPT = "kept.mcap"
+OUTPUTS = {
+    "run": "--source sim:ur5 --seconds 1 --record OUT",
+    "record": "replay:gone.mcap --gestures a b --out OUT",
+    "replay": "made.mcap --record OUT",
+    "train": "made.mcap --out OUT",
+    "evaluate": "ur5 made.mcap --picture OUT",
+    "export": "ur5 --onnx OUT",
+    "report": "made.mcap --out OUT",
+    "calibrate": "replay:made.mcap --out OUT",
+    "device": "ur5 --calibration OUT",
+    "label": "made.mcap --out FOLDER",
+    "skin show": "ur5 --out OUT",
+    "skin design": "ur5 --out skin --picture OUT",
+    "skin place": "ur5 --link forearm_link --rows 2 --columns 2 --pitch-mm 5 -o skin"
+    " --picture OUT",
+    "skin paint": "ur5 --spec OUT",
+    "skin convert": "ur5 OUT --to gentact",
+    "skin points": "ur5 --out OUT",
+}
+"""Arguments by which a command would write to a file that is there."""
+WRITE_NO_FILES_THAT_ARE_NAMED = {
+    "demo",
+    "view",
+    "generate",
+    "convert",
+    "skin check",
+    "skin pose",
+    "bench latency",
+    "bench throughput",
+    "doctor",
+}
+"""Commands that write nothing, or into folders; tests of their own say what they keep.
+"""
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_no_command_replaces_a_recording(name, tmp_path, monkeypatch, capsys):
+    """Whatever it would write there, and also what is left of one that was stopped."""
+    assert OUTPUTS.keys() | WRITE_NO_FILES_THAT_ARE_NAMED == COMMANDS.keys()
+    monkeypatch.chdir(tmp_path)
+    made = record(tmp_path / "made.mcap", make_scans(rest(20)))
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    kept = folder / ("made.mcap" if "FOLDER" in OUTPUTS[name] else KEPT)
+    kept.write_bytes(made.read_bytes())
+    before = sorted(tmp_path.rglob("*"))
+    words = OUTPUTS[name].replace("OUT", str(kept)).replace("FOLDER", str(folder))
+    code, _, err = call(capsys, f"{name} {words}")
+    assert code in (1, 2) and err.splitlines()[-1].startswith("error: ")
+    assert kept.name in err and ("already" in err or "a recording" in err)
+    assert sorted(tmp_path.rglob("*")) == before
+    assert kept.read_bytes() == made.read_bytes()

@@ -277,6 +277,8 @@ def test_recorded_gestures_are_labelled_and_learned_from(played, tmp_path, capsy
     found, printed = call_json(capsys, "record", f"replay:{played}", *words)
     assert found["takes"] == {"tap": 3, "hold": 3} and found["few"] == ["tap", "hold"]
     assert found["nearest_right"] == 6
+    # Nobody can type where stdin is no terminal.
+    assert "Ctrl-C finishes" in printed and "a: again" not in printed
     assert "hold (3 of 3): touch now" in printed
     mine = read_recording(out)
     assert [label.gesture for label in mine.labels] == ["tap", "hold"] * 3

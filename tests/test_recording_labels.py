@@ -332,6 +332,7 @@ def test_names_that_look_alike_are_refused_in_one_set(pair):
 @given(st.text(max_size=70))
 def test_allowed_names_pass_through_recordings_and_models(tmp_path_factory, name):
     path = tmp_path_factory.getbasetemp() / "named.mcap"
+    path.unlink(missing_ok=True)
     if is_allowed(name, "none"):
         card = ModelCard(("none", name))
         assert read_card(CARD_ADAPTER.dump_json(card).decode(), path) == card

@@ -123,6 +123,7 @@ def test_any_values_are_read_by_eskin_and_by_another_reader(
 ):
     """Fields of any length do not shift the fields after them."""
     path = tmp_path_factory.getbasetemp() / "any.mcap"
+    path.unlink(missing_ok=True)
     scan = Scan(stamp, counts, received, np.empty(0), shear)
     label = Label(start, start + 1 + stamp % 2**59, texts[0] + "x", source)
     changes = dict(zip(("gesture", "link", "patch"), texts, strict=True))
@@ -284,16 +285,37 @@ def test_recording_never_replaces_a_file_that_came_meanwhile(tmp_path):
     assert_same_scans(list(read_recording(part).scans()), SCANS[:50])
 
 
-def test_exception_leaves_the_part_file_and_an_older_recording(tmp_path):
-    path = tmp_path / "a.mcap"
-    path.write_bytes(b"an older one")
-    with pytest.raises(KeyError), open_writer(path) as writer:
+def test_exception_leaves_the_part_file(tmp_path):
+    with pytest.raises(KeyError), open_writer(tmp_path / "a.mcap") as writer:
         write_all(writer, SCANS[:50], ())
         raise KeyError("device lost")
-    assert path.read_bytes() == b"an older one"
     part = read_recording(tmp_path / "a.mcap.part")
     assert part.truncated
     assert_same_scans(list(part.scans()), SCANS[:50])
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.mcap.part"])
+def test_no_recording_is_replaced_or_deleted_by_one_of_its_name(path, tmp_path, name):
+    """The rest of a recording that was stopped is kept as a whole one is."""
+    old = tmp_path / name
+    old.write_bytes(b"an older one")
+    with pytest.raises(RecordingError, match=f"{name} is there already; .*another"):
+        open_writer(tmp_path / "a.mcap")
+    with pytest.raises(RecordingError, match=f"{name} is there already; .*another"):
+        rewrite_recording(read_recording(path), tmp_path / "a.mcap")
+    assert [(each, each.read_bytes()) for each in tmp_path.iterdir()] == [
+        (old, b"an older one")
+    ]
+
+
+def test_recording_that_is_rewritten_leaves_the_rest_of_another(path, tmp_path):
+    kept = tmp_path / "a.mcap"
+    rest = tmp_path / "a.mcap.part"
+    kept.write_bytes(path.read_bytes())
+    rest.write_bytes(b"the rest")
+    rewrite_recording(read_recording(kept), labels=())
+    assert read_recording(kept).labels == ()
+    assert rest.read_bytes() == b"the rest"
 
 
 def test_missing_folder_is_refused(tmp_path):

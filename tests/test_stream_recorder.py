@@ -233,7 +233,7 @@ def open_with(monkeypatch):
 
     def replace(open_binary):
         def open_file(path, mode="r", *rest, **more):
-            if mode == "wb":
+            if mode == "xb":
                 return open_binary(path) or real(path, mode, *rest, **more)
             return real(path, mode, *rest, **more)
 

@@ -45,8 +45,8 @@ class CalibrateCommand(PressCommand):
     presses."""
 
     out: Path
-    """Path of the calibration file to write. As calibration.json in the skin's folder
-    it is found by itself."""
+    """Path of the calibration file to write, in place of an earlier one. As
+    calibration.json in the skin's folder it is found by itself."""
 
     seconds: float = 5.0
     """Time without touch [s]."""
@@ -77,6 +77,9 @@ def run(command: CalibrateCommand) -> dict[str, object]:
         guide = CalibrationGuide(mounted, source.info.calibration, config)
         page = guide_presses(command, source, CalibrationDialogue(guide), stack)
         result = guide.finish()
+        written = f"written to {command.out}"
+        if command.out.exists():
+            written += ", in place of the calibration that was there"
         write_calibration(command.out, result.calibration)
         lines = describe_result(result, mounted.skin)
         if result.calibration.full_scale != guide.assumed.full_scale:
@@ -84,7 +87,7 @@ def run(command: CalibrateCommand) -> dict[str, object]:
                 f"full scale is {result.calibration.full_scale:,}, as presses and "
                 "counts say; --bits states another"
             )
-        show_result(page, guide, [*lines, f"written to {command.out}"])
+        show_result(page, guide, [*lines, written])
     return summarise(result, mounted.skin, command)
 
 

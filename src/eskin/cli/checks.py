@@ -199,14 +199,32 @@ def load_overrides(calibration: Path | None, robot_urdf: str | None) -> "Overrid
 def check_writable(target: Path) -> None:
     """Raise if no file can be written at a path; its parent folders may be missing.
 
+    A file that is there is replaced, unless it is a recording.
+
     Raises:
-        EskinError: if it is a folder, or is in a place that cannot be written to.
+        EskinError: if it is a folder or a recording, or is in a place that cannot be
+            written to.
     """
     if target.is_dir():
         raise EskinError(
             f"cannot write {target}: it is a folder; give the path of a file"
         )
+    if is_recording(target):
+        raise EskinError(
+            f"cannot write {target}: it is a recording, which no command replaces; "
+            "allowed is another path; move it away or give another"
+        )
     check_folder(target.absolute().parent)
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether a file is an MCAP file, whole or cut, whatever its name."""
+    from eskin.recording.mcap_file import MAGIC
+
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
 def check_folder(folder: Path) -> None:

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 MAX_GESTURES, MAX_TIMES = 50, 1000
 KEYS = "a: again, the last one was wrong; s: skip the gesture; q: finish (then Enter)"
+WITHOUT_KEYS = "Ctrl-C finishes, and keeps what was made"
+"""What is said in place of the keys where nobody can type them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +49,12 @@ class RecordCommand(GuidedCommand):
     """
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Device, serial:PATH (one or several) or udp://HOST:PORT; or replay:FILE, a
-    recording of the gestures in the order in which they are asked for."""
+    """Device, serial:PATH or csv:PATH (one or several), udp://HOST:PORT or
+    xela://HOST:PORT; or replay:FILE, a recording of the gestures in the order in which
+    they are asked for."""
 
     out: Path
-    """Path of the recording to write (.mcap)."""
+    """Path of the recording to write (.mcap), a new one."""
 
     gestures: tuple[str, ...]
     """Names of the gestures, best with `none` among them: what is no gesture."""
@@ -117,7 +120,7 @@ def check_options(command: RecordCommand) -> None:
         ValueError: for an option.
         EskinError: for the file.
     """
-    from eskin.recording import check_gesture_names
+    from eskin.recording import check_gesture_names, check_new_recording
 
     names = command.gestures
     if not 2 <= len(names) <= MAX_GESTURES or len(set(names)) < len(names):
@@ -133,6 +136,7 @@ def check_options(command: RecordCommand) -> None:
         raise ValueError(
             f"--times is {command.times}; allowed are 1 to {MAX_TIMES}; change it"
         )
+    check_new_recording(command.out)
     check_writable(command.out)
 
 
@@ -151,7 +155,8 @@ def record_attempts(
     keys = listen_to_keys()
     needs = f"a touch has {guide.pipeline.contact:.2g} kPa or more"
     waiting = WaitReporter(guide.mounted.skin, needs)
-    say(f"hands off for a moment; {KEYS}")
+    is_typed = sys.stdin.isatty()
+    say(f"hands off for a moment; {KEYS if is_typed else WITHOUT_KEYS}")
     for scan in source:
         writer.write(scan)
         event = guide.push(scan)

@@ -10,7 +10,7 @@ import tyro
 from eskin.cli.checks import (
     NOT_NEGATIVE,
     POSITIVE_OR_INF,
-    check_writable,
+    check_folder,
     load_overrides,
 )
 from eskin.errors import RecordingError
@@ -52,7 +52,8 @@ class LabelCommand:
     gesture."""
 
     out: Path | None = None
-    """Folder for labelled copies. By default the recordings themselves are replaced."""
+    """Folder for labelled copies, each of them new. By default the recordings
+    themselves are replaced."""
 
 
 def run_label(command: LabelCommand) -> dict[str, object]:
@@ -111,7 +112,7 @@ def check_targets(
     command: LabelCommand, recordings: "list[Recording]", targets: list[Path]
 ) -> None:
     """Raise if one of the labelled recordings cannot be written."""
-    from eskin.recording.writer import check_not_overwritten
+    from eskin.recording.writer import check_copy
 
     if len(set(targets)) < len(targets):
         raise RecordingError(
@@ -119,8 +120,8 @@ def check_targets(
             "label them in two calls"
         )
     for recording, target in zip(recordings, targets, strict=True):
-        check_not_overwritten(recording, target)
-        check_writable(target)
+        check_copy(recording, target)
+        check_folder(target.absolute().parent)
 
 
 def write_labels(
@@ -171,7 +172,7 @@ class ReplayCommand:
 
     record: Path | None = None
     """Path of a copy of the recording that holds these detections in place of any
-    others."""
+    others: a new path, or that of the recording, which is replaced."""
 
 
 def run_replay(command: ReplayCommand) -> dict[str, object]:
@@ -181,9 +182,10 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     from eskin.recording import read_recording, rewrite_recording, select_labels
     from eskin.skin import MountedSkin
 
-    check_replay(command)
     overrides = load_overrides(command.calibration, command.robot_urdf)
     recording = read_recording(command.recording, overrides)
+    if command.record is not None:
+        check_replay_copy(recording, command.record)
     if command.falling:
         calibration = replace(recording.calibration, falling=True)
         recording = replace(recording, calibration=calibration)
@@ -215,17 +217,20 @@ def run_replay(command: ReplayCommand) -> dict[str, object]:
     return {"detections": rows}
 
 
-def check_replay(command: ReplayCommand) -> None:
-    """Raise if the copy cannot be written."""
-    if command.record is not None and command.record.is_dir():
+def check_replay_copy(recording: "Recording", copy: Path) -> None:
+    """Raise if the copy of a recording that is replayed cannot be written."""
+    from eskin.recording.writer import check_copy
+
+    if copy.is_dir():
         raise RecordingError(
-            f"cannot write {command.record}: it is a folder; give the path of a file"
+            f"cannot write {copy}: it is a folder; give the path of a file"
         )
-    if command.record is not None and not command.record.absolute().parent.is_dir():
+    if not copy.absolute().parent.is_dir():
         raise RecordingError(
-            f"cannot write {command.record}: no folder {command.record.parent}; "
-            "give a path in a folder that exists"
+            f"cannot write {copy}: no folder {copy.parent}; give a path in a folder "
+            "that exists"
         )
+    check_copy(recording, copy)
 
 
 def print_header(recording: "Recording") -> None:
@@ -251,13 +256,15 @@ def report(
     detections: "list[Detection]",
 ) -> list[dict[str, object]]:
     """Print detections beside their labels; return them as plain values."""
+    from eskin.cli.terminal import describe_where
+
     rows = []
     for found in detections:
         seconds = (found.stamp - recording.start) * 1e-9
         label = find_label(found, truth) if truth else None
         print(
             f"{seconds:7.2f}s  {found.gesture:16} {found.confidence:4.0%}  "
-            f"{label or '-':16} {found.patch} on {found.link}"
+            f"{label or '-':16} {describe_where(found, recording.skin)}"
         )
         plain = {"seconds": seconds, "label": label, "touch": found.touch}
         rows.append(plain | asdict(found.record()))

@@ -74,6 +74,7 @@ def run_show(command: ShowCommand) -> dict[str, object]:
         command.skin, command.robot_urdf, mimics=not command.no_mimics
     )
     if command.out is not None:
+        check_writable(command.out)
         say(robot.describe_lacking_meshes("drawn") if robot else "")
         draw_picture(skin, command.out, robot)
     patches = build_patch_rows(skin)

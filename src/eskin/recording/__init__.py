@@ -36,6 +36,7 @@ from eskin.recording.records import (
 )
 from eskin.recording.writer import (
     RecordingWriter,
+    check_new_recording,
     rewrite_recording,
     write_all,
     write_calibration,
@@ -61,6 +62,7 @@ __all__ = [
     "build_labels",
     "build_rough_ranges",
     "check_gesture_names",
+    "check_new_recording",
     "check_no_overlap",
     "find_recordings",
     "label_automatically",

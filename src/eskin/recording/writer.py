@@ -68,9 +68,9 @@ encode_skin = lru_cache(maxsize=8)(skin_to_bytes)
 class RecordingWriter:
     """Writes `<path>.part` and renames it to `path` when it is closed.
 
-    It replaces a file that was there when it was opened, and none that came since.
-    After an exception inside `with`, the `.part` file stays and can be read up to the
-    last scan that was written.
+    It never replaces a file: delete a recording that is to be made again. After an
+    exception inside `with`, the `.part` file stays and can be read up to the last scan
+    that was written.
     """
 
     def __init__(
@@ -86,16 +86,22 @@ class RecordingWriter:
         """Open the file and write everything that stays the same for all scans.
 
         Args:
-            path: path of the finished recording; its folder must exist.
+            path: path of the finished recording, which must be new; its folder must
+                exist.
             robot_name: name of the robot that the skin is mounted on; `table` for none.
             skin: skin that is recorded.
             calibration: calibration of that skin.
             metadata: origin of the recording.
             joint_names: names in the order of `Scan.q`; None takes those of the robot.
             urdf: URDF of the robot; empty for a preset, whose name says enough.
+
+        Raises:
+            RecordingError: a recording of that name exists, whole or `.part`, or none
+                can be written there.
         """
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + ".part")
+        self.part = name_part(self.path)
+        check_new_recording(self.path)
         self.skin = skin
         if joint_names is None:
             joint_names = load_recorded_robot(robot_name, urdf).joint_names
@@ -104,9 +110,8 @@ class RecordingWriter:
         self.last_stamp: int | None = None
         self.count = 0
         self.chunk_start: int | None = None
-        self.replaces = self.path.exists()
         try:
-            self.file = self.part.open("wb")
+            self.file = self.part.open("xb")
         except OSError as error:
             raise RecordingError(
                 f"cannot write {self.part}: {error.strerror}; give a path in a folder "
@@ -273,9 +278,6 @@ class RecordingWriter:
         self.file.flush()
         os.fsync(self.file.fileno())
         self.file.close()
-        if self.replaces:
-            self.part.replace(self.path)
-            return
         try:
             rename_new(self.part, self.path)
         except FileExistsError:
@@ -348,6 +350,25 @@ def write_annotation(writer: RecordingWriter, annotation: Annotation) -> None:
         writer.write_event(annotation)
 
 
+def name_part(path: Path) -> Path:
+    """Return the path of a recording while it is written."""
+    return path.with_name(path.name + ".part")
+
+
+def check_new_recording(path: Path) -> None:
+    """Raise if there is a file where a new recording would be written.
+
+    Raises:
+        RecordingError: there is one, or what is left of a recording that was stopped.
+    """
+    for other in (path, name_part(path)):
+        if other.exists():
+            raise RecordingError(
+                f"cannot record to {path}: {other.name} is there already; allowed is a "
+                "new name; move it away or give another"
+            )
+
+
 def rewrite_recording(
     recording: Recording,
     path: Path | str | None = None,
@@ -360,17 +381,36 @@ def rewrite_recording(
 
     Args:
         recording: recording to copy.
-        path: path of the copy; None replaces the recording once its copy is complete.
+        path: path of the copy, a new one; None, or the recording's own path, replaces
+            the recording once its copy is complete.
         labels: all labels of the copy; None keeps the recording's.
         detections: all detections of the copy; None keeps the recording's.
 
     Raises:
-        RecordingError: a truncated recording would be replaced.
+        RecordingError: a truncated recording, or another file, would be replaced.
     """
     target = recording.path if path is None else Path(path)
-    check_not_overwritten(recording, target)
+    check_copy(recording, target)
+    if labels is None:
+        labels = recording.labels
+    if detections is None:
+        detections = recording.detections
+    if is_same_path(recording, target):
+        with atomic_path(target) as part:
+            write_copy(recording, part, labels, detections)
+    else:
+        write_copy(recording, target, labels, detections)
+
+
+def write_copy(
+    recording: Recording,
+    path: Path,
+    labels: Iterable[Label],
+    detections: Iterable[DetectionRecord],
+) -> None:
+    """Write a new recording with these labels and detections; none if that fails."""
     writer = RecordingWriter(
-        target,
+        path,
         recording.robot_name,
         recording.skin,
         recording.calibration,
@@ -380,26 +420,33 @@ def rewrite_recording(
     )
     try:
         with writer:
-            write_all(
-                writer,
-                recording.scans(),
-                recording.labels if labels is None else labels,
-                recording.detections if detections is None else detections,
-                recording.truths(),
-                recording.events,
-            )
+            scans = recording.scans()
+            truths = recording.truths()
+            write_all(writer, scans, labels, detections, truths, recording.events)
     except BaseException:
         writer.part.unlink(missing_ok=True)
         raise
 
 
-def check_not_overwritten(recording: Recording, target: Path) -> None:
-    """Raise if a truncated recording would be replaced by its readable part."""
-    if recording.truncated and target.resolve() == recording.path.resolve():
+def check_copy(recording: Recording, target: Path) -> None:
+    """Raise if a copy of a recording would replace what is not to be lost.
+
+    Raises:
+        RecordingError: a truncated recording would be replaced by its readable part,
+            or another file would be.
+    """
+    if not is_same_path(recording, target):
+        check_new_recording(target)
+    elif recording.truncated:
         raise RecordingError(
             f"{recording.path} is cut short and would be replaced by what is left; "
             "write the copy elsewhere"
         )
+
+
+def is_same_path(recording: Recording, target: Path) -> bool:
+    """Return whether a path is that of a recording."""
+    return target.resolve() == recording.path.resolve()
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:

@@ -14,7 +14,12 @@ from typing import final
 from eskin.drivers import Event, SourceInfo
 from eskin.errors import RecordingError
 from eskin.live import Detection
-from eskin.recording import Label, Metadata, RecordingWriter
+from eskin.recording import (
+    Label,
+    Metadata,
+    RecordingWriter,
+    check_new_recording,
+)
 from eskin.stream.listener import (
     Context,
     Correction,
@@ -51,14 +56,13 @@ class RecordingFiles:
 
     def check(self) -> None:
         """Raise a RecordingError if a recording of that name exists, whole or cut."""
-        stem, suffix = escape(self.path.stem), escape(self.path.suffix)
-        for name in (stem + suffix, f"{stem}-[0-9][0-9][0-9][0-9]{suffix}"):
-            for pattern in (name, f"{name}.part"):
-                for other in self.path.parent.glob(pattern):
-                    raise RecordingError(
-                        f"cannot record to {self.path}: {other.name} is there already; "
-                        "allowed is a new name; move it away or give another"
-                    )
+        check_new_recording(self.path)
+        stem = escape(self.path.stem)
+        suffix = escape(self.path.suffix)
+        pieces = f"{stem}-[0-9][0-9][0-9][0-9]{suffix}"
+        for pattern in (pieces, f"{pieces}.part"):
+            for other in self.path.parent.glob(pattern):
+                check_new_recording(other)
 
     def begin(self, info: SourceInfo) -> None:
         """Open the next file; raise a RecordingError if it cannot be written."""

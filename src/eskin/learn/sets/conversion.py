@@ -15,7 +15,11 @@ from eskin.errors import ImportSourceError, RecordingError
 from eskin.files import read_file, shorten
 from eskin.progress import show_progress
 from eskin.recording.records import NONE, Label, Metadata, check_gesture_names
-from eskin.recording.writer import RecordingWriter, write_all
+from eskin.recording.writer import (
+    RecordingWriter,
+    check_new_recording,
+    write_all,
+)
 from eskin.robot import Robot
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
@@ -131,6 +135,7 @@ def write_clips(
 
     Raises:
         ImportSourceError: two clips have one name, or the folder cannot be made.
+        RecordingError: the folder has a recording of that name already.
     """
     folder = Path(folder)
     name = TABLE if robot is None else robot.name
@@ -149,6 +154,7 @@ def write_clips(
                         "allowed is one; keep one of them, or sort readings by person "
                         "and session"
                     )
+                check_new_recording(folder / path.name)
                 own = clip.calibration or calibration
                 writer = RecordingWriter(
                     path, name, skin, own, clip.metadata, joints, urdf
