@@ -85,6 +85,8 @@ def test_rate_is_that_of_a_plausible_hello_or_the_default(rates, rate):
     ]
     with open_scripted(encode_arrivals(hellos)) as source:
         assert source.info.rate == rate
+        told = source.info.describe_rate()
+        assert ("50 scans a second are assumed" in told) == (not rates)
         scans = read_until(source, 3.0)
     assert len(scans) == pytest.approx(1.8 * rate, abs=3)
     assert not any(scan.received.any() for scan in scans)

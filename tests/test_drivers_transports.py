@@ -126,6 +126,20 @@ def test_port_is_opened_again_when_it_is_back(path):
     assert kinds == ["silent", "returned"]
 
 
+@pytest.mark.parametrize(
+    ("line", "is_told"), [(b"12,34,1023\r\n", True), (b"\x81\x02 \n", False)]
+)
+def test_lines_of_text_are_told_from_broken_packets(path, line, is_told):
+    with plug_in(path) as ours, open_serial(path) as transport:
+        for number in range(300):
+            os.write(ours, b"\x80" * (number == 0) + line)
+            transport.read(0.01)
+        assert transport.counters()["frames"] == 0
+        events = [event.text for event in transport.take_events(0)]
+        assert len(events) == is_told
+        assert all(f"csv:{path} reads lines of numbers" in text for text in events)
+
+
 def test_bytes_before_a_port_was_opened_are_not_read(path):
     with plug_in(path) as line:
         os.write(line, encode_frame(DATA[0]))

@@ -97,16 +97,22 @@ class DeviceSource(Source):
             self.receive_packets,
         )
         rate = self.receive_hellos() if rate is None else rate
+        is_assumed = rate is None
+        if rate is None:
+            rate = DEFAULT_RATE
         self.assembler.start(clock.now(), rate, grace)
-        self.info = SourceInfo.build(uri, mounted, calibration, rate)
+        self.info = SourceInfo.build(uri, mounted, calibration, rate, is_assumed)
 
     def receive_packets(self, timeout: float) -> None:
         """Take the packets that arrive within a time [s], before scans are due."""
         self.push_packets(self.transport.read(timeout))
         self.send_requests()
 
-    def receive_hellos(self) -> float:
-        """Wait for the hellos of all patches; return their nominal rate [1/s]."""
+    def receive_hellos(self) -> float | None:
+        """Wait for the hellos of all patches; return their nominal rate [1/s].
+
+        It is None where none of them tells it.
+        """
         registry = self.assembler.registry
         timeout = HELLO_TIMEOUT
         if self.sessions.key is not None:
@@ -117,7 +123,8 @@ class DeviceSource(Source):
             self.receive_packets(wait)
             if all(slot.module for slot in registry.slots.values()):
                 break
-        return float(registry.highest_rate or DEFAULT_RATE)
+        highest = registry.highest_rate
+        return float(highest) if highest else None
 
     def read(self, timeout: float | None = None) -> Scan | None:
         """Return the next scan of the whole skin; None where none was due in time."""

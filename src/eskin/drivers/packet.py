@@ -383,7 +383,11 @@ class Framing(ABC):
         bytes: number of bytes pushed so far.
         frames: number of valid frames so far.
         broken: number of frames that were not valid, or too long.
+        is_text: whether bytes that were discarded since the last frame are lines of
+            text.
     """
+
+    is_text = False
 
     def __init__(self) -> None:
         """Start with an empty frame."""
@@ -411,6 +415,7 @@ class Deframer(Framing):
         """Discard the open frame; the counters go on."""
         self.open = bytearray()
         self.skipping = False
+        self.is_text = False
 
     def push(self, chunk: bytes) -> list[bytes]:
         """Return the packets that end in this chunk; their CRC is not yet checked."""
@@ -427,11 +432,15 @@ class Deframer(Framing):
 
     def append(self, part: bytes) -> None:
         """Append bytes to the open frame, or discard it where it gets too long."""
-        if self.skipping or not part:
+        if self.skipping:
+            self.is_text = self.is_text or is_lines_of_text(part)
+            return
+        if not part:
             return
         if len(self.open) + len(part) > MAX_FRAME_BYTES:
             self.broken += 1
             self.skipping = True
+            self.is_text = is_lines_of_text(self.open + part)
             self.open.clear()
         else:
             self.open += part
@@ -446,4 +455,12 @@ class Deframer(Framing):
         finally:
             self.open.clear()
         self.frames += 1
+        self.is_text = False
         return [packet]
+
+
+def is_lines_of_text(data: bytes | bytearray) -> bool:
+    """Return whether bytes are lines that can be read, of ASCII."""
+    text = bytes(data).decode("latin-1")
+    is_readable = text.isascii() and "".join(text.split()).isprintable()
+    return is_readable and "\n" in text

@@ -219,8 +219,15 @@ class SerialTransport(Transport):
             timeout = min(timeout, RETRY_INTERVAL / NS_PER_S)
         packets = []
         for port in self.wait_readable(open_ports, max(0.0, timeout)):
+            was_text = port.deframer.is_text
             found = port.read()
             arrived = self.clock.now()
+            if port.deframer.is_text and not was_text:
+                text = (
+                    f"port {port.path} sends lines of text, and no packets; "
+                    f"csv:{port.path} reads lines of numbers"
+                )
+                self.log.add(arrived, "damaged", text)
             if found is None:
                 text = f"port {port.path} is gone; plug it in again"
                 self.log.add(arrived, "silent", text)

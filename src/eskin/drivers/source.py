@@ -39,9 +39,19 @@ class SourceInfo:
     """Nominal scan rate [1/s]."""
     urdf: bytes = b""
     """URDF of the robot; empty for a preset."""
+    is_rate_assumed: bool = False
+    """Whether nothing has told the rate, neither the device nor the user."""
 
     def describe_rate(self) -> str:
-        """Describe that scans are too few for an arm, with remedies; empty if not."""
+        """Describe a rate that is assumed or too low for an arm, with remedies.
+
+        It is empty for another rate.
+        """
+        if self.is_rate_assumed:
+            return (
+                f"no patch has told its rate: {self.rate:.3g} scans a second are "
+                "assumed; --rate states another"
+            )
         if self.rate >= MIN_ARM_RATE:
             return ""
         return (
@@ -52,7 +62,12 @@ class SourceInfo:
 
     @classmethod
     def build(
-        cls, uri: str, mounted: MountedSkin, calibration: Calibration, rate: float
+        cls,
+        uri: str,
+        mounted: MountedSkin,
+        calibration: Calibration,
+        rate: float,
+        is_rate_assumed: bool = False,
     ) -> "SourceInfo":
         """Build the description of a source of scans of a skin on its robot.
 
@@ -61,6 +76,7 @@ class SourceInfo:
             mounted: the skin on its robot.
             calibration: calibration of that skin.
             rate: nominal scan rate [1/s].
+            is_rate_assumed: whether nothing has told the rate.
         """
         return cls(
             uri=uri,
@@ -70,6 +86,7 @@ class SourceInfo:
             calibration=calibration,
             rate=rate,
             urdf=mounted.robot.urdf,
+            is_rate_assumed=is_rate_assumed,
         )
 
     def load_robot(self, urdf: str | None = None) -> Robot:
