@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 from contextlib import contextmanager
 from functools import partial
 
@@ -175,7 +176,8 @@ def test_stages_after_the_last_step_show_how_far_they_are(
     assert call(capsys, "train", *words)[0] == 0
     after = stages[stages.index("Reading") + 1 :]
     assert after[0] == "batches for the open layer"
-    assert after.count("batches of readings embedded") == 2
+    # Those that are held out are embedded again to count whole gestures.
+    assert after.count("batches of readings embedded") == 3
 
 
 def test_stopped_training_keeps_the_best_weights_and_can_be_continued(
@@ -201,6 +203,10 @@ def test_one_recording_holds_out_some_of_its_takes(tmp_path, train):
     result, out = train(path, "--out", tmp_path / "m")
     assert result["val_accuracy"] is not None
     assert "2 takes held out for validation" in out
+    # Each gesture that is held out is counted once, under its name.
+    found = re.search(r"validation: hold (\d) of 1, tap (\d) of 1 recognised; ", out)
+    assert found and set(found.groups()) <= {"0", "1"}
+    assert re.search(f"then: eskin run .* --model {tmp_path / 'm'}\n", out)
 
 
 def test_training_starts_from_the_weights_of_a_model(eve, tmp_path, train):

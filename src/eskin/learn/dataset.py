@@ -387,7 +387,8 @@ def hold_out(
 def hold_out_takes(dataset: Dataset) -> tuple[Dataset, Dataset]:
     """Divide a data set into takes to train on, and one of `TAKES` of each gesture.
 
-    It is for too few recordings to hold out one of them.
+    It is for too few recordings to hold out one of them. Gestures that were not felt
+    are of neither part.
     """
     counts: Counter[tuple[int, str]] = Counter()
     parts: tuple[list[Segment], list[Segment]] = ([], [])
@@ -396,7 +397,7 @@ def hold_out_takes(dataset: Dataset) -> tuple[Dataset, Dataset]:
         # The third take and every `TAKES`th after it.
         parts[counts[key] % TAKES == 2].append(segment)
         counts[key] += 1
-    train, held = (replace(dataset, segments=tuple(part)) for part in parts)
+    train, held = (replace(dataset, segments=tuple(part), missed=()) for part in parts)
     return train, held
 
 

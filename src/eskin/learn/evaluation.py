@@ -1,7 +1,7 @@
 """This module evaluates a recogniser on windows, segments and clips."""
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -302,6 +302,29 @@ def score_dataset(
         per_subject=compute_group_accuracies(correct, people),
         reliability=compute_reliability(found.confidence, correct),
     )
+
+
+def score_held_out(
+    network: RecogniserNetwork,
+    card: ModelCard,
+    dataset: Dataset,
+    recordings: Collection[int],
+) -> ClassificationScore | None:
+    """Score the labelled gestures of some recordings of a data set, each as a whole.
+
+    Returns:
+        The score; None where there are none, and for clips of generated sets.
+    """
+    known = card.vocabulary
+    segments, missed = (
+        tuple(x for x in part if x.recording in recordings and x.gesture in known)
+        for part in (dataset.segments, dataset.missed)
+    )
+    part = replace(dataset, segments=segments, missed=missed)
+    if any(dataset.clips) or not (part.labelled or part.missed):
+        return None
+    found = classify_labelled(network, card, part)
+    return score_predictions(found.truth, found.predicted, known)
 
 
 def evaluate_instants(

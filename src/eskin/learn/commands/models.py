@@ -22,9 +22,15 @@ from eskin.learn.dataset import (
     hold_out_takes,
     prepare,
 )
-from eskin.learn.evaluation import Evaluation, check_fits, score_dataset
+from eskin.learn.evaluation import (
+    Evaluation,
+    check_fits,
+    score_dataset,
+    score_held_out,
+)
 from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.live_answers import gather_answers
+from eskin.learn.metrics import ClassificationScore
 from eskin.learn.processes import ALONE, Processes
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import Trainer
@@ -232,6 +238,8 @@ class Training:
     """Whether it was interrupted, so that it can be continued."""
     test: Evaluation | None
     """Scores on the recordings to test on."""
+    held_out: ClassificationScore | None = None
+    """Score of the gestures that were held out; None without any, and for clips."""
 
 
 def list_paths(places: Places) -> tuple[Path, ...]:
@@ -327,7 +335,11 @@ def run_training(
     )
     model = set_decision(to_model(network, card), plan, tell)
     scores = None if test is None else score_dataset(network, card, test)
-    return Training(model, trainer.epochs, trainer.stopped, scores)
+    held = None
+    if trainer.held_out is not None:
+        recordings = trainer.held_recordings
+        held = score_held_out(network, card, trainer.held_out.dataset, recordings)
+    return Training(model, trainer.epochs, trainer.stopped, scores, held)
 
 
 def evaluate_model(model: Model, dataset: Dataset) -> Evaluation:

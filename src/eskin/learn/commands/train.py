@@ -16,6 +16,7 @@ from eskin.recording import find_recordings
 from eskin.units import format_count
 
 if TYPE_CHECKING:
+    from eskin.learn.metrics import ClassificationScore
     from eskin.learn.processes import Processes
 
 
@@ -124,11 +125,29 @@ def train(command: TrainCommand, processes: "Processes") -> dict[str, object]:
     print(f"{path}: " + ", ".join(known))
     if accuracy is None:
         print("no accuracy is known: no recording was held out; give --val or --test")
+    if done.held_out is not None:
+        print(describe_held_out(done.held_out))
     if done.stopped:
         epochs = format_count(done.epochs, "epoch")
         print(f"stopped after {epochs}: {path} is the best so far")
         raise KeyboardInterrupt
+    print(f"then: eskin run --source SOURCE --skin SKIN --model {path}")
     return result
+
+
+def describe_held_out(score: "ClassificationScore") -> str:
+    """Describe how many gestures that were not trained on are recognised, by class."""
+    made = score.confusion.sum(axis=1).tolist()
+    right = score.confusion.diagonal().tolist()
+    parts = [
+        f"{name} {right[n]} of {made[n]}"
+        for n, name in enumerate(score.per_class)
+        if made[n]
+    ]
+    return (
+        f"validation: {', '.join(parts)} recognised; val_accuracy is the share of "
+        "right windows of up to 2 s, drawn from these"
+    )
 
 
 def skip_line(line: str) -> None:
