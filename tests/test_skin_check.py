@@ -237,6 +237,19 @@ def test_wrong_wiring_of_a_patch_is_named(move, text):
         assert f"'{patch.id}'" in line and text in line
 
 
+def test_summary_of_a_wrong_patch_lists_what_was_felt_where():
+    """Also where some of its targets were not felt at all."""
+    targets = choose_press_targets(SKIN)[:3]
+    elsewhere = int(SKIN.find_taxels(SKIN.patches[-1].id)[0])
+    felt = (targets[0].taxel, elsewhere, None)
+    answers = [PressResponse(*pair) for pair in zip(targets, felt, strict=True)]
+    [line] = check_wiring(SKIN, answers)
+    places = [SKIN.describe_taxel(target.taxel) for target in targets]
+    assert f"{places[0]} felt there" in line
+    assert f"{places[1]} felt at {SKIN.describe_taxel(elsewhere)}" in line
+    assert f"{places[2]} not felt" in line
+
+
 def test_picture_of_a_large_robot_is_made_of_a_bounded_number_of_pieces():
     """Such as one in millimetres, taken as metres."""
     large = Link("link", (Geom(Box((200.0, 100.0, 300.0)), np.eye(4)),))

@@ -61,7 +61,7 @@ def get_cells(
 
 
 def check_wiring(skin: Skin, responses: Sequence[PressResponse]) -> list[str]:
-    """Describe each patch whose responses differ from its file.
+    """Describe each patch whose responses differ from its file, with all of them.
 
     Responses are those of all targets, or of the three of some patches.
     """
@@ -69,8 +69,20 @@ def check_wiring(skin: Skin, responses: Sequence[PressResponse]) -> list[str]:
     for patch in skin.patches:
         own = [response for response in responses if response.target.patch == patch.id]
         if own and (text := check_patch(skin, patch.id, own)):
-            texts.append(text)
+            felt = ", ".join(describe_response(skin, response) for response in own)
+            texts.append(f"{text} ({felt})")
     return texts
+
+
+def describe_response(skin: Skin, response: PressResponse) -> str:
+    """Describe which taxel was to be pressed, and where that was felt."""
+    target = response.target.taxel
+    felt = "not felt"
+    if response.taxel == target:
+        felt = "felt there"
+    elif response.taxel is not None:
+        felt = f"felt at {skin.describe_taxel(response.taxel)}"
+    return f"{skin.describe_taxel(target)} {felt}"
 
 
 def check_patch(
