@@ -22,6 +22,7 @@ from eskin.cli.run import (
     build_policy,
     check_options,
     describe_doubts,
+    describe_forces,
     open_command_arm,
 )
 from eskin.cli.terminal import TerminalPrinter
@@ -274,6 +275,23 @@ def test_device_without_a_calibration_of_its_own_is_warned_of(source, measured, 
     calibration = replace(Calibration.uniform(4, 4095, 400.0), source=measured)
     doubts = describe_doubts(RunCommand((source,), skin="ur5"), calibration)
     assert any("eskin calibrate" in doubt for doubt in doubts) == warned
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"source": "rest"}, "forces are relative"),
+        (
+            {"source": "presses", "gain_deviation": np.array([0.1, 0.4])},
+            "factor of 2.2",
+        ),
+        ({"source": "exact"}, ""),
+    ],
+)
+def test_how_far_forces_may_be_from_the_true_ones_is_told(changes, part):
+    """By the patch that is known least; of no calibration at all the doubt says it."""
+    told = describe_forces(replace(Calibration.uniform(4, 4095, 400.0), **changes))
+    assert part in told and bool(told) == bool(part)
 
 
 @pytest.fixture

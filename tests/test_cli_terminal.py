@@ -1,12 +1,14 @@
 """Tests of the lines on the terminal: nothing is lost, and no line hides another."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.cli.terminal import TerminalPrinter
+from eskin.cli.terminal import TerminalPrinter, describe_where
 from eskin.drivers import Event, ManualClock, SourceInfo
+from eskin.live import Detection
 from eskin.stream import CommandEvent, Context
 from eskin.touch import Scan
 from eskin.units import format_count
@@ -14,6 +16,8 @@ from helpers.touch import build_grid_skin, calibration_of
 
 MS = 1_000_000
 SKIN = build_grid_skin(2, 2)
+ZERO = np.zeros(3)
+DETECTION = Detection(0, 1, "tap", 0.9, 0, 0, "p0", "p0", ZERO, ZERO, ZERO, 1.0)
 INFO = SourceInfo("test:", "table", (), SKIN, calibration_of(SKIN), 50.0)
 
 
@@ -89,3 +93,13 @@ def test_question_is_a_line_that_rings_the_bell_of_a_terminal(
     assert asked.split("\a") == [asked.strip("\a"), ""][: 1 + rings]
     assert asked.strip("\a").split() == ["3.21s", "ask", *why.split()]
     assert resumed.endswith("done: grab on p0")
+
+
+@pytest.mark.parametrize(("patch", "taxel"), [("p0", 3), ("p0", None), ("other", 3)])
+def test_place_of_a_touch_says_more_than_one_name_twice(patch, taxel):
+    found = replace(DETECTION, patch=patch, link="p0", taxel=taxel)
+    where = describe_where(found, SKIN)
+    if patch == "p0" and taxel is not None:
+        assert where == "p0, row 1 of 0 to 1, column 1 of 0 to 1"
+    else:
+        assert where == f"{patch} on p0"

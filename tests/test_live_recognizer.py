@@ -91,6 +91,8 @@ def test_detection_has_time_place_direction_and_force():
     stream = scans(on, [press], 50, 3.9)
     [found] = recognise(build_recognizer(on, say_always("none")), stream)
     assert (found.link, found.patch) == ("table", "grid")
+    distances = np.linalg.norm(on.skin.positions - found.p_world, axis=1)
+    assert found.taxel == np.argmin(distances)
     np.testing.assert_allclose(found.p_world, on.skin.positions[72], atol=0.006)
     np.testing.assert_allclose(found.n_world, [0, 0, 1], atol=1e-6)
     np.testing.assert_allclose(found.direction_world, [1, 0, 0], atol=1e-3)

@@ -39,6 +39,8 @@ WAYS = {"terminal": None, "page": "view", "ros2": "ros2", "foxglove": "foxglove"
 """Ways of `--ask` beside an output, with the field of the option that each needs."""
 OUTPUT = "output:"
 """How the way of a digital output begins; its number follows."""
+CONFIDENCE = 1.96
+"""Number of standard deviations of an interval of 95 % to either side."""
 
 
 @dataclass(frozen=True)
@@ -335,6 +337,25 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
     return tuple(doubts)
 
 
+def describe_forces(calibration: "Calibration") -> str:
+    """Describe how far forces may be from the true ones; empty where it is not known.
+
+    That a skin is not calibrated at all is one of its doubts.
+    """
+    if calibration.source == "rest":
+        return (
+            "forces are relative: rest was measured, and gains are those of a data "
+            "sheet; eskin calibrate with presses measures them"
+        )
+    if calibration.gain_deviation is None:
+        return ""
+    factor = math.exp(CONFIDENCE * float(calibration.gain_deviation.max()))
+    return (
+        f"forces are within a factor of {factor:.1f} of the true ones, as presses say "
+        "(95 %); presses with a gauge, eskin calibrate --force, say more"
+    )
+
+
 def open_command_arm(command: RunCommand, clock: "Clock") -> "Arm | None":
     """Open the arm that touches command; return None without one."""
     from eskin.app import open_arm
@@ -517,8 +538,8 @@ def print_source(source: "Source", doubts: tuple[str, ...]) -> None:
         f"'{info.robot_name}', {info.rate:.3g} scans a second; Ctrl-C ends it",
         flush=True,
     )
-    for doubt in (*doubts, info.describe_rate()):
-        say(doubt)
+    for line in (*doubts, describe_forces(info.calibration), info.describe_rate()):
+        say(line)
 
 
 def summarise(

@@ -29,6 +29,20 @@ def format_event(event: Event, first: int) -> str:
     return f"{seconds:7.2f}s  {event.kind:12} {'':4}  {event.text}"
 
 
+def describe_where(found: Detection, skin: Skin) -> str:
+    """Describe where a touch was: patch and link.
+
+    Where both have one name, as of a matrix that covers its link, row and column say
+    more.
+    """
+    if found.patch != found.link or found.taxel is None:
+        return f"{found.patch} on {found.link}"
+    patch = skin.patches[int(skin.patch_index[found.taxel])]
+    row = int(skin.rows[found.taxel])
+    column = int(skin.columns[found.taxel])
+    return f"{found.link}, {patch.describe_cell(row, column)}"
+
+
 @final
 class EventLines:
     """Prints events as lines, with seconds since a first stamp; stateful.
@@ -144,6 +158,7 @@ class TerminalPrinter(Listener):
 
     def start(self, context: Context) -> None:
         """Print the column titles."""
+        self.skin = context.info.skin
         self.lines = EventLines(context.clock.now())
         print(f"{'time':>8}  {'what':12} {'conf':>4}  where", flush=True)
 
@@ -168,8 +183,8 @@ class TerminalPrinter(Listener):
             text = f"  {item.action:15}  {outcome}: {item.why}"
         else:
             text = (
-                f"{item.gesture:12} {item.confidence:4.0%}  {item.patch} on "
-                f"{item.link}, {item.peak_force:.1f} N"
+                f"{item.gesture:12} {item.confidence:4.0%}  "
+                f"{describe_where(item, self.skin)}, {item.peak_force:.1f} N"
             )
         print(f"{seconds:7.2f}s  {text}", flush=True)
 

@@ -14,7 +14,8 @@ from jaxtyping import Float
 from eskin.live.model_config import DecisionConfig
 from eskin.recording import DetectionRecord
 from eskin.recording.records import NONE, UNKNOWN
-from eskin.touch import LinkPoseCache, Touch, TouchRecord, TouchState
+from eskin.skin import Skin
+from eskin.touch import Contact, LinkPoseCache, Touch, TouchRecord, TouchState
 from eskin.units import NS_PER_S
 
 AnyTouch = Touch | TouchRecord
@@ -276,6 +277,9 @@ class Detection:
     """Direction of travel along or across the link; empty where it has none."""
     likeliest: str = ""
     """Likeliest class where the gesture is `unknown`, perhaps `none`; else empty."""
+    taxel: int | None = None
+    """Index of the taxel of `patch` that is nearest to the centre of that contact; None
+    where it is not known."""
 
     def record(self) -> DetectionRecord:
         """Return the row that a recording keeps of it."""
@@ -361,6 +365,7 @@ def build_detection(
     stamp: int,
     direction_world: Float[np.ndarray, "3"],
     heading: Heading = "",
+    taxel: int | None = None,
 ) -> Detection:
     """Return the detection that reports a decision about a touch at a stamp [ns]."""
     contact = touch.contact
@@ -379,4 +384,13 @@ def build_detection(
         peak_force=touch.peak_force,
         heading=heading,
         likeliest=decision.likeliest,
+        taxel=taxel,
     )
+
+
+def find_central_taxel(contact: Contact, skin: Skin) -> int:
+    """Return the taxel of a contact, on its patch, that is nearest to its centre."""
+    [patch] = skin.find_patches((contact.patch,))
+    own = contact.taxels[skin.patch_index[contact.taxels] == patch]
+    distances = np.linalg.norm(skin.positions[own] - contact.p_link, axis=1)
+    return int(own[np.argmin(distances)])

@@ -15,6 +15,7 @@ from eskin.live.decision import (
     Detection,
     DirectionTracker,
     build_detection,
+    find_central_taxel,
 )
 from eskin.live.model_config import DecisionConfig
 from eskin.live.model_file import MODELS, Model, load_model
@@ -191,6 +192,7 @@ class Recognizer:
                 stamp,
                 self.directions.compute_direction(touch.id),
                 self.directions.find_heading(touch.id, touch.contact.n_world),
+                find_central_taxel(touch.contact, self.mounted.skin),
             )
             for decision in decisions
         ]
