@@ -6,17 +6,19 @@ from html import escape
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from eskin.live import Model, Recognizer, load_model
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.recording.records import select_labels
 from eskin.recording.tables import describe_touch
-from eskin.skin import MountedSkin, Skin, load_skin, mount_skin
+from eskin.skin import Skin, load_skin, mount_skin
 from eskin.skin.picture import draw_values
+from eskin.touch import Touch, TouchState
 from eskin.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -34,12 +36,13 @@ def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") 
         A row a touch: a `pandas.DataFrame` where pandas is installed, else a list of
         dictionaries. Columns are those of the table of touches (stamps in ns since the
         epoch, forces in N, pressures in kPa), with the person and session of the
-        recording and the gesture of its label; `detected` and `confidence` are of the
-        model, `probabilities` those of its classes at the end. `times` and `forces` are
-        arrays of the seconds since the onset and of the force [N] at each reading in
-        contact, from the first at which the touch was found. `embedding` is the mean
-        of the network's features over the readings at which no other touch was open;
-        None without one.
+        recording and the gesture of its label; `start` and `latest` are places. Columns
+        `detected` and `confidence` are of the model, `probabilities` those of its
+        classes at the end. `times` and `forces` are arrays with an entry for each
+        reading from the first to the last contact: the seconds since the onset, and the
+        sum of the forces of all contacts of the touch [N], 0 in a pause between them.
+        `embedding` is the mean of the network's features over the readings at which no
+        other touch was open; None without one.
 
     Raises:
         EskinError: a recording or the model cannot be used.
@@ -58,11 +61,13 @@ def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") 
 
 def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]:
     """Yield the rows of a recording's touches, as `find_touches` describes them."""
-    mounted = MountedSkin(recording.skin, recording.load_robot())
-    recognizer = Recognizer(model, mounted, recording.calibration)
-    labels, features = select_labels(recording.labels), {}
-    detected, probabilities, closed = {}, {}, []
-    forces: dict[int, list[tuple[int, float]]] = {}
+    recognizer = Recognizer.load(model, recording=recording)
+    labels = select_labels(recording.labels)
+    features = {}
+    detected = {}
+    probabilities = {}
+    closed = []
+    forces = ForceRecorder()
     for scan in recording.scans():
         found = recognizer.push(scan)
         detected |= {each.touch: each for each in found}
@@ -73,17 +78,14 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
             features.setdefault(touch, []).append(values.copy())
         if recognizer.state is not None:
             closed += recognizer.state.closed_touches
-            for each in recognizer.state.touches:
-                if each.last == scan.stamp:
-                    pair = scan.stamp, each.contact.force
-                    forces.setdefault(each.id, []).append(pair)
+            forces.push(recognizer.state)
     detected |= {each.touch: each for each in recognizer.finish()}
     state = recognizer.state
     closed += () if state is None else state.touches
     for touch in {each.id: each for each in closed}.values():
         if touch.merged_into is None:
             one, shares = detected.get(touch.id), probabilities.get(touch.id)
-            stamps, newtons = map(np.array, zip(*forces[touch.id], strict=True))
+            stamps, newtons = forces.collect(touch)
             yield describe_touch(recording, touch, labels) | {
                 "detected": None if one is None else one.gesture,
                 "confidence": None if one is None else one.confidence,
@@ -98,17 +100,59 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
             }
 
 
+@final
+class ForceRecorder:
+    """Records the force of every touch over time; stateful.
+
+    Attributes:
+        series: forces [N] by their stamps [ns], by the id of their touch.
+    """
+
+    def __init__(self) -> None:
+        """Start before the first reading."""
+        self.series: dict[int, dict[int, float]] = {}
+
+    def push(self, state: TouchState) -> None:
+        """Record the forces at the next reading, also of touches not yet confirmed.
+
+        The earlier forces of a touch that is merged into another are added to those of
+        that one, as far as they are not from before its onset.
+        """
+        stamp = state.reading.stamp
+        onsets = {touch.id: touch.onset for touch in state.rows}
+        for touch in state.tracking.open:
+            self.series.setdefault(touch.id, {})[stamp] = touch.force
+        for touch in state.tracking.closed:
+            heir = touch.merged_into
+            if not heir:
+                continue
+            joined = self.series.setdefault(heir, {})
+            for earlier, force in self.series.pop(touch.id, {}).items():
+                if earlier >= onsets[heir]:
+                    joined[earlier] = joined.get(earlier, 0.0) + force
+
+    def collect(
+        self, touch: Touch
+    ) -> tuple[Int[np.ndarray, "reading"], Float[np.ndarray, "reading"]]:
+        """Return the stamps [ns] and forces [N] of a touch until its last contact."""
+        series = self.series[touch.id]
+        stamps = sorted(stamp for stamp in series if stamp <= touch.last)
+        forces = [series[stamp] for stamp in stamps]
+        return np.array(stamps, np.int64), np.array(forces, np.float64)
+
+
 def plot_skin(
     values: ArrayLike,
     skin: Skin | str | Path,
-    unit: str = "kPa",
+    unit: str | None = None,
 ) -> "Figure":
     """Draw a value of each taxel on the unrolled patches of a skin.
 
     Args:
         values: value of each taxel, such as a row of `Recording.pressures()`.
         skin: the skin, a preset's name, or a skin's folder.
-        unit: what the values are in.
+        unit: what the values are in; by default what their attributes say, as those of
+            `Recording.pressures()` do, which tell a nominal calibration too, else kPa.
 
     Returns:
         A figure, which a notebook shows.
@@ -117,7 +161,11 @@ def plot_skin(
         ValueError: there is not one value a taxel.
     """
     skin = skin if isinstance(skin, Skin) else load_skin(skin)
-    return draw_values(skin, np.asarray(values, np.float64), unit)
+    facts = getattr(values, "attrs", {})
+    label = unit or str(facts.get("units", "kPa"))
+    if unit is None and facts.get("calibration") == "nominal":
+        label += " by a nominal calibration"
+    return draw_values(skin, np.asarray(values, np.float64), label)
 
 
 @dataclass(frozen=True)

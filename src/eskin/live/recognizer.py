@@ -19,6 +19,7 @@ from eskin.live.decision import (
 )
 from eskin.live.model_config import DecisionConfig
 from eskin.live.model_file import MODELS, Model, load_model
+from eskin.recording import Recording
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin, mount_skin
 from eskin.touch import (
@@ -70,10 +71,17 @@ class Recognizer:
             decision: thresholds and times; None takes those of the model.
 
         Raises:
-            SkinMismatchError: the skin does not measure what the model needs.
+            SkinMismatchError: the skin is on no robot, or does not measure what the
+                model needs.
             ModelError: the weights do not fit the model's card, or no installed package
                 registers its recogniser.
         """
+        if isinstance(mounted, Skin):
+            raise SkinMismatchError(
+                f"a Skin is given ('{mounted.name}'), which lies on no robot; allowed "
+                "is a MountedSkin; give eskin.MountedSkin(skin, robot), or call "
+                "eskin.Recognizer.load(model, skin)"
+            )
         card, skin = model.card, mounted.skin
         if card.kind == "shear" and not skin.has_shear:
             raise SkinMismatchError(
@@ -105,33 +113,48 @@ class Recognizer:
     @classmethod
     def load(
         cls,
-        name_or_path: str | Path,
+        model: Model | str | Path,
         skin: str | Path | Skin | None = None,
         robot: str | Path | Robot | None = None,
         calibration: Calibration | None = None,
         decision: DecisionConfig | None = None,
+        *,
+        recording: Recording | None = None,
     ) -> "Recognizer":
-        """Create a recogniser from files.
+        """Create a recogniser from a model, and a skin or a recording of one.
 
         Args:
-            name_or_path: a model that comes with eskin, or the path of a model file.
-            skin: a preset's name, a skin's folder, or a skin; None for the one that a
-                model which comes with eskin was trained on.
-            robot: a preset's name, a URDF, or a robot; None for the skin's own.
-            calibration: calibration of the skin; None accepts only readings, no scans.
+            model: a model, the name of one that comes with eskin, or the path of a
+                model file.
+            skin: a preset's name, a skin's folder, or a skin; None for that of the
+                recording, or the one that a model which comes with eskin was trained
+                on.
+            robot: a preset's name, a URDF, or a robot; None for that of the recording,
+                or the skin's own.
+            calibration: calibration of the skin; None for that of the recording;
+                without either only readings are accepted, no scans.
             decision: thresholds and times; None takes those of the model.
+            recording: recording whose scans are recognised: it gives the skin, robot
+                and calibration that are not given.
 
         Raises:
             SkinMismatchError: the skin is not known.
         """
-        if skin is None and str(name_or_path) in MODELS:
-            skin = MODELS[str(name_or_path)]
+        if recording is not None:
+            skin = recording.skin if skin is None else skin
+            robot = recording.load_robot() if robot is None else robot
+            calibration = calibration or recording.calibration
+        if skin is None and not isinstance(model, Model):
+            skin = MODELS.get(str(model))
         if skin is None:
+            what = "a model" if isinstance(model, Model) else f"model {model}"
             raise SkinMismatchError(
-                f"model {name_or_path} is given without a skin; allowed is none only "
-                f"for {', '.join(MODELS)}; give a skin's name, folder or a Skin"
+                f"{what} is given without a skin; allowed is none only for the names "
+                f"{', '.join(MODELS)}; give a skin's name, folder or a Skin, or "
+                "recording=RECORDING"
             )
-        model = load_model(name_or_path)
+        if not isinstance(model, Model):
+            model = load_model(model)
         return cls(model, mount_skin(skin, robot), calibration, decision)
 
     def push(self, sample: Scan | Reading) -> list[Detection]:

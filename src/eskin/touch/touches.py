@@ -89,6 +89,8 @@ class Touch:
     """Force-weighted centre of its latest contacts in the frame of `link` [m]."""
     contact: Contact
     """Strongest of its latest contacts."""
+    force: float = 0.0
+    """Sum of the forces of its contacts now [N]; 0 in a pause between them."""
     closed: bool = False
     """True once no further track can join it."""
     merged_into: int | None = None
@@ -209,6 +211,7 @@ class TouchState:
             start=np.array(record.start),
             latest=np.array(record.latest),
             contact=self.build_contact(record.contact),
+            force=record.force,
             closed=record.closed,
             merged_into=record.merged_into or None,
         )
