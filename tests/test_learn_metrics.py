@@ -13,6 +13,7 @@ from sklearn.metrics import (
 from eskin.learn.metrics import (
     bootstrap_accuracy,
     bootstrap_difference,
+    bound_accuracy,
     bound_rate,
     bound_share,
     compute_reliability,
@@ -116,6 +117,40 @@ def test_accuracy_is_as_uncertain_as_people_differ():
     assert narrow[0] < alike.mean() < narrow[1]
     assert np.ptp(wide) > 3 * np.ptp(narrow)
     assert np.ptp(wide) == pytest.approx(2 * 1.96 * np.sqrt(0.21 / 10), rel=0.15)
+
+
+@pytest.mark.parametrize("people", [2, 3, 8, 30])
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_interval_of_people_who_score_alike_is_that_of_their_examples_or_wider(
+    people, share
+):
+    correct = np.tile(np.arange(10) < 10 * share, people)
+    names = np.repeat([f"p{n}" for n in range(people)], 10).tolist()
+    low, high = bound_accuracy(correct, names)
+    least = bound_share(int(correct.sum()), len(correct))
+    assert low <= least[0] and high >= least[1]
+
+
+def test_interval_of_few_people_holds_the_accuracy_of_all():
+    """It does in 95 % of draws of five people whose accuracies differ."""
+    rng = np.random.default_rng(0)
+    names = np.repeat(list("abcde"), 40).tolist()
+    held = []
+    for _ in range(400):
+        accuracies = rng.beta(8.0, 2.0, 5)
+        low, high = bound_accuracy(rng.random(200) < accuracies.repeat(40), names)
+        held.append(low <= 0.8 <= high)
+    assert np.mean(held) > 0.92
+
+
+def test_one_person_does_not_show_how_others_differ():
+    assert np.isnan(bound_accuracy(np.ones(9, bool), ["ann"] * 9)).all()
+
+
+def test_many_people_are_drawn_anew():
+    correct = np.random.default_rng(5).random(300) < 0.7
+    people = [f"p{n % 30}" for n in range(300)]
+    assert bound_accuracy(correct, people) == bootstrap_accuracy(correct, people)
 
 
 def test_plots_are_written_whole_or_not_at_all(tmp_path):

@@ -18,7 +18,7 @@ from eskin.learn.live_answers import LiveAnswers
 from eskin.learn.metrics import (
     ClassificationScore,
     Reliability,
-    bootstrap_accuracy,
+    bound_accuracy,
     compute_group_accuracies,
     compute_reliability,
     score_predictions,
@@ -253,7 +253,8 @@ class Evaluation:
     An undetected gesture counts as `none`; where no label is `none`, no other
     prediction is."""
     interval: tuple[float, float]
-    """95 % bootstrap confidence interval of that accuracy, over people."""
+    """95 % confidence interval of that accuracy on further people (`bound_accuracy`);
+    NaN where there is only one."""
     instants: ClassificationScore | None
     """Scores at every instant, `none` among the classes; None for clips, which are too
     short."""
@@ -297,7 +298,7 @@ def score_dataset(
     correct = found.predicted == found.truth
     return Evaluation(
         segments=score_predictions(found.truth, found.predicted, card.vocabulary),
-        interval=bootstrap_accuracy(correct, cluster=people),
+        interval=bound_accuracy(correct, people),
         instants=instants,
         per_subject=compute_group_accuracies(correct, people),
         reliability=compute_reliability(found.confidence, correct),

@@ -356,7 +356,7 @@ def score_clips(
         draw_reliability(result.reliability, command.reliability, title)
     return {
         "accuracy": round(result.segments.accuracy, 4),
-        "accuracy_interval": [round(value, 4) for value in result.interval],
+        "accuracy_interval": [round_or_none(value) for value in result.interval],
         "macro_f1": round(result.segments.macro_f1, 4),
         "per_class": result.segments.per_class,
         "per_subject": summarise_people(result.per_subject),
