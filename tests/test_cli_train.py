@@ -165,17 +165,20 @@ def test_stages_after_the_last_step_show_how_far_they_are(
     data, tmp_path, monkeypatch, capsys
 ):
     stages = []
+    totals = {}
 
     @contextmanager
     def note(what, total, *_):
         stages.append(what)
+        totals[what] = total
         yield lambda number: None
 
     monkeypatch.setattr("eskin.progress.show_progress", note)
     words = (*FLAGS, "--train.ridge", "0.1", data / "train", "--out", tmp_path / "m")
     assert call(capsys, "train", *words)[0] == 0
     after = stages[stages.index("Reading") + 1 :]
-    assert after[0] == "batches for the open layer"
+    assert after[0] == "fitting the last layer, part"
+    assert totals[after[0]] == 1, "no more windows than training drew"
     # Those that are held out are embedded again to count whole gestures.
     assert after.count("batches of readings embedded") == 3
 

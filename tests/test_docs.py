@@ -15,6 +15,7 @@ import tyro
 
 import eskin
 from eskin.cli.main import load_command, parse, run, split_command
+from helpers.learning import record_people
 
 pytestmark = pytest.mark.slow
 
@@ -155,6 +156,18 @@ def test_quick_command_of_a_sentence_runs_as_it_stands(tmp_path, monkeypatch, ca
     assert RUN in find_spans()
     monkeypatch.chdir(tmp_path)
     assert run(shlex.split(RUN)[1:]) == 0, capsys.readouterr().err
+
+
+def test_code_of_the_python_page_runs_from_top_to_bottom(tmp_path, monkeypatch):
+    """Its folder of recordings is of two people who tap and hold."""
+    monkeypatch.chdir(tmp_path)
+    record_people(tmp_path / "recordings", ("ann", "bob"), gestures=("hold", "tap") * 2)
+    names: dict[str, object] = {}
+    page = (ROOT / "docs" / "python.md").read_text()
+    for code in [text for kind, text in BLOCK.findall(page) if kind == "python"]:
+        exec(code, names)
+    assert (tmp_path / "skin.png").is_file()
+    assert (tmp_path / "mine.safetensors").is_file()
 
 
 @pytest.mark.long

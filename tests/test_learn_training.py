@@ -383,9 +383,9 @@ def test_last_layer_is_the_mean_of_the_trained_one_and_the_regression(dataset, w
     trainer = Trainer(dataset, VOCABULARY, config)
     network, batches = trainer.network.eval(), trainer.batches
     with torch.no_grad():
-        x, labels = draw_statistics(network, batches, 4, np.random.default_rng(0))
+        x, labels = draw_statistics(network, batches, 128, 4, np.random.default_rng(0))
         before = network.classify_statistics(x.float())
-        fit_open_layer(network, batches, 4, 0.1, np.random.default_rng(0))
+        fit_open_layer(network, batches, 128, 4, 0.1, np.random.default_rng(0))
         added = 2.0 * network.classify_statistics(x.float()) - before
     share = torch.full((len(x),), 1 / len(x), dtype=x.dtype)
     weights, offsets = regress(x, one_hot(labels, 3).double(), share, 0.1)

@@ -28,6 +28,7 @@ from eskin.skin import (
 )
 from helpers.cli import call_json
 from helpers.learning import FLAGS, TINY, record_people
+from helpers.learning import record as record_scene
 from helpers.live import Press, mounted, record, scans
 
 pytestmark = pytest.mark.slow
@@ -242,8 +243,14 @@ def test_model_that_python_trains_is_that_of_the_command(
     assert round(scores.segments.accuracy, 4) == told["accuracy"]
 
 
-def test_each_person_is_scored_by_a_model_of_all_others(people):
+def test_each_person_is_scored_by_a_model_of_all_others(people, capsys):
     found = eskin.cross_validate(people, config=TINY)
+    told = capsys.readouterr().err
+    for number, name in enumerate(("ann", "bob", "cleo"), 1):
+        assert f"subject {number} of 3 is held out: {name}" in told
+    low, high = found.interval
+    assert low <= found.accuracy <= high and high - low > 0.2
+    assert list(found.label_confusion()) == ["none", "hold", "tap"]
     assert sorted(found.evaluations) == ["ann", "bob", "cleo"]
     assert found.confusion.sum() == 6
     assert found.accuracy == pytest.approx(np.mean(list(found.per_subject.values())))
@@ -254,13 +261,122 @@ def test_each_person_is_scored_by_a_model_of_all_others(people):
         eskin.cross_validate(people / "ann.mcap")
 
 
-def test_force_of_a_touch_is_told_over_time(recording):
-    for row in eskin.find_touches(recording, "ur5"):
+def test_one_person_is_validated_by_session(tmp_path):
+    for day in ("one", "two"):
+        record_scene(tmp_path / f"{day}.mcap", subject="ann", session=day)
+    with pytest.raises(eskin.EskinError, match='by="session"'):
+        eskin.cross_validate(tmp_path, config=TINY)
+    found = eskin.cross_validate(tmp_path, by="session", config=TINY)
+    assert sorted(found.per_subject) == ["one", "two"]
+
+
+DOUBLE_PAT = Press(2.3, 2.6, 65, 65), Press(2.75, 3.05, 65, 65)
+TWO_FINGERS = Press(4.5, 5.0, 65, 65), Press(4.6, 5.2, 69, 69, 60.0)
+
+
+@pytest.fixture(scope="module")
+def several(tmp_path_factory):
+    """Return a recording of a double pat, then of two fingers of one hand."""
+    path = tmp_path_factory.mktemp("several") / "several.mcap"
+    stream = scans(mounted(), [*DOUBLE_PAT, *TWO_FINGERS], 50, 7.0)
+    return eskin.read_recording(record(path, mounted(), stream))
+
+
+def test_forces_of_a_touch_are_those_of_all_its_contacts_at_every_reading(several):
+    """Their greatest is the peak force, and their integral the impulse."""
+    pats, fingers = eskin.find_touches(several)
+    period = several.period / 1e9
+    for row in (pats, fingers):
         times, forces = row["times"], row["forces"]
-        assert 0.0 <= times[0] < 0.1 and (np.diff(times) > 0).all()
-        assert times[-1] == pytest.approx(row["duration"])
         assert forces.shape == times.shape and (forces >= 0).all()
+        assert np.diff(times) == pytest.approx(period)
+        assert 0.0 <= times[0] <= period
+        assert times[-1] == pytest.approx(row["duration"])
         assert forces.max() == pytest.approx(row["peak_force"])
+        assert forces.sum() * period == pytest.approx(row["impulse"])
+    assert pats["contacts"] == fingers["contacts"] == 2
+    pause = (pats["times"] > 0.35) & (pats["times"] < 0.4)
+    assert pause.any() and (pats["forces"][pause] == 0.0).all()
+    assert (fingers["forces"] > 0.0).all()
+
+
+def test_force_of_an_open_touch_is_that_of_its_contacts_now(several):
+    recognizer = eskin.Recognizer.load("ur5", recording=several)
+    most = 0
+    for scan in several.scans():
+        recognizer.push(scan)
+        for touch in recognizer.state.touches:
+            held = recognizer.state.contacts if touch.last == scan.stamp else ()
+            assert touch.force == pytest.approx(sum(one.force for one in held))
+            most = max(most, len(held))
+    assert most == 2
+
+
+def test_objects_are_described_in_a_line(several):
+    model = eskin.load_model("ur5")
+    described = (
+        (several, (str(several.path), "350 readings", "0 labels", "'grid'")),
+        (several.skin, ("'grid'", "240 taxels", "1 patch")),
+        (several.calibration, ("240 taxels", "nominal", "4000")),
+        (model, ("pressure", *model.card.vocabulary)),
+    )
+    for thing, parts in described:
+        text = repr(thing)
+        assert len(text.replace(str(several.path), "")) < 150 and "\n" not in text
+        assert all(part in text for part in parts)
+
+
+def test_picture_says_that_a_calibration_is_nominal():
+    skin = load_skin("bent")
+    values = Values(np.arange(skin.count))
+    for source, told in (("nominal", True), ("presses", False)):
+        values.attrs = {"units": "kPa", "calibration": source}
+        label = eskin.plot_skin(values, skin).axes[1].get_ylabel()
+        assert label.startswith("kPa") and ("nominal" in label) is told
+    assert eskin.plot_skin(values, skin, "counts").axes[1].get_ylabel() == "counts"
+    captions = [text.get_text() for text in eskin.plot_skin(values, skin).axes[0].texts]
+    assert any("taxels" in caption for caption in captions)
+
+
+class Values(np.ndarray):
+    """An array with attributes, as xarray has them."""
+
+    def __new__(cls, values):
+        return np.asarray(values).view(cls)
+
+
+WRONG_CALLS = {
+    "eskin.train('recordings', config={'epochs': 2})": "config=eskin.TrainConfig(",
+    "eskin.cross_validate('recordings', config={})": "config=eskin.TrainConfig(",
+    "eskin.Recognizer(model, skin, None)": "eskin.MountedSkin(skin, robot)",
+    "eskin.Recognizer.load(model)": "recording=RECORDING",
+}
+
+
+def test_objects_of_another_kind_are_refused_with_the_remedy():
+    """The calls run where nothing checks types."""
+    code = "import eskin; model = eskin.load_model('ur5')\n"
+    code += "skin = eskin.load_skin('bent')\n"
+    for call in WRONG_CALLS:
+        code += f"try: {call}\nexcept ValueError as error: print(error)\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    said = done.stdout.splitlines()
+    assert len(said) == len(WRONG_CALLS), done.stderr
+    for line, remedy in zip(said, WRONG_CALLS.values(), strict=True):
+        assert remedy in line and "allowed is" in line
+
+
+def test_model_of_ones_own_recognises_a_recording_as_its_file_does(several, tmp_path):
+    model = eskin.load_model("ur5")
+    model.save(tmp_path / "mine.safetensors")
+    path = str(tmp_path / "mine.safetensors")
+    found = []
+    for each in (model, path, "ur5"):
+        recognizer = eskin.Recognizer.load(each, recording=several)
+        assert recognizer.mounted.skin is several.skin
+        detections = [d for scan in several.scans() for d in recognizer.push(scan)]
+        found.append([(d.gesture, d.stamp, d.confidence) for d in detections])
+    assert len(found[0]) == 2 and found[0] == found[1] == found[2]
 
 
 def test_training_without_torch_names_the_extra(monkeypatch):

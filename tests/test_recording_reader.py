@@ -128,6 +128,8 @@ def test_missing_recordings_are_refused(tmp_path):
             find(tmp_path / "gone.mcap")
     with pytest.raises(RecordingError, match=r"no \.mcap file below"):
         find_recordings([tmp_path])
+    with pytest.raises(RecordingError, match="is a folder.*find_recordings"):
+        read_recording(tmp_path)
 
 
 def test_recordings_are_found_in_folders_once_and_sorted(tmp_path):

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from eskin.drivers import Source
     from eskin.errors import EskinError
     from eskin.learn.commands.models import cross_validate, evaluate, train
+    from eskin.learn.config import TrainConfig
     from eskin.live import (
         DecisionConfig,
         Detection,
@@ -38,7 +39,7 @@ EXPORTS = {
     "stream": "Stream",
     "touch": "Calibration Reading Scan",
 }
-LEARNING = ("cross_validate", "evaluate", "train")
+LEARNING = ("TrainConfig", "cross_validate", "evaluate", "train")
 """Names that need the packages of training."""
 PACKAGES = {
     name: package for package, names in EXPORTS.items() for name in names.split()
@@ -62,6 +63,7 @@ __all__ = [
     "Source",
     "SourceConfig",
     "Stream",
+    "TrainConfig",
     "cross_validate",
     "evaluate",
     "find_touches",

@@ -57,6 +57,9 @@ LEVEL_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 REPORT_SECONDS = 5.0
 """Time between two reports of how far compiling has come [s]."""
 
+OWN = "eskin"
+"""How the names of modules begin whose compilation is reported, plugins included."""
+
 logger = logging.getLogger(__name__)
 
 
@@ -87,7 +90,8 @@ except ImportError as error:
 class CompilationReporter(Listener):
     """Logs that code is compiled, how long that may take, and how far it has come.
 
-    Code that is ready on disk is loaded without an event.
+    Code that is ready on disk is loaded without an event. Functions of other packages
+    are not reported.
 
     Attributes:
         count: number of entries that were compiled, or are being compiled.
@@ -103,12 +107,15 @@ class CompilationReporter(Listener):
     def on_start(self, event: Event) -> None:
         """Report the first compilation, and a later one after a while."""
         self.depth += 1
-        if self.depth > 1:
+        facts: Any = event.data
+        module = facts["dispatcher"].py_func.__module__
+        if self.depth > 1 or not module.startswith(OWN):
             return
         self.count += 1
         if self.count == 1:
             self.last = time.monotonic()
-            logger.info(
+            # A warning, since Python shows no less where nothing is configured.
+            logger.warning(
                 "compiling code, which is then kept on disk; the first time this takes "
                 "half a minute or a whole one"
             )

@@ -77,9 +77,7 @@ def print_progress(
 
     def write_lines() -> None:
         while not over.wait(PERIOD):
-            line = describe_progress(what, done, total, begun, monotonic() - start)
-            sys.stderr.write(f"{line}\n")
-            sys.stderr.flush()
+            show_line(describe_progress(what, done, total, begun, monotonic() - start))
 
     thread = Thread(target=write_lines, name="eskin progress", daemon=True)
     thread.start()
@@ -108,6 +106,12 @@ def describe_progress(
         return f"{what}: {done} of {total}"
     left = seconds * (total - done) / (done - begun)
     return f"{what}: {done} of {total}, about {left:.0f} s left"
+
+
+def show_line(text: str) -> None:
+    """Show on stderr which part of a long command begins."""
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
 
 
 def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:

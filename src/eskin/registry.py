@@ -188,7 +188,7 @@ def load_function(target: str) -> Callable[..., Any]:
 
 
 def load_learning(name: str) -> Callable[..., Any]:
-    """Import a function of eskin that trains or scores models.
+    """Import a name of eskin by which models are trained or scored.
 
     Raises:
         ExtraError: torch is not installed.

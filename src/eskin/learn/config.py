@@ -75,7 +75,9 @@ class TrainConfig:
     ridge: NotNegative = 0.1
     """Penalty of the ridge regressions that fit the last layers at the end, for touches
     that are open and for those that close, each where that lowers the validation loss;
-    0 leaves the network as trained, without a layer for touches that close."""
+    0 leaves the network as trained, without a layer for touches that close. Those for
+    open touches take a moment for every 64 windows, of as many as `epochs`, `steps` and
+    `batch` give, at most 2048."""
     patience: Annotated[int, Interval(ge=0, le=np.inf)] = 5
     """Epochs without a lower validation loss after which one more stops training."""
     validation: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.15

@@ -23,7 +23,7 @@ from eskin.learn.nn.network import scatter_to_slots
 from eskin.progress import track_progress
 
 WINDOWS, BATCH = 2048, 64
-"""Windows that the open layer is fitted on, and those computed at once."""
+"""Windows that the open layer is fitted on at most, and those computed at once."""
 MOST_TOUCHES = 4096
 """Touches that the closing layer is fitted on at most, drawn at random."""
 
@@ -38,6 +38,7 @@ Statistics = Float[Tensor, "window statistic"]
 def fit_open_layer(
     network: RecogniserNetwork,
     batches: BatchBuilder,
+    windows: int,
     readings: int,
     ridge: float,
     rng: np.random.Generator,
@@ -51,12 +52,14 @@ def fit_open_layer(
     Args:
         network: trained network, which is changed.
         batches: builder of the windows of training.
+        windows: windows that training drew; no more than these are drawn.
         readings: readings of a window whose graphs are encoded.
         ridge: penalty of a squared weight, as a share of the variance of a statistic.
         rng: source of the random draws.
     """
     network.eval()
-    x, labels = draw_statistics(network, batches, readings, rng)
+    count = min(windows, WINDOWS)
+    x, labels = draw_statistics(network, batches, count, readings, rng)
     layers = [head.classify for head in network.heads]
     # The logits of the branches are averaged, those of the regression are their sum.
     trained = torch.cat([layer.weight for layer in layers], dim=1) / len(layers)
@@ -125,17 +128,19 @@ def compute_closed_touches(
 def draw_statistics(
     network: RecogniserNetwork,
     batches: BatchBuilder,
+    count: int,
     readings: int,
     rng: np.random.Generator,
 ) -> tuple[Statistics, Int[Tensor, "window"]]:
-    """Draw windows; return their statistics and classes.
+    """Draw some number of windows; return their statistics and classes.
 
     As in training, the summary is of all readings of a window, the graphs of some.
     """
     statistics, labels = [], []
-    count = WINDOWS // BATCH
-    for _ in track_progress(range(count), "batches for the open layer", count):
-        batch = batches.build(BATCH, BATCH, readings, rng)
+    starts = range(0, count, BATCH)
+    for start in track_progress(starts, "fitting the last layer, part", len(starts)):
+        size = min(BATCH, count - start)
+        batch = batches.build(size, size, readings, rng)
         inputs = [(network.standardise(batch.summary), batch.slot_index)]
         if network.config.width:
             embedded = network.embed(batch.encoded.graphs)

@@ -196,7 +196,12 @@ class Trainer:
         kept = False
         try:
             fit_open_layer(
-                self.network, plain, config.readings, config.ridge, self.rngs[0]
+                self.network,
+                plain,
+                config.epochs * config.steps * config.batch,
+                config.readings,
+                config.ridge,
+                self.rngs[0],
             )
             kept = not has_held_out or self.calibrated_loss() < loss
         finally:

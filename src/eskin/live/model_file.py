@@ -53,6 +53,14 @@ class Model:
     card: ModelCard
     """Settings and origin of the weights."""
 
+    def __repr__(self) -> str:
+        """Describe the model in a line."""
+        count = sum(weight.size for weight in self.weights.values())
+        return (
+            f"<Model of {self.card.kind} with {count:,} weights: "
+            f"{', '.join(self.card.vocabulary)}>"
+        )
+
     @property
     def digest(self) -> str:
         """Return the SHA-256 digest of the weights in the order of their names."""

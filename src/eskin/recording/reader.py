@@ -147,6 +147,14 @@ class Recording:
     gaps: tuple[Gap, ...] = ()
     """Times without scans that are longer than `find_gap_limit`, in order."""
 
+    def __repr__(self) -> str:
+        """Describe the recording in a line."""
+        return (
+            f"<Recording {self.path}: {format_count(self.count, 'reading')} in "
+            f"{self.seconds:.1f} s, {format_count(len(self.labels), 'label')}, "
+            f"skin '{self.skin.name}' on {self.robot_name}>"
+        )
+
     @property
     def runs(self) -> tuple[tuple[int, int], ...]:
         """Return the stamps of the first and last scan of each part without a gap."""
@@ -200,7 +208,8 @@ class Recording:
         Returns:
             An `xarray.DataArray` over `time` and `taxel`, with patch, link, row and
             column of each taxel; without xarray a `pandas.DataFrame` with a row a
-            reading and a column a taxel; without either an array of that shape.
+            reading and a column a taxel; without either an array of that shape. The
+            first two have the attributes `units` and `calibration` (its `source`).
         """
         from eskin.recording.tables import measure_pressures
 
@@ -322,6 +331,11 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"no recording at {path}; give an .mcap file")
+    if path.is_dir():
+        raise RecordingError(
+            f"{path} is a folder; allowed is one recording, an .mcap file; list those "
+            "below a folder with eskin.recording.find_recordings"
+        )
     stream = McapReader(path)
     parser = RecordingParser(path)
     for item in stream:

@@ -23,11 +23,11 @@ def measure_pressures(recording: Recording) -> Any:  # noqa: ANN401
     values = np.array([row for _, row in pairs], np.float32)
     values = values.reshape(-1, recording.skin.count)
     taxels = list_taxels(recording)
+    facts = {"units": "kPa", "calibration": recording.calibration.source}
     if find_spec("xarray") is not None:
         names = ("patch", "link", "row", "column")
         own = {name: ("taxel", [row[name] for row in taxels]) for name in names}
         coordinates = {"time": times, "taxel": np.arange(len(taxels)), **own}
-        facts = {"units": "kPa"}
         return import_module("xarray").DataArray(
             values, coordinates, ("time", "taxel"), "pressure", attrs=facts
         )
@@ -35,7 +35,9 @@ def measure_pressures(recording: Recording) -> Any:  # noqa: ANN401
         pandas = import_module("pandas")
         cells = [(row["patch"], row["row"], row["column"]) for row in taxels]
         columns = pandas.MultiIndex.from_tuples(cells, names=("patch", "row", "column"))
-        return pandas.DataFrame(values, times, columns)
+        frame = pandas.DataFrame(values, times, columns)
+        frame.attrs = facts
+        return frame
     return values
 
 

@@ -11,6 +11,7 @@ from eskin.robot import Kinematics, Robot, build_geom_mesh
 from eskin.skin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_surface
 from eskin.transforms import apply
+from eskin.units import format_count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -173,7 +174,10 @@ def draw_unrolled(
         corner = squares.reshape(-1, 2).min(axis=0)
         size = np.ptp(squares.reshape(-1, 2), axis=0)
         density = len(taxels) / (1e4 * skin.areas[taxels].sum())
-        lines = (patch.id, f"{len(taxels)}, {density:.2f}/cm²")
+        lines = (
+            patch.id,
+            f"{format_count(len(taxels), 'taxel')}, {density:.2f}/cm²",
+        )
         width = float(size[0])
         if labelled:
             width = max(width, max(map(len, lines)) * LETTER * inch)

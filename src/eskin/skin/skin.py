@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from eskin.errors import SkinMismatchError
 from eskin.robot import Kinematics, Robot
-from eskin.units import format_index
+from eskin.units import format_count, format_index
 
 TaxelKind = Literal["pressure", "shear"]
 
@@ -83,6 +83,13 @@ class Skin:
                     f"skin '{self.name}': {name} has shape {got}, allowed {allowed} "
                     f"for {count} taxels; give every taxel one entry"
                 )
+
+    def __repr__(self) -> str:
+        """Describe the skin in a line."""
+        return (
+            f"<Skin '{self.name}': {format_count(self.count, 'taxel')} in "
+            f"{format_count(len(self.patches), 'patch')}>"
+        )
 
     @property
     def count(self) -> int:

@@ -15,6 +15,7 @@ from eskin.touch.pressure_kernels import (
     compute_counts,
     compute_pressures,
 )
+from eskin.units import format_count
 
 VERSIONS = (1, 2)
 """Versions of the text; that of counts which fall is 2, so that no program that knows
@@ -142,6 +143,13 @@ class Calibration:
     """The same of the exponent; None where presses did not estimate it."""
     unfelt_deviation: float | None = None
     """The same of `unfelt`; None where presses did not estimate it."""
+
+    def __repr__(self) -> str:
+        """Describe the calibration in a line."""
+        return (
+            f"<Calibration of {format_count(len(self.gain), 'taxel')}: {self.source}, "
+            f"{self.curve}, full scale {self.full_scale} counts>"
+        )
 
     def check_skin(self, skin: Skin) -> None:
         """Raise a `SkinMismatchError` unless the calibration has a gain a taxel."""

@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import ModelError, RecordingError
+from eskin.files import shorten
 from eskin.learn.checkpoint import load_checkpoint, to_model, to_network
 from eskin.learn.config import TrainConfig
 from eskin.learn.dataset import (
@@ -30,11 +31,12 @@ from eskin.learn.evaluation import (
 )
 from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.live_answers import gather_answers
-from eskin.learn.metrics import ClassificationScore
+from eskin.learn.metrics import ClassificationScore, bound_accuracy, label_counts
 from eskin.learn.processes import ALONE, Processes
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import Trainer
 from eskin.live import ESKIN, GraphConfig, Model, ModelCard, NetworkConfig, load_model
+from eskin.progress import show_line
 from eskin.recording import (
     NO_OVERRIDES,
     NONE,
@@ -76,7 +78,8 @@ def train(
             defaults are kept.
         classes: gestures to learn; by default all that are labelled.
         seed: random seed.
-        config: settings of the training.
+        config: settings of the training, such as
+            `eskin.TrainConfig(epochs=2, steps=5)`.
 
     Returns:
         The model, to be used by `eskin.Recognizer` or saved by `Model.save`. Its
@@ -86,7 +89,9 @@ def train(
         RecordingError: recordings cannot be learned from, or their labels cannot be
             right.
         ModelError: there is no such model to start from, or training diverged.
+        ValueError: the settings are no `eskin.TrainConfig`.
     """
+    config = check_config(config)
     plan = TrainingPlan(
         list_paths(recordings),
         start,
@@ -94,9 +99,25 @@ def train(
         streams=list_paths(streams),
         classes=tuple(classes),
         seed=seed,
-        config=config or TrainConfig(),
+        config=config,
     )
     return run_training(plan).model
+
+
+def check_config(config: TrainConfig | None) -> TrainConfig:
+    """Return the settings of a training, the defaults for None.
+
+    Raises:
+        ValueError: they are something else, such as a dictionary.
+    """
+    if config is None:
+        return TrainConfig()
+    if not isinstance(config, TrainConfig):
+        raise ValueError(
+            f"config is {shorten(config)}; allowed is an eskin.TrainConfig; give for "
+            "example config=eskin.TrainConfig(epochs=2, steps=5)"
+        )
+    return config
 
 
 def evaluate(model: Model | str | Path, recordings: Places) -> Evaluation:
@@ -108,7 +129,7 @@ def evaluate(model: Model | str | Path, recordings: Places) -> Evaluation:
 
     Returns:
         The scores, such as `segments.accuracy` with its `interval`, `per_subject` and
-        `segments.confusion`.
+        `segments.label_confusion()`.
 
     Raises:
         RecordingError: the recordings have no labels, or some that cannot be right.
@@ -132,42 +153,50 @@ def cross_validate(
 ) -> "CrossValidation":
     """Hold out each person in turn: train on all others, and score on that one.
 
+    Who is held out is printed to stderr, with how many are still to come.
+
     Args:
         recordings: labelled recordings, their paths, or folders of them.
         start: model to start from, as for `train`.
-        by: what is held out at a time, of `Metadata`.
+        by: what is held out at a time: all recordings of a person (`subject`), or of
+            a session.
         classes: gestures to learn; by default all that are labelled.
         seed: random seed.
-        config: settings of each training.
+        config: settings of each training, as for `train`.
 
     Raises:
         RecordingError: all recordings are of one person, or as for `train`.
+        ValueError: the settings are no `eskin.TrainConfig`.
     """
+    config = check_config(config)
+    origins = {path: read_recording(path).metadata for path in list_paths(recordings)}
     groups: dict[str, list[Path]] = {}
-    for path in list_paths(recordings):
-        groups.setdefault(getattr(read_recording(path).metadata, by), []).append(path)
+    for path, origin in origins.items():
+        groups.setdefault(getattr(origin, by), []).append(path)
     if len(groups) < 2:
+        several = len({origin.session for origin in origins.values()}) > 1
         raise RecordingError(
             f"all recordings have {by} '{next(iter(groups), '')}'; allowed are two and "
             f"more to hold one out; give recordings of more than one {by}"
+            + (', or hold out a session at a time with by="session"' if several else "")
         )
     found = {}
     with TemporaryDirectory(prefix="eskin-") as pack:
-        for held in sorted(groups):
+        for number, held in enumerate(sorted(groups), 1):
+            show_line(f"{by} {number} of {len(groups)} is held out: {held}")
             others = [path for name in groups if name != held for path in groups[name]]
             plan = TrainingPlan(
                 tuple(others),
                 start,
                 classes=tuple(classes),
                 seed=seed,
-                config=config or TrainConfig(),
+                config=config,
                 pack=Path(pack),
                 test=tuple(groups[held]),
             )
             test = run_training(plan).test
             assert test is not None
             found[held] = test
-            logger.info("%s: accuracy %.3f", held, test.segments.accuracy)
     return CrossValidation(found)
 
 
@@ -180,7 +209,7 @@ class CrossValidation:
 
     @property
     def per_subject(self) -> dict[str, float]:
-        """Return the accuracy on each person's gestures."""
+        """Return the accuracy on the gestures of each person, or session."""
         pairs = self.evaluations.items()
         return {name: each.segments.accuracy for name, each in pairs}
 
@@ -191,9 +220,27 @@ class CrossValidation:
         return float(np.trace(confusion) / confusion.sum())
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of that on further people, or sessions."""
+        correct: list[bool] = []
+        cluster: list[str] = []
+        for name, each in self.evaluations.items():
+            confusion = each.segments.confusion
+            right = int(np.trace(confusion))
+            wrong = int(confusion.sum()) - right
+            correct += [True] * right + [False] * wrong
+            cluster += [name] * (right + wrong)
+        return bound_accuracy(np.array(correct), cluster)
+
+    @property
     def confusion(self) -> Int[np.ndarray, "class class"]:
         """Return the counts of all gestures by true and predicted class."""
         return np.sum([e.segments.confusion for e in self.evaluations.values()], axis=0)
+
+    def label_confusion(self) -> Any:  # noqa: ANN401
+        """Return those counts with the names of the classes, as `label_counts`."""
+        first = next(iter(self.evaluations.values()))
+        return label_counts(self.confusion, tuple(first.segments.per_class))
 
 
 @dataclass(frozen=True)
