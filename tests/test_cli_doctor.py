@@ -82,6 +82,35 @@ def test_doctor_listens_to_every_patch(tmp_path, capsys, monkeypatch):
     assert "scans a second" in right
 
 
+def test_doctor_says_that_a_board_sends_lines_where_packets_are_read(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(doctor, "run_checks", lambda: ())
+    save_skin(matrix_skin(), tmp_path / "skin")
+    pad = Pad(tmp_path, timed=False)
+    port = tmp_path / "port"
+    stop = threading.Event()
+
+    def send():
+        number = 0
+        while not stop.wait(0.005):
+            pad.send(time.time_ns(), number)
+            number += 1
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        words = ["--skin", tmp_path / "skin", "--robot-urdf", "table"]
+        out = assert_refused(
+            capsys, "doctor", "--source", f"serial:{port}", *words, part="data"
+        )
+    finally:
+        stop.set()
+        sender.join()
+        pad.close()
+    assert f"csv:{port} reads lines of numbers" in out
+
+
 @pytest.mark.parametrize("rate", [2.0, 10.0])
 def test_doctor_listens_to_a_slow_matrix_and_tells_what_an_arm_needs(
     rate, tmp_path, capsys, monkeypatch

@@ -138,9 +138,13 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
         source, _ = open_guided_source(command, stack)
         seconds = max(LISTEN_SECONDS, LISTEN_PERIODS / source.info.rate)
         observed = observe_source(source, seconds)
+        events = source.take_events()
     broken = "; ".join(observed.problems)
     yield Check("driver", not broken, broken or "keeps the rules of sources")
     rates, ages = observed.rates.tolist(), observed.ages.tolist()
+    damaged = "; ".join(event.text for event in events if event.kind == "damaged")
+    if damaged and all(map(math.isinf, ages)):
+        yield Check("data", False, damaged)
     found = zip(source.info.skin.patches, rates, ages, strict=True)
     yield from (
         check_patch(patch.id, rate, age, source.info) for patch, rate, age in found
