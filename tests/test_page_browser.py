@@ -242,6 +242,29 @@ def test_drag_on_skin_moves_finger(page):
     assert {order.link for order in finger} == {"forearm_link"}
 
 
+def test_press_that_lasts_touches_from_then_until_its_release(page):
+    page.orders.clear()
+    mouse = page.tab.mouse
+
+    def press():
+        mouse.up()
+        mouse.move(*page.place(TARGET))
+        mouse.down()
+
+    assert becomes_after(press, lambda: page.orders)
+    assert becomes(lambda: len(page.orders) == 2, PATIENCE)
+    time.sleep(1.0)
+    begin, move = page.orders
+    assert (begin.kind, move.kind, begin.link) == ("begin", "move", "forearm_link")
+    place = mounted().skin.positions[TARGET]
+    assert np.linalg.norm(np.array(begin.p_link) - place) < 0.02
+    assert np.linalg.norm(np.subtract(move.p_link, begin.p_link)) < 0.02
+    mouse.up()
+    assert becomes(lambda: page.orders[-1].kind == "end", PATIENCE)
+    time.sleep(1.0)
+    assert {order.key for order in page.orders} == {begin.key}
+
+
 def test_page_shows_log_and_reason_of_hold(page):
     page.content = {
         "log_entries": (LogEntry(1.0, "command", "next <b>"),),

@@ -205,8 +205,8 @@ def test_every_touch_is_answered_with_its_patch(hand):
     hand.drag("start", point())
     hand.drag("end", point(FOREARM + 1))
     words = [text.split(" on ")[0] for text in hand.told]
-    gestures = ["poke", "double pat", "grab", "stroke", "stroke"]
-    assert words == [f"your {gesture}" for gesture in gestures]
+    touches = ["poke", "double pat", "grab", "stroke", "finger"]
+    assert words == [f"your {touch}" for touch in touches]
     patch = mounted().skin.patches[mounted().skin.patch_index[FOREARM]].id
     assert all(patch.replace("_", " ") in text for text in hand.told)
 

@@ -70,15 +70,28 @@ nothing."""
 LOOK = b"""<script>
   if (matchMedia("(prefers-color-scheme: dark)").matches && !location.search)
     history.replaceState(null, "", "?darkMode");
-  let at = null, told = 0;
+  let at = null, told = 0, held = 0;
+  const hasMoved = (event) => Math.max(
+    Math.abs(event.clientX - at[0]), Math.abs(event.clientY - at[1])) > 3;
+  const hold = ({clientX, clientY, pointerId}) => {
+    for (const step of [4, 0])
+      dispatchEvent(new PointerEvent(
+        "pointermove", {clientX: clientX + step, clientY, pointerId, buttons: 1}));
+  };
   addEventListener("pointerdown", (event) => {
     const isScene = event.button === 0 && event.target.dataset?.engine;
     at = isScene ? [event.clientX, event.clientY] : null;
+    clearTimeout(held);
+    const isPlain = !(event.shiftKey || event.ctrlKey || event.altKey || event.metaKey);
+    if (isScene && isPlain) held = setTimeout(hold, 250, event);
+  }, true);
+  addEventListener("pointermove", (event) => {
+    if (at !== null && hasMoved(event)) clearTimeout(held);
   }, true);
   addEventListener("pointerup", (event) => {
+    clearTimeout(held);
     if (at === null) return;
-    const moved = Math.hypot(event.clientX - at[0], event.clientY - at[1]) > 4;
-    const key = moved ? "T" : "M";
+    const key = hasMoved(event) ? "T" : "M";
     clearTimeout(told);
     told = setTimeout(() => document.documentElement.dispatchEvent(
       new KeyboardEvent("keydown", {key, code: "Key" + key, bubbles: true})), 60);
@@ -165,7 +178,11 @@ and drag in the scene is told by a key, M or T, so that those beside the skin ar
 answered too, after 60 ms, because what it hit is told within 50 ms; what the arm asks
 is shown across the scene, with a sound where the browser allows one, which is after the
 first click or key; the sky is pale or dark; and on a phone the panel is as wide as the
-window, and lower."""
+window, and lower.
+
+Viser tells of a press only once it moves. So one that has stayed in its place for
+250 ms is moved by a few points and back: it begins as a drag does, and lasts until it
+is released."""
 
 
 def adapt(page: bytes) -> bytes:

@@ -180,7 +180,7 @@ class MouseHand(Mouse):
         return [SurfacePoint(int(t), spot.link, setup.positions[t]) for t in taxels]
 
     def drag(self, phase: DragPhase, spot: SurfacePoint | None) -> None:
-        """Drag a finger; while the mouse is off the skin, the finger stays in place.
+        """Drag or hold a finger; while the mouse is off the skin, it stays in place.
 
         The finger lands only when it begins to move. A browser that draws slowly
         reports the move long after the press, and a finger that rests before it moves
@@ -198,6 +198,7 @@ class MouseHand(Mouse):
             self.send(finger)
         elif spot is not None and phase != "end":
             finger = self.build_order("begin", spot, next(self.keys))
+            self.tell_touch("finger", spot)
         if phase == "end" and finger is not None:
             self.send(replace(finger, kind="end"))
         self.dragged = None if phase == "end" else finger
@@ -207,18 +208,21 @@ class MouseHand(Mouse):
         x, y, z = spot.p_link.tolist()
         force, seconds = USUAL.get(kind, USUAL["begin"])
         force, seconds = self.firmness * force, self.slowness * seconds
-        if kind not in ("move", "end"):
-            patch = self.setup.patches[self.setup.patch_index[spot.taxel]]
-            what = "stroke" if kind == "begin" else kind
-            self.tell(to_words(f"your {what} on {patch}"))
         link = self.setup.links[spot.link]
         return TouchOrder(kind, link, (x, y, z), force, seconds, key)
+
+    def tell_touch(self, what: str, spot: SurfacePoint) -> None:
+        """Tell the person which touch begins, and on which patch."""
+        patch = self.setup.patches[self.setup.patch_index[spot.taxel]]
+        self.tell(to_words(f"your {what} on {patch}"))
 
     def schedule(
         self, when: float, kind: TouchKind, spot: SurfacePoint, key: int | None = None
     ) -> None:
         """Schedule an order for a time [s], with a new key unless one is given."""
         order = self.build_order(kind, spot, key or next(self.keys))
+        if kind not in ("move", "end"):
+            self.tell_touch("stroke" if kind == "begin" else kind, spot)
         with self.lock:
             heapq.heappush(self.scheduled, (when, next(self.keys), order))
 
