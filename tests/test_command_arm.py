@@ -284,7 +284,7 @@ def test_part_dropped_on_the_way_is_not_delivered(arm):
     arm.open_gripper()
     arm.clock.sleep(0.7)
     assert not arm.state().carrying
-    wait_for_target(arm, "back off")
+    wait_for_target(arm, "up from the frame")
     assert arm.state().delivered == 0
 
 

@@ -11,7 +11,13 @@ import pytest
 from eskin.calibration import PressRequest
 from eskin.cli.guided import build_place
 from eskin.design.paint_viewer import PaintViewer
-from eskin.page import ArmSummary, GuideBoard, LogEntry, QuestionBoard
+from eskin.page import (
+    ArmSummary,
+    GuideBoard,
+    LogEntry,
+    PageOrder,
+    QuestionBoard,
+)
 from eskin.page.appearance import describe_scene
 from eskin.page.process import PageProcess, free_port
 from eskin.page.viewer import CalibrationViewer, ViewerConfig
@@ -265,6 +271,15 @@ def test_press_that_lasts_touches_from_then_until_its_release(page):
     assert {order.key for order in page.orders} == {begin.key}
 
 
+@pytest.mark.parametrize("label", ["pause", "resume"])
+def test_button_of_the_task_leaves_a_line_in_the_log(page, label):
+    page.orders.clear()
+    find_button(page.tab, label).first.click()
+    page.tab.wait_for_selector(f"text=you pressed {label}")
+    assert becomes(lambda: page.orders, PATIENCE)
+    assert page.orders == [PageOrder(f"{label}_task")]
+
+
 def test_page_shows_log_and_reason_of_hold(page):
     page.content = {
         "log_entries": (LogEntry(1.0, "command", "next <b>"),),
@@ -328,11 +343,11 @@ def test_click_beside_the_skin_is_answered_and_touches_nothing(page):
 
 def test_page_that_may_not_touch_has_no_controls(browser, page):
     """Orders that it sends nevertheless are dropped: see `test_viewer.py`."""
-    assert page.tab.locator("text=duration, times").count()
+    assert page.tab.locator("text=duration: 1 = usual").count()
     page.tab.goto("about:blank")  # Two pages at once draw four times as slowly.
     page = FedPage(browser, touchable=False)
     try:
-        assert page.tab.locator("text=duration, times").count() == 0
+        assert page.tab.locator("text=duration: 1 = usual").count() == 0
     finally:
         page.close()
 

@@ -150,6 +150,7 @@ ASKS = "grab, then poke there when it asks"
         ({"moving": False, "gripping": "open"}, "standing", "while its gripper moves"),
         ({"speed_limit": 0.3}, "running", "because of its skin"),
         ({"moving": False, "speed_limit": 0.0}, "standing", "while it is touched"),
+        ({"speed_limit": 0.0}, "stopping", "while it is touched"),
         ({"paused": True}, "paused", ""),
         ({"paused": True, "hold_reason": STALE}, "held", STALE),
         ({"hold_reason": STALE}, "held", STALE),
@@ -166,6 +167,9 @@ def test_most_severe_state_of_arm_is_shown_with_what_ends_it(changes, state, rea
     if state in ("paused", "held", "stopped"):
         before = "" if arm.paused else "poke, then wait 1 s, then "
         way = f"To go on: {before}{ASKS}."
+    else:
+        assert not describe_arm(replace(arm, speed=1.0), COMMANDS).remedy
+        way = f"To full speed: {ASKS}."
     assert summary.remedy == way
     never = describe_arm(arm, COMMANDS).remedy
     assert never == way.replace(ASKS, "grab")
@@ -202,7 +206,32 @@ def test_skin_must_rest_after_a_question_that_failed(changes, remedy):
 def test_arm_that_stands_for_its_question_says_so():
     board = QuestionBoard("poke", action="next_waypoint", left=0.5)
     standing = replace(ARM, moving=False, speed_limit=0.0)
-    assert describe_arm(standing, COMMANDS, board).why.startswith("until its question")
+    summary = describe_arm(standing, COMMANDS, board)
+    assert summary.why.startswith("until its question")
+
+
+@pytest.mark.parametrize("changes", [{}, {"paused": True}, {"speed": 0.3}])
+def test_arm_that_asks_repeats_its_question_in_place_of_any_other_advice(changes):
+    arm = replace(ARM, **changes)
+    board = QuestionBoard("poke", action="normal", link="forearm_link", left=0.5)
+    remedy = "Full speed? Answer: poke (click) on the forearm link."
+    assert describe_arm(arm, COMMANDS, board, by_mouse=True).remedy == remedy
+    answering = replace(board, is_answering=True)
+    assert describe_arm(arm, COMMANDS, answering).remedy == (
+        "Full speed? Let go and wait."
+    )
+
+
+@pytest.mark.parametrize("limit", [1.0, 0.0])
+@pytest.mark.parametrize("moving", [True, False])
+def test_slow_arm_shows_its_speed_and_the_way_to_full_speed_also_while_touched(
+    limit, moving
+):
+    arm = replace(ARM, speed=0.3, speed_limit=limit, moving=moving)
+    summary = describe_arm(arm, COMMANDS, QuestionBoard("poke"))
+    assert (summary.speed, summary.remedy) == (0.3, f"To full speed: {ASKS}.")
+    assert not describe_arm(arm, COMMANDS[:1], QuestionBoard("poke")).remedy
+    assert "30% speed" in render_arm(summary)
 
 
 @pytest.mark.parametrize("condition", get_args(ArmCondition))
@@ -223,7 +252,9 @@ def test_page_tells_what_each_gesture_commands_and_how_the_mouse_makes_it():
     setup = replace(make_setup(touchable=True), commands=rules)
     told = describe_commands(setup)
     assert told["poke"] == "click · pauses the arm"
-    assert told["grab"] == "shift-click · resumes or full speed"
+    assert told["grab"] == (
+        "shift-click · resumes a paused arm or speeds up a slow arm"
+    )
     assert told["stroke"] == "drag · left forearm link slows the arm · right wave hand"
     assert told["none"] == ""
     told = describe_commands(replace(setup, touchable=False))

@@ -96,13 +96,14 @@ class CompilationReporter(Listener):
     Attributes:
         count: number of entries that were compiled, or are being compiled.
         depth: number of functions that are being compiled, each for the one before.
+        begin: time of the first report [s].
         last: time of the last report [s].
     """
 
     def __init__(self) -> None:
         """Report the first compilation."""
         self.count = self.depth = 0
-        self.last = 0.0
+        self.begin = self.last = 0.0
 
     def on_start(self, event: Event) -> None:
         """Report the first compilation, and a later one after a while."""
@@ -113,7 +114,7 @@ class CompilationReporter(Listener):
             return
         self.count += 1
         if self.count == 1:
-            self.last = time.monotonic()
+            self.begin = self.last = time.monotonic()
             # A warning, since Python shows no less where nothing is configured.
             logger.warning(
                 "compiling code, which is then kept on disk; the first time this takes "
@@ -121,7 +122,7 @@ class CompilationReporter(Listener):
             )
         elif time.monotonic() - self.last >= REPORT_SECONDS:
             self.last = time.monotonic()
-            logger.info("compiling part %d", self.count)
+            logger.info("still compiling, for %.0f s so far", self.last - self.begin)
 
     def on_end(self, event: Event) -> None:
         """Forget the function that was compiled."""

@@ -104,7 +104,7 @@ FRAME_TASK = Task(
         Waypoint("lift", OVER_RACK),
         Waypoint("over the frame", OVER_FRAME),
         Waypoint("frame", (0.487, -1.384, 1.932, -2.119, -1.571, 0.0), "bring"),
-        Waypoint("back off", OVER_FRAME),
+        Waypoint("up from the frame", OVER_FRAME),
     ),
     part="frame part",
 )

@@ -163,6 +163,15 @@ LOOK = b"""<script>
     background: linear-gradient(
       light-dark(#e0e7f0, #2a313b), light-dark(#fafbfd, #14181d));
   }
+  :root { --mantine-color-dimmed: light-dark(#596372, #b0b9c4) !important; }
+  .mantine-ScrollArea-content { box-sizing: border-box; padding-right: 8px; }
+  [role="tab"] { padding: 0 0.55em !important; }
+  @media (max-height: 850px) {
+    body:has([role="tab"]:not(:first-child)[aria-selected="true"]) {
+      .eskin-brief { display: none; }
+      .eskin-log { height: 60px !important; }
+    }
+  }
   .mantine-Button-root { min-height: 28px; }
   [role="tab"][aria-selected="true"] {
     color: light-dark(#14677a, #5fd0e3) !important; }
@@ -177,7 +186,9 @@ LOOK = b"""<script>
 and drag in the scene is told by a key, M or T, so that those beside the skin are
 answered too, after 60 ms, because what it hit is told within 50 ms; what the arm asks
 is shown across the scene, with a sound where the browser allows one, which is after the
-first click or key; the sky is pale or dark; and on a phone the panel is as wide as the
+first click or key; the sky is pale or dark; names of controls are as dark as other
+small print, and controls lie beside the bar that scrolls; in a low window explanations
+give way to the tabs beside the first; and on a phone the panel is as wide as the
 window, and lower.
 
 Viser tells of a press only once it moves. So one that has stayed in its place for

@@ -28,8 +28,11 @@ TEAL, AMBER = "light-dark(#0c6b60,#5ecbb8)", "light-dark(#8a5000,#f0b255)"
 RED, BLUE = "light-dark(#b3261e,#ff9d94)", "light-dark(#2b5c9e,#93bdf5)"
 """Colours of the panel on white and on black, each with a contrast of 4.5 or more to
 both of its backgrounds."""
+AT_WORK: tuple[ArmCondition, ...] = ("running", "stopping", "standing")
+"""Conditions in which nobody needs to do anything for the arm to go on."""
 STATES: dict[ArmCondition, tuple[str, str]] = {
     "running": ("The arm is running", TEAL),
+    "stopping": ("The arm stops", PALE),
     "standing": ("The arm stands still", PALE),
     "paused": ("The arm is paused", AMBER),
     "held": ("The arm is stopped", RED),
@@ -69,6 +72,11 @@ def choose_gesture_colours(gestures: Iterable[str]) -> dict[str, str]:
     return GESTURE_COLOURS | dict(named)
 
 
+def list_gestures(gestures: Iterable[str]) -> list[str]:
+    """Return gestures in the order in which the page lists them: `none` is last."""
+    return sorted(gestures, key=lambda name: name == "none")
+
+
 def to_words(name: str) -> str:
     """Return a name with spaces in place of underscores."""
     return name.replace("_", " ")
@@ -82,6 +90,11 @@ def div(style: str, *inside: str) -> str:
 def span(style: str, *inside: str) -> str:
     """Return parts in a line of a style as HTML."""
     return f'<span style="{style}">{"".join(inside)}</span>'
+
+
+def render_brief(*inside: str) -> str:
+    """Return parts that give way to a tab beside the first in a low window, as HTML."""
+    return f'<div class="eskin-brief">{"".join(inside)}</div>'
 
 
 def render_name(name: str) -> str:
@@ -120,7 +133,7 @@ def render_purpose(setup: SceneDescription) -> str:
             "This simulated robot feels touch: click on its skin, and read below what "
             "it felt."
         )
-    return render_block(div("margin-bottom:6px", escape(text)))
+    return render_brief(render_block(div("margin-bottom:6px", escape(text))))
 
 
 def render_warning(text: str) -> str:
@@ -159,11 +172,13 @@ def render_status(update: ViewUpdate) -> str:
     """Return rate, delay, taxels in use, arm and recording as HTML."""
     working, count = int(update.valid.sum()), len(update.valid)
     colour = TEAL if working == count else AMBER if working > 0.9 * count else RED
-    parts = render_numbers(
-        ("readings/s", f"{update.rate:.0f}"),
-        ("computing", f"{1e3 * update.step:.2f} ms"),
-        ("delay", f"{1e3 * update.age:.0f} ms"),
-        ("taxels", span(f"color:{colour}", f"{working} of {count}")),
+    parts = render_brief(
+        render_numbers(
+            ("readings/s", f"{update.rate:.0f}"),
+            ("computing", f"{1e3 * update.step:.2f} ms"),
+            ("delay", f"{1e3 * update.age:.0f} ms"),
+            ("taxels", span(f"color:{colour}", f"{working} of {count}")),
+        )
     )
     if update.arm is not None:
         parts += render_block(render_arm(update.arm))
@@ -182,7 +197,7 @@ def render_arm(summary: ArmSummary) -> str:
     """Return the state of the arm as HTML."""
     state, colour = STATES[summary.state]
     why = to_words(summary.why)
-    if why and summary.state in ("running", "standing"):
+    if why and summary.state in AT_WORK:
         state = f"{state} {why}"
         why = ""
     rest = [f"gripper {summary.gripper}"]
@@ -229,8 +244,9 @@ def render_correction(
     """Return the last detection, and the keys that correct it, as HTML."""
     if last is None:
         return render_block("nothing was recognised yet")
+    dot = render_dot(colours.get(last.gesture, LINE))
     return render_block(
-        f"at {last.seconds:.1f} s: {render_dot(colours.get(last.gesture, LINE))}"
+        f"at {format_seconds(last.seconds)}: {dot}"
         f"<b>{escape(last.text)}</b><br>{render_keys(names[:9], colours)}"
     )
 
@@ -288,9 +304,10 @@ HOW = {
 EFFECTS = {
     "pause": "pauses the arm",
     "hold": "stops the arm",
-    "resume": "resumes",
+    "resume": "resumes a paused arm",
     "slow": "slows the arm",
-    "normal": "full speed",
+    "normal": "speeds up a slow arm",
+    "next_waypoint": "sends it to the next waypoint",
     "close_gripper": "closes the gripper",
     "open_gripper": "opens it",
 }
@@ -299,6 +316,11 @@ EFFECTS = {
 
 ASKED = {"normal": "full speed"}
 """What the page asks about an action, where that is not its name."""
+
+
+def name_question(action: str) -> str:
+    """Return what the arm asks about an action, such as `Next waypoint?`."""
+    return f"{to_words(ASKED.get(action, action)).capitalize()}?"
 
 
 def render_question(board: QuestionBoard | None, setup: SceneDescription) -> str:
@@ -310,7 +332,7 @@ def render_question(board: QuestionBoard | None, setup: SceneDescription) -> str
     question = hint = ""
     left = 0.0
     if board is not None and board.action:
-        question = f"{to_words(ASKED.get(board.action, board.action)).capitalize()}?"
+        question = name_question(board.action)
         hint = to_words(f"{board.answer.capitalize()} the {board.link}")
         if setup.touchable and board.answer in HOW:
             hint += f" ({HOW[board.answer]})"
@@ -353,7 +375,8 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
     colours, commands = choose_gesture_colours(setup.gestures), describe_commands(setup)
     below = f"color:{PALE};font-size:11px;line-height:1.2;margin:0 0 2px 14px"
     rows = [div(f"color:{PALE};margin:2px 0", head)]
-    for number, gesture in enumerate(setup.gestures):
+    for gesture in list_gestures(setup.gestures):
+        number = setup.gestures.index(gesture)
         colour, share = colours[gesture], f"{probabilities[number]:.0%}"
         weight = f"font-weight:{600 if number == best else 400}"
         name = render_dot(colour) + render_name(gesture)
@@ -370,7 +393,7 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
             )
         ]
         if commands[gesture]:
-            rows += [div(below, escape(commands[gesture]))]
+            rows += [render_brief(div(below, escape(commands[gesture])))]
     return render_block(*rows)
 
 
@@ -407,7 +430,8 @@ def render_log(
     )
     inside = rows or span(f"color:{PALE}", "nothing has happened yet")
     return render_block(
-        div(f"height:{LOG_HEIGHT};overflow-y:auto;margin:4px 0", inside)
+        f'<div class="eskin-log" style="height:{LOG_HEIGHT};overflow-y:auto;'
+        f'margin:4px 0">{inside}</div>'
     )
 
 
@@ -543,5 +567,5 @@ def render_patch_map(
         ),
         f'<svg class="eskin-map" viewBox="0 -8 {10 * column_count} '
         f'{10 * row_count + 8}" '
-        f'style="width:100%;max-height:260px;overflow:visible">{cells}</svg>',
+        f'style="width:100%;max-height:min(260px,30vh);overflow:visible">{cells}</svg>',
     )

@@ -81,10 +81,10 @@ class TouchRule:
     """Actions, of which the state of the arm chooses one."""
 
 
-ArmCondition = Literal["running", "standing", "paused", "held", "stopped"]
-"""Conditions of an arm. `standing`: at rest in its program; `paused`: a person
-requested it; `held`: stopped without a request; `stopped`: in protective stop, or not
-connected."""
+ArmCondition = Literal["running", "stopping", "standing", "paused", "held", "stopped"]
+"""Conditions of an arm. `stopping`: it moves although it is to stand still; `standing`:
+at rest in its program; `paused`: a person requested it; `held`: stopped without a
+request; `stopped`: in protective stop, or not connected."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,14 @@ class ArmSummary:
     why: str
     """Reason for the condition, or for a limit of the speed; may be empty."""
     speed: float
-    """Speed as a share of full speed."""
+    """Speed at which it runs, or will once it is let go, as a share of full speed."""
     gripper: str
     """State of the gripper: `open` or `closed`."""
     target: str
     """Name of the target of the motion."""
     remedy: str = ""
-    """What a person does to let the arm go on; empty where there is nothing to do."""
+    """What a person does to let the arm go on, to answer it, or to give it its full
+    speed back; empty where there is nothing to do."""
     carrying: bool = False
     """Whether a part is in the gripper."""
 

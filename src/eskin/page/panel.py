@@ -13,8 +13,10 @@ from viser.uplot import Axis, Axis_Grid, Series, Series_Points
 
 from eskin.page.hand import MouseHand, PaintBrush, TouchMode
 from eskin.page.html import (
+    AT_WORK,
     ColourScale,
     choose_gesture_colours,
+    list_gestures,
     render_bars,
     render_block,
     render_correction,
@@ -231,9 +233,12 @@ def describe_axis(scale: str, title: str, side: Literal[1, 2, 3] = 3) -> Axis:
 NOT_CERTIFIED = "eskin is no certified safety function."
 """Notice that the page always shows."""
 MODES: tuple[TouchMode, ...] = ("poke", "double pat", "grab", "stroke")
+TASK_ORDERS: dict[str, PageKind] = {"pause": "pause_task", "resume": "resume_task"}
+"""Order of each button of the task, by its label."""
 HOW_TO_TOUCH = (
-    "Click twice for a double pat, drag for a stroke, shift and click for a grab, or "
-    "choose it here, as on a phone; a drag beside the skin turns the view"
+    "Press and hold to touch for as long, click twice for a double pat, drag for a "
+    "stroke, shift and click for a grab, or choose it here, as on a phone; a drag "
+    "beside the skin turns the view"
 )
 TOUCHED = "the touched one"
 """Choice of the patch that is touched most."""
@@ -262,14 +267,17 @@ class TouchPanel(Panel):
         super().__init__(gui, setup, hand.send)
         self.scale, self.hand = scale, hand
         self.colours = choose_gesture_colours(setup.gestures)
-        self.names = tuple(name for name in setup.gestures if name != "unknown")
+        known = [name for name in setup.gestures if name != "unknown"]
+        self.names = tuple(list_gestures(known))
+        self.seconds = 0.0
         self.last: LogEntry | None = None
         self.running = True
         self.maps_due, self.mapped = 0.0, 0
         gui.add_html(render_purpose(setup))
         self.status = gui.add_html("")
         if setup.touchable and setup.is_arm:
-            self.add_orders("task", {"pause": "pause_task", "resume": "resume_task"})
+            task = gui.add_button_group("task", tuple(TASK_ORDERS))
+            obey(task.on_click, self.order_task)
         if setup.touchable:
             mode = gui.add_dropdown("a click is a", MODES, hint=HOW_TO_TOUCH)
             obey(mode.on_update, partial(setattr, hand, "mode"))
@@ -279,7 +287,7 @@ class TouchPanel(Panel):
         if setup.touchable:
             with tabs.add_tab("Hand", Icon.HAND_FINGER):
                 self.add_touch_controls()
-        with tabs.add_tab("10 s", Icon.CHART_LINE):
+        with tabs.add_tab("Last 10 s", Icon.CHART_LINE):
             self.history = HistoryPlot(gui, setup.gestures)
         with tabs.add_tab("Skin", Icon.GRID_DOTS):
             self.shown_patch = gui.add_dropdown("patch", (TOUCHED, *setup.patches))
@@ -322,8 +330,8 @@ class TouchPanel(Panel):
         """Add the controls of how firm and slow touches are."""
         for name, attribute in (("force", "firmness"), ("duration", "slowness")):
             times = self.gui.add_slider(
-                f"{name}, times", min=0.2, max=4.0, step=0.1, initial_value=1.0,
-                hint=f"{name} of the next touches, by what is usual for the gesture",
+                f"{name}: 1 = usual", min=0.2, max=4.0, step=0.1, initial_value=1.0,
+                hint=f"{name} of the next touches; 1 is what people usually do",
             )  # fmt: skip
             obey(times.on_update, partial(setattr, self.hand, attribute))
 
@@ -362,15 +370,21 @@ class TouchPanel(Panel):
 
     def pause_or_resume(self) -> None:
         """Pause the task of the arm while it runs, else resume it."""
-        self.send(PageOrder("pause_task" if self.running else "resume_task"))
+        self.order_task("pause" if self.running else "resume")
+
+    def order_task(self, label: str) -> None:
+        """Send the order of a button of the task, and log that it was pressed."""
+        self.note(self.seconds, f"you pressed {label}")
+        self.send(PageOrder(TASK_ORDERS[label]))
 
     def update(self, update: ViewUpdate) -> None:
         """Store the values and log entries of an update."""
         super().update(update)
         self.history.update(update)
+        self.seconds = update.seconds
         found = [entry for entry in update.log_entries if entry.kind == "detection"]
         self.last = found[-1] if found else self.last
-        self.running = update.arm is None or update.arm.state in ("running", "standing")
+        self.running = update.arm is None or update.arm.state in AT_WORK
 
     def render(self, update: ViewUpdate) -> None:
         """Show the touches, the log, the plot and the skin."""

@@ -15,7 +15,7 @@ from eskin.drivers import Event
 from eskin.errors import DeviceError, RecordingError
 from eskin.live import UNKNOWN, Detection
 from eskin.page.appearance import describe_scene
-from eskin.page.html import HOW, to_words
+from eskin.page.html import ASKED, AT_WORK, HOW, name_question, to_words
 from eskin.page.messages import (
     ArmCondition,
     ArmSummary,
@@ -40,7 +40,7 @@ from eskin.page.process import (
     format_link,
     make_token,
 )
-from eskin.recording.records import check_gesture_names
+from eskin.recording.records import NONE, check_gesture_names
 from eskin.skin import MountedSkin
 from eskin.stream import (
     CommandEvent,
@@ -101,10 +101,12 @@ class FrameEncoder:
         """Return the log entry of a detection, with its position on its link."""
         link = self.mounted.robot.link_index(detection.link)
         x, y, z = apply(invert(self.T_world_link[link]), detection.p_world).tolist()
-        name = detection.gesture
-        if name == UNKNOWN and detection.likeliest:
-            name = f"probably {detection.likeliest}"
-        label = f"{to_words(name)} {detection.confidence:.0%}"
+        name = to_words(detection.gesture)
+        label = f"{name} {detection.confidence:.0%}"
+        if detection.gesture == UNKNOWN and detection.likeliest:
+            likeliest = to_words(detection.likeliest)
+            name = "no gesture" if likeliest == NONE else likeliest
+            label = f"{name}, probably ({detection.confidence:.0%})"
         where = f"{detection.peak_force:.0f} N, {to_words(detection.patch)}"
         return LogEntry(
             self.seconds(detection.stamp),
@@ -224,7 +226,8 @@ def describe_command(command: CommandEvent) -> str:
         return to_words(f"asks: {why}")
     if not command.accepted:
         was_asked_for = command.touch is not None and action != "none"
-        return to_words(f"{action} refused: {why}" if was_asked_for else why)
+        asked = ASKED.get(action, action)
+        return to_words(f"{asked} refused: {why}" if was_asked_for else why)
     if command.likeliest:
         why = f"probably a {command.likeliest}"
     done = DONE.get(action, action)
@@ -266,6 +269,8 @@ def describe_arm(
         by_mouse: whether the mouse is the hand.
     """
     state: ArmCondition = "running" if arm.moving else "standing"
+    if arm.moving and arm.speed_limit == 0:
+        state = "stopping"
     why = ""
     if not arm.connected:
         state = "stopped"
@@ -286,13 +291,20 @@ def describe_arm(
         why = "slowly because of its skin, as the log says"
     elif arm.gripping is not None:
         why = "while its gripper moves"
-    remedy = describe_rest(board)
-    if state in ("paused", "held", "stopped"):
+    if board.action:
+        remedy = describe_answer(board, by_mouse)
+    elif state not in AT_WORK:
         remedy = describe_way(commands, arm.paused, board, by_mouse)
+    elif board.rest:
+        remedy = describe_rest(board)
+    else:
+        remedy = describe_speeding_up(commands, arm, board, by_mouse)
+    # The speed that was chosen stays while the arm stands for a touch or a question.
+    limit = arm.speed_limit or 1.0
     return ArmSummary(
         state,
         why,
-        min(arm.speed, arm.speed_limit),
+        min(arm.speed, limit),
         arm.gripper,
         arm.target,
         remedy,
@@ -302,9 +314,56 @@ def describe_arm(
 
 def describe_rest(board: QuestionBoard) -> str:
     """Return for how long nothing may touch an arm at work before it is asked again."""
-    if not board.rest:
-        return ""
     return f"Touch nothing for {board.rest:g} s, then it can be asked again."
+
+
+def describe_touch(gesture: str, by_mouse: bool) -> str:
+    """Return a gesture, and how the mouse makes it where the mouse is the hand."""
+    how = f" ({HOW[gesture]})" if by_mouse and gesture in HOW else ""
+    return f"{to_words(gesture)}{how}"
+
+
+def find_touches(
+    commands: Sequence[TouchRule], action: str, by_mouse: bool
+) -> list[str]:
+    """Return the gestures that command an action, as `describe_touch` does."""
+    return [
+        describe_touch(rule.gesture, by_mouse)
+        for rule in commands
+        if action in rule.actions
+    ]
+
+
+def describe_answer(board: QuestionBoard, by_mouse: bool) -> str:
+    """Return what an arm asks and how to answer; the question must be open."""
+    question = name_question(board.action)
+    if board.is_answering:
+        return f"{question} Let go and wait."
+    answer = describe_touch(board.answer, by_mouse)
+    return f"{question} Answer: {answer} on the {to_words(board.link)}."
+
+
+def describe_speeding_up(
+    commands: Sequence[TouchRule],
+    arm: ArmState,
+    board: QuestionBoard,
+    by_mouse: bool,
+) -> str:
+    """Return what gives a slow arm its full speed; empty where there is nothing to do.
+
+    Args:
+        commands: what each gesture commands.
+        arm: state of the arm.
+        board: what the arm asks.
+        by_mouse: whether the mouse is the hand.
+    """
+    touches = find_touches(commands, "normal", by_mouse)
+    if arm.speed == 1 or not touches:
+        return ""
+    steps = [touches[0]]
+    if board.answer:
+        steps.append(f"{describe_touch(board.answer, by_mouse)} there when it asks")
+    return f"To full speed: {', then '.join(steps)}."
 
 
 def describe_way(
@@ -324,15 +383,8 @@ def describe_way(
         board: what the arm asks.
         by_mouse: whether the mouse is the hand.
     """
-
-    def describe_touch(gesture: str) -> str:
-        how = f" ({HOW[gesture]})" if by_mouse and gesture in HOW else ""
-        return f"{to_words(gesture)}{how}"
-
-    pausing, resuming = (
-        [describe_touch(rule.gesture) for rule in commands if action in rule.actions]
-        for action in ("pause", "resume")
-    )
+    pausing = find_touches(commands, "pause", by_mouse)
+    resuming = find_touches(commands, "resume", by_mouse)
     if not resuming or not (paused or pausing):
         return ""
     steps = [] if paused else [pausing[0]]
@@ -342,7 +394,7 @@ def describe_way(
         steps.append("wait 1 s")
     steps.append(resuming[0])
     if board.answer:
-        steps.append(f"{describe_touch(board.answer)} there when it asks")
+        steps.append(f"{describe_touch(board.answer, by_mouse)} there when it asks")
     return f"To go on: {', then '.join(steps)}."
 
 

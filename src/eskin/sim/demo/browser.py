@@ -14,7 +14,14 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, Task, load_commands
+from eskin.command import (
+    Policy,
+    PolicyConfig,
+    QuestionConfig,
+    SkinMonitorConfig,
+    Task,
+    load_commands,
+)
 from eskin.drivers import Clock, Event, FixedJoints, HostClock
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Detection, Recognizer, load_model, warm_up
@@ -197,6 +204,10 @@ SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
 MONITOR = SkinMonitorConfig(max_age=0.4, max_silence=0.4)
 """Limits of the skin monitor, beyond what simulated time may be ahead of a reading."""
 
+ANSWER_SECONDS = 3.0
+"""Time to begin the answer to a question: a mouse takes longer than a hand at the arm,
+for which `QuestionConfig` has 1 s [s]."""
+
 READY_TIMEOUT = 60.0
 """Longest time until the page is served [s]."""
 
@@ -322,7 +333,11 @@ def run_demo(
                 simulated=True,
             )
             # Time waits for the policy, so nothing needs to watch its readings.
-            config_of_policy = PolicyConfig(monitor=MONITOR, check_period=None)
+            config_of_policy = PolicyConfig(
+                monitor=MONITOR,
+                question=QuestionConfig(window=ANSWER_SECONDS),
+                check_period=None,
+            )
             policy = Policy(arm, commands, words, config_of_policy)
             page = complete_page(config, page, arm, policy)
             question = partial(describe_question, policy)
