@@ -271,6 +271,22 @@ def test_press_that_lasts_touches_from_then_until_its_release(page):
     assert {order.key for order in page.orders} == {begin.key}
 
 
+@pytest.mark.parametrize("name", ["Last 10 s", "Skin"])
+def test_tab_begins_in_the_upper_part_of_a_low_window(page, name):
+    tab = page.tab
+    tabs = tab.get_by_role("tab")
+    tab.set_viewport_size({"width": 900, "height": 600})
+    try:
+        tabs.filter(has_text=name).click()
+        tab.wait_for_timeout(1000)
+        boxes = [each.bounding_box() for each in tabs.all()]
+        assert len({box["y"] for box in boxes}) == 1
+        assert boxes[0]["y"] + boxes[0]["height"] < 420
+    finally:
+        tabs.first.click()
+        tab.set_viewport_size({"width": 1280, "height": 800})
+
+
 @pytest.mark.parametrize("label", ["pause", "resume"])
 def test_button_of_the_task_leaves_a_line_in_the_log(page, label):
     page.orders.clear()

@@ -36,12 +36,15 @@ from eskin.page import (
 from eskin.page.appearance import build_link_meshes, describe_scene
 from eskin.page.html import (
     describe_commands,
+    list_gestures,
     render_arm,
+    render_bars,
     render_log,
     render_purpose,
     render_status,
+    to_words,
 )
-from eskin.page.messages import ArmCondition, LogEntry
+from eskin.page.messages import ArmCondition, LogEntry, OpenTouch
 from eskin.page.process import (
     MAX_IN_FLIGHT,
     MAX_ORDERS,
@@ -301,6 +304,23 @@ def test_detection_is_logged_at_its_place_on_link():
     assert entry.label == "double pat 97%" and entry.text.startswith(entry.label)
     for part in ("double pat", "97%", "8 N", "forearm back"):
         assert part in entry.text
+    unsure = replace(detection, gesture="unknown", confidence=0.3)
+    for likeliest, label in (
+        ("none", "no gesture, probably (30%)"),
+        ("double_pat", "double pat, probably (30%)"),
+        ("", "unknown 30%"),
+    ):
+        entry = encoder.describe_detection(replace(unsure, likeliest=likeliest))
+        assert entry.label == label
+
+
+def test_what_is_no_gesture_is_listed_last_with_its_own_probability():
+    chances = np.array([0.61, 0.2, 0.1, 0.05, 0.04], np.float32)
+    bars = render_bars([OpenTouch(1, "forearm_back", 2.0, chances)], make_setup())
+    text = re.sub("<.*?>", " ", bars)
+    names = [to_words(name) for name in list_gestures(GESTURES)]
+    assert sorted(names, key=text.index) == names and names[-1] == "none"
+    assert text.split()[-2:] == ["none", "61%"]
 
 
 def test_commands_and_events_are_logged():
