@@ -345,6 +345,18 @@ def test_sample_that_is_old_is_not_used():
     assert source.counters()["late"] == 1
 
 
+def test_patch_whose_samples_are_all_too_old_becomes_silent():
+    """Only what lay unread on this computer shows that a patch still sends."""
+    events = [sample(0, SECOND + n * 20 * MS, n) for n in range(1, 150)]
+    events += [
+        sample(1, SECOND + n * 20 * MS, n, age=0 if n < 50 else 600 * MS)
+        for n in range(1, 150)
+    ]
+    _, source = read_script(sorted(events, key=lambda one: one[0]), 140)
+    kinds = [event.kind for event in source.take_events() if event.patch == "middle"]
+    assert kinds == ["appeared", "late", "silent"]
+
+
 def test_stamps_increase_whatever_a_device_states():
     times = (20, 40, 40, 30, 60)
     events = [sample(0, SECOND + ms * MS, n) for n, ms in enumerate(times)]

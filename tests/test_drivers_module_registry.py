@@ -108,18 +108,30 @@ def test_skin_with_two_patches_at_one_address_is_refused():
 def test_repeated_event_is_reported_once_a_minute_with_its_count():
     log = EventLog()
     for second in range(125):
-        log.count("lost", "scans", 3, detail=f"; the last at {second} s: wait")
+        log.count("lost", "scan", "did not arrive", 3, detail=f"; the last: {second} s")
         log.flush_counts(START + second * SECOND)
     assert [event.text for event in log.take()] == [
-        "3 scans; the last at 0 s: wait",
-        "180 scans",
-        "180 scans",
+        "3 scans did not arrive; the last: 0 s",
+        "180 scans did not arrive; the last: 60 s",
+        "180 scans did not arrive; the last: 120 s",
     ]
+    log.flush_counts(START + 125 * SECOND, at_end=True)
+    log.flush_counts(START + 126 * SECOND, at_end=True)
+    assert [event.text for event in log.take()] == [
+        "12 scans did not arrive; the last: 124 s"
+    ]
+
+
+def test_one_event_is_reported_in_the_singular():
+    log = EventLog()
+    log.count("lost", "scan", "did not arrive")
+    log.flush_counts(START)
+    assert [event.text for event in log.take()] == ["1 scan did not arrive"]
 
 
 def test_events_that_nobody_takes_are_bounded():
     log = EventLog()
     for n in range(3000):
         log.add(START + n, "moved", "it moved")
-        log.count("damaged", f"packets at port {n}")
+        log.count("damaged", "packet", f"at port {n}")
     assert len(log.take()) == 1000 and len(log.repeated) == 256

@@ -163,8 +163,8 @@ class Assembler:
         size = len(data.counts)
         if size == 0 or data.first + size > slot.taxels:
             patch = slot.patch.id
-            text = f"packets hold taxels that patch '{patch}' does not have; check its "
-            self.log.count("damaged", text + "address and firmware", patch=patch)
+            text = f"with taxels that patch '{patch}' does not have; check its address "
+            self.log.count("damaged", "packet", f"{text}and firmware", patch=patch)
             return "damaged"
         clock = stream.clock
         known = clock.epoch is not None
@@ -274,22 +274,22 @@ class Assembler:
         """Drop scans that are still incomplete, and report them."""
         packets = stream.drop_partial(before)
         self.outcomes.settle("incomplete", packets)
-        text = "are of scans that arrived only in part and do not count; check its line"
-        self.count_lost(stream, packets, "packets", text)
+        text = "did not count, as a scan arrived only in part; check its line"
+        self.count_lost(stream, packets, "packet", text)
 
     def report_lost(self, now: int) -> None:
         """Report scans that are lost for good, and flush the log's counts."""
         for stream in self.streams.values():
             lost = stream.numbers.gone - stream.lost_reported
             stream.lost_reported += lost
-            self.count_lost(stream, lost, "scans", "did not arrive; check its line")
+            self.count_lost(stream, lost, "scan", "did not arrive; check its line")
         self.log.flush_counts(now)
 
     def count_lost(self, stream: PatchStream, count: int, what: str, text: str) -> None:
         """Count lost scans or packets of a patch in the log, unless there are none."""
         if count:
             patch = stream.slot.patch.id
-            self.log.count("lost", f"{what} of patch '{patch}' {text}", count, patch)
+            self.log.count("lost", what, f"of patch '{patch}' {text}", count, patch)
 
     def next_deadline(self) -> int | None:
         """Return by when the next scan is emitted [ns]; None before `start`."""

@@ -6,7 +6,7 @@ How lines are read is said by options in the address of their port.
 import json
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, final
@@ -15,11 +15,18 @@ import numpy as np
 
 from eskin.drivers.packet import Framing
 from eskin.errors import DeviceError
+from eskin.files import parse_number
 
 MAX_LINE_BYTES = 1 << 16
 """Longest line."""
 UNITS = {"ns": 1e-3, "us": 1.0, "ms": 1e3, "s": 1e6}
 """Units of time [us]."""
+TIME_NAMES = ("t", "ts", "time", "timestamp", "millis", "micros")
+"""Names of the time in a JSON object, in small letters."""
+TIME_PART = re.compile(r"time|stamp|(?:^|_)t?(?:ns|us|ms|s)$")
+"""Part of another name that is one of a time."""
+MAX_NAMES, MAX_NAME = 4, 24
+"""Largest number of names in a message, and of the characters of each."""
 END = re.compile(rb"\r\n|\n\r|\n|\r")
 COLOURS = re.compile(rb"\x1b\[[\d;]*[A-Za-z]")
 """Codes by which a terminal changes colours or the place of what follows."""
@@ -158,8 +165,13 @@ class LineForm:
         """
         numbers = HEXADECIMAL if self.base == "16" else NUMBERS
         if numbers.fullmatch(body) is None:
-            changes = HEXADECIMAL_CHANGES if find_hexadecimal(body) else ()
-            raise LineError("not all of it is numbers", changes)
+            if find_hexadecimal(body):
+                why = "some of its numbers have digits of A to F"
+                remedy = (
+                    "check cable and baud rate, or set base=16 if it is hexadecimal"
+                )
+                raise LineError(why, HEXADECIMAL_CHANGES, remedy)
+            raise LineError("not all of it is numbers")
         body = AROUND.sub(rb"\1", body.strip())
         if self.decimal == "comma":
             body = body.replace(b",", b".")
@@ -173,10 +185,7 @@ class LineForm:
                     OptionChange({"decimal": "point"}, "if commas separate"),
                 ],
             )
-        words = SEPARATOR.split(body)
-        if not words[-1]:
-            words.pop()
-        return words
+        return SEPARATOR.split(body) if body else []
 
     def convert(self, words: Sequence[bytes]) -> list[float]:
         """Return the numbers of words; those that are missing are not a number.
@@ -209,9 +218,10 @@ def find_hexadecimal(body: bytes) -> list[bytes]:
 def is_number(text: str) -> bool:
     """Return whether a text is a finite number."""
     try:
-        return bool(np.isfinite(float(text)))
+        parse_number(text)
     except ValueError:
         return False
+    return True
 
 
 def clean_line(line: bytes) -> bytes:
@@ -223,8 +233,8 @@ def read_json(body: bytes, unit: str, sizes: Sequence[int]) -> list[float]:
     """Return the numbers of a line that is a JSON object.
 
     They are those of the one array that has the numbers of a scan, else those of all
-    arrays in order, or all of it where it has no array. The time is the first number
-    outside of them whose name begins with a t, else with its unit, else the first.
+    arrays in order, or all of it where it has no array. The time is the number outside
+    of them that `find_time` names.
 
     Args:
         body: the line.
@@ -247,18 +257,41 @@ def read_json(body: bytes, unit: str, sizes: Sequence[int]) -> list[float]:
                 outside[name] = float(value)
         fitting = [array for array in arrays if len(array) in sizes]
         counts = sum(arrays, []) if len(fitting) != 1 else fitting[0]
-        ranked = [
-            name
-            for begin in ("t", unit, "")
-            for name in outside
-            if name.lower().startswith(begin)
-        ]
-        time = [outside.pop(name) for name in ranked[: bool(unit)]]
     except (ValueError, RecursionError, OverflowError, TypeError):
         raise LineError("it begins as a JSON object and is none with numbers") from None
-    if unit and not time:
-        raise LineError("its time is missing", remedy="send it with all lines")
-    return [*time, *(counts or outside.values())]
+    if not unit:
+        return counts or [*outside.values()]
+    time = outside.pop(find_time(outside, unit))
+    return [time, *(counts or outside.values())]
+
+
+def find_time(names: Iterable[str], unit: str) -> str:
+    """Return which of the names of numbers is that of the time.
+
+    It is the first of `TIME_NAMES` or the unit, else the one name with `time` or
+    `stamp` in it or a unit at its end, else the only name.
+
+    Args:
+        names: the names.
+        unit: unit of the time.
+
+    Raises:
+        LineError: there is none, or it is not known which.
+    """
+    names = list(names)
+    lower = {name.lower(): name for name in reversed(names)}
+    for exact in (*TIME_NAMES, unit):
+        if exact in lower:
+            return lower[exact]
+    alike = [name for name in names if TIME_PART.search(name.lower())]
+    found = alike or names
+    if len(found) == 1:
+        return found[0]
+    why = "its time is missing"
+    if found:
+        listed = ", ".join(ascii(name)[:MAX_NAME] for name in found[:MAX_NAMES])
+        why = f"which of its numbers is its time is not known: {listed}"
+    raise LineError(why, remedy=f"name the time 't' or '{unit}' in all lines")
 
 
 def flatten(values: list[Any]) -> list[float]:
@@ -272,8 +305,20 @@ def flatten(values: list[Any]) -> list[float]:
         if isinstance(value, list):
             numbers += flatten(value)
         else:
-            numbers.append(np.nan if value is None else float(value))
+            numbers.append(read_value(value))
     return numbers
+
+
+def read_value(value: Any) -> float:  # noqa: ANN401
+    """Return the number of a value in a JSON list; null is not a number.
+
+    Raises:
+        TypeError: it is neither a number nor the text of one.
+        ValueError: it is the text of no number.
+    """
+    if value is None:
+        return np.nan
+    return parse_number(value) if isinstance(value, str) else float(value)
 
 
 @final
@@ -292,7 +337,8 @@ class LineDeframer(Framing):
         """Return the lines that end in this chunk, without their ends."""
         self.bytes += len(chunk)
         if chunk and self.other:
-            chunk, self.other = chunk.removeprefix(self.other), b""
+            chunk = chunk.removeprefix(self.other)
+            self.other = b""
         lines = []
         *ends, start = END.split(chunk)
         for part in ends:

@@ -39,7 +39,7 @@ from eskin.drivers.csv_meaning import (
     BaseTest,
     EndTest,
     NumberTest,
-    Rising,
+    check_powers,
 )
 from eskin.drivers.events import REPORT_INTERVAL
 from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
@@ -68,6 +68,8 @@ MAX_KEPT_BYTES = 1 << 17
 """Largest size of all lines that are kept."""
 MIN_ROWS = 4
 """Number of rows from which it is tested whether they hold their numbers."""
+RISE_SPAN = 2 * NS_PER_S
+"""Time for which a number rises by the same step before it is known to be no count."""
 
 
 @final
@@ -110,7 +112,8 @@ class LineBurst:
         self.arrived = now
         past = self.past or [(max(now - self.begin, 1), count)]
         spans, counts = (sum(column) for column in zip(*past, strict=True))
-        first, self.count = self.count + 1, self.count + count
+        first = self.count + 1
+        self.count += count
         made = (self.begin + n * spans // counts for n in range(first, self.count + 1))
         return [min(max(stamp, now - MAX_AGE), now) for stamp in made]
 
@@ -124,14 +127,30 @@ class MatrixLine:
         empty_at: latest time at which the port was known to be empty [ns].
         refused: number of lines that were refused and not yet reported.
         unread: the last line that was not read and not yet reported, and why.
+        is_running: whether more lines were read than refused when that was reported.
+            From then on, what lines mean is no longer doubted, and no options are
+            searched for, which takes time.
     """
 
-    def __init__(self, form: LineForm, skin: Skin, patch: int) -> None:
-        """Start without lines."""
-        self.form, self.skin, self.patch = form, skin, patch
+    def __init__(
+        self, form: LineForm, skin: Skin, patch: int, rise_span: int = RISE_SPAN
+    ) -> None:
+        """Start without lines.
+
+        Args:
+            form: how the lines are read.
+            skin: the skin.
+            patch: index of the patch in the skin.
+            rise_span: time for which the number at an end of lines rises before lines
+                are refused for it [ns].
+        """
+        self.form = form
+        self.skin = skin
+        self.patch = patch
         self.deframer = LineDeframer()
         self.unit = "us" if form.time in ("", "none") else form.time
-        self.scale, self.offset = float(form.scale or 1), float(form.offset or 0)
+        self.scale = float(form.scale or 1)
+        self.offset = float(form.offset or 0)
         self.missing = float(form.missing or "nan")
         self.place = skin.patches[patch]
         taxels = skin.find_taxels(self.place.id)
@@ -140,27 +159,33 @@ class MatrixLine:
         self.places = skin.rows[taxels] * self.place.columns + skin.columns[taxels]
         self.counts: Counter[str] = Counter()
         self.refused = 0
+        self.reported = 0
         self.unread: tuple[bytes, LineError] | None = None
+        self.is_running = False
         self.bytes = 0
         self.has_checksum = False
+        self.first_number = NumberTest()
+        self.end_test = EndTest(rise_span)
+        self.base_test = BaseTest()
         self.begin(0)
 
     def begin(self, now: int) -> None:
-        """Start over, as after the port was opened at a time [ns]."""
+        """Start over, as after the port was opened at a time [ns].
+
+        What the numbers in lines mean stays known.
+        """
         self.device_clock = DeviceClock()
-        self.first_number = NumberTest()
-        self.end_test = EndTest()
-        self.rising: Rising | None = None
-        self.base_test = BaseTest()
+        self.first_number.clear()
         self.number = 0
         self.unbelieved_at: int | None = None
         self.empty_at = now
         self.late_at: int | None = None
         self.burst = LineBurst(now)
-        self.size = self.last_size = 0
+        self.size = 0
+        self.last_size = 0
         self.rows: list[float] = []
         self.is_first_scan = True
-        self.left_out = 0
+        self.labelled_at = now
         self.kept: deque[tuple[int, bytes]] = deque()
         self.kept_bytes = 0
         self.searched_at: int | None = None
@@ -255,11 +280,10 @@ class MatrixLine:
         if ANY_NUMBER.search(body) is not None:
             label_end = self.form.find_label_end(body)
             if label_end is None:
-                self.leave_out(line)
+                self.leave_out(line, now)
                 return None
+            self.labelled_at = now
             body = self.take_checksum(line, body[label_end:].strip())
-            if label_end:
-                body = body.removeprefix(b",").removeprefix(b";")
             is_object = body.startswith(b"{")
             ends_rows = body.endswith(b"]]")
             numbers, is_timed = self.read_numbers(body)
@@ -277,20 +301,21 @@ class MatrixLine:
         time = self.take_time(numbers) if is_timed else None
         self.check_size(len(numbers), is_timed, is_object)
         counts, received = self.count(numbers)
-        self.left_out = 0
         return ParsedLine(time, counts, received)
 
-    def leave_out(self, line: bytes) -> None:
+    def leave_out(self, line: bytes, now: int) -> None:
         """Leave out a line that does not begin with the label.
 
-        It is of another device, unless no line begins with the label any more.
+        It is of another device, unless no line begins with the label for a second: then
+        one line a second is refused.
         """
-        self.left_out += 1
         error = LineError(
             f"it does not begin with '{self.form.label}'",
             [OptionChange({"label": ""}, "")],
+            "correct the label, or leave it out",
         )
-        if self.left_out > MIN_KEPT:
+        if now - self.labelled_at > NS_PER_S:
+            self.labelled_at = now
             self.refuse(line, error)
         elif not self.counts["samples"]:
             self.unread = line, error
@@ -336,9 +361,35 @@ class MatrixLine:
         except LineError:
             self.base_test.note_unread(body, sizes)
             raise
+        self.drop_ends(words, is_timed)
         if not self.form.base:
-            self.base_test.push(words[is_timed:])
+            check_powers(words[is_timed:])
+            if not self.is_running:
+                self.base_test.push(words[is_timed:])
         return self.form.convert(words), is_timed
+
+    def drop_ends(self, words: list[bytes], is_timed: bool) -> None:
+        """Drop the empty words at the ends of a line that are no missing cells.
+
+        A separator may end the label, and another the line, where the line has a number
+        more than a scan or a row.
+
+        Raises:
+            LineError: either the first or the last word is no cell.
+        """
+        allowed = (*self.sizes, self.place.columns)
+        size = len(words) - is_timed - bool(self.form.last)
+        begins = bool(self.form.label and words and not words[0])
+        ends = bool(words and not words[-1])
+        if begins and ends and size - 1 in allowed:
+            why = "its first or its last cell is missing"
+            raise LineError(why, remedy="send nan for a missing cell")
+        if begins and ends and size - 2 in allowed:
+            del words[0], words[-1]
+        elif begins and size - 1 in allowed and size not in allowed:
+            del words[0]
+        elif ends and size - 1 in allowed:
+            del words[-1]
 
     def test_ends(self, numbers: Sequence[float], is_timed: bool, now: int) -> None:
         """Test whether the first and the last number of a whole scan are counts.
@@ -351,17 +402,19 @@ class MatrixLine:
         first = self.first_number
         if first.unit is None or (is_timed and first.unit != self.unit):
             first.push(numbers[0], now, is_timed)
-        if self.rising is None:
-            self.rising = self.end_test.push(numbers, now)
-        if self.rising == "last" and self.form.time == "ignore" and not self.form.last:
+        self.end_test.push(numbers, now)
+        rising = self.end_test.rising
+        if rising == "last" and self.form.time == "ignore" and not self.form.last:
             raise LineError(
                 "its last number rises from line to line, its first does not",
                 [OptionChange({"time": "", "last": "ignore"}, "")],
+                "leave out the last instead: last=ignore",
             )
-        if self.rising == "first" and self.form.last and not is_timed:
+        if rising == "first" and self.form.last and not is_timed:
             raise LineError(
                 "its first number rises from line to line, its last does not",
                 [OptionChange({**one.options, "last": ""}, "") for one in TIME_CHANGES],
+                "leave out the first instead: time=ignore, or its unit",
             )
 
     def join_rows(self, numbers: list[float], ends: bool) -> list[float]:
@@ -376,8 +429,10 @@ class MatrixLine:
         self.rows += numbers
         if not ends and len(self.rows) <= self.cells:
             return []
-        numbers, self.rows = self.rows, []
-        is_first, self.is_first_scan = self.is_first_scan, False
+        numbers = self.rows
+        self.rows = []
+        is_first = self.is_first_scan
+        self.is_first_scan = False
         if is_first and len(numbers) < self.cells:
             return []
         if numbers and (not ends or len(numbers) != self.cells):
@@ -453,9 +508,10 @@ class MatrixLine:
     def list_ends(self, is_timed: bool) -> list[OptionChange]:
         """Return the changes by which a number at an end of a line is no count."""
         changes: list[OptionChange] = []
-        if not is_timed and not self.form.time and self.rising != "last":
+        rising = self.end_test.rising
+        if not is_timed and not self.form.time and rising != "last":
             changes += TIME_CHANGES
-        if not self.form.last and self.rising != "first":
+        if not self.form.last and rising != "first":
             changes.append(OptionChange({"last": "ignore"}, "if the last is no count"))
         return changes
 
@@ -491,13 +547,21 @@ class MatrixLine:
                 changes = [OptionChange({"scale": "0.01"}, "or with another scale")]
             raise LineError(f"count {worst:g} is out of range", changes)
         if len(values) != self.taxels:
-            scaled, received = scaled[self.places], received[self.places]
+            scaled = scaled[self.places]
+            received = received[self.places]
         return scaled.astype(np.int32), received
 
     def refuse(self, line: bytes, error: LineError) -> None:
         """Note why a line is refused."""
         self.refused += 1
         self.unread = line, error
+
+    def note_reported(self) -> None:
+        """Note that what was refused is reported."""
+        self.reported += self.refused
+        self.refused = 0
+        self.unread = None
+        self.is_running |= self.counts["samples"] > self.reported
 
     @property
     def why(self) -> str:
@@ -517,8 +581,12 @@ class MatrixLine:
     def find_remedy(self, error: LineError) -> str:
         """Return what to do about a line that is refused.
 
-        It is options that read all lines that have come, if there are some.
+        It is options that read all lines that have come, if there are some. They are
+        searched for where most lines are refused from the start.
         """
+        is_read = self.counts["samples"] > self.reported + self.refused
+        if self.is_running or is_read:
+            return error.remedy or "check cable, baud rate and what is sent"
         now = self.kept[-1][0] if self.kept else 0
         if self.searched_at is None or now - self.searched_at >= REPORT_INTERVAL:
             self.searched_at = now
@@ -536,7 +604,7 @@ class MatrixLine:
 
         The first lines with times are not used, as the clock of the device is learned.
         """
-        trial = MatrixLine(form, self.skin, self.patch)
+        trial = MatrixLine(form, self.skin, self.patch, MAX_HELD)
         errors: list[LineError] = []
         for now, line in self.kept:
             trial.empty_at = now
@@ -572,6 +640,8 @@ def list_negative(values: Float[np.ndarray, "number"]) -> list[OptionChange]:
 @final
 class CsvMatrix(SampleDevice):
     """Reads matrices at serial ports, each of which is one patch of the skin."""
+
+    noun = "line"
 
     def __init__(
         self, clock: Clock, paths: Sequence[str], skin: Skin, baud: int
@@ -637,8 +707,7 @@ class CsvMatrix(SampleDevice):
         count = sum(line.refused for line in self.lines)
         why = next((line.why for line in self.lines if line.unread is not None), "")
         for line in self.lines:
-            line.refused = 0
-            line.unread = None
+            line.note_reported()
         return count, why
 
     def disconnect(self) -> None:

@@ -5,6 +5,7 @@ hexadecimal.
 """
 
 import re
+from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal, final
@@ -27,6 +28,15 @@ MAX_SLOPE_LINES = 60
 """Largest number of lines by which it is estimated how much a number rises."""
 MIN_WIDTH = 3
 """Number of digits from which numbers of one width may be hexadecimal."""
+STEP_TOLERANCE = 0.1
+"""Largest difference between the steps of a time, as a fraction of one of them."""
+MIN_STEPS = 10
+"""Number of equal steps by which a time or the number of a line is known."""
+LETTER_LINES = 20
+"""Number of the latest lines that are searched for digits of A to F."""
+MIN_LETTERED = 3
+"""Number of lines with digits of A to F from which all may be hexadecimal: in fewer,
+letters may be damage."""
 POWER = re.compile(rb"(?<!\S)\d+[eE]\d+(?!\S)")
 """A number that is a power of ten, or hexadecimal."""
 BASES = (
@@ -41,14 +51,11 @@ class NumberTest:
 
     Attributes:
         unit: the unit; empty for none; None while it is not known.
-        rises: whether it rises from line to line, as a time or a number of lines does;
-            None while it is not known.
     """
 
     def __init__(self) -> None:
         """Start without lines."""
         self.unit: str | None = None
-        self.rises: bool | None = None
         self.numbers: list[float] = []
         self.arrivals: list[int] = []
 
@@ -57,7 +64,6 @@ class NumberTest:
         if self.numbers and number < self.numbers[-1]:
             # A device that starts over; or a count.
             self.unit = self.unit if is_time else ""
-            self.rises = False
             self.clear()
         self.numbers.append(number)
         self.arrivals.append(arrived)
@@ -69,7 +75,6 @@ class NumberTest:
         # Numbers of lines go on by one, at any rate.
         near = [u for u, us in UNITS.items() if 2 / 3 < 1e-6 * us * rate < 3 / 2]
         self.unit = near[0] if near and any(step != 1 for step in steps) else ""
-        self.rises = all(step > 0 for step in steps)
         self.clear()
 
     def clear(self) -> None:
@@ -98,27 +103,76 @@ Rising = Literal["first", "last", "neither"]
 
 
 @final
+class StepTest:
+    """Tests whether a number rises by the same step from line to line.
+
+    A time and the number of a line do, for as long as lines come; a count that rises
+    with a touch does not.
+
+    Attributes:
+        rises: whether it does.
+    """
+
+    def __init__(self) -> None:
+        """Start without lines."""
+        self.rises = False
+        self.number = np.nan
+        self.step = np.nan
+        self.arrived = 0
+        self.began_at = 0
+        self.fitted_at = 0
+        self.fitting = 0
+
+    def push(self, number: float, arrived: int, span: int) -> None:
+        """Add the number of a line.
+
+        Args:
+            number: the number.
+            arrived: time at which the line arrived [ns].
+            span: time for which it rises before it is said to rise, and does not rise
+                before that is no longer said [ns].
+        """
+        step = number - self.number
+        tolerance = max(1.0, STEP_TOLERANCE * self.step)
+        if step > 0 and abs(step - self.step) <= tolerance:
+            self.fitting += 1
+            self.fitted_at = arrived
+            is_long = arrived - self.began_at >= span
+            self.rises |= is_long and self.fitting >= MIN_STEPS
+        elif not self.rises or arrived - self.fitted_at > span:
+            self.rises = False
+            self.step = step
+            self.fitting = 0
+            self.began_at = self.arrived
+        self.number = number
+        self.arrived = arrived
+
+
+@final
 class EndTest:
     """Tests which number at the ends of lines rises from line to line.
 
     That number is no count: those beside it do not rise.
     """
 
-    def __init__(self) -> None:
-        """Start without lines."""
-        self.places = {0: NumberTest(), 1: NumberTest(), -2: NumberTest()}
-        self.places[-1] = NumberTest()
+    def __init__(self, span: int) -> None:
+        """Start without lines.
 
-    def push(self, numbers: Sequence[float], arrived: int) -> Rising | None:
-        """Add the numbers of a line; return which rises, None while not known."""
-        for place, test in self.places.items():
-            if test.rises is None:
-                test.push(numbers[place], arrived)
-        first, second, last_but_one, last = (
-            self.places[place].rises for place in (0, 1, -2, -1)
-        )
-        if None in (first, second, last_but_one, last):
-            return None
+        Args:
+            span: time for which a number rises before it is said to rise [ns].
+        """
+        self.span = span
+        self.tests = {place: StepTest() for place in (0, 1, -2, -1)}
+
+    def push(self, numbers: Sequence[float], arrived: int) -> None:
+        """Add the numbers of a line."""
+        for place, test in self.tests.items():
+            test.push(numbers[place], arrived, self.span)
+
+    @property
+    def rising(self) -> Rising:
+        """The end whose number rises, of late."""
+        first, second, last_but_one, last = (one.rises for one in self.tests.values())
         if first and not (second or last):
             return "first"
         return "last" if last and not (last_but_one or first) else "neither"
@@ -134,13 +188,13 @@ class BaseTest:
     def __init__(self) -> None:
         """Start without lines."""
         self.is_decimal = False
-        self.is_hexadecimal = False
+        self.lettered: deque[bool] = deque(maxlen=LETTER_LINES)
         self.tens: set[bytes] = set()
         self.digits: set[bytes] = set()
 
     def note_unread(self, body: bytes, sizes: Sequence[int]) -> None:
         """Note whether a line of some size has digits of A to F in several numbers."""
-        self.is_hexadecimal |= len(find_hexadecimal(body)) in sizes
+        self.lettered.append(len(find_hexadecimal(body)) in sizes)
 
     def push(self, words: Sequence[bytes]) -> None:
         """Add the words of a line.
@@ -148,13 +202,10 @@ class BaseTest:
         Raises:
             LineError: they may be hexadecimal.
         """
-        if self.is_hexadecimal:
+        self.lettered.append(False)
+        if sum(self.lettered) >= MIN_LETTERED:
             why = "its numbers are hexadecimal, as others had digits of A to F"
             raise LineError(why, HEXADECIMAL_CHANGES)
-        power = POWER.search(b" ".join(words))
-        if power is not None:
-            text = power.group().decode()
-            raise LineError(f"'{text}' may be hexadecimal", BASES)
         if self.is_decimal:
             return
         self.tens |= {word[:-1] for word in words}
@@ -168,3 +219,11 @@ class BaseTest:
                 f"begin with {ten.decode()}",
                 BASES,
             )
+
+
+def check_powers(words: Sequence[bytes]) -> None:
+    """Raise a LineError if one of some words is a power of ten, or hexadecimal."""
+    power = POWER.search(b" ".join(words))
+    if power is not None:
+        text = power.group().decode()
+        raise LineError(f"'{text}' may be hexadecimal", BASES)

@@ -168,7 +168,7 @@ class DeviceSource(Source):
                 continue
             self.assembler.outcomes.add(result.refused)
             if result.reason:
-                self.log.count("unauthenticated", result.reason)
+                self.log.count("unauthenticated", "packet", result.reason)
 
     def send_requests(self) -> None:
         """Send the requests that are due to patches of protocol version 2."""
@@ -179,10 +179,10 @@ class DeviceSource(Source):
         """Count bytes that are not a packet of this version."""
         unknown = error.reason in ("version", "kind")
         self.assembler.outcomes.add("unknown" if unknown else "damaged")
-        text = f"packets at {port} have a wrong {error.reason}; check cable and baud"
+        text = f"at {port} with a wrong {error.reason}; check cable and baud"
         if unknown:
-            text = f"packets at {port} are of another {error.reason}; update eskin"
-        self.log.count("damaged", text)
+            text = f"at {port} of another {error.reason}; update eskin"
+        self.log.count("damaged", "packet", text)
 
     @property
     def ended(self) -> bool:
@@ -194,6 +194,11 @@ class DeviceSource(Source):
         self.log.flush_counts(self.clock.now())
         events = self.log.take() + self.transport.take_events(self.clock.now())
         return sorted(events, key=lambda event: event.stamp)
+
+    def take_last_events(self) -> list[Event]:
+        """Return the events since the last call, and of what was only counted yet."""
+        self.log.flush_counts(self.clock.now(), at_end=True)
+        return self.take_events()
 
     def counters(self) -> dict[str, int]:
         """Return readings, packets by outcome, lost scans, skipped periods, transport.

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Literal, final
 
 from eskin.recording import EventRecord
+from eskin.units import format_count
 
 REPORT_INTERVAL = 60_000_000_000
 """Shortest time between two events about the same repeated problem [ns]."""
@@ -80,7 +81,7 @@ class RepeatedEvent:
     reported: int | None = None
     """Time of the last report [ns]; None before the first."""
     detail: str = ""
-    """What the first report adds: what was seen, and the remedy."""
+    """What was seen the last time, and the remedy."""
 
 
 @final
@@ -90,7 +91,7 @@ class EventLog:
     def __init__(self) -> None:
         """Start empty."""
         self.events: deque[Event] = deque(maxlen=MAX_EVENTS)
-        self.repeated: dict[tuple[EventKind, str, str | None], RepeatedEvent] = {}
+        self.repeated: dict[tuple[EventKind, str, str, str | None], RepeatedEvent] = {}
 
     def add(
         self, stamp: int, kind: EventKind, text: str, patch: str | None = None
@@ -101,6 +102,7 @@ class EventLog:
     def count(
         self,
         kind: EventKind,
+        noun: str,
         text: str,
         count: int = 1,
         patch: str | None = None,
@@ -108,22 +110,29 @@ class EventLog:
     ) -> None:
         """Count an event that may happen often; it is reported once a minute at most.
 
-        The report is the number of times and `text`, the first with `detail`.
+        The report is as `3 packets`, where the noun is `packet`, and the text. Then
+        follows the detail of the last time.
         """
-        key = (kind, text, patch)
+        key = (kind, noun, text, patch)
         if key not in self.repeated and len(self.repeated) >= MAX_REPEATED:
             del self.repeated[next(iter(self.repeated))]
         event = self.repeated.setdefault(key, RepeatedEvent())
-        event.count, event.detail = event.count + count, detail
+        event.count += count
+        event.detail = detail
 
-    def flush_counts(self, now: int) -> None:
-        """Add events for what has been counted and is due."""
-        for (kind, text, patch), event in self.repeated.items():
-            due = event.reported is None or now - event.reported >= REPORT_INTERVAL
-            if event.count and due:
-                detail = event.detail if event.reported is None else ""
-                self.add(now, kind, f"{event.count} {text}{detail}", patch)
-                event.count, event.reported = 0, now
+    def flush_counts(self, now: int, at_end: bool = False) -> None:
+        """Add events for what has been counted and is due; at the end, for all."""
+        for (kind, noun, text, patch), event in self.repeated.items():
+            is_due = (
+                at_end
+                or event.reported is None
+                or now - event.reported >= REPORT_INTERVAL
+            )
+            if event.count and is_due:
+                counted = format_count(event.count, noun)
+                self.add(now, kind, f"{counted} {text}{event.detail}", patch)
+                event.count = 0
+                event.reported = now
 
     def take(self) -> list[Event]:
         """Return the events since the last call and forget them."""

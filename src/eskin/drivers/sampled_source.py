@@ -100,6 +100,9 @@ class SampleDevice(Closing):
         nothing from one that is not understood.
         """
 
+    noun: str = "message"
+    """What the device sends is called, in messages."""
+
     def take_refused(self) -> tuple[int, str]:
         """Return how much was refused since the last call, and why the last was.
 
@@ -172,12 +175,16 @@ class SampledSource(Source):
         self.pending: dict[int, PatchSample] = {}
         self.last_received: dict[int, int] = {}
         self.sending: set[int] = set()
-        self.is_open, self.closed = True, False
+        self.is_open = True
+        self.closed = False
         self.received_at: int | None = None
         self.lag = 0
         self.lag_end = 0
-        self.tried = self.last = 0
-        self.readings = self.late = 0
+        self.tried = 0
+        self.asked_at = clock.now()
+        self.last = 0
+        self.readings = 0
+        self.late = 0
         try:
             device.connect()
         except DeviceError:
@@ -221,6 +228,7 @@ class SampledSource(Source):
                 if now - sample.stamp <= MAX_HELD:
                     stamps.setdefault(sample.patch, []).append(sample.stamp)
         refused, why = self.device.take_refused()
+        self.count_refused(refused, why)
         if refused > sum(map(len, stamps.values())) or (sends and not stamps):
             why = why or "it is not data of this skin; allowed is such a device"
             raise DeviceError(f"what {self.uri} sends is not understood: {why}")
@@ -258,7 +266,8 @@ class SampledSource(Source):
         try:
             samples = self.device.receive(timeout)
             now = self.clock.now()
-            last, self.received_at = self.received_at, now
+            last = self.received_at
+            self.received_at = now
             if last is not None and now - last > MAX_HELD:
                 self.lag = now - last
                 self.lag_end = now
@@ -278,15 +287,14 @@ class SampledSource(Source):
         if now - sample.stamp > MAX_HELD:
             self.late += 1
             name = self.skin.patches[patch].id
-            text = f"samples of patch '{name}' arrived too late to be used"
+            text = f"of patch '{name}' arrived too late to be used"
             detail = ""
             if sample.stamp <= self.lag_end:
-                text = (
-                    f"samples of patch '{name}' lay unread, as this computer was busy"
-                )
+                text = f"of patch '{name}' lay unread, as this computer was busy"
                 detail = f" for {self.lag / NS_PER_S:.1f} s; stop other programs"
-            self.log.count("late", text, patch=name, detail=detail)
-            self.note_patch(patch, now)
+                # It sends, though what it sends cannot be used.
+                self.note_patch(patch, now)
+            self.log.count("late", "sample", text, patch=name, detail=detail)
             return
         oldest = min((one.stamp for one in self.pending.values()), default=sample.stamp)
         if patch in self.pending or sample.stamp - oldest > MAX_SPREAD * self.period:
@@ -319,11 +327,17 @@ class SampledSource(Source):
             self.emit(now)
         elif now >= self.due:
             self.emit(now)
-        refused, why = self.device.take_refused()
-        if refused:
-            text = "lines or messages are not read"
-            self.log.count("damaged", text, refused, detail=f"; the last: {why}")
+        if now - self.asked_at >= NS_PER_S:
+            self.asked_at = now
+            self.count_refused(*self.device.take_refused())
         self.log.flush_counts(now)
+
+    def count_refused(self, refused: int, why: str) -> None:
+        """Count what was refused, and note why the last was."""
+        if refused:
+            text = "could not be read"
+            detail = f"; the last: {why}"
+            self.log.count("damaged", self.device.noun, text, refused, detail=detail)
 
     def emit(self, now: int) -> None:
         """Make a scan of the samples that wait; what has none is not received."""
@@ -354,6 +368,12 @@ class SampledSource(Source):
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
+        return self.log.take()
+
+    def take_last_events(self) -> list[Event]:
+        """Return the events since the last call, and of what was only counted yet."""
+        self.count_refused(*self.device.take_refused())
+        self.log.flush_counts(self.clock.now(), at_end=True)
         return self.log.take()
 
     def counters(self) -> dict[str, int]:

@@ -306,7 +306,7 @@ class HostSessions:
         if self.unopened is not None:
             return self.authenticate_sealed(packet, data, arrived, port, self.unopened)
         if is_sealed(data):
-            return refuse(port, "are sealed with a key; give the host the same key")
+            return refuse(port, "sealed with a key; give the host the same key")
         if data[0] == VERSION_2:
             return self.accept_without_key(packet, arrived, port)
         return AuthResult(None, port)
@@ -333,15 +333,15 @@ class HostSessions:
     ) -> AuthResult:
         """Return the result for a packet where there is a key."""
         if not is_sealed(data):
-            return refuse(port, "have no seal; give the patch the key of the host")
+            return refuse(port, "without a seal; give the patch the key of the host")
         number, counter = read_seal(data)
         if number == unopened.session:
             return self.authenticate_unopened(packet, data, arrived, port, unopened)
         session = self.find_session(packet.address, number)
         if session is None or session.seal is None:
-            return refuse(port, "are of no open session; they are old, or replayed")
+            return refuse(port, "of no open session, which is old, or replayed")
         if not session.seal.is_valid(data):
-            return refuse(port, "have a wrong seal; compare the key of patch and host")
+            return refuse(port, "with a wrong seal; compare the key of patch and host")
         if isinstance(packet, Request):
             return AuthResult("foreign")
         freshness = session.window.add(counter)
@@ -362,7 +362,7 @@ class HostSessions:
         It may be a replay, so it has no effect but a request to its port.
         """
         if not isinstance(packet, Hello) or not unopened.is_valid(data):
-            return refuse(port, "have a wrong seal; compare the key of patch and host")
+            return refuse(port, "with a wrong seal; compare the key of patch and host")
         if packet.address not in self.sessions:
             return AuthResult(None, port)
         self.open(packet.address, port, arrived)
@@ -462,4 +462,4 @@ def take_echo(session: Session, echo: Echo, port: str) -> AuthResult:
 
 def refuse(port: str, reason: str) -> AuthResult:
     """Return the result for a packet that is not authentic."""
-    return AuthResult("unauthenticated", reason=f"packets at {port} {reason}")
+    return AuthResult("unauthenticated", reason=f"at {port} {reason}")

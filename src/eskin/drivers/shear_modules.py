@@ -154,7 +154,8 @@ class ShearModules(SampleDevice):
 
     def take_refused(self) -> tuple[int, str]:
         """Return how many messages were not read since the last call, and why."""
-        count, self.refused = self.refused, 0
+        count = self.refused
+        self.refused = 0
         return count, self.why if count else ""
 
     def parse_module(

@@ -132,6 +132,10 @@ class Source(Closing):
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
 
+    def take_last_events(self) -> list[Event]:
+        """Return the events since the last call, and of what was only counted yet."""
+        return self.take_events()
+
     @abstractmethod
     def counters(self) -> dict[str, int]:
         """Return counters: `readings` returned, and more by the kind of source."""

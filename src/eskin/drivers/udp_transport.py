@@ -113,9 +113,10 @@ class UdpTransport(Transport):
                 self.refused += 1
                 self.log.count(
                     "conflict",
-                    "packets were refused that came from another network address than "
-                    "their patch's first hello; stop that sender, or wait until the "
-                    "first is silent",
+                    "packet",
+                    "came from another network address than the patch's first hello "
+                    "and did not count; stop that sender, or wait until the first is "
+                    "silent",
                 )
         return packets
 

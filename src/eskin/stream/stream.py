@@ -199,6 +199,8 @@ class Stream:
                 self.publish(None, event)
             if scan is not None:
                 self.publish(None, scan)
+        for event in self.source.take_last_events():
+            self.publish(None, event)
 
     def publish(self, sender: ListenerThread | None, item: Message) -> None:
         """Give a message to all listeners that take its type, except its sender."""
