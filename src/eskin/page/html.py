@@ -525,6 +525,8 @@ class ColourScale:
         )
 
 
+MAP_HEIGHT = "clamp(100px,100vh - 500px,260px)"
+"""Greatest height of an unrolled patch, which fits into a low window."""
 MAP_STYLE = (
     "<style>.eskin-map text{display:none;font-size:5px;fill:currentColor}"
     ".eskin-map g:hover text{display:block}"
@@ -567,5 +569,5 @@ def render_patch_map(
         ),
         f'<svg class="eskin-map" viewBox="0 -8 {10 * column_count} '
         f'{10 * row_count + 8}" '
-        f'style="width:100%;max-height:min(260px,30vh);overflow:visible">{cells}</svg>',
+        f'style="width:100%;max-height:{MAP_HEIGHT};overflow:visible">{cells}</svg>',
     )
