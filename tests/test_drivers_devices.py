@@ -357,6 +357,21 @@ def test_patch_whose_samples_are_all_too_old_becomes_silent():
     assert sorted(kinds) == ["appeared", "late", "silent"]
 
 
+def test_events_tell_all_that_was_refused_and_the_latest_cause_at_the_end():
+    events = [sample(0, SECOND + n * 20 * MS, n) for n in range(1, 400)]
+    _, source = read_script(events, 2)
+    given = [1, 20, 300]
+    refused = [(count, f"cause {count}") for count in given]
+    source.device.take_refused = lambda: refused.pop(0) if refused else (0, "")
+    while refused:
+        source.read()
+    told = [event for event in source.take_events() if event.kind == "damaged"]
+    told += [event for event in source.take_last_events() if event.kind == "damaged"]
+    assert sum(int(event.text.split()[0]) for event in told) == sum(given)
+    assert told[0].text.startswith("1 message could not be read; the last: cause 1")
+    assert "cause 300" in told[-1].text
+
+
 def test_stamps_increase_whatever_a_device_states():
     times = (20, 40, 40, 30, 60)
     events = [sample(0, SECOND + ms * MS, n) for n, ms in enumerate(times)]

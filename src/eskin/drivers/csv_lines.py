@@ -25,8 +25,10 @@ TIME_NAMES = ("t", "ts", "time", "timestamp", "millis", "micros")
 """Names of the time in a JSON object, in small letters."""
 TIME_PART = re.compile(r"time|stamp|(?:^|_)t?(?:ns|us|ms|s)$")
 """Part of another name that is one of a time."""
-MAX_NAMES, MAX_NAME = 4, 24
-"""Largest number of names in a message, and of the characters of each."""
+MAX_NAMES = 4
+"""Largest number of names in a message."""
+MAX_NAME = 24
+"""Largest number of characters of each of them."""
 END = re.compile(rb"\r\n|\n\r|\n|\r")
 COLOURS = re.compile(rb"\x1b\[[\d;]*[A-Za-z]")
 """Codes by which a terminal changes colours or the place of what follows."""
