@@ -181,7 +181,8 @@ def test_too_few_scans_are_refused_and_nothing_is_written(
     silent, part, presses, tmp_path, capsys
 ):
     scans = make_slow_scans(2.0, 8.0, lambda number: silent)
-    path, out = record(tmp_path / "slow.mcap", scans), tmp_path / "c.json"
+    path = record(tmp_path / "slow.mcap", scans)
+    out = tmp_path / "c.json"
     words = ("calibrate", f"replay:{path}", "--out", out, "--presses", presses)
     assert_refused(capsys, *words, part=part)
     assert not out.exists()

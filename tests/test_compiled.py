@@ -134,7 +134,8 @@ def list_code(*folders):
 
 
 def test_code_is_read_where_it_is_and_kept_where_it_can_be(halve, tmp_path, caplog):
-    first, second = tmp_path / "first", tmp_path / "second"
+    first = tmp_path / "first"
+    second = tmp_path / "second"
     closed = tmp_path / "file" / "folder"
     closed.parent.touch()
     assert halve(closed, second, first) == (1.0, 1)

@@ -732,7 +732,8 @@ def test_pitch_that_is_advised_is_accepted_and_the_next_is_not(
     shape, at, tmp_path, capsys
 ):
     trimesh.creation.torus(0.06, 0.03, 48, 20).export(tmp_path / "torus.stl")
-    urdf, out = write_urdf(tmp_path, SHAPES[shape]), tmp_path / "skin"
+    urdf = write_urdf(tmp_path, SHAPES[shape])
+    out = tmp_path / "skin"
     words = ("skin", "place", urdf, "--link", "body", "--rows", 9, "--columns", 7)
     words = (*words, *at, "--out", out, "--pitch-mm")
     code, _, err = call(capsys, *words, 40)
@@ -744,7 +745,8 @@ def test_pitch_that_is_advised_is_accepted_and_the_next_is_not(
 
 
 def test_link_that_is_no_obstacle_for_a_matrix_is_told(tmp_path, capsys, caplog):
-    urdf, out = write_urdf(tmp_path, SHAPES["box"]), tmp_path / "skin"
+    urdf = write_urdf(tmp_path, SHAPES["box"])
+    out = tmp_path / "skin"
     more = (
         '<link name="lid"><collision><geometry><mesh filename="gone.stl"/></geometry>'
     )
@@ -758,7 +760,8 @@ def test_link_that_is_no_obstacle_for_a_matrix_is_told(tmp_path, capsys, caplog)
 
 
 def test_place_without_room_for_any_pitch_is_told(tmp_path, capsys):
-    urdf, out = write_urdf(tmp_path, SHAPES["box"]), tmp_path / "skin"
+    urdf = write_urdf(tmp_path, SHAPES["box"])
+    out = tmp_path / "skin"
     words = ("skin", "place", urdf, "--link", "body", "--rows", 9, "--columns", 7)
     on_edge = ("--pitch-mm", 6, "--at", 40, 50, 0, "--out", out)
     assert_refused(capsys, *words, *on_edge, part="no pitch fits")

@@ -251,7 +251,8 @@ def test_option_that_leaves_out_the_wrong_end_is_refused(last):
     """Of two numbers at the ends of lines, the one that rises is no count."""
     scans = [vary(n, False) for n in range(200)]
     lines = [join([*v, n] if last else [n, *v]) + b"\n" for n, v in enumerate(scans)]
-    wrong, right = ",time=ignore", ",last=ignore"
+    wrong = ",time=ignore"
+    right = ",last=ignore"
     if not last:
         wrong, right = right, wrong
     line = open_line(wrong)

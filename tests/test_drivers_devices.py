@@ -419,7 +419,8 @@ class Wire:
     """Stands for a serial port whose buffer holds what was not read yet."""
 
     def __init__(self, path, baud, deframer):
-        self.deframer, self.data = deframer, b"\n"
+        self.deframer = deframer
+        self.data = b"\n"
         self.line = self
 
     def fileno(self):

@@ -333,7 +333,8 @@ def test_camera_turns_anew_when_a_window_becomes_narrow():
 
 def test_place_where_to_click_is_seen_in_every_pose():
     """No other taxel is drawn before it, and it faces the camera."""
-    scene, rng = make_scene(), np.random.default_rng(0)
+    scene = make_scene()
+    rng = np.random.default_rng(0)
     target = TargetMark(scene.server, scene, hints=True)
     for turn in np.linspace(-3.0, 3.0, 12):
         bend = rng.uniform((-2.2, 0.6, -2.2), (-1.0, 2.2, -0.6))
@@ -366,8 +367,11 @@ def test_scene_is_projected_as_the_camera_shows_it():
 
 
 def test_labels_of_forces_overlap_no_other_label():
-    scene, rng, shown = make_scene(), np.random.default_rng(3), []
-    marks, setup = Marks(scene.server, scene), scene.setup
+    scene = make_scene()
+    rng = np.random.default_rng(3)
+    shown = []
+    marks = Marks(scene.server, scene)
+    setup = scene.setup
     for number in range(60):
         taxels = rng.choice(len(setup.positions), 3)
         contacts = tuple(

@@ -120,7 +120,8 @@ class Program:
 
     def __init__(self, folder: Path, words: str, show: bool) -> None:
         """Start `eskin` with some words in a folder."""
-        self.words, self.show = words, show
+        self.words = words
+        self.show = show
         self.lines: list[str] = []
         self.queue: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self.until = time.monotonic() + LONGEST

@@ -120,7 +120,8 @@ class Hand:
 
     def __init__(self, hand: InteractiveHand, skin: Skin) -> None:
         """Prepare a hand for a skin of one patch."""
-        self.hand, self.skin = hand, skin
+        self.hand = hand
+        self.skin = skin
         self.rng = np.random.default_rng(SEED)
 
     def find_point(self, row: float, column: float) -> LinkPoint:

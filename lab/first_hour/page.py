@@ -88,7 +88,9 @@ def walk(port: int, show: bool) -> int:
     Returns:
         Exit code: 0 where all touches were recognised, else 1.
     """
-    steps, total, printed = read_steps(str(port)), 0.0, ""
+    steps = read_steps(str(port))
+    total = 0.0
+    printed = ""
     with tempfile.TemporaryDirectory() as folder:
         for step in steps:
             began = time.monotonic()

@@ -134,7 +134,8 @@ class EntryCompiler(CompilerBase):
 
     def _compile_core(self) -> Any:  # noqa: ANN401
         """Run the passes while numba makes parts of all other functions."""
-        state, context = self.state, cast(Any, cpu_target.target_context)
+        state = self.state
+        context = cast(Any, cpu_target.target_context)
         codegen = context.codegen()
         state.library = codegen.create_library(state.func_id.func_qualname)
         state.library.enable_object_caching()

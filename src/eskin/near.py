@@ -97,7 +97,9 @@ def find_nearest(points: Float[np.ndarray, "point 3"], count: int) -> Pairs:
     count = min(count, len(points) - 1)
     if count < 1:
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-    left, reach, found = np.arange(len(points)), choose_reach(points, count), []
+    left = np.arange(len(points))
+    reach = choose_reach(points, count)
+    found = []
     while len(left):
         done = []
         for pairs in iterate_near_pairs(points, reach, left):

@@ -66,7 +66,8 @@ def make_press(skin, taxel, seconds=1.0):
 def make_scans(skin, rows, joints=0, seed=0):
     """Yield scans of counts with a little noise."""
     rng = np.random.default_rng(seed)
-    received, q = np.ones(skin.count, bool), np.zeros(joints)
+    received = np.ones(skin.count, bool)
+    q = np.zeros(joints)
     for number, row in enumerate(rows, 1):
         counts = np.round(row + rng.normal(0, 0.6, skin.count)).astype(np.int32)
         yield Scan(round(number * 1e9 / RATE), np.maximum(counts, 0), received, q)
@@ -120,7 +121,8 @@ def call(line):
 def write_recording(path):
     """Write a recording of three labelled presses on `my_skin`."""
     mounted = mount_skin(path.parent / "my_skin")
-    skin, robot = mounted.skin, mounted.robot
+    skin = mounted.skin
+    robot = mounted.robot
     press = make_press(skin, 136)
     rows = [np.full(skin.count, REST)] * round(6 * RATE) + press * 3
     metadata = Metadata("own", "bob", "one")

@@ -282,7 +282,8 @@ def lay_grid(
     cells = grid.unrolled()[:, None] + MARGIN * grid.row_pitch * build_cell_points()
     present = np.ones((grid.rows, grid.columns), dtype=bool)
     for turn in turns:
-        cosine, sine = np.cos(turn + zero), np.sin(turn + zero)
+        cosine = np.cos(turn + zero)
+        sine = np.sin(turn + zero)
         rotation = np.array([[cosine, -sine], [sine, cosine]])
         if not whole.contains(origin + cells.reshape(-1, 2) @ rotation.T).all():
             continue
@@ -306,7 +307,8 @@ def find_fitting_pitch(site: Site, spec: MatrixSpec) -> float | None:
     places = site.places if spec.at is None else np.array([spec.at])
     for place in track_progress(places, "places measured", len(places)):
         # A place is looked at closely only where it has room for more than the others.
-        low, high = largest, most
+        low = largest
+        high = most
         tried = int(NEAR * low) + 1
         while tried < high:
             found = lay_matrix(site, place, replace(spec, pitch=MM * (tried / parts)))

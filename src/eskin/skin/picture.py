@@ -165,7 +165,10 @@ def draw_unrolled(
     space = SPACE * inch
     caption = CAPTION * inch if labelled else 0.0
     length = BARS[0] if row_width > 2 * BARS[0] else BARS[1]
-    left, top, low, right = 0.0, 0.0, 0.0, length + 10 * LETTER * inch
+    left = 0.0
+    top = 0.0
+    low = 0.0
+    right = length + 10 * LETTER * inch
     for number, patch in enumerate(skin.patches):
         taxels = np.flatnonzero(skin.patch_index == number)
         if len(taxels) == 0:

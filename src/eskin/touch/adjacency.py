@@ -76,7 +76,8 @@ def find_pairs(
     """Find the pairs of members within the larger reach of the two, in both orders."""
     members = np.flatnonzero(is_member)
     largest = reach[members].max()
-    found, count = [], 0
+    found = []
+    count = 0
     for one, other, squared in iterate_near_pairs(points[members], largest):
         count += len(one)
         if count > MAX_PAIRS:
@@ -85,7 +86,8 @@ def find_pairs(
                 f"within {1e3 * largest:.3g} mm; allowed are {MAX_PAIRS:,}; use a "
                 "coarser skin"
             )
-        a, b = members[one], members[other]
+        a = members[one]
+        b = members[other]
         kept = np.sqrt(squared) <= np.maximum(reach[a], reach[b])
         found.append(np.stack([a[kept], b[kept]]))
     return np.concatenate(found, axis=1)

@@ -344,7 +344,8 @@ def run_training(
     if validation is None and share and round(share * dataset.original_count) == 0:
         part, held = hold_out_takes(dataset)
         if takes := held.labelled:
-            dataset, validation = part, held
+            dataset = part
+            validation = held
     trainer = Trainer(
         dataset,
         vocabulary,
@@ -421,7 +422,8 @@ def take_sizes(plan: TrainingPlan, start: Model | None) -> TrainingPlan:
     """
     if start is None:
         return plan
-    asked, usual = plan.config.network, NetworkConfig()
+    asked = plan.config.network
+    usual = NetworkConfig()
     theirs = {size: getattr(start.card.network, size) for size in SIZES}
     ours = {size: getattr(asked, size) for size in SIZES}
     if any(ours[size] not in (theirs[size], getattr(usual, size)) for size in SIZES):
