@@ -1,14 +1,23 @@
 """Tests of the progress of long commands, where the output is no terminal."""
 
 from contextlib import contextmanager
+from threading import enumerate as enumerate_threads
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import eskin.progress
+from eskin.exports.lerobot import write_lerobot
+from eskin.learn.dataset import prepare
 from eskin.progress import PERIOD, describe_progress, show_progress, track_progress
-from eskin.recording import Label, Metadata, RecordingWriter, write_all
+from eskin.recording import (
+    Label,
+    Metadata,
+    RecordingWriter,
+    read_recording,
+    write_all,
+)
 from helpers.cli import call
 from helpers.guided import CALIBRATION, SKIN, make_scans, record, rest
 from helpers.guided import PERIOD as PERIOD_NS
@@ -106,6 +115,41 @@ def test_commands_that_may_take_minutes_show_progress(words, shown, tmp_path, ca
         filled += ["--label", "gesture", "--rate", "50"]
     call(capsys, *filled)
     assert shown
+
+
+def fail(*_, **__):
+    raise ValueError("disk full")
+
+
+def take_one_and_fail(graphs, *_):
+    fail(next(iter(graphs)))
+
+
+def export(path, folder):
+    write_lerobot([read_recording(path)], folder / "out")
+
+
+def prepare_one(path, folder):
+    prepare([path])
+
+
+@pytest.mark.parametrize(
+    ("work", "part", "failing"),
+    [
+        (export, "eskin.exports.lerobot.list_frames", fail),
+        (prepare_one, "eskin.learn.dataset.join_graphs", take_one_and_fail),
+    ],
+)
+def test_no_line_is_printed_after_an_error_that_is_kept(
+    work, part, failing, tmp_path, monkeypatch
+):
+    """A notebook keeps the last traceback, and with it all that its frames name."""
+    path = record(tmp_path / "a.mcap", make_scans(rest(50)))
+    monkeypatch.setattr(part, failing)
+    with pytest.raises(ValueError, match="disk full") as kept:
+        work(path, tmp_path)
+    assert "eskin progress" not in [thread.name for thread in enumerate_threads()]
+    assert kept.value.__traceback__ is not None
 
 
 @pytest.mark.parametrize("quiet", [True, False])

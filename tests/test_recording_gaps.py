@@ -6,9 +6,11 @@ import pyarrow.parquet as parquet
 import pytest
 
 from eskin.drivers import STEPPED, ManualClock, replay_source
+from eskin.errors import RecordingError
 from eskin.exports.lerobot import write_lerobot
 from eskin.recording import Label, read_recording
 from eskin.sim.virtual import resample_scans
+from eskin.units import format_duration
 from helpers.cli import call
 from helpers.live import SECOND, START, Press, mounted, record, scans
 
@@ -33,7 +35,8 @@ def find_played(gaps):
 
 def separate(gaps):
     """Return the scans with gaps before some of them, the last of which end now."""
-    moved, later = [], 0
+    moved = []
+    later = 0
     for number, scan in enumerate(reversed(SCANS), 1):
         moved.insert(0, replace(scan, stamp=scan.stamp - later))
         if seconds := gaps.get(len(SCANS) - number):
@@ -101,7 +104,8 @@ def test_played_source_shortens_gaps_and_tells_it(path, gaps, pace, restamp):
     expected = find_played(gaps)
     clock = ManualClock(START)
     source = replay_source(path, pace, clock, restamp)
-    played, events = [], []
+    played = []
+    events = []
     with source:
         while not source.ended:
             scan = source.read()
@@ -148,6 +152,43 @@ def test_stamps_that_are_no_nanoseconds_are_told(unit, told, tmp_path, caplog):
         assert ("us.mcap: " in caplog.text) is told
         caplog.clear()
         read_recording(path)
+
+
+@pytest.mark.parametrize("apart", [1, 1000, SECOND // 1000])
+def test_readings_that_come_in_groups_have_the_rate_at_which_they_come(
+    apart, tmp_path, caplog
+):
+    grouped = [
+        replace(scan, stamp=START + 3 * PERIOD * (n // 3) + apart * (n % 3))
+        for n, scan in enumerate(SCANS)
+    ]
+    path = record(tmp_path / "groups.mcap", mounted(), grouped, [])
+    recording = read_recording(path)
+    assert recording.period == pytest.approx(PERIOD, rel=0.02)
+    assert not recording.gaps and not caplog.text
+
+
+def test_lost_readings_do_not_change_the_rate(tmp_path):
+    kept = [scan for n, scan in enumerate(SCANS) if n % 5]
+    path = record(tmp_path / "lossy.mcap", mounted(), kept, [])
+    assert read_recording(path).period == PERIOD
+
+
+def test_impossible_rate_has_no_frames(tmp_path):
+    fast = [replace(scan, stamp=20_000 * n) for n, scan in enumerate(SCANS[:50])]
+    recording = read_recording(record(tmp_path / "a.mcap", mounted(), fast, []))
+    with pytest.raises(
+        RecordingError, match=r"a\.mcap: 50,000 scans a second; allowed"
+    ):
+        write_lerobot([recording], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.04, "0.04 s"), (59.5, "59.50 s"), (60, "60 s")]
+)
+def test_duration_has_the_digits_that_matter(seconds, text):
+    assert format_duration(seconds) == text
 
 
 def test_rate_is_told_in_scans_a_second(tmp_path, caplog):

@@ -183,7 +183,8 @@ def test_most_severe_state_of_arm_is_shown_with_what_ends_it(changes, state, rea
 
 
 def test_arm_that_no_touch_resumes_promises_nothing():
-    paused, held = replace(ARM, paused=True), replace(ARM, hold_reason=STALE)
+    paused = replace(ARM, paused=True)
+    held = replace(ARM, hold_reason=STALE)
     pausing, resuming = COMMANDS
     assert not describe_arm(paused, [pausing]).remedy
     assert describe_arm(paused, [resuming]).remedy == "To go on: grab."
@@ -454,7 +455,9 @@ def test_page_tells_where_it_records(recording, text):
 def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
     page = SimpleNamespace(give=len, wants=lambda: False, close=lambda: None)
     monkeypatch.setattr("eskin.page.viewer.PageProcess", lambda *_: page)
-    recognition, kept, states = make_recognition(drop="never"), [], [None]
+    recognition = make_recognition(drop="never")
+    kept = []
+    states = [None]
     viewer = Viewer(recognition, ViewerConfig(0), recording=lambda: states[0])
     source = make_source(scans(mounted(), two_hands(mounted()), 50, 3.0))
     with Stream(source, [recognition, viewer]) as stream:
@@ -466,8 +469,10 @@ def test_correction_of_a_touch_is_published_where_it_is_recorded(monkeypatch):
         (SAVED, touch, "stroke", "not kept: nothing is recorded"),
         (MADE, touch, " ", "not kept: gesture ' ' is empty"),
         (MADE, touch, "unknown", "not kept: gesture 'unknown'"),
+        (MADE, touch, "Stroke", "not kept: gestures 'stroke' and 'Stroke' differ"),
         (MADE, 999, "stroke", "not kept: the touch"),
         (MADE, touch, "Мой взмах+", "kept: that was a Мой взмах+"),
+        (MADE, touch, "мой_взмах+", "not kept: gestures 'Мой взмах+' and 'мой_"),
     ):
         viewer.take_order(CorrectionOrder(number, name))
         assert said in viewer.encoder.log_entries[-1].text

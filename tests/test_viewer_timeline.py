@@ -107,6 +107,21 @@ def test_invalid_label_changes_nothing(editor, start, end):
     assert tuple(editor.labels) == LABELS and not editor.changed
 
 
+@pytest.mark.parametrize("name", ["Grab", "double pat", "Wave"])
+def test_label_is_spelled_as_the_others_and_the_vocabulary_are(path, name):
+    editor = LabelEditor(read_recording(path), ["wave", "GRAB", "double_pat"])
+    with pytest.raises(RecordingError, match="differ only in case"):
+        editor.set_range(name, 4.5, 5.0)
+    assert tuple(editor.labels) == LABELS
+    for right in ("grab", "double_pat", "wave", "Мой взмах"):
+        editor.set_range(right, 4.5, 5.0)
+
+
+def test_only_label_of_a_gesture_is_renamed(editor):
+    editor.set_range("wave", 4.5, 5.0)
+    assert editor.set_range("Wave", 4.5, 5.0) in editor.labels
+
+
 def test_saving_writes_labels_and_keeps_original(path, editor):
     original = path.read_bytes()
     editor.set_range("double_pat", 1.0, 1.5)

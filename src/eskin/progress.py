@@ -2,7 +2,7 @@
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
 from time import monotonic
@@ -114,8 +114,15 @@ def show_line(text: str) -> None:
     sys.stderr.flush()
 
 
-def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
-    """Yield the items, and show how many of all were taken."""
+def track_progress(
+    items: Iterable[T], what: str, total: int
+) -> Generator[T, None, None]:
+    """Yield the items, and show how many of all were taken.
+
+    It shows that until it has ended or is closed. A variable keeps it open when its
+    user raises, as long as the traceback is kept: give it a name in
+    `with contextlib.closing` only.
+    """
     with show_progress(what, total) as update:
         for number, item in enumerate(items, 1):
             yield item

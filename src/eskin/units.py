@@ -32,6 +32,7 @@ DURATIONS = (
     (2 * 86400, 86400, "days"),
     (2 * 3600, 3600, "hours"),
     (2 * 60, 60, "minutes"),
+    (60, 1, "s"),
 )
 """Duration from which a unit is used [s], its length [s] and its name."""
 

@@ -42,8 +42,8 @@ class ExportCommand:
     a touch."""
 
     lerobot: Path | None = None
-    """New folder for a LeRobot data set (v3), one episode a recording; recordings of
-    one skin at one rate."""
+    """New folder for a LeRobot data set (v3), one episode for each part of a recording
+    without a gap; recordings of one skin at one rate."""
 
     to: tuple[str, Path] | None = None
     """Format of an installed package, as eskin doctor lists them, and the file or

@@ -78,8 +78,9 @@ def run_label(command: LabelCommand) -> dict[str, object]:
         path if command.out is None else command.out / path.name for path in paths
     ]
     check_targets(command, recordings, targets)
-    tracked = track_progress(recordings, "recordings labelled", len(recordings))
-    results = [find_labels(command, recording) for recording in tracked]
+    results = []
+    for recording in track_progress(recordings, "recordings labelled", len(paths)):
+        results.append(find_labels(command, recording))
     agreement = LabelAgreement()
     for recording, result in zip(recordings, results, strict=True):
         truth = sort_labels(recording.labels, "true")
@@ -341,10 +342,11 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     # Only now: the page takes a while to import.
     from eskin.page.editing import LabelEditor, load_replayed
     from eskin.page.server import open_server
-    from eskin.page.timeline import Timeline
+    from eskin.page.timeline import GESTURES, Timeline
 
     replayed = load_replayed(played, mounted, config)
-    editor = LabelEditor(recording)
+    vocabulary = [*(found.gesture for found in detections), *GESTURES]
+    editor = LabelEditor(recording, vocabulary)
     token = make_token()
     server = open_server(port, token)
     try:

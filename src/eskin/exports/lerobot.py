@@ -10,6 +10,7 @@ import json
 import logging
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -22,6 +23,7 @@ from eskin.errors import RecordingError
 from eskin.files import write_folder
 from eskin.progress import track_progress
 from eskin.recording import NONE, Label, Recording, select_labels
+from eskin.recording.records import describe_rate
 from eskin.registry import Exporter, find_package
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, Scan, TouchPipeline
@@ -147,8 +149,8 @@ def write_lerobot(
     total = {name: Stats() for name in plan.features}
     tasks: dict[str, int] = {}
     rows, begin = [], 0
-    with write_folder(Path(folder), RecordingError) as work:
-        tracked = track_progress(recordings, "recordings", len(recordings))
+    tracking = closing(track_progress(recordings, "recordings", len(recordings)))
+    with write_folder(Path(folder), RecordingError) as work, tracking as tracked:
         episodes = (each for one in tracked for each in split_episodes(one, plan))
         for number, (task, batches) in enumerate(episodes):
             task_index = tasks.setdefault(task, len(tasks))
@@ -204,7 +206,8 @@ def plan_dataset(recordings: Sequence[Recording]) -> DatasetPlan:
     """Return what all recordings share.
 
     Raises:
-        RecordingError: they are of different skins or rates, or one is empty.
+        RecordingError: they are of different skins or rates, or one is empty or has
+            an impossible rate.
     """
     rates, names = [], {NONE: None}
     for recording in recordings:
@@ -213,6 +216,9 @@ def plan_dataset(recordings: Sequence[Recording]) -> DatasetPlan:
                 f"{recording.path} has no two readings without a gap between them; "
                 "allowed are 2 or more; leave it out"
             )
+        wrong = describe_rate(recording.period)
+        if wrong is not None:
+            raise RecordingError(f"{recording.path}: {wrong}")
         rates.append(NS_PER_S / recording.period)
         names |= dict.fromkeys(label.gesture for label in recording.labels)
         names |= dict.fromkeys(each.gesture for each in recording.detections)

@@ -6,7 +6,7 @@ Contact graphs are laid end to end, in memory or, for sets larger than that, on 
 import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -170,7 +170,7 @@ def prepare(
             for t in transforms
             for r in recordings
         )
-        parts = track_progress(prepared, "Reading", total)
+        tracking = closing(track_progress(prepared, "Reading", total))
     else:
         jobs = (
             delayed(pack_recording)(path, pack, pipeline, graph, t, overrides)
@@ -178,9 +178,11 @@ def prepare(
             for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-        parts = map(load_prepared, track_progress(files, "Packing", total))
+        loaded = map(load_prepared, files)
+        tracking = closing(track_progress(loaded, "Packing", total))
     copies = len(transforms)
-    dataset = concatenate_recordings(recordings * copies, parts, copies, pack)
+    with tracking as parts:
+        dataset = concatenate_recordings(recordings * copies, parts, copies, pack)
     if not len(dataset.stamps):
         raise RecordingError(
             f"no touch in {format_count(len(paths), 'recording')}; allowed are "

@@ -17,7 +17,7 @@ from eskin.recording import (
     DetectionRecord,
     Label,
     Recording,
-    check_gesture_names,
+    check_new_name,
     check_no_overlap,
     read_recording,
     rewrite_recording,
@@ -40,13 +40,20 @@ class LabelEditor:
 
     Attributes:
         recording: recording to label.
+        vocabulary: names of gestures beside those of its labels.
         labels: current labels, by start.
         changed: whether there are unsaved changes.
     """
 
-    def __init__(self, recording: Recording) -> None:
-        """Start with the labels in the file."""
+    def __init__(self, recording: Recording, vocabulary: Sequence[str] = ()) -> None:
+        """Start with the labels in the file.
+
+        Args:
+            recording: recording to label.
+            vocabulary: names of gestures beside those of its labels.
+        """
         self.recording = recording
+        self.vocabulary = tuple(vocabulary)
         self.labels = select_labels(recording.labels)
         self.changed = False
         self.previous: list[tuple[Label, ...]] = []
@@ -73,13 +80,14 @@ class LabelEditor:
 
         Raises:
             RecordingError: the range ends before it starts, or overlaps two labels, or
-                no gesture may have this name.
+                no gesture may have this name, or another label or the vocabulary
+                spells it otherwise.
         """
-        check_gesture_names([gesture])
         label = Label(self.stamp(start), self.stamp(end), gesture)
         inside = self.find_overlapping(start, end)
         replaced = inside if len(inside) == 1 else []
-        kept = (other for other in self.labels if other not in replaced)
+        kept = [other for other in self.labels if other not in replaced]
+        check_new_name(gesture, [*(other.gesture for other in kept), *self.vocabulary])
         self.replace_all((*kept, label))
         return label
 

@@ -40,7 +40,7 @@ from eskin.page.process import (
     format_link,
     make_token,
 )
-from eskin.recording.records import NONE, check_gesture_names
+from eskin.recording.records import NONE, check_new_name
 from eskin.skin import MountedSkin
 from eskin.stream import (
     CommandEvent,
@@ -219,7 +219,8 @@ def describe_question(policy: Policy, now: int) -> QuestionBoard:
 
 def describe_command(command: CommandEvent) -> str:
     """Return what the log says of a command: what was done, or why it was not."""
-    action, why = command.action, command.why
+    action = command.action
+    why = command.why
     if action == SUSPEND:
         return "stands still while it is touched"
     if action == ASK:
@@ -477,6 +478,7 @@ class Viewer(Listener):
         self.question = question
         self.touches: dict[int, tuple[int, int]] = {}
         self.corrected: dict[int, str] = {}
+        self.names = [*recognition.recognizer.model.card.vocabulary]
         self.page: PageProcess | None = None
         self.due = self.counted_from = 0.0
         self.count, self.rate = 0, 0.0
@@ -514,8 +516,9 @@ class Viewer(Listener):
             text = "not kept: the touch is not known"
         elif self.is_recording:
             try:
-                check_gesture_names([gesture])
+                check_new_name(gesture, self.names)
                 self.corrected[order.touch] = gesture
+                self.names.append(gesture)
                 text = f"kept: that was a {to_words(gesture)}"
             except RecordingError as error:
                 text = f"not kept: {error}"

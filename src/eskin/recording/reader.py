@@ -309,6 +309,25 @@ def warn_once(text: str) -> None:
     logger.warning(text)
 
 
+GROUPED = 2
+"""Ratio of the mean time between readings to the median from which they come in groups:
+less is due to readings that are lost."""
+
+
+def compute_period(stamps: Int[np.ndarray, "reading"]) -> int:
+    """Return the usual time between two readings [ns]; 0 for fewer than two.
+
+    It is the median, which readings that are lost do not change. Where readings come in
+    groups the median is the time within a group: it is the mean, without gaps.
+    """
+    steps = np.diff(stamps)
+    if not len(steps):
+        return 0
+    median = int(np.median(steps))
+    mean = int(steps[steps <= find_gap_limit(median)].mean())
+    return mean if mean > GROUPED * median else median
+
+
 def find_gaps(stamps: Int[np.ndarray, "reading"], period: int) -> tuple[Gap, ...]:
     """Return the gaps between readings with some stamps, of a usual period [ns]."""
     before = np.flatnonzero(np.diff(stamps) > find_gap_limit(period)).tolist()
@@ -446,7 +465,7 @@ class RecordingParser:
         skin = self.find_attachment(SKIN_NAME, truncated)
         calibration = self.find_attachment(CALIBRATION_NAME, truncated)
         stamps = np.array(self.stamps, np.int64)
-        period = int(np.median(np.diff(stamps))) if len(stamps) > 1 else 0
+        period = compute_period(stamps)
         wrong = describe_rate(period) if len(stamps) > 1 else None
         if wrong is not None:
             warn_once(f"{self.path}: {wrong}")

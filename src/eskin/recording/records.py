@@ -1,5 +1,6 @@
 """This module defines what a recording stores besides its scans, labels among it."""
 
+import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -247,8 +248,8 @@ class Label:
 def check_gesture_names(names: Iterable[str]) -> None:
     """Refuse names that a gesture cannot have, and names that look like one another.
 
-    A name is kept as it is written, in any letters. Names that differ only in case, or
-    in how their characters are composed, look like one another.
+    A name is kept as it is written, in any letters. Names that differ only in case, in
+    `_` for blanks, or in how their characters are composed, look like one another.
 
     Raises:
         RecordingError: naming the first that is refused.
@@ -276,16 +277,32 @@ def check_gesture_names(names: Iterable[str]) -> None:
         spelling = spellings.setdefault(look_of(name), name)
         if spelling != name:
             raise RecordingError(
-                f"gestures {shorten(spelling)} and {shorten(name)} differ only in case "
-                "or in how their characters are composed; allowed is one spelling of "
-                "each gesture; write both alike, or rename one"
+                f"gestures {shorten(spelling)} and {shorten(name)} differ only in case"
+                ", '_' for blanks, or how their characters are composed; allowed is "
+                "one spelling of each gesture; write both alike, or rename one"
             )
+
+
+def check_new_name(name: str, known: Iterable[str]) -> None:
+    """Refuse a name that a gesture cannot have, or that looks like a known one.
+
+    Args:
+        name: name that a person gives to a touch.
+        known: names that are used already. Of those that look alike, the first counts.
+
+    Raises:
+        RecordingError: naming it, and the one that it looks like.
+    """
+    check_gesture_names([name])
+    alike = (each for each in known if look_of(each) == look_of(name))
+    check_gesture_names([next(alike, name), name])
 
 
 def look_of(name: str) -> str:
     """Return what names have in common that look like one another."""
     composed = unicodedata.normalize("NFC", name.translate(WITHOUT_JOINERS))
-    return unicodedata.normalize("NFC", composed.casefold())
+    folded = unicodedata.normalize("NFC", composed.casefold())
+    return re.sub(r"[\s_]+", " ", folded)
 
 
 def sort_labels(
