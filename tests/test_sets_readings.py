@@ -157,7 +157,7 @@ def test_labels_by_repetition_and_counts_with_joint_positions_are_kept(
     counts = np.random.default_rng(3).integers(0, 4096, (COUNT, 8))
     received = np.random.default_rng(4).random((COUNT, 8)) < 0.9
     content = {"counts": counts, "received": received, "q": walk(mounted)}
-    labels = {"what": ["Double pat", "none"], "start": [0.2, 0.5], "end": [0.4, 0.9]}
+    labels = {"what": ["Wave twice", "none"], "start": [0.2, 0.5], "end": [0.4, 0.9]}
     (tmp_path / "in").mkdir()
     np.savez(tmp_path / "in" / "a.npz", rate=50.0, **content, **labels)
     write_parquet(tmp_path / "in" / "b.parquet", content)
@@ -175,7 +175,7 @@ def test_labels_by_repetition_and_counts_with_joint_positions_are_kept(
         np.testing.assert_allclose(arrays.q, content["q"])
         starts = [(each.start - recording.start) / 1e9 for each in recording.labels]
         assert starts == pytest.approx(labels["start"])
-        assert [each.gesture for each in recording.labels] == ["Double pat", "none"]
+        assert [each.gesture for each in recording.labels] == ["Wave twice", "none"]
         assert recording.metadata.subject == recording.path.stem
     assert len(recordings) == 2
 

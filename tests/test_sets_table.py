@@ -92,15 +92,34 @@ GRID = ("--rows", 2, "--columns", 3, "--rate", 20, "--label", "what")
 
 def test_table_of_fractions_keeps_their_ratios_and_its_pitch(tmp_path, capsys):
     frames = build_frames(5, 6, 2) / 10
-    write_csv(tmp_path / "a.csv", ("who", "what"), [(("Ann B", "Tap"), frames)], ";")
+    write_csv(tmp_path / "a.csv", ("who", "what"), [(("Ann B", "Wave"), frames)], ";")
     options = (*GRID, "--person", "who", "--pitch-mm", 5, "--full-scale-kpa", 40)
     _, found = convert(capsys, tmp_path, "table", tmp_path / "a.csv", *options)
     recording = found["a-Ann_B"]
     counts = np.array([scan.counts for scan in recording.scans()])
     pressure = recording.calibration.gain * counts
     np.testing.assert_allclose(pressure, 2 * frames, atol=1e-3)
-    assert recording.skin.calibrated and name_labels(recording) == ["Tap"]
+    assert recording.skin.calibrated and name_labels(recording) == ["Wave"]
     assert recording.metadata.subject == "Ann B"
+
+
+ALIKE = {
+    "Poke": "poke",
+    "DOUBLE PAT": "double_pat",
+    "finger_touch": "finger touch",
+    "No Touch": "none",
+    "no_touch": "none",
+    "My Wave": "My Wave",
+}
+"""Labels, and the gestures that they are."""
+
+
+def test_label_that_looks_like_a_gesture_of_eskins_models_is_that(tmp_path, capsys):
+    parts = [((name,), build_frames(4, 6, 2)) for name in ALIKE]
+    write_csv(tmp_path / "a.csv", ("what",), parts)
+    _, found = convert(capsys, tmp_path, "table", tmp_path / "a.csv", *GRID)
+    expected = [*dict.fromkeys(ALIKE.values())]
+    assert [*dict.fromkeys(name_labels(found["a"]))] == expected
 
 
 NAMES = ("轻拍", "нажать", "👋", "👩🏽‍🔧", "swipe+", "swipe-", "drücken", "a, b/c")
@@ -121,7 +140,8 @@ def test_names_in_any_letters_and_encoding_are_kept(tmp_path, capsys, encoding):
 @pytest.mark.parametrize(
     ("names", "part"),
     [
-        (("Tap", "tap"), "'Tap' and 'tap' differ only in case"),
+        (("Wave", "wave"), "'Wave' and 'wave' differ only in case"),
+        (("my_wave", "my wave"), "'my_wave' and 'my wave' differ only in case"),
         (("unknown",), "own word"),
         (('"two\nlines"',), "cannot be printed"),
         (("x" * 201,), "201 bytes"),
@@ -147,11 +167,12 @@ TABLE = "what;a;b;c;d;e;f\n\ntap;1;2;3;4;5;6\ntap;1;2;3;4;5;6\n"
 @pytest.mark.parametrize(
     ("old", "new", "part"),
     [
-        ("5;6\n", "5;nan\n", "line 3, column f is nan"),
-        ("5;6\n", "5;inf\n", "line 3, column f is inf"),
+        ("5;6\n", "5;nan\n", "line 3, column f is 'nan'"),
+        ("5;6\n", "5;inf\n", "line 3, column f is 'inf'"),
         ("4;5", "-4;5", "line 3, column d is -4"),
         ("1;2", "1;x", "line 3, column b is 'x'"),
         ("1;2", "1;", "line 3, column b is ''"),
+        ("1;2", "1;1_0", "line 3, column b is '1_0'"),
         ("1;2", "1;2,5", "line 3, column b is '2,5'"),
         ("1;2", "1;2;2", "line 3 has 8 columns, line 1 names 7"),
         ("1;2", "1", "line 3 has 6 columns, line 1 names 7"),

@@ -7,14 +7,22 @@ import tempfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import final
 
 from eskin.errors import ImportSourceError, RecordingError
 from eskin.files import read_file, shorten
+from eskin.live.model_file import MODELS, load_model
 from eskin.progress import show_progress
-from eskin.recording.records import NONE, Label, Metadata, check_gesture_names
+from eskin.recording.records import (
+    NONE,
+    Label,
+    Metadata,
+    check_gesture_names,
+    look_of,
+)
 from eskin.recording.writer import (
     RecordingWriter,
     check_new_recording,
@@ -29,8 +37,8 @@ TABLE = "table"
 FULL_SCALE_KPA = 100.0
 MAX_SOURCE_BYTES = 32 << 20
 """Largest size of a file of a dataset, unpacked [bytes]."""
-UNTOUCHED = ("", "no", "no_touch", "notouch", NONE)
-"""Names of no touch, in any case."""
+UNTOUCHED = ("", "no", "no touch", "notouch", NONE)
+"""Names of no touch, as `look_of` returns them."""
 UNFIT = re.compile(r'[\s/\\:*?"<>|]+')
 """Characters that are replaced in the names of files."""
 
@@ -105,8 +113,19 @@ class GestureNames:
                     f"{len(self.names)}; convert it as a table"
                 )
             return self.names[number - 1]
-        is_untouched = re.sub(r"\s+", "_", text.lower()) in UNTOUCHED
-        return NONE if is_untouched else text
+        return list_spellings().get(look_of(text), text)
+
+
+@cache
+def list_spellings() -> dict[str, str]:
+    """Return the gestures of the models of eskin, and `none`, by what they look like.
+
+    A label that looks like one of them is that gesture, so that these models can be
+    scored and trained on it. Other names are kept as they are.
+    """
+    names = [name for model in MODELS for name in load_model(model).card.vocabulary]
+    own = {look_of(name): name for name in names}
+    return own | dict.fromkeys(UNTOUCHED, NONE)
 
 
 def name_file(parts: Iterable[str]) -> str:

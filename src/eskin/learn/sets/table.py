@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import ImportSourceError
-from eskin.files import open_file, shorten
+from eskin.files import open_file, parse_number, shorten
 from eskin.learn.sets.conversion import (
     FULL_SCALE_KPA,
     ConversionResult,
@@ -420,7 +420,7 @@ def parse_cells(place: str, names: Sequence[str], cells: Sequence[str]) -> list[
     numbers = []
     for name, cell in zip(names, cells, strict=True):
         try:
-            numbers.append(float(cell))
+            numbers.append(parse_number(cell))
         except ValueError:
             remedy = "correct it or leave the reading out"
             if DECIMAL_COMMA.fullmatch(cell.strip()):
