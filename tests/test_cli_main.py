@@ -125,6 +125,17 @@ def test_help_is_as_wide_as_the_terminal_and_breaks_between_words(
         assert [each.split() for each in described] == [p.split() for p in paragraphs]
 
 
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+@pytest.mark.parametrize("words", ["run", "skin check"])
+def test_script_that_completes_options_holds_no_description(words, shell, capsys):
+    with pytest.raises(SystemExit) as stop:
+        run([*words.split(), "--tyro-print-completion", shell])
+    script = capsys.readouterr().out
+    _, command_type = load_command(words)
+    first = (inspect.getdoc(command_type) or "").splitlines()[0]
+    assert not stop.value.code and "tyro" in script and first not in script
+
+
 def test_first_interrupt_stops_and_a_hasty_second_one_does_not_hang(monkeypatch):
     raised, now = [], [0.0]
     monkeypatch.setattr(main_module.time, "monotonic", lambda: now[0])

@@ -62,6 +62,14 @@ def test_labels_beside_their_touches_are_refused_with_the_shift_that_mends_them(
     assert prepare([path]).labelled
 
 
+def test_no_shift_is_advised_that_right_labels_would_lose_their_touch_by(make):
+    """Three gestures are too faint, two labels are right, and touches have no label."""
+    faint = [label(0.3 + 0.3 * n, 0.5 + 0.3 * n, "tap") for n in range(3)]
+    with pytest.raises(RecordingError, match="3 of 5 labels hold no touch") as e:
+        prepare([make([*faint, *mark()[:2]])])
+    assert str(e.value).endswith("; correct their times")
+
+
 def test_labels_beside_the_touches_of_streams_are_refused_too(make):
     with pytest.raises(RecordingError, match="6 of 6 labels hold no touch"):
         list(trace_recordings([make(mark(1.6))], MODEL))

@@ -125,7 +125,8 @@ def test_skin_is_shown_in_a_cell_without_a_server():
 
 
 def test_names_of_eskin_are_those_that_are_public():
-    assert set(dir(eskin)) == {*eskin.__all__, "__version__"}
+    names = {*eskin.__all__, *eskin.LEARNING, "__version__"}
+    assert set(dir(eskin)) == names
     assert all(getattr(eskin, name) is not None for name in dir(eskin))
 
 
@@ -383,6 +384,14 @@ def test_training_without_torch_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, registry.LEARNING, None)
     with pytest.raises(eskin.EskinError, match=r"eskin\.train needs torch.*\[train\]"):
         eskin.train("recordings")
+
+
+def test_star_imports_what_needs_no_torch(monkeypatch):
+    monkeypatch.setitem(sys.modules, registry.LEARNING, None)
+    found = {}
+    exec("from eskin import *", found)
+    assert {"Recognizer", "load_model"} <= set(found)
+    assert not {"train", "evaluate", "cross_validate"} & set(found)
 
 
 def test_importing_eskin_imports_nothing_of_training():

@@ -185,7 +185,7 @@ def test_after_ten_seconds_it_is_told_that_nothing_was_felt():
 
 def test_what_was_too_weak_for_a_touch_is_told():
     [text] = wait_for_touch([(5.0, 5.02)], 13.5, 14)
-    assert "nothing was felt for 10 s; last: 0." in text
+    assert "no touch was long or firm enough for 10 s; last felt: 0." in text
     assert "of patch 'p0', " in text and "s ago" in text
 
 

@@ -96,6 +96,14 @@ def test_robot_goes_with_the_folder_of_its_skin(tmp_path, text):
         np.testing.assert_array_equal(poses, Kinematics(expected).poses(q))
 
 
+def test_folder_of_a_skin_without_a_robot_keeps_none(tmp_path):
+    folder = write_skin(tmp_path)
+    save_skin(SKIN, folder)
+    assert not (folder / "robot.urdf").exists()
+    with pytest.raises(SkinMismatchError):
+        mount_skin(folder)
+
+
 def test_meshes_are_not_read_and_said_to_be_left_out(tmp_path, capsys):
     folder = write_skin(tmp_path, MESH)
     robot = mount_skin(folder).robot

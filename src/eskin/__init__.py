@@ -10,8 +10,10 @@ if TYPE_CHECKING:
     from eskin.app import SourceConfig, open_source
     from eskin.drivers import Source
     from eskin.errors import EskinError
-    from eskin.learn.commands.models import cross_validate, evaluate, train
-    from eskin.learn.config import TrainConfig
+    from eskin.learn.commands.models import cross_validate as cross_validate
+    from eskin.learn.commands.models import evaluate as evaluate
+    from eskin.learn.commands.models import train as train
+    from eskin.learn.config import TrainConfig as TrainConfig
     from eskin.live import (
         DecisionConfig,
         Detection,
@@ -40,7 +42,7 @@ EXPORTS = {
     "touch": "Calibration Reading Scan",
 }
 LEARNING = ("TrainConfig", "cross_validate", "evaluate", "train")
-"""Names that need the packages of training."""
+"""Public names that need the packages of training, so that `import *` omits them."""
 PACKAGES = {
     name: package for package, names in EXPORTS.items() for name in names.split()
 }
@@ -63,9 +65,6 @@ __all__ = [
     "Source",
     "SourceConfig",
     "Stream",
-    "TrainConfig",
-    "cross_validate",
-    "evaluate",
     "find_touches",
     "load_model",
     "load_robot",
@@ -74,7 +73,6 @@ __all__ = [
     "plot_skin",
     "read_recording",
     "show_skin",
-    "train",
 ]
 
 
@@ -94,4 +92,4 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     """Return what is public, whether or not it has been imported."""
-    return [*__all__, "__version__"]
+    return [*__all__, *LEARNING, "__version__"]

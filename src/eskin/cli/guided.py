@@ -13,7 +13,7 @@ import tyro
 
 from eskin.cli.checks import POSITIVE_OR_INF, Range
 from eskin.errors import DeviceError
-from eskin.units import NS_PER_S, format_count
+from eskin.units import NS_PER_S, format_count, format_duration
 
 if TYPE_CHECKING:
     from eskin.app import SourceConfig
@@ -476,7 +476,8 @@ class FeltContact:
         """Describe how long, how strong and how large it was, and on which patch."""
         seconds = (self.last - self.first) / NS_PER_S
         taxels = format_count(self.taxels, "taxel")
-        return f"{seconds:.2f} s, {self.force:.1f} N, {taxels} of patch '{self.patch}'"
+        lasting = format_duration(seconds)
+        return f"{lasting}, {self.force:.1f} N, {taxels} of patch '{self.patch}'"
 
 
 @final
@@ -539,16 +540,19 @@ class WaitReporter:
         felt.taxels = max(felt.taxels, sum(len(each.taxels) for each in state.contacts))
 
     def describe_silence(self, state: "TouchState") -> str:
-        """Describe that nothing was felt that is asked for, and why that may be."""
+        """Describe what was felt in place of a touch, and why that may be."""
         from eskin.stream import describe_places
 
         stamp = state.reading.stamp
-        text = f"nothing was felt for {(stamp - self.since) / NS_PER_S:.0f} s"
-        if self.felt is None:
-            text += f"; the highest pressure was {self.highest:.2g} kPa"
+        waited = f"for {(stamp - self.since) / NS_PER_S:.0f} s"
+        if self.felt is None or self.felt.last < self.since:
+            text = f"nothing was felt {waited}; the highest pressure was "
+            text += f"{self.highest:.2g} kPa"
         else:
+            text = f"no touch was long or firm enough {waited}"
+        if self.felt is not None:
             ago = (stamp - self.felt.last) / NS_PER_S
-            text += f"; last: {self.felt.describe()}, {ago:.1f} s ago"
+            text += f"; last felt: {self.felt.describe()}, {ago:.1f} s ago"
         text += f"; {self.needs}"
         if state.faults:
             text += f"; not used: {describe_places(state.faults, self.skin)}"

@@ -217,7 +217,7 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
                 registry=registry,
             )
     except SystemExit as stop:
-        if stop.code == 0:
+        if not stop.code:
             raise
         options = list_options(command_type)
         text = rewrite_parse_error(tyro_error.getvalue(), name, options)

@@ -141,7 +141,8 @@ def insert_description(command: type) -> Iterator[None]:
     """Insert the docstring of a command into the help that tyro prints in the block.
 
     It stands below the usage. Both are wrapped to the width of the terminal, since tyro
-    wraps neither.
+    wraps neither. Another text, such as a script that completes options, is printed as
+    it is.
     """
     text = HelpText(sys.stdout)
     try:
@@ -149,13 +150,16 @@ def insert_description(command: type) -> Iterator[None]:
             yield
     finally:
         text.seek(0)
-        usage, gap, options = text.read().partition("\n\n")
-        if usage:
+        shown = text.read()
+        usage, gap, options = shown.partition("\n\n")
+        usage = COLOUR.sub("", usage)
+        if usage.startswith("usage:"):
             width = shutil.get_terminal_size().columns
-            shown = fill(COLOUR.sub("", usage), width, subsequent_indent=" " * 7)
+            usage = fill(usage, width, subsequent_indent=" " * 7)
             paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
             description = [fill(each, width) for each in paragraphs]
-            print(gap.join([shown, *description, options]), end="")
+            shown = gap.join([usage, *description, options])
+        print(shown, end="")
 
 
 def list_options(command: type, group: str = "") -> list[str]:

@@ -7,6 +7,7 @@ may be right.
 
 import logging
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool
@@ -206,19 +207,29 @@ def find_touches(
     return found
 
 
-def find_shift(pairs: Sequence[tuple[LabelMatch, list[Label]]]) -> float | None:
-    """Return the shift by which most labels begin as a touch does [s].
+def find_shift(
+    pairs: Sequence[tuple[LabelMatch, list[Label]]],
+) -> float | None:
+    """Return the shift by which most labels without a touch begin as one does [s].
 
-    It is the most common distance from the start of a label to that of a touch; None
-    where none is common to most labels.
+    It is the most common distance from the start of such a label to that of a touch.
+    None where none is common to most of these, or where a label that holds a touch
+    would hold none any more.
 
     Args:
         pairs: labels of recordings with their touches.
     """
     distances = [np.zeros(0)]
+    right: list[tuple[LabelMatch, Label]] = []
     count = 0
     for match, labels in pairs:
-        starts = np.array([label.start for label in labels[:MOST_COMPARED]], np.int64)
+        empty = []
+        for label in labels:
+            if find_touches(match, [label]).any():
+                right.append((match, label))
+            else:
+                empty.append(label)
+        starts = np.array([label.start for label in empty[:MOST_COMPARED]], np.int64)
         touches = match.touches[:MOST_COMPARED, 0]
         each = (touches[None, :] - starts[:, None]).reshape(-1) / NS_PER_S
         distances.append(each[np.abs(each) <= LONGEST_SHIFT])
@@ -230,4 +241,10 @@ def find_shift(pairs: Sequence[tuple[LabelMatch, list[Label]]]) -> float | None:
         return None
     # Of distances that are equally common, the shortest.
     best = np.lexsort((np.abs(ordered), -common))[0]
-    return float(np.median(ordered[best : ends[best]]))
+    shift = float(np.median(ordered[best : ends[best]]))
+    moved = round(shift * NS_PER_S)
+    for match, label in right:
+        later = replace(label, start=label.start + moved, end=label.end + moved)
+        if not find_touches(match, [later]).any():
+            return None
+    return shift

@@ -133,6 +133,8 @@ def save_skin(skin: Skin, folder: str | Path, robot: Robot | None = None) -> Non
         manifest.write_text(format_manifest(skin, urdf), encoding="utf-8", newline="\n")
         if urdf is not None:
             files.enter_context(atomic_path(folder / ROBOT_URDF)).write_bytes(urdf)
+    if urdf is None and (folder / ROBOT_URDF).is_file():
+        (folder / ROBOT_URDF).unlink()
 
 
 def read_robot_urdf(path: Path) -> bytes | None:
