@@ -168,6 +168,18 @@ def test_code_of_the_python_page_runs_from_top_to_bottom(tmp_path, monkeypatch):
         exec(code, names)
     assert (tmp_path / "skin.png").is_file()
     assert (tmp_path / "mine.safetensors").is_file()
+    recording = eskin.read_recording(tmp_path / "recordings" / "ann.mcap")
+    shown = recording.start + names["hardest"] * recording.period
+    assert any(label.start <= shown < label.end for label in recording.labels)
+
+
+def test_loops_that_push_scans_finish():
+    """A touch that is still open after the last scan would be lost."""
+    for page in PAGES:
+        codes = [text for kind, text in BLOCK.findall(page.read_text())]
+        for code in codes:
+            pushes = code.count("recognizer.push(")
+            assert pushes == code.count("recognizer.finish()"), page
 
 
 @pytest.mark.long

@@ -124,6 +124,15 @@ def test_skin_is_shown_in_a_cell_without_a_server():
             eskin.show_skin(values, "bent", q=q)
 
 
+def test_skin_given_as_an_object_is_shown_on_the_robot_given(several):
+    values = np.asarray(several.pressures())[0]
+    robot = several.load_robot()
+    shown = eskin.show_skin(values, several.skin, robot)
+    assert shown.height > 0
+    with pytest.raises(eskin.EskinError, match="robot= in Python"):
+        eskin.show_skin(values, several.skin)
+
+
 def test_names_of_eskin_are_those_that_are_public():
     names = {*eskin.__all__, *eskin.LEARNING, "__version__"}
     assert set(dir(eskin)) == names

@@ -23,7 +23,12 @@ if TYPE_CHECKING:
         load_model,
     )
     from eskin.notebook import find_touches, plot_skin, show_skin
-    from eskin.recording import Recording, RecordingWriter, read_recording
+    from eskin.recording import (
+        Recording,
+        RecordingWriter,
+        find_recordings,
+        read_recording,
+    )
     from eskin.robot import Robot, load_robot
     from eskin.skin import MountedSkin, Skin, load_skin
     from eskin.stream import Stream
@@ -35,7 +40,7 @@ EXPORTS = {
     "errors": "EskinError",
     "notebook": "find_touches plot_skin show_skin",
     "live": "DecisionConfig Detection Model ModelCard Recognizer load_model",
-    "recording": "Recording RecordingWriter read_recording",
+    "recording": "Recording RecordingWriter find_recordings read_recording",
     "robot": "Robot load_robot",
     "skin": "MountedSkin Skin load_skin",
     "stream": "Stream",
@@ -65,6 +70,7 @@ __all__ = [
     "Source",
     "SourceConfig",
     "Stream",
+    "find_recordings",
     "find_touches",
     "load_model",
     "load_robot",

@@ -117,8 +117,8 @@ class CompilationReporter(Listener):
             self.begin = self.last = time.monotonic()
             # A warning, since Python shows no less where nothing is configured.
             logger.warning(
-                "compiling code, which is then kept on disk; the first time this takes "
-                "half a minute or a whole one"
+                "compiling code that is not kept on disk yet, and keeping it; this may "
+                "take up to a minute"
             )
         elif time.monotonic() - self.last >= REPORT_SECONDS:
             self.last = time.monotonic()

@@ -16,6 +16,7 @@ from eskin.live import Model, Recognizer, load_model
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.recording.records import select_labels
 from eskin.recording.tables import describe_touch
+from eskin.robot import Robot
 from eskin.skin import Skin, load_skin, mount_skin
 from eskin.skin.picture import draw_values
 from eskin.touch import Touch, TouchState
@@ -186,7 +187,7 @@ class SkinView:
 def show_skin(
     values: ArrayLike,
     skin: Skin | str | Path,
-    robot: str | Path | None = None,
+    robot: str | Path | Robot | None = None,
     q: ArrayLike | None = None,
 ) -> SkinView:
     """Show a value of each taxel on the robot, in three dimensions.
@@ -195,7 +196,9 @@ def show_skin(
         values: value of each taxel, 0 or more, such as a row of
             `Recording.pressures()`; the greatest has the darkest colour.
         skin: the skin, a preset's name, or a skin's folder.
-        robot: robot that wears it: a preset's name or a URDF; None for the skin's own.
+        robot: robot that wears it: a preset's name, a URDF or a robot, such as what
+            `Recording.load_robot` returns; None for that of the preset or of the
+            skin's folder, which a skin given as an object does not know.
         q: joint positions [rad]; all zero where None.
 
     Returns:
@@ -203,7 +206,8 @@ def show_skin(
 
     Raises:
         ValueError: there is not one value a taxel, or not one position a joint.
-        EskinError: the robot or the skin cannot be used.
+        EskinError: the robot or the skin cannot be used, or a skin is given as an
+            object without its robot.
     """
     from eskin.page.still import render_still
 

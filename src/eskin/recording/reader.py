@@ -353,7 +353,7 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
     if path.is_dir():
         raise RecordingError(
             f"{path} is a folder; allowed is one recording, an .mcap file; list those "
-            "below a folder with eskin.recording.find_recordings"
+            "below a folder with eskin.find_recordings"
         )
     stream = McapReader(path)
     parser = RecordingParser(path)

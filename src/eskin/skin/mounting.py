@@ -59,6 +59,7 @@ def mount_skin(
     if robot is None:
         raise SkinMismatchError(
             f"skin '{found.name}' is given without a robot; allowed are a robot's "
-            "name, a URDF or a Robot; give the robot that it is on with --robot-urdf"
+            "name, a URDF or a Robot; give the robot that it is on, with robot= in "
+            "Python and --robot-urdf in a command"
         )
     return MountedSkin(found, robot)
