@@ -126,7 +126,7 @@ def test_scores_of_people_are_summarised():
 
 def record_simulated(path, gestures, clips, **options):
     """Write a recording as if generated, as one stream or cut into clips."""
-    whole = read_recording(record(path, gestures, **options))
+    whole = read_recording(record(path.with_stem("whole"), gestures, **options))
     metadata = replace(whole.metadata, notes={"simulated": "true"})
     kept = [
         scan
