@@ -1,5 +1,6 @@
 """Tests of an arm with masses and servos: it follows, yields and stops by itself."""
 
+import re
 import sys
 
 import numpy as np
@@ -282,7 +283,7 @@ def test_simulated_user_unlocks_arm_before_touching(stopped_arm):
 
 def test_missing_mujoco_is_named_with_what_installs_it(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ExtraError, match="pip install 'eskin\\[sim\\]'"):
+    with pytest.raises(ExtraError, match=re.escape(advise_install("sim"))):
         DynamicPlant(FRAME_TASK)
     assert run(["demo", "--dynamics", "--headless"]) == 2
     (line,) = capsys.readouterr().err.splitlines()

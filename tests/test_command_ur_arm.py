@@ -1,5 +1,6 @@
 """Tests of the UR arm, on a stub of its link and through the real client."""
 
+import re
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from eskin.command.ur import (
 from eskin.command.ur_arm import NOT_FINITE, PROGRAM_ENDED
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
+from eskin.registry import advise_install
 from eskin.stream import Context
 from helpers.commands import (
     DEFAULT,
@@ -297,7 +299,7 @@ def test_failure_of_thread_holds_arm_for_good(caplog):
 
 @pytest.mark.skipif(find_spec("rtde_control") is not None, reason="ur_rtde is there")
 def test_missing_driver_is_refused():
-    with pytest.raises(ArmError, match=r"pip install 'eskin\[ur\]'"):
+    with pytest.raises(ArmError, match=re.escape(advise_install("ur"))):
         open_arm("ur://127.0.0.1")
 
 
