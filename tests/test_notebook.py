@@ -297,7 +297,8 @@ def test_forces_of_a_touch_are_those_of_all_its_contacts_at_every_reading(severa
     pats, fingers = eskin.find_touches(several)
     period = several.period / 1e9
     for row in (pats, fingers):
-        times, forces = row["times"], row["forces"]
+        times = row["times"]
+        forces = row["forces"]
         assert forces.shape == times.shape and (forces >= 0).all()
         assert np.diff(times) == pytest.approx(period)
         assert 0.0 <= times[0] <= period

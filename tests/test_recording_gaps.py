@@ -17,7 +17,9 @@ from helpers.live import SECOND, START, Press, mounted, record, scans
 RATE = 50
 SCANS = scans(mounted(), [Press(2.3, 2.7, 65, 65)], RATE, 4.0)
 PERIOD = SECOND // RATE
-HOUR, DAY, YEAR = 3600, 86400, 365.25 * 86400
+HOUR = 3600
+DAY = 24 * HOUR
+YEAR = 365.25 * DAY
 GAPS = [{100: 2.0}, {100: HOUR}, {60: 30 * DAY, 150: 10.0}, {1: 50 * YEAR}]
 """Durations of gaps [s] before scans of some numbers."""
 

@@ -103,8 +103,10 @@ ARROW_BASE, ARROW_PER_NEWTON, ARROW_LONGEST = 0.03, 0.006, 0.15
 """Length of the arrow of a force: without force, for each newton, at most [m]."""
 NAMED = 3
 """Greatest number of contacts with their name."""
-LETTER_WIDTH, LINE_HEIGHT = 6.0, 18.0
-"""Width of a letter of a label, and the height of a label, at a scale of 1 [px]."""
+LETTER_WIDTH = 6.0
+"""Width of a letter of a label at a scale of 1 [px]."""
+LINE_HEIGHT = 18.0
+"""Height of a label at a scale of 1 [px]."""
 DETECTION_SCALE = 1.25
 """Scale of the label of a detection."""
 RING_MARGIN = 0.008

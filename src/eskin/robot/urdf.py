@@ -49,11 +49,15 @@ MAX_TEXT = 1000
 """Largest length of an attribute that is used, such as a name."""
 POSE = {"xyz", "rpy", "quat_xyzw"}
 """Attributes of an <origin>."""
-LARGE, MAX_SIZE = 5.0, 1e6
-"""Length from which a unit is doubted, and the largest [m]."""
+LARGE = 5.0
+"""Length from which its unit is doubted [m]."""
+MAX_SIZE = 1e6
+"""Largest length [m]."""
 METRES = "divide by 1000: lengths of a URDF are in metres"
-TURN, TURNS = 2 * np.pi + 0.01, 4 * np.pi
-"""Angle of an <origin>, and limit of a joint, from which its unit is doubted [rad]."""
+TURN = 2 * np.pi + 0.01
+"""Angle of an <origin> from which its unit is doubted [rad]."""
+TURNS = 4 * np.pi
+"""Limit of a joint from which its unit is doubted [rad]."""
 ENDLESS = 1e4
 """Limit from which a joint is taken as one without limits [rad] or [m]."""
 RADIANS = "divide by 57.29578: angles of a URDF are in radians"
